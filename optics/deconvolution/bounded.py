@@ -147,12 +147,47 @@ def restore_within_bounds(
     tol: float = 1e-3,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """The photograph with its blur undone, nowhere below or above what it may be.
+    """Restore a photograph so that no pixel lies below or above given bounds.
 
-    See minimise_within_bounds(). Of an unknown border what lies around the frame is looked for too,
-    within the same bounds. lower, upper: numbers, or of each pixel of the frame; beyond it the
-    lowest and the highest of them hold. weight: if None, the one that total_variation() finds, or
-    that wiener() predicts for the other priors. Raises ValueError as minimise_within_bounds() does.
+    The least of |A x - y|² / 2 + weight · prior(x) within the bounds, by L-BFGS-B in double
+    precision. With an unknown border the scene around the frame is estimated too, within the same
+    bounds. See `optics.deconvolution.bounded.minimise_within_bounds`.
+
+    Parameters
+    ----------
+    observation : Observation
+        Photograph and PSF.
+    weight : float, optional
+        Regularisation weight, 0 or more. If None, the one that total_variation() finds, or that
+        wiener() predicts for the other priors.
+    prior : {"total variation", "gradient", "tikhonov"}, default "total variation"
+        What is penalised: lengths of gradients, their squares, or the squares of the light.
+    smoothing : float, optional
+        Length of a gradient, light per pixel, below which total variation is rounded. A hundredth
+        of the light's scale if None; less takes more iterations.
+    lower, upper : float or torch.Tensor, (rows, columns), optional
+        Bounds of each pixel of the frame, by default 0 and infinity. Beyond the frame the lowest of
+        `lower` and the highest of `upper` hold.
+    iterations : int, default 200
+        Iterations at most.
+    tol : float, default 1e-3
+        Largest entry of the projected gradient, on the light's scale, at which the search ends.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    RestoredImage
+        The picture in the photograph's frame, on the bounds or between them.
+
+    Raises
+    ------
+    ValueError
+        If an argument doesn't fit or isn't finite, or if bounds cross.
+
+    References
+    ----------
+    Thesis Eq. 2.27 and 2.32; Byrd et al. 1995, doi 10.1137/0916069.
     """
     if prior not in SMOOTH_PRIORS:
         raise ValueError(f"prior is {prior!r}; take one of {', '.join(SMOOTH_PRIORS)}")

@@ -99,12 +99,39 @@ def build_layered_observation(
     weights: torch.Tensor | None = None,
     clipped: torch.Tensor | None = None,
 ) -> LayeredObservation:
-    """A photograph of several depths, of arrays of any kind; beside these see Observation.
+    """Build the observation of a scene of several depths, each blurred by its own PSF.
 
-    psfs: of each layer, (rows, columns) each, origin at n // 2; the nearest first where one hides
-    another. layers: which one is seen at each pixel of the photograph, (rows, columns) whole
-    numbers from 0; or how much of each, (layers, rows, columns), not negative, adding up to 1.
-    Raises ValueError for what doesn't fit.
+    Arrays may be of any kind. The photograph is restored in double precision if `image` is double,
+    otherwise in single precision.
+
+    Parameters
+    ----------
+    image : torch.Tensor or numpy.ndarray, (rows, columns)
+        The photograph, light per pixel.
+    psfs : torch.Tensor or numpy.ndarray, (layers, rows, columns), or a sequence of (rows, columns)
+        PSF of each layer, origin at n // 2; the nearest layer first where one hides another.
+    layers : torch.Tensor or numpy.ndarray
+        Which layer is seen at each pixel: whole numbers from 0, (rows, columns). Or how much of
+        each layer: shares, (layers, rows, columns), not negative, that add up to 1 at each pixel.
+    noise : float, optional
+        Standard deviation of a pixel of weight 1. Estimated from the photograph if None.
+    border : {"unknown", "dark", "periodic"}, default "unknown"
+        What the scene does beyond the frame: see `Observation`.
+    weights : torch.Tensor or numpy.ndarray, (rows, columns), optional
+        How much each pixel is to be trusted: see `Observation`.
+    clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
+        True where the well was full.
+
+    Returns
+    -------
+    LayeredObservation
+        An observation that `restore` takes. Its `psf` is the mean of all PSFs by area.
+
+    Raises
+    ------
+    ValueError
+        If shapes don't fit, shares are negative or miss 1 by more than 1e-3, a PSF sends no light,
+        or `Observation` refuses what is given.
     """
     image = as_floating_point(image)
     each = [torch.as_tensor(psf).to(image) for psf in psfs]

@@ -27,14 +27,34 @@ _CENTRE_SIDE, _CENTRE_PSF_SIDES = 512, 4
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What a camera measured, (rows, columns) light per pixel, of a scene that a PSF has blurred.
+    """A photograph, the PSF that blurred the scene, and what is known of each pixel.
 
-    psf: origin at n // 2; its sum is the share of light that arrives. given_noise: standard
-    deviation of a pixel of weight 1; estimated from the photograph if None. border: what the scene
-    does beyond the frame; "unknown" for what a camera sees. weights: how much each pixel is to be
-    trusted, the inverse of its variance relative to noise²; 0 where it is dead. clipped: True where
-    the well was full: there the light is at least what was measured. Raises ValueError for what
-    doesn't fit, or isn't finite.
+    It states the problem that a restoration solves. `build_observation` makes one from arrays of
+    any kind. Where the PSF sums to less than 1, the missing light doesn't arrive, and the restored
+    scene is that much brighter than the photograph.
+
+    Parameters
+    ----------
+    image : torch.Tensor, (rows, columns)
+        What the camera measured, light per pixel, of a scene that `psf` has blurred.
+    psf : torch.Tensor, (rows, columns)
+        Point spread function with its origin at n // 2. Its sum is the share of light that arrives.
+    given_noise : float, optional
+        Standard deviation of a pixel of weight 1, in the image's unit. Estimated from the
+        photograph if None.
+    border : {"unknown", "dark", "periodic"}, default "unknown"
+        What the scene does beyond the frame. "unknown" is right for what a camera sees.
+    weights : torch.Tensor, (rows, columns), optional
+        How much each pixel is to be trusted: the inverse of its variance, relative to noise²; 0
+        where it is dead. All 1 if None.
+    clipped : torch.Tensor of bool, (rows, columns), optional
+        True where the well was full: there the light is at least what was measured.
+
+    Raises
+    ------
+    ValueError
+        If shapes don't fit, a value isn't finite, the noise or a weight is negative, the PSF sends
+        no light anywhere, `border` is another word, or no pixel is left that measured anything.
     """
 
     image: torch.Tensor
@@ -65,12 +85,12 @@ class Observation:
 
     @property
     def psf_sum(self) -> float:
-        """Share of the scene's light that arrives."""
+        """Share of the scene's light that arrives: the sum of the PSF."""
         return float(self.psf.sum(dtype=torch.float64))
 
     @cached_property
     def effective_weights(self) -> torch.Tensor | None:
-        """Weights, with 0 for what was clipped; None where all are 1."""
+        """Weights, with 0 for each clipped pixel; None where all are 1."""
         if self.clipped is None or not bool(self.clipped.any()):
             return self.weights
         sound = (~self.clipped).to(self.image)
@@ -78,25 +98,28 @@ class Observation:
 
     @property
     def is_fully_measured(self) -> bool:
-        """Whether all of the period was measured, each pixel as well."""
+        """Whether the whole period was measured, and each of its pixels counts fully."""
         return self.border == "periodic" and self.effective_weights is None
 
     @cached_property
     def period_shape(self) -> tuple[int, int]:
-        """(rows, columns) of the period on which the scene is looked for."""
+        """Shape (rows, columns) of the period on which the scene is estimated."""
         rows, columns = self.image.shape
         frame = rows, columns
         return frame if self.border == "periodic" else blur_shape(frame, self.psf.shape)
 
     @cached_property
     def otf(self) -> torch.Tensor:
-        """Of the PSF with a sum of 1, on that period, complex64."""
+        """Optical transfer function of the PSF with a sum of 1, on the period; complex."""
         return transfer_function(self.psf / self.psf_sum, self.period_shape)
 
     @cached_property
     def scale(self) -> float:
-        """Of the scene's light, by which lengths and weights are chosen: the photograph's standard
-        deviation, or a share of its mean where it is even; 1 where nothing shines."""
+        """Scale of the scene's light, by which lengths and weights are chosen.
+
+        It is the photograph's standard deviation, or a share of its mean where the photograph is
+        even, on the scene's scale; 1 where nothing shines.
+        """
         image = self.image.detach()[:: max(1, len(self.image) >> _SCALE_ROWS_LOG2)].to(
             torch.float64
         )
@@ -105,24 +128,24 @@ class Observation:
 
     @cached_property
     def squared_mtf(self) -> torch.Tensor:
-        """|H|² on that period."""
+        """Squared modulation transfer function |H|² on the period."""
         return squared_modulus(self.otf)
 
     @cached_property
     def conjugate_otf(self) -> torch.Tensor:
-        """H* on that period."""
+        """Complex conjugate H* of the transfer function on the period."""
         return self.otf.conj().resolve_conj()
 
     @cached_property
     def power_law(self) -> PowerLaw:
-        """What the spectrum of the photograph's middle shows, on the photograph's scale."""
+        """Power law and noise of the spectrum of the photograph's middle, on its own scale."""
         rows, columns = self._centre_shape
         middle = centred_crop(self.inpainted_image, (rows, columns)) * self.psf_sum
         return fit_power_law(middle, self.psf / self.psf_sum)
 
     @property
     def wiener_prediction(self) -> WienerPrediction:
-        """What the best linear filter gets from that."""
+        """What the best linear filter is predicted to recover, by that power law."""
         return self.power_law.wiener_prediction(
             self._squared_mtf_on(self._centre_shape), self._centre_shape
         )
@@ -141,7 +164,7 @@ class Observation:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of a pixel of weight 1."""
+        """Standard deviation of a pixel of weight 1, given or estimated, in the image's unit."""
         return (
             math.sqrt(self.power_law.noise_variance)
             if self.given_noise is None
@@ -150,17 +173,17 @@ class Observation:
 
     @property
     def scene_noise(self) -> float:
-        """The noise on the scene's scale, no less than arithmetic leaves."""
+        """Noise on the scene's scale, no less than what rounding leaves."""
         return max(self.noise / self.psf_sum, LEAST_NOISE * self.scale)
 
     @cached_property
     def normalised_image(self) -> torch.Tensor:
-        """The photograph on the scene's scale."""
+        """The photograph on the scene's scale: divided by the sum of the PSF."""
         return self.image / self.psf_sum
 
     @cached_property
     def inpainted_image(self) -> torch.Tensor:
-        """The same, with what isn't trusted filled from what surrounds it."""
+        """The normalised photograph, with untrusted pixels filled in from their neighbours."""
         if self.effective_weights is None:
             return self.normalised_image
         known = self.effective_weights > 0
@@ -170,26 +193,33 @@ class Observation:
 
     @cached_property
     def extended_image(self) -> torch.Tensor:
-        """The same continued to the whole period, so that its opposite edges meet."""
+        """The inpainted photograph continued to the whole period, so that opposite edges meet
+        smoothly.
+
+        With a dark border, zeros are put around it instead.
+        """
         if self.border == "dark":
             return centred_pad(self.inpainted_image, self.period_shape)
         return extend_periodically(self.inpainted_image, self.period_shape)
 
     @cached_property
     def support(self) -> torch.Tensor | None:
-        """1 where something may shine, on the whole period; None where that is everywhere."""
+        """Mask of the period: 1 where the scene may shine; None where that is everywhere."""
         if self.border != "dark":
             return None
         return centred_pad(torch.ones_like(self.image), self.period_shape)
 
     def crop_to_frame(self, period_image: torch.Tensor) -> torch.Tensor:
-        """What the camera sees of the period, a view."""
+        """Crop a picture on the whole period to what the camera sees; a view."""
         return centred_crop(period_image, self.image.shape)
 
     @torch.no_grad()
     def mean_squared_residual(self, light: torch.Tensor) -> float:
-        """Mean square, of trusted pixels, of what the light of a picture on the whole period leaves
-        of the photograph; over that of the noise."""
+        """Mean squared residual of trusted pixels, over the noise variance.
+
+        The residual is the normalised photograph less `light`, the blurred picture on the whole
+        period.
+        """
         squares = (self.crop_to_frame(light) - self.normalised_image).square_()
         if self.effective_weights is None:
             mean = float(squares.mean())

@@ -18,10 +18,35 @@ def build_observation(
     weights: torch.Tensor | None = None,
     clipped: torch.Tensor | None = None,
 ) -> Observation:
-    """A blurred photograph, of arrays of any kind: see Observation.
+    """Build the observation of a blurred photograph from arrays of any kind.
 
-    It is restored in double precision if `image` is, else in single. noise: standard deviation of a
-    pixel; estimated from the photograph if None.
+    The photograph is restored in double precision if `image` is double, otherwise in single
+    precision. See `Observation` for what the quantities mean.
+
+    Parameters
+    ----------
+    image : torch.Tensor or numpy.ndarray, (rows, columns)
+        The photograph, light per pixel. Whole numbers become float32.
+    psf : torch.Tensor or numpy.ndarray, (rows, columns)
+        Point spread function, origin at n // 2. Its sum is the share of light that arrives.
+    noise : float, optional
+        Standard deviation of a pixel. Estimated from the photograph if None.
+    border : {"unknown", "dark", "periodic"}, default "unknown"
+        What the scene does beyond the frame.
+    weights : torch.Tensor or numpy.ndarray, (rows, columns), optional
+        How much each pixel is to be trusted; 0 where it is dead.
+    clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
+        True where the well was full.
+
+    Returns
+    -------
+    Observation
+        What `restore` takes.
+
+    Raises
+    ------
+    ValueError
+        If `Observation` refuses what is given.
     """
     image = as_floating_point(image)
     weights = weights if weights is None else weights.to(image)

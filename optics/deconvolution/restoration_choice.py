@@ -33,14 +33,41 @@ def restore(
     denoise: Denoise | None = None,
     speed: MachineSpeed | None = None,
 ) -> RestoredImage:
-    """The photograph with its blur undone, by the best method that a time allows.
+    """Restore a photograph with a known blur, by the best method that the given time allows.
 
-    budget: seconds of processor time, by the machine's speed; None for the usual method. method:
-    one of METHODS, at the most iterations that the budget has time for. weight: of the method's
-    prior; count: of its iterations or rounds: both by themselves if None. denoise: for
-    plug-and-play, which is left out without it.
-    Raises ValueError for a budget in which nothing fits, another name, or a count below 1; and for
-    what the method itself refuses.
+    Parameters
+    ----------
+    observation : Observation
+        Photograph and PSF: see `build_observation`.
+    budget : float, optional
+        Seconds of processor time, as predicted for the machine's speed. Without it the usual
+        method, total variation, runs with its usual number of iterations.
+    method : str, optional
+        Name of a method, one of `optics.deconvolution.restoration_choice.METHODS`; with a budget it
+        gets as many iterations as there is time for.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+    weight : float, optional
+        Regularisation weight of the method's prior; chosen by the method if None. Needs `method`.
+    count : int, optional
+        Number of iterations or rounds, 1 or more. Needs `method`, and excludes `budget`.
+    denoise : callable, optional
+        Denoiser for plug-and-play, which isn't considered without one. It maps a picture, (rows,
+        columns) with white at about 1, and the standard deviation of its noise to the picture
+        without the noise.
+    speed : MachineSpeed, optional
+        Speed of the machine, by which times are predicted.
+
+    Returns
+    -------
+    RestoredImage
+        The picture in the photograph's frame, with method, residual and weight.
+
+    Raises
+    ------
+    ValueError
+        If nothing fits in the budget, there is no such method, `count` is below 1, arguments
+        exclude each other, or the method itself refuses what is given.
     """
     speed, progress = speed or MachineSpeed(), progress or Progress()
     _require(budget, method, weight, count)

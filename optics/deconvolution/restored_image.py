@@ -10,15 +10,30 @@ import torch
 
 @dataclass(frozen=True, eq=False)
 class RestoredImage:
-    """A restored picture.
+    """A restored picture, and how far to trust it.
 
-    image: (rows, columns), light per pixel of the scene in the photograph's frame; never negative
-    but for linear filters. method: in words. noise: standard deviation that the photograph was
-    taken to have. residual_source: the residual, or what works it out once somebody asks. weight:
-    of what is known of pictures beforehand, against the data; None where there is none.
-    relative_changes: of the picture in the last iteration, relative, after each. converged: whether
-    it fell below what was asked. period_image: the scene around the frame as well, as far as light
-    comes into it, for whoever goes on from there.
+    Parameters
+    ----------
+    image : torch.Tensor, (rows, columns)
+        Light per pixel of the scene in the photograph's frame. Never negative but for linear
+        filters.
+    method : str
+        Name of the method, in words.
+    noise : float
+        Standard deviation that a pixel of the photograph was taken to have.
+    residual_source : float or callable
+        The residual, or a function without arguments that computes it on first use: see `residual`.
+    weight : float, optional
+        Regularisation weight of the prior against the data; None for methods without one.
+    iterations : int, default 1
+        Number of iterations done.
+    relative_changes : list of float, optional
+        Relative change of the picture in each iteration.
+    converged : bool, default True
+        Whether the last change fell below the tolerance asked for.
+    period_image : torch.Tensor, optional
+        The scene around the frame as well, as far as its light comes into the frame. A later
+        restoration can start from it.
     """
 
     image: torch.Tensor
@@ -33,8 +48,10 @@ class RestoredImage:
 
     @property
     def residual(self) -> float:
-        """Rms of the photograph less the blurred restoration, over the noise: about 1 where model,
-        PSF and noise are right; above 1.2 something isn't."""
+        """Rms of the photograph less the blurred restoration, over the noise.
+
+        About 1 where model, PSF and noise are right; above 1.2 one of them isn't.
+        """
         if not callable(self.residual_source):
             return self.residual_source
         residual = self.residual_source()

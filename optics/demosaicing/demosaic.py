@@ -43,22 +43,51 @@ def demosaic(
     iterations: int = 30,
     progress: Progress | None = None,
 ) -> torch.Tensor:
-    """All colours of each pixel of a mosaic, (rows, columns) light less the dark level: (bands,
-    rows, columns), which noise may leave below 0 where it's dark.
+    """Estimate all colours of each pixel of a mosaic of colour filters.
 
-    pattern: rows of one letter a pixel that repeat from the first pixel on, as ("RG", "GB"); any
-    size of frame. method: "prior", the thesis' Eq. 4.7 with a prior worth having: few bends of
-    brightness, and fewer of colours, see CurvaturePrior; or OpenCV's "bilinear", "edge-aware" or
-    "vng", of Bayer's pattern, which take none of what follows.
+    The method "prior" is the thesis' Eq. 4.7 with a prior worth having: few bends of brightness,
+    and fewer of colours, see CurvaturePrior. The others are OpenCV's, for Bayer's pattern only; of
+    the optional arguments they take `channels` alone. Colours bend least where white is even: give
+    ``diag(gains)`` as `response` for channels that aren't balanced.
 
-    channels, response: what the letters let through of each band, (channels, bands); without a
-    response each channel is a band, in the order of `channels`. Colours bend least where white is
-    even: give diag(gains) as response for channels that aren't balanced. noise: standard
-    deviation of a pixel; estimated if None. psf: of a lens that blurs, (rows, columns), or one for
-    each band; sharp if None. weights: of each pixel's trust, 0 where it is dead. clipped: True
-    where the well was full: there the light is at least what was measured. weight: of the prior;
-    by noise and scale of the light if None.
-    Raises ValueError for what doesn't fit, isn't finite, or for a band that no pixel sees.
+    Parameters
+    ----------
+    raw : torch.Tensor or numpy.ndarray, (rows, columns)
+        Light of each pixel less the dark level; any size of frame.
+    pattern : sequence of str
+        Rows of one letter per pixel that repeat from the first pixel on, as ``("RG", "GB")``.
+    method : {"prior", "bilinear", "edge-aware", "vng"}, default "prior"
+        How colours are found, one of `METHODS`.
+    channels : str, default "RGB"
+        Letters of the channels. Without a response each channel is a band, in this order.
+    response : torch.Tensor or numpy.ndarray, (channels, bands), optional
+        What the filter of each letter transmits of each band; the identity if None.
+    noise : float, optional
+        Standard deviation of a pixel. Estimated if None.
+    psf : torch.Tensor or numpy.ndarray, optional
+        Blur of the lens, (rows, columns), or (bands, rows, columns) for one per band; sharp if
+        None.
+    weights : torch.Tensor or numpy.ndarray, (rows, columns), optional
+        How much each pixel is to be trusted; 0 where it is dead.
+    clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
+        True where the well was full: there the light is at least what was measured.
+    weight : float, optional
+        Regularisation weight of the prior. From the noise and the scale of the light if None.
+    iterations : int, default 30
+        Number of iterations, 1 or more.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    torch.Tensor or numpy.ndarray, (bands, rows, columns)
+        Light of each band, which noise may leave below 0 where it is dark.
+
+    Raises
+    ------
+    ValueError
+        If an argument doesn't fit or isn't finite, the method doesn't take it, or no pixel sees a
+        band.
     """
     rows = _validate_pattern(pattern, channels)
     raw = _validate_raw(raw)

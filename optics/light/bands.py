@@ -24,21 +24,46 @@ width."""
 
 @dataclass(frozen=True)
 class Band:
-    """A filter's transmission, 1 at its best: what it loses there is the camera's transmission.
+    """Transmission of a filter by wavelength, 1 at its best.
 
-    centre: metres. fwhm: full width at half maximum, metres. shape:
+    What the filter loses at its best belongs to the camera's transmission. The shapes are:
 
     - "gaussian".
     - "lyot": a liquid-crystal tunable filter. Stages between polarisers have retardances that
-      double from each to the next, and pass cos²(π mₖ λ₀/λ) each; all are tuned to whole waves
-      mₖ at λ₀, so that with u = π m (λ₀/λ - 1) the product is [sin(2ᴺu) / (2ᴺ sin u)]². Its side
-      lobes end where a blocking glass keeps out the next order. (B. Lyot 1944, Ann. Astrophys.
-      7, 31; J. W. Evans 1949, J. Opt. Soc. Am. 39, 229, doi 10.1364/JOSA.39.000229.)
+      double from each to the next, and pass cos²(π mₖ λ₀/λ) each; all are tuned to whole waves mₖ
+      at λ₀, so that with u = π m (λ₀/λ - 1) the product is [sin(2ᴺu) / (2ᴺ sin u)]². Its side lobes
+      end where a blocking glass keeps out the next order.
     - "interference": thin films with steep sides and a flat top, a super-Gaussian.
     - "open": no filter: everything within the width.
-    - "table": `table`, made 1 at its best; see from_table().
+    - "table": `table`, scaled to 1 at its best; see `Band.from_table`.
 
-    leak: transmission that is added everywhere in `leak_range`, metres.
+    Parameters
+    ----------
+    centre : float
+        Central wavelength in metres.
+    fwhm : float
+        Full width at half maximum in metres, less than twice the centre; for "lyot" a quarter of
+        the centre at most.
+    shape : {"gaussian", "lyot", "interference", "open", "table"}, default "gaussian"
+        Shape of the curve.
+    leak : float, default 0.0
+        Transmission that is added everywhere in `leak_range`, from 0 to below 1.
+    leak_range : tuple of float, default (400e-9, 720e-9)
+        Shortest and longest wavelength of the leak, metres.
+    table : Spectrum, optional
+        Measured curve, for the shape "table" only.
+
+    Raises
+    ------
+    ValueError
+        If a length isn't positive, the width or the leak is too large, the leak's range runs
+        backwards, the shape is another word, or a table comes without that shape or that shape
+        without one.
+
+    References
+    ----------
+    B. Lyot 1944, Ann. Astrophys. 7, 31; J. W. Evans 1949, J. Opt. Soc. Am. 39, 229,
+    doi 10.1364/JOSA.39.000229.
     """
 
     centre: float
@@ -77,9 +102,29 @@ class Band:
     def from_table(
         table: Spectrum, leak: float = 0.0, leak_range: tuple[float, float] = (400e-9, 720e-9)
     ) -> Band:
-        """A measured filter: centre by the mean of its wavelengths, width by its half maxima.
+        """Band of a measured filter, from its transmission curve.
 
-        Raises ValueError for a table that passes nothing.
+        Its centre is the mean of the wavelengths, weighted by transmission; its width lies between
+        the outermost half maxima.
+
+        Parameters
+        ----------
+        table : Spectrum
+            Transmission on any scale.
+        leak : float, default 0.0
+            Transmission that is added everywhere in `leak_range`.
+        leak_range : tuple of float, default (400e-9, 720e-9)
+            Shortest and longest wavelength of the leak, metres.
+
+        Returns
+        -------
+        Band
+            Of the shape "table".
+
+        Raises
+        ------
+        ValueError
+            If the table passes nothing.
         """
         if table.peak == 0:
             raise ValueError("the table passes nothing; give a filter's transmission")
@@ -93,7 +138,7 @@ class Band:
         return Band(moment / one.integral(), width, "table", leak, leak_range, one)
 
     def transmission(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
-        """At wavelengths in metres, 0 to 1, without the leak."""
+        """Transmission at wavelengths in metres, 0 to 1, without the leak."""
         asked = np.asarray(wavelengths, dtype=np.float64)
         if self.table is not None:
             return self.table.at(asked)
@@ -107,14 +152,17 @@ class Band:
         return self._lyot(asked)
 
     def total_transmission(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
-        """At wavelengths in metres, with the leak."""
+        """Transmission at wavelengths in metres, with the leak."""
         asked = np.asarray(wavelengths, dtype=np.float64)
         low, high = self.leak_range
         return self.transmission(asked) + self.leak * ((low <= asked) & (asked <= high))
 
     @cached_property
     def support(self) -> tuple[float, float]:
-        """Metres: beyond it less than a millionth passes, the leak apart."""
+        """Shortest and longest wavelength in metres, between which a millionth or more passes.
+
+        The leak is left out.
+        """
         if self.table is not None:
             return self.table.low, self.table.high
         if self.shape == "lyot":

@@ -26,9 +26,26 @@ on."""
 def blackbody(
     temperature: float, low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
 ) -> Spectrum:
-    """Planck's law for the radiance by wavelength, λ⁻⁵ / (exp(c₂ / λ T) - 1).
+    """Spectrum of a black body: the radiance by wavelength.
 
-    temperature: kelvin, from 1000 up: a cooler body doesn't shine visibly. Raises ValueError.
+    By Planck's law, λ⁻⁵ / (exp(c₂ / λ T) - 1).
+
+    Parameters
+    ----------
+    temperature : float
+        Kelvin, from 1000 up: a cooler body doesn't shine visibly.
+    low, high : float, optional
+        Shortest and longest wavelength in metres, by default 300e-9 and 1100e-9.
+
+    Returns
+    -------
+    Spectrum
+        Relative: 1 where it is brightest between 400 and 720 nm. Nodes are 1 nm apart at most.
+
+    Raises
+    ------
+    ValueError
+        If the temperature is below 1000 K or not finite, or the range runs backwards.
     """
     if not 1000 <= temperature < math.inf:
         raise ValueError(
@@ -40,17 +57,50 @@ def blackbody(
 
 
 def halogen(temperature: float = HALOGEN_TEMPERATURE) -> Spectrum:
-    """A tungsten-halogen lamp, as a black body of its colour temperature.
+    """Spectrum of a tungsten-halogen lamp, as a black body of its colour temperature.
 
-    Tungsten's emissivity falls by a few per cent from 450 to 700 nm, which the colour
-    temperature, a little above the filament's own, has in it. The studio tungsten of ISO 7589
-    differs from it by 5 % in the L2 norm from 400 to 690 nm, and from 3100 K by 1 %.
+    Tungsten's emissivity falls by a few per cent from 450 to 700 nm. The colour temperature, a
+    little above the filament's own, accounts for that. The studio tungsten of ISO 7589 differs from
+    it by 5 % in the L2 norm from 400 to 690 nm, and from 3100 K by 1 %.
+
+    Parameters
+    ----------
+    temperature : float, default 3200.0
+        Colour temperature in kelvin, from 1000 up.
+
+    Returns
+    -------
+    Spectrum
+        Relative: 1 where it is brightest between 400 and 720 nm.
+
+    Raises
+    ------
+    ValueError
+        If the temperature is below 1000 K or not finite.
     """
     return blackbody(temperature)
 
 
 def monochromatic(wavelength: float, width: float = 1e-9) -> Spectrum:
-    """A line: a triangle of a full width at half maximum, in metres, small against a filter's."""
+    """Spectrum of a single line: a narrow triangle around a wavelength.
+
+    Parameters
+    ----------
+    wavelength : float
+        Peak in metres.
+    width : float, default 1e-9
+        Full width at half maximum in metres; it should be small against a filter's.
+
+    Returns
+    -------
+    Spectrum
+        1 at the peak.
+
+    Raises
+    ------
+    ValueError
+        If a length isn't positive, or the width isn't less than the wavelength.
+    """
     require_positive("wavelength", wavelength, "m")
     require_positive("width", width, "m")
     if width >= wavelength:
@@ -59,12 +109,39 @@ def monochromatic(wavelength: float, width: float = 1e-9) -> Spectrum:
 
 
 def broadband(low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH) -> Spectrum:
-    """The same at all wavelengths of a range, in metres."""
+    """Spectrum that is 1 at all wavelengths of a range.
+
+    Parameters
+    ----------
+    low, high : float, optional
+        Shortest and longest wavelength in metres, by default 300e-9 and 1100e-9.
+
+    Returns
+    -------
+    Spectrum
+        With a node at each end.
+    """
     return Spectrum.flat(1.0, low, high)
 
 
 def lamp_from_table(table: Spectrum) -> Spectrum:
-    """A measured lamp, made relative. Raises ValueError for one that is dark in the visible."""
+    """Spectrum of a measured lamp, made relative.
+
+    Parameters
+    ----------
+    table : Spectrum
+        Radiance by wavelength, on any scale.
+
+    Returns
+    -------
+    Spectrum
+        Relative: 1 where it is brightest between 400 and 720 nm.
+
+    Raises
+    ------
+    ValueError
+        If the lamp is dark from 400 to 720 nm.
+    """
     nodes = np.union1d(table.wavelengths, VISIBLE)
     visible = nodes[(nodes >= VISIBLE[0]) & (nodes <= VISIBLE[1])]
     peak = float(table.at(visible).max())

@@ -14,10 +14,27 @@ SHORTEST_WAVELENGTH, LONGEST_WAVELENGTH = 300e-9, 1100e-9
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Piecewise linear between its nodes, and nothing beyond its ends.
+    """A quantity by wavelength: piecewise linear between its nodes, and 0 beyond its ends.
 
-    wavelengths: metres, rising, at least two. values: as many, not negative; their unit is that
-    of what they are: a radiance, a share.
+    Parameters
+    ----------
+    wavelengths : tuple of float
+        Nodes in metres, rising, at least two.
+    values : tuple of float
+        Value at each node, finite and not negative, in the unit of the quantity: a radiance, a
+        share.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two nodes, another number of values, wavelengths that don't rise or
+        aren't positive and finite, or a value that is negative or not finite.
+
+    Examples
+    --------
+    >>> from optics.light import Spectrum
+    >>> float(Spectrum((400e-9, 600e-9), (0.0, 1.0)).at(500e-9))
+    0.5
     """
 
     wavelengths: tuple[float, ...]
@@ -44,15 +61,30 @@ class Spectrum:
     def flat(
         value: float, low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
     ) -> Spectrum:
-        """The same value at all wavelengths of a range, in metres."""
+        """Spectrum with the same value at all wavelengths of a range.
+
+        Parameters
+        ----------
+        value : float
+            The value.
+        low, high : float, optional
+            Ends of the range in metres, by default 300e-9 and 1100e-9.
+
+        Returns
+        -------
+        Spectrum
+            With a node at each end.
+        """
         return Spectrum((low, high), (value, value))
 
     @property
     def low(self) -> float:
+        """Shortest wavelength, metres."""
         return self.wavelengths[0]
 
     @property
     def high(self) -> float:
+        """Longest wavelength, metres."""
         return self.wavelengths[-1]
 
     @property
@@ -66,13 +98,14 @@ class Spectrum:
         return np.interp(asked, self.wavelengths, self.values, left=0.0, right=0.0)
 
     def with_scale(self, factor: float) -> Spectrum:
-        """Every value times a factor, which isn't negative."""
+        """Spectrum with every value multiplied by a factor, which isn't negative."""
         return Spectrum(self.wavelengths, tuple(factor * value for value in self.values))
 
     def times(self, other: Spectrum) -> Spectrum:
-        """The product: exact at the nodes of both, linear between them.
+        """Product with another spectrum: exact at the nodes of both, linear between them.
 
-        Between two nodes the true product is a parabola, by (a₂-a₁)(b₂-b₁)/4 apart at most.
+        Between two nodes the true product is a parabola, by (a₂-a₁)(b₂-b₁)/4 apart at most. Where
+        the two ranges don't overlap, the product is 0.
         """
         low, high = max(self.low, other.low), min(self.high, other.high)
         if not low < high:
@@ -82,9 +115,22 @@ class Spectrum:
         return Spectrum(tuple(nodes), tuple(self.at(nodes) * other.at(nodes)))
 
     def integral(self, low: float | None = None, high: float | None = None) -> float:
-        """Over wavelengths from `low` to `high` metres, its ends by default; exact.
+        """Integral over wavelength, exact.
 
-        Raises ValueError for a range that runs backwards.
+        Parameters
+        ----------
+        low, high : float, optional
+            Ends of the range in metres; the spectrum's own by default.
+
+        Returns
+        -------
+        float
+            The integral, in the values' unit times metres.
+
+        Raises
+        ------
+        ValueError
+            If the range runs backwards.
         """
         start = self.low if low is None else low
         end = self.high if high is None else high

@@ -14,14 +14,35 @@ from optics.validation import require_positive
 
 @dataclass(frozen=True)
 class Waveform:
-    """A periodic factor of the light, 1 on average.
+    """Periodic factor by which a lamp's light changes with time, 1 on average.
 
-    shape: "constant"; "sine", 1 + depth sin(2π t/T + phase); "square", brighter for the share
-    `duty` of a period, and 1 - depth for the rest (a dimmed diode); "filament", a wire on the
-    mains: it is heated by the square of the voltage, 1 - cos(2π t/T), and stores heat for many
-    periods, so that its light is the integral of that, 1 - depth sin(2π t/T + phase), a quarter
-    of a period late. depth: 0 to 1. frequency: Hz of the light, twice the mains'. phase: radians
-    at t = 0.
+    The shapes, with the period T = 1 / `frequency`:
+
+    - "constant".
+    - "sine": 1 + depth sin(2π t/T + phase).
+    - "square": brighter for the share `duty` of a period, and 1 - depth for the rest: a dimmed
+      diode.
+    - "filament": a wire on the mains. It is heated by the square of the voltage, 1 - cos(2π t/T),
+      and stores heat for many periods, so that its light is the integral of that, 1 - depth sin(2π
+      t/T + phase), a quarter of a period late.
+
+    Parameters
+    ----------
+    shape : {"constant", "sine", "square", "filament"}, default "constant"
+        Shape of the curve.
+    frequency : float, default 100.0
+        Frequency of the light in Hz: twice that of the mains.
+    depth : float, default 0.0
+        Depth of the modulation, 0 to 1.
+    phase : float, default 0.0
+        Phase at t = 0, radians.
+    duty : float, default 0.5
+        Share of a period in which a square wave is bright, between 0 and 1.
+
+    Raises
+    ------
+    ValueError
+        If a number is outside its range, or the shape is another word.
     """
 
     shape: Literal["constant", "sine", "square", "filament"] = "constant"
@@ -43,16 +64,17 @@ class Waveform:
 
     @property
     def period(self) -> float:
-        """Seconds."""
+        """Period of the light in seconds."""
         return 1 / self.frequency
 
     @property
     def is_constant(self) -> bool:
+        """Whether the light never changes."""
         return self.shape == "constant" or self.depth == 0
 
     @property
     def ripple(self) -> float:
-        """The largest relative deviation from the mean, at any time."""
+        """Largest relative deviation from the mean, at any time."""
         if self.is_constant:
             return 0.0
         if self.shape == "square":
@@ -60,7 +82,7 @@ class Waveform:
         return self.depth
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
-        """The factor at times in seconds."""
+        """Value of the factor at times in seconds."""
         turns = self._turns(time)
         if self.is_constant:
             return np.ones_like(turns)
@@ -69,10 +91,23 @@ class Waveform:
         return 1 + self._sign * self.depth * np.sin(2 * np.pi * (turns % 1))
 
     def mean(self, start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
-        """Over times from `start` to `end`, seconds, arrays that broadcast; exact.
+        """Mean of the factor over intervals of time, exact.
 
-        Where the two are the same it is the value at that time. Raises ValueError for an end
-        before its start.
+        Parameters
+        ----------
+        start, end : array_like
+            Beginning and end of each interval in seconds; arrays that broadcast. Where the two are
+            the same, the answer is the value at that time.
+
+        Returns
+        -------
+        numpy.ndarray, float64
+            Mean over each interval.
+
+        Raises
+        ------
+        ValueError
+            If an interval ends before it starts, or a time isn't finite.
         """
         first = np.asarray(start, dtype=np.float64)
         length = np.asarray(end, dtype=np.float64) - first

@@ -42,15 +42,22 @@ JUDGED_TARGET_SHARE = 0.02
 
 @dataclass(frozen=True)
 class RefinementResult:
-    """The phases of the best picture, (frames, rows, columns) float32, and what all of them
-    showed: NRMSE where the target exceeds 2 % of its peak, picture by picture."""
+    """Phases of the best measured pattern or video, and the error of every picture.
+
+    Parameters
+    ----------
+    phases : torch.Tensor, (frames, rows, columns), float32
+        Phases of the best picture, radians.
+    errors : list of float
+        NRMSE of each picture where the target exceeds 2 % of its peak. The first is the start's.
+    """
 
     phases: torch.Tensor
     errors: list[float]
 
     @property
     def best(self) -> int:
-        """Which picture was the best one; 0 is the start."""
+        """Index of the picture with the least error; 0 is the start."""
         return min(range(len(self.errors)), key=self.errors.__getitem__)
 
 
@@ -64,13 +71,44 @@ def refine(
     blur: CameraBlur | None = None,
     progress: Progress | None = None,
 ) -> RefinementResult:
-    """Phases that pictures have corrected, or the ones given if that made nothing better.
+    """Correct a pattern or a video by pictures that a camera takes of its PSF.
 
-    phases: (frames, rows, columns), a solution without the camera, as retrieve() gives it.
-    pictures: 2 or more; the first shows the start, the last only judges. Videos gain most: they
-    can make any mean, where a single frame can't. Calibrate the wavefront first: this corrects
-    what is left, and not a quarter of a wave. Raises ValueError for a picture of another shape,
-    or one that is dark, negative or not finite.
+    The answer is the start itself if no correction made it better. Videos gain most: they can make
+    any mean, while a single frame can't. Calibrate the wavefront first: this corrects what is left,
+    but not a quarter of a wave.
+
+    Parameters
+    ----------
+    goal : RetrievalGoal
+        Target, camera and wavelength.
+    phases : torch.Tensor, (frames, rows, columns)
+        A solution without the camera, radians, as `retrieve` gives it.
+    measure : callable
+        Shows phases, (frames, rows, columns), and returns their mean PSF on the goal's plane, on
+        any scale and nowhere negative: a bench with its camera. Called with the phases and a
+        Progress.
+    pictures : int
+        Number of pictures, 2 or more. The first shows the start, the last only judges.
+    blur : callable, optional
+        Turns a PSF on the goal's plane into what the camera sees of it: its pixels and the
+        artificial star have a width. None for a camera without blur.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    RefinementResult
+        Phases of the best picture, and the errors of all of them.
+
+    Raises
+    ------
+    ValueError
+        If `pictures` is below 2, or a picture has another shape than the target, is dark where the
+        target is bright, negative anywhere, or not finite.
+
+    References
+    ----------
+    Feedback by camera: Schroff et al., Sci. Rep. 13, 3252, 2023.
     """
     if pictures < 2:
         raise ValueError(f"pictures is {pictures}; two at least: before a correction and after")

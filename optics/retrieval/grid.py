@@ -38,10 +38,30 @@ def far_field_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
 def design_plane(
     camera: Camera, wavelength: float, window: tuple[int, int], oversampling: int = OVERSAMPLING
 ) -> Plane:
-    """A window (rows, columns) of the design grid around the axis, metres on the sensor.
+    """Window of the grid in the focal plane on which a PSF is designed, around the axis.
 
-    Raises ValueError for a wavelength that isn't positive, a panel in the plane in focus or
-    beyond it, or a window larger than the panel can steer light to.
+    Parameters
+    ----------
+    camera : Camera
+        Camera whose panel steers the light.
+    wavelength : float
+        Metres.
+    window : tuple of int
+        (rows, columns) of the window in samples.
+    oversampling : int, default 2
+        How much finer than the pupil's Nyquist rate the grid is at least. On a coarser grid than
+        the default, speckle hides between the samples.
+
+    Returns
+    -------
+    Plane
+        The samples of the window, with a pitch in metres on the sensor.
+
+    Raises
+    ------
+    ValueError
+        If the wavelength isn't positive, the panel lies in the plane in focus or beyond it, or the
+        window is larger than the panel can steer light to.
     """
     require_positive("wavelength", wavelength, "m")
     panel_to_focus_distance(camera)
@@ -56,10 +76,27 @@ def design_plane(
 
 
 def window_for_reach(camera: Camera, wavelength: float, reach: float) -> tuple[int, int]:
-    """The window (rows, columns) that holds light up to `reach` metres from the axis, and a
-    dark margin around it.
+    """Window that holds light up to a distance from the axis, with a dark margin around it.
 
-    Raises ValueError with the farthest reach that the panel's pixels allow.
+    Parameters
+    ----------
+    camera : Camera
+        Camera whose panel steers the light.
+    wavelength : float
+        Metres.
+    reach : float
+        Largest distance of the light from the axis along y or x, metres on the sensor.
+
+    Returns
+    -------
+    tuple of int
+        (rows, columns) of the window for `design_plane`; it is square.
+
+    Raises
+    ------
+    ValueError
+        If the reach isn't positive or is farther than the panel's pixels allow; the message gives
+        the farthest reach.
     """
     require_positive("reach", reach, "m")
     pitch = design_plane(camera, wavelength, (1, 1)).pitch[0]

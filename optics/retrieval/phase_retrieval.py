@@ -33,13 +33,25 @@ _WORTH = 5
 
 @dataclass(frozen=True)
 class RetrievalResult:
-    """Frames that give a target's shape.
+    """Frames whose mean PSF has a target's shape.
 
-    phases: (frames, rows, columns), radians, float32. orders: waves of the panel's range that
-    they use: show them with phase_to_grey(panel, phases, wavelength, orders). quality: of their
-    mean PSF, rounded to the panel's levels, and with the liquid crystal's motion if there are
-    several and the panel's response_time isn't zero; on a grid twice finer than Nyquist.
-    cpu_seconds: spent on the frames, the judgement left out.
+    Parameters
+    ----------
+    phases : torch.Tensor, (frames, rows, columns), float32
+        Phases in radians.
+    orders : int
+        Waves of the panel's range that the phases use. Show them with
+        ``phase_to_grey(panel, phases, wavelength, orders)``.
+    method : str
+        Name of the method that found them, one of `METHODS`.
+    iterations : int
+        Number of its iterations.
+    quality : PatternQuality
+        Of the mean PSF, with phases rounded to the panel's levels, on a grid twice finer than
+        Nyquist. The liquid crystal's motion counts where there are several frames and the panel's
+        response_time isn't zero.
+    cpu_seconds : float
+        Processor seconds spent on the frames, without the measurement of their quality.
     """
 
     phases: torch.Tensor
@@ -67,18 +79,49 @@ def retrieve(
     progress: Progress | None = None,
     speed: MachineSpeed | None = None,
 ) -> RetrievalResult:
-    """Phases whose PSF, or whose frames' mean PSF, has the target's shape.
+    """Find phases whose PSF, or whose frames' mean PSF, has the target's shape.
 
-    target: intensity on `plane` (rows, columns), from design_plane(camera, wavelength, ...);
-    any scale, zero beyond. frames: of a video. budget: processor seconds that may be spent, as
-    predicted; iterations: instead of it. method: one of METHODS; if None, the quick one, and
-    gradient descent through the modulator where the budget has time left for it. start: of
-    single frames, one of STARTS. generator: all chance comes from it. speed: of the
-    machine, by which a budget becomes a number of iterations.
+    There is no unique right answer, and so no tolerance: the quality reached is measured, and comes
+    with the result.
 
-    There is no right answer, and no tolerance: the quality reached is measured. Raises
-    ValueError for a target that no PSF can have, a method that doesn't serve here, or a budget
-    in which no iteration fits.
+    Parameters
+    ----------
+    camera : Camera
+        Camera whose panel shows the pattern.
+    target : torch.Tensor or numpy.ndarray, (rows, columns)
+        Intensity on `plane`, on any scale, nowhere negative; zero is meant beyond the plane.
+    plane : Plane
+        Samples of the target in the focal plane, from ``design_plane(camera, wavelength, ...)``.
+    wavelength : float
+        Metres.
+    frames : int, default 1
+        1 for a pattern; more for a video, 3600 at most.
+    budget : float, optional
+        Processor seconds that may be spent, as predicted for the machine's speed.
+    iterations : int, optional
+        Number of iterations, 1 or more, instead of a budget. 100 if both are None.
+    method : str, optional
+        One of `METHODS`. If None, the quick method for that number of frames; and gradient descent
+        through the modulator where a budget leaves time for it.
+    start : {"smooth", "quadratic", "random"}, default "smooth"
+        Phases that single frames start from, one of `STARTS`.
+    generator : torch.Generator
+        Source of all random numbers.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+    speed : MachineSpeed, optional
+        Speed of the machine, by which a budget becomes a number of iterations.
+
+    Returns
+    -------
+    RetrievalResult
+        The phases, how they were found, and their quality.
+
+    Raises
+    ------
+    ValueError
+        If no PSF can have the target, the plane is on another grid, the method doesn't serve here,
+        no iteration fits in the budget, or `budget` and `iterations` are both given.
     """
     progress, speed = progress or Progress(), speed or MachineSpeed()
     _require(frames, budget, iterations, method)

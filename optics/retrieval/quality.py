@@ -12,10 +12,16 @@ from optics.retrieval.goal import RetrievalGoal
 
 @dataclass(frozen=True)
 class PatternQuality:
-    """Figures of merit as optics.metrics defines them, of a PSF in its target's window.
+    """Figures of merit of a PSF in its target's window, as `optics.metrics` defines them.
 
-    efficiency: share of all light where the target exceeds 2 % of its peak. contrast: speckle
-    where it exceeds half its peak. nrmse: error of the shape, with the best scale.
+    Parameters
+    ----------
+    efficiency : float
+        Share of all light that falls where the target exceeds 2 % of its peak, 0 to 1.
+    contrast : float
+        Speckle contrast where the target exceeds half of its peak.
+    nrmse : float
+        Normalised root-mean-square error of the shape, with the best scale.
     """
 
     efficiency: float

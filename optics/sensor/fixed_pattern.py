@@ -19,12 +19,18 @@ _MAX_DEVIATIONS = 4.5
 
 @dataclass(frozen=True, eq=False)
 class FixedPattern:
-    """Maps of one sensor, (rows, columns).
+    """Maps of what differs from pixel to pixel of one sensor.
 
-    response: float32, what a pixel's response to light is multiplied by: 1 + PRNU, and 0 of a dead
-    one. offset_steps: int8 numbers of steps of `electrons_per_step` electrons that a pixel reads
-    too much: DSNU. hot_current: float32, electrons per second that hot pixels have beyond the dark
-    current.
+    Parameters
+    ----------
+    response : torch.Tensor, (rows, columns), float32
+        Factor on a pixel's response to light: 1 + PRNU, and 0 for a dead pixel.
+    offset_steps : torch.Tensor, (rows, columns), int8
+        DSNU: the offset that a pixel reads too much, in steps of `electrons_per_step`.
+    electrons_per_step : float
+        Electrons in one step of the offset.
+    hot_current : torch.Tensor, (rows, columns), float32
+        Electrons per second that hot pixels have beyond the dark current.
     """
 
     response: torch.Tensor
@@ -34,12 +40,23 @@ class FixedPattern:
 
     @property
     def offset(self) -> torch.Tensor:
-        """Electrons that a pixel reads too much, float32."""
+        """Offset of each pixel, electrons that it reads too much, float32."""
         return self.offset_steps.to(torch.float32) * self.electrons_per_step
 
 
 def has_fixed_pattern(sensor: Sensor) -> bool:
-    """Whether a sensor's pixels differ at all."""
+    """Whether a sensor's pixels differ at all.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The sensor.
+
+    Returns
+    -------
+    bool
+        True if PRNU, DSNU, or the share of dead or of hot pixels isn't zero.
+    """
     return sensor.prnu > 0 or sensor.dsnu > 0 or sensor.dead > 0 or sensor.hot > 0
 
 
@@ -48,11 +65,26 @@ _cached_patterns: WeakKeyDictionary[Sensor, FixedPattern] = WeakKeyDictionary()
 
 
 def fixed_pattern(sensor: Sensor) -> FixedPattern:
-    """The maps of a sensor, of its own seed: the same in every frame and run.
+    """Maps of a sensor's fixed pattern, which are the same in every frame and run.
 
-    PRNU and DSNU are normal (EMVA 1288 release 4, section 4), the latter in steps of a quarter
-    of its standard deviation, made narrower by what the rounding widens (Sheppard). Which
-    pixels are dead or hot is by chance, with the shares that the sensor gives.
+    They are random samples from the sensor's own seed. PRNU and DSNU are normal. DSNU comes in
+    steps of a quarter of its standard deviation; the distribution is made narrower by as much as
+    rounding widens it (Sheppard). Which pixels are dead or hot is by chance, with the shares that
+    the sensor gives.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The sensor, whose `fixed_seed` determines the maps.
+
+    Returns
+    -------
+    FixedPattern
+        The maps, (rows, columns) each. Equal sensors share them.
+
+    References
+    ----------
+    EMVA 1288 release 4, section 4.
     """
     found = _cached_patterns.get(sensor)
     if found is None:

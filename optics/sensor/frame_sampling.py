@@ -31,11 +31,33 @@ def expose(
     read_noise: bool = True,
     dark_current: bool = True,
 ) -> torch.Tensor:
-    """One raw frame of a sensor whose pixels are all alike: (rows, columns) of int32 numbers.
+    """Sample one raw frame of a sensor whose pixels are all alike.
 
-    rate: photo-electrons per second and pixel. exposure: seconds. The stages stand in
-    the order of the physics: dark current, shot noise, full well, read noise, gain and
-    black level, quantisation and clipping. A negative rate counts as dark.
+    The stages follow the order of the physics: dark current, shot noise, full well, read noise,
+    gain and black level, quantisation and clipping.
+
+    Parameters
+    ----------
+    rate : torch.Tensor, (rows, columns)
+        Photo-electrons per second and pixel. A negative rate counts as dark.
+    exposure : float
+        Exposure time in seconds.
+    sensor : Sensor
+        The sensor.
+    generator : torch.Generator
+        Source of all random numbers.
+    shot_noise, read_noise, dark_current : bool, default True
+        Whether that stage is simulated.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), int32
+        Digital numbers, 0 to 2**bits - 1.
+
+    Raises
+    ------
+    ValueError
+        If the exposure isn't positive, or a rate isn't finite.
     """
     require_positive("exposure", exposure, "s")
     require_finite("rate", rate)
@@ -59,11 +81,31 @@ def sample_frame(
     generator: torch.Generator,
     **switches: Any,
 ) -> torch.Tensor:
-    """One raw frame: (rows, columns) of digital numbers, int32; float64 without quantisation.
+    """Sample one raw frame of a sensor.
 
-    electrons: expected from light on each pixel over the exposure; negative ones count as none.
-    switches: which stages are done, as optics.sensor.stages.Stages says. Raises ValueError for
-    electrons that aren't finite, and an exposure that isn't positive.
+    Parameters
+    ----------
+    electrons : torch.Tensor, (rows, columns)
+        Electrons expected from light on each pixel over the exposure. Negative ones count as none.
+    exposure : float
+        Exposure time in seconds.
+    sensor : Sensor
+        The sensor. If its pixels differ, `electrons` must cover the whole sensor.
+    generator : torch.Generator
+        Source of all random numbers.
+    **switches : bool or str
+        Which stages are simulated: the fields of `Stages`.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), int32
+        Digital numbers; float64 without quantisation.
+
+    Raises
+    ------
+    ValueError
+        If electrons aren't finite or have another shape than a sensor whose pixels differ, or if
+        the exposure isn't positive.
     """
     stages = Stages(**switches)
     held = collect_electrons(electrons, exposure, sensor, stages)

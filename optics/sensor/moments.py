@@ -23,13 +23,34 @@ def moments(
     sensor: Sensor,
     **switches: Any,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Mean, in electrons, and variance, in electrons², of what sample_frame() gives.
+    """Mean and variance of every pixel's number, without sampling any frame.
 
-    electrons: expected from light on each pixel over the exposure. switches: as sample_frame()
-    takes them. Both answers are float64 of its shape, of (number - black level) gain. They are
-    sums over all numbers of electrons and all digital numbers, tabulated and interpolated: to 1e-4
-    of themselves. Raises ValueError for electrons that aren't finite, and an exposure that isn't
-    positive.
+    They are the moments of what `sample_frame` gives: sums over all numbers of electrons and all
+    digital numbers, tabulated and interpolated, with a relative error of 1e-4. They refer to
+    (number - black level) · gain.
+
+    Parameters
+    ----------
+    electrons : torch.Tensor, (rows, columns)
+        Electrons expected from light on each pixel over the exposure.
+    exposure : float
+        Exposure time in seconds.
+    sensor : Sensor
+        The sensor.
+    **switches : bool or str
+        Which stages are simulated: the fields of `Stages`. "skewed" shot noise counts as Poisson's.
+
+    Returns
+    -------
+    mean : torch.Tensor, (rows, columns), float64
+        Electrons.
+    variance : torch.Tensor, (rows, columns), float64
+        Electrons².
+
+    Raises
+    ------
+    ValueError
+        If electrons aren't finite, or the exposure isn't positive.
     """
     stages = Stages(**switches)
     if stages.shot == "skewed":

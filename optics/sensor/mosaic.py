@@ -16,9 +16,17 @@ if TYPE_CHECKING:
 class Mosaic:
     """A pattern of colour filters that repeats over the sensor, from its first pixel on.
 
-    pattern: rows of one letter a pixel, as ("RG", "GB") for Bayer's. efficiencies: of each
-    letter, electrons per photon at each wavelength, filter and pixel together.
-    Raises ValueError for rows of different lengths, or letters without a curve.
+    Parameters
+    ----------
+    pattern : tuple of str
+        Rows of one letter per pixel, as ``("RG", "GB")`` for Bayer's pattern.
+    efficiencies : mapping of str to Spectrum
+        For each letter, electrons per photon at each wavelength, filter and pixel together.
+
+    Raises
+    ------
+    ValueError
+        If rows differ in length, or a letter has no curve.
     """
 
     pattern: tuple[str, ...]
@@ -53,11 +61,11 @@ class Mosaic:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The letters of the pattern, each once, in the order in which they come."""
+        """Letters of the pattern, each once, in the order in which they come."""
         return tuple(dict.fromkeys("".join(self.pattern)))
 
     def channel_map(self, shape: tuple[int, int]) -> torch.Tensor:
-        """The place in `channels` of each pixel's filter, (rows, columns) int64."""
+        """Index into `channels` of each pixel's filter, (rows, columns), int64."""
         index = {name: i for i, name in enumerate(self.channels)}
         cell = torch.tensor([[index[letter] for letter in row] for row in self.pattern])
         rows = torch.arange(shape[0])[:, None] % cell.shape[0]
@@ -65,7 +73,11 @@ class Mosaic:
         return cell[rows, columns]
 
     def sample_channels(self, channels: torch.Tensor) -> torch.Tensor:
-        """What a sensor with these filters has of (channel, rows, columns): (rows, columns)."""
+        """Sample pictures (channel, rows, columns) as a sensor with these filters does: (rows,
+        columns).
+
+        Raises ValueError if there isn't one picture for each of `channels`.
+        """
         if channels.ndim != 3 or len(channels) != len(self.channels):
             raise ValueError(
                 f"channels is {tuple(channels.shape)}; it must be {len(self.channels)} pictures, "

@@ -26,9 +26,19 @@ PIXEL_INTEGRATION_ERROR = 1e-9
 
 
 def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
-    """Transfer function of a full-fill square pixel on an rfft2 grid, float64.
+    """Transfer function of a square pixel with a fill factor of 1, on an rfft2 grid.
 
-    The grid has `factor` samples per pixel along each axis and its origin in the corner.
+    Parameters
+    ----------
+    rows, columns : int
+        Size of the picture in samples. Its origin is in the corner.
+    factor : int
+        Samples per pixel along each axis.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns // 2 + 1), float64
+        Product of the two sinc functions, 1 at frequency zero.
     """
     fy = torch.fft.fftfreq(rows, 1 / factor, dtype=torch.float64)[:, None]
     fx = torch.fft.rfftfreq(columns, 1 / factor, dtype=torch.float64)[None, :]
@@ -36,9 +46,21 @@ def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
 
 
 def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
-    """The samples at pixel centres of a grid that is `factor` times finer than the pixels.
+    """Take the samples at pixel centres from a grid that is finer than the pixels.
 
     The origin stays at n // 2 for even and odd sizes.
+
+    Parameters
+    ----------
+    light : torch.Tensor, (..., rows, columns)
+        Picture on the fine grid.
+    factor : int
+        Samples per pixel along each axis.
+
+    Returns
+    -------
+    torch.Tensor, (..., rows // factor, columns // factor)
+        One sample per pixel; a view.
     """
     rows, columns = (n // factor for n in light.shape[-2:])
     y = light.shape[-2] // 2 - (rows // 2) * factor
@@ -47,7 +69,18 @@ def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
 
 
 def pixel_margin(factor: int) -> int:
-    """Whole pixels that integrate_pixels() looks beyond a pixel, at `factor` samples each."""
+    """Number of whole pixels that integrate_pixels() needs around a pixel.
+
+    Parameters
+    ----------
+    factor : int
+        Samples per pixel along each axis.
+
+    Returns
+    -------
+    int
+        Pixels on each side.
+    """
     return math.ceil((_REACH + factor / 2) / factor)
 
 
@@ -69,22 +102,49 @@ def _pixel_kernel(factor: int) -> torch.Tensor:
 
 
 def integrate_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
-    """Light on whole pixels, from (..., rows, columns) of light on `factor`² finer samples.
+    """Integrate light over whole square pixels that each have `factor` by `factor` samples.
 
-    Exact to PIXEL_INTEGRATION_ERROR for light that the samples resolve with
-    PIXEL_OVERSAMPLING to spare, at least pixel_margin() pixels from the edges; beyond
-    them it counts as dark. The origin stays at n // 2.
+    The relative L2 error is at most PIXEL_INTEGRATION_ERROR for light that the samples resolve with
+    PIXEL_OVERSAMPLING to spare, at least pixel_margin() pixels from the edges. Beyond the edges it
+    counts as dark. The origin stays at n // 2.
+
+    Parameters
+    ----------
+    light : torch.Tensor, (..., rows, columns)
+        Light on the fine samples.
+    factor : int
+        Samples per pixel along each axis, 1 or more.
+
+    Returns
+    -------
+    torch.Tensor, (..., rows // factor, columns // factor)
+        Light on each pixel: its integral in units of a sample, so that even light of 1 gives
+        factor².
     """
     kernel = _pixel_kernel(factor).to(light)
     return _integrate_along_rows(_integrate_along_rows(light, kernel, factor).mT, kernel, factor).mT
 
 
 class PixelIntegration:
-    """The light on whole pixels, and the samples that have to be known for it.
+    """Integrate light over whole pixels, from the finer samples that this takes.
 
-    pixels: whose light is wanted. cutoff: cycles per metre of the light's finest fringe.
-    plane: of the samples, finer than the pixels and reaching beyond them by `margin`. Call with the
-    light on it, (..., rows, columns) of plane; the answer is (..., *pixels.shape).
+    Call the object with the light on its `plane`, (..., rows, columns); the result is the light on
+    each pixel, (..., *pixels.shape). The attribute `plane` is finer than the pixels and reaches
+    beyond them by `margin` samples on each side.
+
+    Parameters
+    ----------
+    pixels : Plane
+        Pixels on which the light is wanted.
+    cutoff : float
+        Cycles per metre of the light's finest fringe.
+    budget : Budget, optional
+        Limit of the memory that may be used.
+
+    Raises
+    ------
+    ValueError
+        As its subclass ToleranceError, if the fine samples take more memory than the budget allows.
     """
 
     def __init__(self, pixels: Plane, cutoff: float, budget: Budget | None = None) -> None:
@@ -105,14 +165,16 @@ class PixelIntegration:
 
     @property
     def bytes(self) -> int:
-        """The fine samples, in single precision, before and after their padding."""
+        """Bytes of the fine samples in single precision, before and after their padding."""
         return 2 * 4 * self._samples
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
+        """Predicted processor time in seconds of one integration."""
         taps = _pixel_kernel(self._factor).numel() / self._factor * (1 + 1 / self._factor)
         return speed.call + self._samples * taps * speed.tap
 
     def __call__(self, light: torch.Tensor) -> torch.Tensor:
+        """Light on whole pixels, (..., rows, columns), from light on `plane`."""
         return centred_crop(integrate_pixels(light, self._factor), self._shape)
 
 

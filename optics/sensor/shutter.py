@@ -9,10 +9,24 @@ from optics.validation import require_positive
 
 
 def row_starts(sensor: Sensor, first_start: float = 0.0, *, rolling: bool = True) -> torch.Tensor:
-    """Seconds at which each row's exposure begins, (rows,) float64.
+    """Times at which each row's exposure begins.
 
-    first_start: of the first row. A global shutter starts all of them at once; a rolling one each
-    row by its line time after the one before, from the first row to the last.
+    A global shutter starts all rows at once. A rolling shutter starts each row by the sensor's line
+    time after the one before, from the first row to the last.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The sensor, with its shutter and line time.
+    first_start : float, default 0.0
+        Start of the first row, seconds.
+    rolling : bool, default True
+        Whether a rolling shutter's delays count; False starts all rows at once.
+
+    Returns
+    -------
+    torch.Tensor, (rows,), float64
+        Seconds.
     """
     rows = torch.arange(sensor.shape[0], dtype=torch.float64)
     return first_start + rows * (row_delay(sensor) if rolling else 0.0)

@@ -20,13 +20,33 @@ there, and a normal one would be cut at 0."""
 
 @dataclass(frozen=True)
 class Stages:
-    """What of a sensor is done; all of it by default.
+    """Which stages of a sensor are simulated; all of them by default.
 
-    In this order: dark current, fixed pattern (response, hot pixels; offsets after the well),
-    shot noise, full well, read noise, converter. shot: "Gaussian" draws whole electrons from a
-    normal of the mean's variance, "skewed" from one that is bent as Poisson's distribution is
-    (see optics.sensor.frame_sampling.electrons_from_normal); both draw few electrons from Poisson's
-    itself. clipping: of well and converter.
+    They follow the order of the physics: dark current, fixed pattern (response and hot pixels;
+    offsets come after the full well), shot noise, full well, read noise, converter.
+
+    Parameters
+    ----------
+    dark_current : bool, default True
+        Electrons without light.
+    fixed_pattern : bool, default True
+        PRNU, DSNU, dead and hot pixels.
+    shot : {"none", "Gaussian", "skewed", "Poisson"}, default "Poisson"
+        Distribution of the electrons. "Gaussian" samples whole electrons from a normal distribution
+        whose variance is the mean. "skewed" bends that as Poisson's distribution is: see
+        `optics.sensor.frame_sampling.electrons_from_normal`. Both sample few electrons, below 10,
+        from Poisson's distribution itself.
+    clipping : bool, default True
+        Saturation of the full well and of the converter.
+    read_noise : bool, default True
+        Normal noise of the readout.
+    quantisation : bool, default True
+        Rounding to whole digital numbers.
+
+    Raises
+    ------
+    ValueError
+        If `shot` is another word.
     """
 
     dark_current: bool = True

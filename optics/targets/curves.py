@@ -17,11 +17,31 @@ _POINTS = 720
 
 @Target
 def spiral(radius: float, width: float, turns: float = 3.0, hole: float = 0.36) -> Drawing:
-    """A spiral whose distance from the axis grows with the angle squared, up to a radius.
+    """Spiral whose distance from the axis grows with the angle squared, up to a radius.
 
-    turns: from the axis outwards. hole: share of the radius around the axis that is left out,
-    0 to less than 1. The defaults are the spiral of the thesis' code: three turns, without the
-    inner 18 of 50 pixels (cgtuebingen/computational_camera_phase_retrieval, target 0).
+    The defaults are the spiral of the thesis' code: three turns, without the inner 18 of 50 pixels
+    (cgtuebingen/computational_camera_phase_retrieval, target 0).
+
+    Parameters
+    ----------
+    radius : float
+        Largest distance from the axis, metres.
+    width : float
+        Standard deviation of the Gaussian across a stroke, metres.
+    turns : float, default 3.0
+        Number of turns, from the axis outwards.
+    hole : float, default 0.36
+        Share of the radius around the axis that is left out, 0 to less than 1.
+
+    Returns
+    -------
+    Drawing
+        The shape, which `Target` puts on a plane.
+
+    Raises
+    ------
+    ValueError
+        If a size isn't positive, or `hole` is outside its range.
     """
     require_positive("turns", turns, "")
     if not 0 <= hole < 1:
@@ -33,7 +53,20 @@ def spiral(radius: float, width: float, turns: float = 3.0, hole: float = 0.36) 
 
 @Target
 def heart(radius: float, width: float) -> Drawing:
-    """A heart, upright; its tip or lobes are a radius from the axis."""
+    """Heart, upright, whose tip or lobes are a radius from the axis.
+
+    Parameters
+    ----------
+    radius : float
+        Largest distance from the axis, metres.
+    width : float
+        Standard deviation of the Gaussian across a stroke, metres.
+
+    Returns
+    -------
+    Drawing
+        The shape, which `Target` puts on a plane.
+    """
     t = np.linspace(0, 2 * math.pi, _POINTS)
     x = 16 * np.sin(t) ** 3
     y = -(13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t))
@@ -44,7 +77,20 @@ def heart(radius: float, width: float) -> Drawing:
 
 @Target
 def infinity(radius: float, width: float) -> Drawing:
-    """The symbol of infinity, lying: the lemniscate of Bernoulli, two radii long."""
+    """Symbol of infinity, lying: the lemniscate of Bernoulli, two radii long.
+
+    Parameters
+    ----------
+    radius : float
+        Half its length, metres.
+    width : float
+        Standard deviation of the Gaussian across a stroke, metres.
+
+    Returns
+    -------
+    Drawing
+        The shape, which `Target` puts on a plane.
+    """
     t = np.linspace(0, 2 * math.pi, _POINTS)
     scale = 1 / (1 + np.sin(t) ** 2)
     points = np.stack([np.sin(t) * np.cos(t) * scale, np.cos(t) * scale], 1)
@@ -53,7 +99,20 @@ def infinity(radius: float, width: float) -> Drawing:
 
 @Target
 def eye(radius: float, width: float) -> Drawing:
-    """Two lids whose corners are a radius from the axis, an iris and a pupil."""
+    """Eye: two lids whose corners are a radius from the axis, an iris and a pupil.
+
+    Parameters
+    ----------
+    radius : float
+        Distance of the lids' corners from the axis, metres.
+    width : float
+        Standard deviation of the Gaussian across a stroke, metres.
+
+    Returns
+    -------
+    Drawing
+        The shape, which `Target` puts on a plane.
+    """
     height, iris, pupil = 0.5, 0.38, 0.1
     # Circles through both corners and the height of a lid.
     curvature = (1 + height**2) / (2 * height)

@@ -13,11 +13,32 @@ from optics.validation import require_positive
 def dispersed_positions(
     wavelengths: Sequence[float], reference: float, rate: float, direction: float = 0.0
 ) -> list[Position]:
-    """Where a prism sends each wavelength; all of them together are a row of dots.
+    """Positions to which a prism sends each wavelength; together they form a row of dots.
 
-    wavelengths: metres; light of the reference wavelength stays on the axis. rate: metres on the
-    sensor per metre of wavelength, 1000 for a micrometre a nanometre. direction: radians from x
-    towards y, in which longer waves go.
+    Parameters
+    ----------
+    wavelengths : sequence of float
+        Metres, one or more.
+    reference : float
+        Wavelength in metres that stays on the axis.
+    rate : float
+        Metres on the sensor per metre of wavelength: 1000 for a micrometre per nanometre.
+    direction : float, default 0.0
+        Angle in radians from x towards y, in which longer waves go.
+
+    Returns
+    -------
+    list of tuple of float
+        (y, x) of each wavelength in metres.
+
+    Raises
+    ------
+    ValueError
+        If there is no wavelength, one isn't positive, or the rate or the direction isn't finite.
+
+    References
+    ----------
+    Thesis Figs. 4.2 and 4.11.
     """
     if not wavelengths:
         raise ValueError("wavelengths is empty; give one at least")
@@ -37,9 +58,25 @@ def linear_dispersion(
     width: float,
     direction: float = 0.0,
 ) -> Drawings:
-    """The dot of every wavelength, (wavelengths, rows, columns), each with sum one.
+    """Dot of every wavelength behind a prism, (wavelengths, rows, columns), each with a sum of 1.
 
-    width: standard deviation of a dot, metres. The rest: see dispersed_positions().
+    Parameters
+    ----------
+    wavelengths : sequence of float
+        Metres, one or more.
+    reference : float
+        Wavelength in metres that stays on the axis.
+    rate : float
+        Metres on the sensor per metre of wavelength.
+    width : float
+        Standard deviation of a dot, metres.
+    direction : float, default 0.0
+        Angle in radians from x towards y, in which longer waves go.
+
+    Returns
+    -------
+    Drawings
+        One picture per wavelength, which `Target` puts on a plane.
     """
     places = dispersed_positions(wavelengths, reference, rate, direction)
     return Drawings([dots.draw([place], width) for place in places])

@@ -19,10 +19,27 @@ Position = tuple[float, float]
 def dots(
     positions: Sequence[Position], width: float, weights: Sequence[float] | None = None
 ) -> Drawing:
-    """Gaussian dots at positions; those that overlap add up.
+    """Gaussian dots at given positions; those that overlap add up.
 
-    width: standard deviation of a dot, metres. weights: how much light each gets, in any scale;
-    None for the same. Raises ValueError without dots, or for weights that aren't positive.
+    Parameters
+    ----------
+    positions : sequence of tuple of float
+        (y, x) of each dot in metres, one or more.
+    width : float
+        Standard deviation of a dot, metres.
+    weights : sequence of float, optional
+        Light of each dot, positive, on any scale; all the same if None.
+
+    Returns
+    -------
+    Drawing
+        The shape, which `Target` puts on a plane.
+
+    Raises
+    ------
+    ValueError
+        If there is no dot, a position isn't a finite pair, or weights aren't positive or not as
+        many.
     """
     require_positive("width", width, "m")
     weights = [1.0] * len(positions) if weights is None else weights
@@ -53,7 +70,27 @@ def dots(
 
 
 def ring_positions(count: int, radius: float, start: float = 0.0) -> list[Position]:
-    """Positions equally spaced on a circle; start: angle of the first, radians."""
+    """Positions equally spaced on a circle.
+
+    Parameters
+    ----------
+    count : int
+        Number of positions, 1 or more.
+    radius : float
+        Radius of the circle, metres.
+    start : float, default 0.0
+        Angle of the first position in radians, from x towards y.
+
+    Returns
+    -------
+    list of tuple of float
+        (y, x) of each position in metres.
+
+    Raises
+    ------
+    ValueError
+        If the count is below 1, or the radius isn't positive.
+    """
     if count < 1:
         raise ValueError(f"count is {count}; give one dot at least")
     require_positive("radius", radius, "m")
@@ -62,7 +99,25 @@ def ring_positions(count: int, radius: float, start: float = 0.0) -> list[Positi
 
 
 def grid_positions(shape: tuple[int, int], spacing: float) -> list[Position]:
-    """Positions in (rows, columns) around the axis, `spacing` metres apart."""
+    """Positions on a rectangular grid around the axis.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (rows, columns), each 1 or more.
+    spacing : float
+        Distance between neighbours, metres.
+
+    Returns
+    -------
+    list of tuple of float
+        (y, x) of each position in metres, row by row.
+
+    Raises
+    ------
+    ValueError
+        If there is no row or column, or the spacing isn't positive.
+    """
     if min(shape) < 1:
         raise ValueError(f"shape is {shape}; give one row and one column at least")
     require_positive("spacing", spacing, "m")

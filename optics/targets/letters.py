@@ -12,10 +12,26 @@ from optics.validation import require_positive
 
 @Target
 def letters(text: str, height: float, width: float) -> Drawing:
-    """A line of text around the axis: letters, digits and blanks.
+    """Line of text around the axis: letters, digits and blanks.
 
-    height: of capitals, metres. width: of a stroke's Gaussian. Raises ValueError for text
-    without a sign, or with one that isn't in the font.
+    Parameters
+    ----------
+    text : str
+        Signs of the font; small letters become capitals.
+    height : float
+        Height of a capital, metres.
+    width : float
+        Standard deviation of the Gaussian across a stroke, metres.
+
+    Returns
+    -------
+    Drawing
+        The shape, which `Target` puts on a plane.
+
+    Raises
+    ------
+    ValueError
+        If the text has no sign, or one that isn't in the font.
     """
     require_positive("height", height, "m")
     strokes = [stroke * (height / HEIGHT) for stroke in strokes_of(text)]

@@ -12,11 +12,27 @@ from optics.validation import accepts_numpy, as_floating_point, require_finite, 
 @Target
 @accepts_numpy
 def logo(picture: torch.Tensor, size: float, invert: bool = False) -> Drawing:
-    """A picture whose longer side is `size` metres, around the axis.
+    """Picture around the axis, each sample with the picture's mean over its area.
 
-    picture: (rows, columns), nowhere negative; bright is light, or dark is with `invert`. Samples
-    get the picture's mean over their area. Raises ValueError for a picture without light, or one
-    that is smaller than a sample.
+    Parameters
+    ----------
+    picture : torch.Tensor or numpy.ndarray, (rows, columns)
+        Brightness, nowhere negative.
+    size : float
+        Length of the longer side, metres.
+    invert : bool, default False
+        Whether dark is light; otherwise bright is.
+
+    Returns
+    -------
+    Drawing
+        The shape, which `Target` puts on a plane.
+
+    Raises
+    ------
+    ValueError
+        If the picture has no light, is negative or not finite somewhere, or is smaller than a
+        sample when it is put on a plane.
     """
     require_positive("size", size, "m")
     if picture.ndim != 2 or not picture.numel():

@@ -15,10 +15,36 @@ def shrinking_spiral(
     turns: float = 3.0,
     hole: float = 0.36,
 ) -> Drawings:
-    """A spiral that shrinks evenly, (moments, rows, columns), each with sum one (Fig. 3.4).
+    """Spiral that shrinks evenly with time, (moments, rows, columns), each with a sum of 1.
 
-    radius: metres, at the first moment. smallest: share of it that is left at the last, above 0
-    and up to 1. width, turns, hole: of every spiral.
+    Parameters
+    ----------
+    radius : float
+        Radius at the first moment, metres.
+    width : float
+        Standard deviation of the Gaussian across a stroke, metres.
+    moments : int
+        Number of pictures, 2 or more.
+    smallest : float, default 0.4
+        Share of the radius that is left at the last moment, above 0 and up to 1.
+    turns : float, default 3.0
+        Number of turns of every spiral.
+    hole : float, default 0.36
+        Share of each spiral's radius around the axis that is left out.
+
+    Returns
+    -------
+    Drawings
+        One picture per moment, which `Target` puts on a plane.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than 2 moments, or a size is outside its range.
+
+    References
+    ----------
+    Thesis Fig. 3.4.
     """
     if moments < 2:
         raise ValueError(f"moments is {moments}; what changes with time has two at least")

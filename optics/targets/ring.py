@@ -12,9 +12,24 @@ from optics.targets.target import Drawing, Target, format_micrometres
 
 @Target
 def ring(radius: float, width: float) -> Drawing:
-    """A ring of a radius, with a Gaussian profile whose standard deviation is `width`.
+    """Ring with a Gaussian profile; a radius of zero makes a spot.
 
-    A radius of zero makes a spot. Raises ValueError for sizes that aren't positive.
+    Parameters
+    ----------
+    radius : float
+        Radius of the brightest circle, metres, 0 or more.
+    width : float
+        Standard deviation of the profile, metres.
+
+    Returns
+    -------
+    Drawing
+        The shape, which `Target` puts on a plane.
+
+    Raises
+    ------
+    ValueError
+        If the radius is negative, the width isn't positive, or one of them isn't finite.
     """
     if not (0 <= radius < math.inf and 0 < width < math.inf):
         raise ValueError(f"radius {radius:g} m and width {width:g} m must be positive")

@@ -98,9 +98,22 @@ D = TypeVar("D", bound=Renderable)
 
 
 class Target(Generic[P, D]):
-    """A shape as a function of a plane and its sizes, which knows how far it reaches.
+    """A PSF shape as a function of a plane and its sizes, which knows how far it reaches.
 
-    draw: makes the drawing from the sizes, or raises ValueError.
+    Call it with a Plane and the sizes to get the intensity, or call `reach` with the sizes alone.
+
+    Parameters
+    ----------
+    draw : callable
+        Makes the drawing from the sizes, or raises ValueError.
+
+    Examples
+    --------
+    >>> from optics.plane import Plane
+    >>> from optics.targets import ring
+    >>> light = ring(Plane((64, 64), (1e-6, 1e-6)), radius=10e-6, width=2e-6)
+    >>> round(float(light.sum()), 6)
+    1.0
     """
 
     def __init__(self, draw: Callable[P, D]) -> None:
@@ -108,15 +121,30 @@ class Target(Generic[P, D]):
         functools.update_wrapper(self, draw)
 
     def __call__(self, plane: Plane, /, *args: P.args, **kwargs: P.kwargs) -> torch.Tensor:
-        """Intensity on a plane, float64, sum one.
+        """Intensity of the shape on a plane, float64, with a sum of 1.
 
-        Raises ValueError for sizes that can't be, a shape that doesn't fit, or one that falls
-        between the plane's samples.
+        Parameters
+        ----------
+        plane : Plane
+            Samples on the sensor.
+        *args, **kwargs : object
+            Sizes, as the shape's `draw` takes them.
+
+        Returns
+        -------
+        torch.Tensor, (rows, columns), float64
+            Intensity; (n, rows, columns) for shapes of several pictures, each with a sum of 1.
+
+        Raises
+        ------
+        ValueError
+            If the sizes aren't possible, or the shape doesn't fit on the plane or falls between its
+            samples.
         """
         return self.draw(*args, **kwargs).render(plane)
 
     def reach(self, *args: P.args, **kwargs: P.kwargs) -> float:
-        """Metres from the axis, along y or x, within which the light of these sizes is."""
+        """Metres from the axis, along y or x, within which the light of these sizes lies."""
         return self.draw(*args, **kwargs).reach
 
 

@@ -40,13 +40,20 @@ def faces() -> Iterator[str]:
 
 
 WITHOUT_NUMPY_STYLE = set(faces()) - {
-    "optics.psf",
-    "optics.propagation",
     "optics.accuracy",
-    "optics.operators",
     "optics.chain",
+    "optics.deconvolution",
+    "optics.deconvolution.blind",
+    "optics.demosaicing",
     "optics.fourier",
+    "optics.light",
+    "optics.operators",
+    "optics.propagation",
+    "optics.psf",
+    "optics.retrieval",
+    "optics.sensor",
     "optics.slm",
+    "optics.targets",
 }
 """Packages whose docstrings aren't in that style yet."""
 

@@ -56,8 +56,34 @@ def blind_deconvolution(
     clipped: torch.Tensor | None = None,
     progress: Progress | None = None,
 ) -> BlindRestoration:
-    """A photograph's unknown blur and the photograph with it undone: find_kernel(), and then
-    total_variation() with the weight by the evidence. Arguments and errors are theirs."""
+    """Restore a photograph whose blur is unknown.
+
+    The kernel comes from `find_kernel`, and the picture from total_variation() with the weight by
+    the evidence.
+
+    Parameters
+    ----------
+    image : torch.Tensor or numpy.ndarray, (rows, columns)
+        The photograph, light per pixel on any scale.
+    size : int
+        Largest side of the kernel in pixels, 3 or more.
+    noise : float, optional
+        Standard deviation of a pixel. Estimated if None.
+    clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
+        True where the well was full.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    BlindRestoration
+        The kernel and the restored picture.
+
+    Raises
+    ------
+    ValueError
+        If `find_kernel` refuses what is given.
+    """
     progress = progress or Progress()
     kernel = find_kernel(image, size, noise=noise, clipped=clipped, progress=progress.part(0, 0.95))
     seen = build_observation(image, kernel.psf, noise, clipped=clipped)
@@ -72,21 +98,44 @@ def find_kernel(
     clipped: torch.Tensor | None = None,
     progress: Progress | None = None,
 ) -> KernelEstimate:
-    """The blur, the same everywhere, that a photograph has (thesis Fig. 2.9 f, g).
+    """Estimate the blur of a photograph, the same everywhere, from the photograph alone.
 
-    image: (rows, columns), light per pixel on any scale, an array of any kind. size: pixels that
-    the kernel has at most, each way; a little more than it has is best. noise: standard deviation
-    of a pixel, estimated if None. clipped: (rows, columns), True where the well was full; nothing
-    is read off there. The scene goes on beyond the frame, unknown. Samples come
-    from a fixed seed: the same photograph gives the same kernel.
+    Edges that stay when a picture may have only few give a first kernel, from coarse to fine (Cho
+    and Lee; Xu, Zheng and Jia). Then the kernel alone is estimated, over all the pictures that
+    natural statistics allow (Fergus et al.; Levin et al.), which are sampled: see
+    LatentImageSampler. It is done from two starts, whose difference tells whether either can be
+    trusted. The scene goes on beyond the frame, unknown. Samples come from a fixed seed: the same
+    photograph gives the same kernel.
 
-    Edges that stay when a picture may have only few tell a first kernel from coarse to fine (Cho
-    and Lee 2009, doi 10.1145/1618452.1618491; Xu, Zheng and Jia 2013). Then the kernel alone is
-    estimated, over all the pictures that natural statistics allow (Fergus et al. 2006, doi
-    10.1145/1141911.1141956; Levin et al. 2011, doi 10.1109/CVPR.2011.5995308), which are sampled:
-    see LatentImageSampler. It is done from two starts, whose difference tells whether either can be
-    trusted. Raises ValueError for photographs without structure, smaller than three kernels, or not
-    finite.
+    Parameters
+    ----------
+    image : torch.Tensor or numpy.ndarray, (rows, columns)
+        The photograph, light per pixel on any scale; each side at least 3 times `size`.
+    size : int
+        Largest side of the kernel in pixels, 3 or more. A little more than the blur has is best.
+    noise : float, optional
+        Standard deviation of a pixel. Estimated if None.
+    clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
+        True where the well was full; nothing is read off there. At most half of the pixels.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    KernelEstimate
+        The kernel with its standard deviation and score.
+
+    Raises
+    ------
+    ValueError
+        If the photograph has no structure, is smaller than three kernels, isn't finite or is mostly
+        clipped, or another argument is outside its range.
+
+    References
+    ----------
+    Thesis Fig. 2.9 f, g; Cho and Lee 2009, doi 10.1145/1618452.1618491; Xu, Zheng and Jia 2013;
+    Fergus et al. 2006, doi 10.1145/1141911.1141956; Levin et al. 2011, doi
+    10.1109/CVPR.2011.5995308.
     """
     psf, deviation, level, score = _find_kernel(image, size, noise, clipped, progress or Progress())
     return KernelEstimate(psf, deviation, level, score)

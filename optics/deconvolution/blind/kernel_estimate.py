@@ -14,14 +14,20 @@ GOOD, FAIR = 0.9, 0.7
 
 @dataclass(frozen=True, eq=False)
 class KernelEstimate:
-    """An estimated blur.
+    """An estimated blur kernel, and how surely it is known.
 
-    psf: (size, size), origin n // 2, nowhere negative, with a sum of 1; its centroid is as near to
-    the origin as `size` allows, for where the scene lay before the blur nobody can tell. deviation:
-    (size, size), standard deviation of each of its pixels, from how parts of the photograph
-    agree, and searches from two starts; an error that all share isn't in it. noise: standard
-    deviation of a photograph's pixel. score: 0 to 1, the share of the kernel's energy that isn't
-    its expected error.
+    Parameters
+    ----------
+    psf : torch.Tensor, (size, size)
+        Kernel with its origin at n // 2, nowhere negative, with a sum of 1. Its centroid is as near
+        to the origin as `size` allows, since where the scene lay before the blur can't be known.
+    deviation : torch.Tensor, (size, size)
+        Standard deviation of each pixel of the kernel, from how well parts of the photograph and
+        searches from two starts agree. An error that all of them share isn't in it.
+    noise : float
+        Standard deviation of a pixel of the photograph.
+    score : float
+        Share of the kernel's energy that isn't its expected error, 0 to 1.
     """
 
     psf: torch.Tensor
@@ -31,7 +37,7 @@ class KernelEstimate:
 
     @property
     def verdict(self) -> str:
-        """In words."""
+        """Judgement of the score in words: good from 0.9, fair from 0.7, poor below."""
         if self.score >= GOOD:
             return "good: parts of the photograph and searches from two starts agree"
         if self.score >= FAIR:
@@ -44,7 +50,15 @@ class KernelEstimate:
 
 @dataclass(frozen=True, eq=False)
 class BlindRestoration:
-    """kernel: as found. restored_image: the photograph with it undone."""
+    """An estimated blur kernel, and the photograph restored with it.
+
+    Parameters
+    ----------
+    kernel : KernelEstimate
+        The blur as it was found.
+    restored_image : RestoredImage
+        The photograph with that blur undone.
+    """
 
     kernel: KernelEstimate
     restored_image: RestoredImage
