@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import logging
 import math
@@ -34,7 +33,7 @@ from labapp.bench.calibration_validity import (
     wavelength_warnings,
 )
 from labapp.bench.locking import lock_devices
-from labapp.common.errors import UserError
+from labapp.common.errors import UserError, suggest_spelling
 from labapp.common.memory import give_back_freed_memory
 from labapp.files.bench_file import BenchFile, DeviceTable, read_bench
 from labapp.files.fault_file import read_faults
@@ -348,7 +347,7 @@ def device_maker(
     if entry is None:
         raise UserError(
             f"{source}: key 'devices.{name}.driver' is {table.driver!r}, which is unknown. "
-            f"{_suggest_spelling(table.driver, installed)}"
+            f"{suggest_spelling(table.driver, installed)}"
             f"Choose one of {', '.join(sorted(installed))}."
         )
     where = f"{source}: key 'devices.{name}"
@@ -369,16 +368,10 @@ def device_maker(
         unknown = [option for option in table.options if option not in known]
         said = f"has {unknown[0]!r}, which is unknown" if unknown else f"is wrong: {error}"
         raise UserError(
-            f"{where}.options' {said}. {_suggest_spelling(unknown[0], known) if unknown else ''}"
+            f"{where}.options' {said}. {suggest_spelling(unknown[0], known) if unknown else ''}"
             f"{table.driver} takes {', '.join(known) or 'no options'}."
         ) from error
     return _with_user_errors(where, table, lambda: factory(surroundings, **table.options))
-
-
-def _suggest_spelling(word: str, known: Iterable[str]) -> str:
-    """A question, where a word looks like one that is known."""
-    near = difflib.get_close_matches(word, list(known), 1)
-    return f"Did you mean {near[0]!r}? " if near else ""
 
 
 def _hosted_device_maker(

@@ -6,12 +6,11 @@ is the topic's line in lists. A page is added by adding its file. Nothing heavy 
 
 from __future__ import annotations
 
-import difflib
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from labapp.common.errors import UserError
+from labapp.common.errors import UserError, suggest_spelling
 
 PAGES = Path(__file__).parents[1] / "docs"
 
@@ -55,9 +54,8 @@ def find_topic(name: str) -> Topic:
     topics = {one.name: one for one in list_topics()}
     if wanted in topics:
         return topics[wanted]
-    near = [one for one in topics if wanted and wanted in one.split("-")]
-    near += difflib.get_close_matches(wanted, topics, 1, 0.5)
-    question = f"Did you mean {near[0]!r}? " if near else ""
+    having = [one for one in topics if wanted and wanted in one.split("-")]
+    question = suggest_spelling(wanted, having or topics, 0.0 if having else 0.5)
     raise UserError(
         f"help topic {name!r} is not known. {question}labapp help lists the topics, and "
         "labapp --help the commands."
