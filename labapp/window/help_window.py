@@ -27,10 +27,9 @@ from labapp.common.guide import PAGES, list_topics
 from labapp.window import theme
 from labapp.window.widgets import fill_layout
 
-_SIZE = QSize(1060, 760)
-_LIST_WIDTH = 240
+_SIZE = QSize(1160, 760)
 _MARGIN = 18
-"""Pixels, around a page and before code."""
+"""Pixels, around a page, before code and beside titles."""
 
 
 class PageView(QTextBrowser):
@@ -76,7 +75,6 @@ class HelpWindow(QDialog):
         super().__init__(parent)
         self.setWindowTitle("labapp: guide")
         self.topics = QListWidget(self)
-        self.topics.setFixedWidth(_LIST_WIDTH)
         self.page = PageView(self)
         row = QHBoxLayout(self)
         fill_layout(row, self.topics, (self.page, 1), margins=(8, 8, 8, 8), spacing=8)
@@ -84,6 +82,8 @@ class HelpWindow(QDialog):
         for one in self._pages:
             item = QListWidgetItem(one.title, self.topics)
             item.setToolTip(one.summary)
+        # As wide as the longest title.
+        self.topics.setFixedWidth(self.topics.sizeHintForColumn(0) + _MARGIN)
         self.topics.currentRowChanged.connect(self._show_row)
         self.page.anchorClicked.connect(self._follow)
         self.resize(_SIZE)
