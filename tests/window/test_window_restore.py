@@ -11,10 +11,22 @@ from labapp.window.reconstruction_view import METHODS
 from optics.deconvolution.method_names import RESTORATIONS
 
 
-def drags(qtbot, picture, start, end):
-    """The left button down at one place of a picture, and up at another."""
+def drags_divider(qtbot, person, picture, row, column):
+    """The left button down on the divider, once it shows that it's under the mouse, and up."""
     port = picture._view.viewport()
-    qtbot.mouseMove(port, start)
+
+    def on_divider():
+        # Asked anew each time: the picture moves as the layout around it settles.
+        place = picture.pixel_position(row, round(picture.divider.value())).toPoint()
+        qtbot.mouseMove(port, place + QPoint(40, 0))
+        qtbot.wait(30)  # Moves that follow within 10 ms are dropped by pyqtgraph.
+        qtbot.mouseMove(port, place)
+        qtbot.wait(30)
+        return picture.divider.mouseHovering
+
+    person.waits(on_divider)
+    start = picture.pixel_position(row, round(picture.divider.value())).toPoint()
+    end = picture.pixel_position(row, column).toPoint()
     qtbot.mousePress(port, Qt.MouseButton.LeftButton, pos=start)
     for share in (0.25, 0.5, 0.75, 1.0):
         qtbot.mouseMove(port, start + (end - start) * share)
@@ -59,9 +71,7 @@ def test_a_photograph_is_restored_compared_and_saved(bench, person, qtbot, monke
     rows, columns = result.before.shape
     picture.fit()
     person.waits(lambda: person.looks_at(picture).std() > 5)
-    middle = picture.pixel_position(rows // 2, columns // 2).toPoint()
-    right = picture.pixel_position(rows // 2, 3 * columns // 4).toPoint()
-    drags(qtbot, picture, middle, right)
+    drags_divider(qtbot, person, picture, rows // 2, 3 * columns // 4)
     person.waits(lambda: abs(picture.divider.value() - 0.75 * columns) < 0.05 * columns)
     beside = picture.pixel_position(rows // 2, int(0.9 * columns)).toPoint()
     within = picture.pixel_position(rows // 2, int(0.3 * columns)).toPoint()
