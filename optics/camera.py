@@ -1,4 +1,4 @@
-"""The description of a programmable camera: panel, lens and stop, sensor."""
+"""Describe a programmable camera: its panel (SLM), its lens with the stop, its sensor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from optics.zernike import require_zernike_indices
 
 @dataclass(frozen=True)
 class Lens:
-    """Describes a lens with its stop.
+    """Describe a lens with its stop.
 
     Lengths and aberrations may be 0-d tensors: a PSF is differentiable in them.
 
@@ -78,12 +78,15 @@ class Lens:
 
     @property
     def stop_diameter(self) -> float:
-        """The diameter of the stop in metres."""
+        """The diameter of the lens stop in metres."""
         return self.focal_length / self.f_number
 
     @property
     def image_distance(self) -> float:
-        """Metres from the lens to the sensor, by the thin-lens equation at `focus_distance`."""
+        """The distance from the lens to the sensor in metres.
+
+        It follows from the thin-lens equation at `focus_distance`.
+        """
         return 1 / (1 / self.focal_length - 1 / self.focus_distance)
 
     @property
@@ -97,18 +100,18 @@ class Lens:
 
     @property
     def has_quadratic_phase(self) -> bool:
-        """Whether the lens' wave is the parabola of defocus and nothing else."""
+        """Whether the lens' phase is quadratic: a thin lens without aberrations."""
         return self.kind == "thin" and not self.aberrations
 
     @property
     def has_clear_stop(self) -> bool:
-        """Whether the stop is a whole circle."""
+        """Whether the lens stop is an unobstructed circle."""
         return self.stop == Stop(Circle())
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Describes a programmable camera: a panel in front of a lens in front of a sensor.
+    """Describe a programmable camera: a panel in front of a lens in front of a sensor.
 
     Parameters
     ----------
@@ -155,9 +158,9 @@ class Camera:
 
     @property
     def ray_matrix_b(self) -> float:
-        """Metres by which light moves on the sensor for a unit slope at the panel.
+        """The shift of light on the sensor in metres for a unit slope at the panel.
 
-        It is the element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis Fig.
+        This is the element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis Fig.
         5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). It is the image
         distance where the panel stands at the lens, and not positive where the panel stands in the
         plane in focus or beyond it.
@@ -166,10 +169,10 @@ class Camera:
         return lens.image_distance * (1 - self.separation / lens.focus_distance)
 
     def magnification(self, distance: float) -> float:
-        """Compute the metres on the sensor for a metre across the axis at an object.
+        """Compute the magnification of an object, metres on the sensor per metre at the object.
 
         The object is `distance` metres from the panel; for ``math.inf`` the magnification is 0. It
-        is the magnification of the chief ray, through the middle of the lens. The image is
-        inverted; the number is positive.
+        is the magnification along the chief ray, through the middle of the lens. The image is
+        inverted, but the number is positive.
         """
         return self.lens.image_distance / (distance + self.separation)
