@@ -160,7 +160,7 @@ class Camera:
     def ray_matrix_b(self) -> float:
         """The shift of light on the sensor in metres for a unit slope at the panel.
 
-        This is the element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis Fig.
+        It is the element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis Fig.
         5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). It is the image
         distance where the panel stands at the lens, and not positive where the panel stands in the
         plane in focus or beyond it.
@@ -169,7 +169,7 @@ class Camera:
         return lens.image_distance * (1 - self.separation / lens.focus_distance)
 
     def magnification(self, distance: float) -> float:
-        """Compute the magnification of an object, metres on the sensor per metre at the object.
+        """Compute the camera's magnification, metres on the sensor per metre at an object.
 
         The object is `distance` metres from the panel; for ``math.inf`` the magnification is 0. It
         is the magnification along the chief ray, through the middle of the lens. The image is
