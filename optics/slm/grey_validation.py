@@ -1,4 +1,4 @@
-"""What a panel can show."""
+"""Check that a pattern of grey levels can be displayed on a panel."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from optics.slm.panel import Panel
 
 
 def require_grey(panel: Panel, grey: np.ndarray) -> None:
-    """Require that an array is a picture that a panel can display.
+    """Raise an error unless a panel can display an array of grey levels.
 
     Parameters
     ----------

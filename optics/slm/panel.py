@@ -1,4 +1,4 @@
-"""The modulator as data: its pixels, its range, and what it does besides."""
+"""Describe a panel (SLM) as data: its pixels, its phase range, and its imperfections."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from optics.validation import require_positive, require_share
 
 @dataclass(frozen=True)
 class Panel:
-    """Describes a phase-only liquid-crystal modulator.
+    """Describe a panel, a phase-only liquid-crystal modulator.
 
     The defaults are the thesis' Tables 2.1 and 2.2, for HOLOEYE's PLUTO-VIS-006-A. The effects from
-    `response` on are off by default, and cost nothing then.
+    `response` on are off by default, and then cost no time.
 
     Parameters
     ----------
@@ -33,11 +33,11 @@ class Panel:
     unmodulated : float, optional
         Share of the light that leaves the panel unmodulated.
     reflectivity : float, optional
-        Share of the light that leaves the panel at all.
+        Share of the incident light that leaves the panel.
     settling : float, optional
         Seconds from a new frame to a phase that is settled.
     frame_rate : float, optional
-        Hz, at which videos are shown.
+        Rate in Hz at which videos are shown.
     response : PhaseResponse, optional
         From grey levels to shares of the highest phase; linear by default.
     response_time : float, optional
@@ -126,7 +126,7 @@ class Panel:
                 )
 
     def _require_consistent_effects(self) -> None:
-        """What the effects' data must have to do with each other."""
+        """Raise ValueError for values of the panel's effects that contradict each other."""
         if self.coupling > self.pitch:
             raise ValueError(
                 f"coupling is {self.coupling:g} m; fringing fields reach over a pixel's pitch, "
