@@ -71,7 +71,7 @@ class SourcePolarisation:
 
     @property
     def incoherent_components(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """The two incoherent waves of the light: shares of the power and Jones vectors."""
+        """The two incoherent waves of the object's light: shares of the power and Jones vectors."""
         degree = _as_float64(self.degree)
         across = _as_float64(self.angle) + math.pi / 2
         return [

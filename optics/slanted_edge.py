@@ -79,7 +79,7 @@ def _fit_edge_line(values: Array) -> tuple[float, float]:
     rows = np.arange(len(values))
     weights = np.ones_like(derivative)
     offset = slope = 0.0
-    half_width = 6.0  # Pixels on either side of the edge that count after the first pass.
+    half_width = 6.0  # After the first pass, 6 pixels on either side count.
     for _ in range(3):
         strength = (derivative * weights).sum(1)
         if (strength == 0).any() or (np.sign(strength) != np.sign(strength[0])).any():
@@ -138,7 +138,7 @@ def _mtf_from_edge_spread(edge: Array, oversampling: int) -> tuple[Array, Array]
 
 def _tukey_window(count: int) -> Array:
     """Return Tukey's window, flat with cosine tapers, for the line spread function."""
-    taper = 0.3  # Share of the window in the tapers.
+    taper = 0.3  # The tapers take this share of the window.
     place = np.abs(np.arange(count) - (count - 1) / 2) / (count / 2)
     fall = np.clip((place - (1 - taper)) / taper, 0, 1)
     return 0.5 * (1 + np.cos(np.pi * fall))

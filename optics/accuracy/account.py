@@ -75,7 +75,7 @@ class Account:
 
     @property
     def error(self) -> float:
-        """The predicted relative L2 error from sampling and arithmetic."""
+        """The account's predicted relative L2 error from sampling and arithmetic."""
         return self.sampling_error.value + self.arithmetic.value
 
     def with_cpu_spent(self, cpu_seconds: float) -> Account:

@@ -35,14 +35,14 @@ class CandidateMethod(ABC):
     @property
     @abstractmethod
     def bytes(self) -> int:
-        """The size of the largest arrays in bytes."""
+        """The size of the candidate method's largest arrays in bytes."""
 
     @abstractmethod
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
+        """Predict the method's processor time per call, in seconds, on a machine of a given speed."""
 
     def prepare(self) -> None:  # noqa: B027 (many methods prepare nothing)
-        """Prepare the method: compute what is reused between calls.
+        """Prepare the candidate method: compute what is reused between calls.
 
         Raises
         ------
@@ -149,7 +149,7 @@ class MethodChoice(Generic[O]):
         return self._seconds_of(self.candidates[0]) if self.candidates else math.inf
 
     def prepared_candidates(self) -> Iterator[O]:
-        """Yield the candidates that keep their tolerance, the cheapest first.
+        """Yield the candidate methods that keep their tolerance, the cheapest first.
 
         Each is prepared only when the iteration reaches it.
         """
@@ -162,7 +162,7 @@ class MethodChoice(Generic[O]):
             yield offer
 
     def refusal(self, tol: float) -> ValueError:
-        """Return the error that says why no candidate keeps a tolerance.
+        """Return the error that says why no candidate method keeps a tolerance.
 
         Its message names the tolerance that could be kept, or what the candidates need.
         """
@@ -246,7 +246,7 @@ def best_within(budget: float, settings: Sequence[IterationOption]) -> Iteration
     ValueError
         If none is quick enough; the message names the quickest and its time.
     """
-    # Times that differ by less than a share of 1e-9 are the same.
+    # Predicted times whose relative difference is below 1e-9 count as the same.
     fitting = [one for one in settings if one.seconds <= budget * (1 + 1e-9)]
     if not fitting:
         quickest = min(settings, key=lambda one: one.seconds)

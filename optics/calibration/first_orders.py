@@ -72,7 +72,7 @@ def _windows(
     shape: tuple[int, ...],
     wavelength: float,
 ) -> list[tuple[slice, slice]]:
-    """Return windows around the two first orders, as far as they lie wholly on the sensor."""
+    """Return pixel windows around those of the two first orders that lie wholly on the sensor."""
     stretch = wavelength / registration.wavelength
     line = stretch * np.hypot(*(registration.matrix / np.array(region_shape)).T)
     # A spot extends over three line widths of its region's grating, and at least two more pixels

@@ -85,7 +85,7 @@ def region_vectors(
     tried = [
         (1 / period, apart)
         for some in (_PREFERRED_PERIODS, _FALLBACK_PERIODS)
-        for apart in (8, 6)  # Line widths between spots; 8 are preferred, 6 are enough.
+        for apart in (8, 6)  # 8 line widths between spots are preferred, 6 are enough.
         for period in some
     ]
     for length, apart in tried:

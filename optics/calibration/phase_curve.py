@@ -77,7 +77,7 @@ class PhaseCurve:
 
     @property
     def _prior_sigmas(self) -> dict[int, float]:
-        """The prior standard deviations of the parameters that have one."""
+        """The prior standard deviations of a phase curve's parameters, by index."""
         return {
             BLUR2: SETTINGS.usual_blur2,
             RIPPLE2: SETTINGS.usual_ripple2,
@@ -116,7 +116,7 @@ class PhaseCurve:
         return self.sweep.law(steps, p[BLUR2], p[RIPPLE2]) + p[GHOST] * np.sin(steps)
 
     def residuals(self, parameters: Array) -> Array:
-        """Compute the fit's residuals in standard deviations, (n + 3,).
+        """Compute the phase curve's residuals in standard deviations, (n + 3,).
 
         The last three are those of the priors.
         """
@@ -125,7 +125,7 @@ class PhaseCurve:
         return np.concatenate([misfit, known])
 
     def jacobian(self, parameters: Array) -> Array:
-        """Compute the derivatives of the residuals, (n + 3, parameters)."""
+        """Compute the derivatives of the phase curve's residuals, (n + 3, parameters)."""
         p, law, dr = parameters, self.sweep.law, SETTINGS.difference_step
         steps = self.basis @ p[FIRST_INCREMENT:]
         share = law(steps, p[BLUR2], p[RIPPLE2])
@@ -156,7 +156,7 @@ class PhaseCurve:
         return n * math.log(max(self.cost, 1e-3 * n) / n) + len(self.parameters) * math.log(n)
 
     def covariance(self, inliers: NDArray[np.bool_]) -> Array:
-        """Compute the covariance of the fit's parameters from the inlier frames, (p, p).
+        """Compute the covariance of the curve's parameters from the inlier frames, (p, p).
 
         A parameter on a bound counts as free, so that the covariance isn't too small.
         """
@@ -165,14 +165,14 @@ class PhaseCurve:
         return np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
 
     def with_fitted_swing(self) -> PhaseCurve:
-        """Return the curve with the best-fitting swing and offset, which are linear."""
+        """Return the phase curve with the best-fitting swing and offset, which are linear."""
         share = self._relative_light(self.parameters)
         design = np.column_stack([share, np.ones_like(share)]) / self.sweep.noise[:, None]
         lamp, *_ = np.linalg.lstsq(design, self.sweep.light / self.sweep.noise, rcond=None)
         return replace(self, parameters=np.concatenate([lamp, self.parameters[2:]]))
 
     def fit(self) -> PhaseCurve:
-        """Fit the curve to the sweep by least squares within bounds, from its own parameters."""
+        """Fit the phase curve to the sweep by least squares within bounds, from its own parameters."""
         lower = np.zeros_like(self.parameters)
         upper = np.full_like(self.parameters, np.inf)
         ghost = SETTINGS.most_ghost

@@ -78,7 +78,7 @@ class Registration:
         return away @ np.linalg.inv(self.matrix).T
 
     def uncertainty(self, vectors: Array) -> Array:
-        """Compute the standard deviation of the positions of grating vectors, in pixels, (...).
+        """Compute the registration's standard deviation at grating vectors, in pixels, (...).
 
         It holds along either axis.
         """
@@ -148,7 +148,7 @@ def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Regist
         wavelength,
         (float(solution[0, 0]), float(solution[0, 1])),
         solution[1:3].T.copy(),
-        # If the spots scatter more than by their noise, the covariance grows accordingly.
+        # If the spots scatter by more than their noise, the covariance is larger by as much.
         np.linalg.inv(weighted.T @ weighted)[:3, :3] * max(chi2, 1.0),
         (float(solution[3, 0]), float(solution[3, 1])),
         residuals,
@@ -174,7 +174,7 @@ def _find_steered_spots(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.boo
 
 
 def _find_consensus(design: Array, places: Array, sigma: Array) -> NDArray[np.bool_]:
-    """Find the largest set of spots that agree on one map through three of them."""
+    """Find the spots that agree with the best map through any three of them."""
     # A spot is an inlier within 5 standard deviations, or within half a pixel, because the lens
     # distorts.
     allowed = np.maximum(0.5, 5.0 * sigma)

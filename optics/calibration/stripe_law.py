@@ -59,7 +59,7 @@ class StripeLaw:
         # A part of 160 x 160 pixels represents the whole pattern.
         patch = upper[:160, :160].astype(np.float64)
         wave = _first_order_wave(patch.shape, vector)
-        spacing = 0.05  # Radians; the law is a spline between these steps.
+        spacing = 0.05  # The law is a spline between steps that are 0.05 radians apart.
         steps = np.arange(0, max_step + 2 * spacing, spacing)
         turned = np.exp(1j * np.outer(steps, np.linspace(0, 1, _HEIGHTS)))
         light = np.stack(

@@ -180,7 +180,7 @@ def fit_wavefront(
 
 
 class _WavefrontProblem:
-    """State the least-squares problem of a wavefront fit.
+    """Define the least-squares problem of a wavefront fit.
 
     The parameters are the polynomials' coefficients, in `parameter_unit` waves; the star's
     position (y, x), in `parameter_unit` pixels; and three numbers of the log amplitude on the
@@ -210,7 +210,7 @@ class _WavefrontProblem:
     def _split_parameters(
         self, parameters: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Split the fit's parameters into polynomials, the star's position, and the beam."""
+        """Split the wavefront fit's parameters into polynomials, the star's position, and the beam."""
         n = len(self._terms)
         return parameters[:n], parameters[n : n + 2], parameters[n + 2 :]
 
@@ -235,7 +235,7 @@ class _WavefrontProblem:
             return float(self.misfit(parameters))
 
     def chi2(self, parameters: torch.Tensor) -> float:
-        """Compute the mean squared misfit in standard deviations, per degree of freedom."""
+        """Compute the wavefront fit's mean squared misfit in standard deviations, per degree of freedom."""
         used = int((self._weight > 0).sum())
         return self.cost(parameters) / max(used - len(parameters) - 2 * len(self._light), 1)
 
@@ -273,7 +273,7 @@ class _WavefrontProblem:
                 columns.append((change / (2 * step) * self._weight.sqrt()).ravel())
         jacobian = torch.stack(columns, dim=1)
         chi2 = self.chi2(parameters)
-        # Model errors are correlated between neighbouring pixels, so that these count as fewer.
+        # Model errors are correlated between neighbouring pixels, which counts as fewer pixels.
         doubt = max(chi2, 1.0) * _correlation_area((seen - self._light) * self._weight.sqrt())
         covariance = torch.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * doubt
         n = len(self._terms)

@@ -47,7 +47,7 @@ def measure_zeroth_order(
             f"{len(steered_pictures)} steered pictures, {len(variance)} variances and "
             f"{len(expected)} expected shares; give one of each for every grating"
         )
-    reach = 6  # Pixels on each side of the centre.
+    reach = 6  # The window has 6 pixels on each side of the centre.
     part = tuple(slice(max(round(c) - reach, 0), round(c) + reach + 1) for c in centre)
     weight = np.where(usable[part], np.clip(neutral_picture[part], 0, None), 0.0)
     total = float((weight * neutral_picture[part]).sum())

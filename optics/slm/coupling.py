@@ -89,7 +89,7 @@ class _FringingFieldMean(torch.autograd.Function):
 
 
 def _filter_axis(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch.Tensor:
-    """Filter an array along an axis by weights of neighbouring pixels; the outermost continue."""
+    """Filter an array along an axis by weights of neighbours; edge pixels are continued."""
     reach, n = len(taps) // 2, values.shape[axis]
     margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
     wide = pad(values.reshape(-1, *values.shape[-2:]), margins, mode="replicate")

@@ -57,7 +57,7 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
 def phase_to_grey(
     panel: Panel, phase: torch.Tensor, wavelength: float, orders: int = 1
 ) -> torch.Tensor:
-    """Compute the grey levels by which light leaves the panel with a phase.
+    """Compute the grey levels with which the panel gives light a phase.
 
     The panel's flatness, where it is known, is subtracted first; a panel without one, as by
     ``replace(panel, flatness=None)``, shows the phase uncorrected. Each pixel gets the nearest

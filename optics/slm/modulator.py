@@ -196,7 +196,7 @@ class Modulator:
         dtype: torch.dtype | None = None,
         tol: float = TOL,
     ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Yield shares of time and fields while the crystal goes from one phase towards another.
+        """Yield shares of time and fields while the liquid crystal goes from one phase towards another.
 
         Parameters
         ----------
@@ -261,7 +261,7 @@ class Modulator:
 
     @cached_property
     def _illumination_amplitude(self) -> torch.Tensor | None:
-        """Amplitude of the illumination, float64, mean square 1; None if it is even."""
+        """The illumination's amplitude on the panel, float64, mean square 1; None if it is uniform."""
         if self.panel.illumination is None:
             return None
         light = self.panel.illumination.at_pixels(self.panel)

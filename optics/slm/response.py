@@ -116,12 +116,12 @@ class PhaseResponse:
 
     @property
     def levels(self) -> int:
-        """The number of grey levels."""
+        """The number of grey levels of the response."""
         return self.shares.shape[-1]
 
     @property
     def regions(self) -> tuple[int, int]:
-        """The numbers of rows and columns of regions."""
+        """The numbers of rows and columns of the panel's regions."""
         return self.shares.shape[1], self.shares.shape[2]
 
     def at(self, wavelength: float) -> torch.Tensor:

@@ -79,11 +79,12 @@ def strokes_of(text: str) -> list[Points]:
     strokes, left = list[Points](), 0.0
     for sign in text.upper():
         if sign == " ":
-            left += 2.4  # Width of a blank.
+            left += 2.4  # A blank is 2.4 units wide.
             continue
         made = _sign(sign)
         strokes += [stroke + np.array([0.0, left]) for stroke in made]
-        left += max(float(stroke[:, 1].max()) for stroke in made) + 1.6  # Gap.
+        # The gap between letters is 1.6 units wide.
+        left += max(float(stroke[:, 1].max()) for stroke in made) + 1.6
     if not strokes:
         raise ValueError(f"text is {text!r}; give one sign at least")
     return strokes
@@ -107,6 +108,6 @@ def _path(pens: list[_Pen]) -> Points:
 
 
 def _arc(x: float, y: float, width: float, height: float, first: float, last: float) -> Points:
-    step = 6.0  # Degrees between the points.
+    step = 6.0  # The points are 6 degrees apart.
     angle = np.deg2rad(np.linspace(first, last, 2 + round(abs(last - first) / step)))
     return np.stack([y + height * np.sin(angle), x + width * np.cos(angle)], 1)

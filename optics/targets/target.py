@@ -19,7 +19,7 @@ class Renderable(Protocol):
 
     @property
     def reach(self) -> float:
-        """The distance from the axis in metres, along y or x, within which the light lies."""
+        """The distance from the axis in metres, along y or x, within which the target's light lies."""
 
     def render(self, plane: Plane) -> torch.Tensor:
         """Compute the target's intensity on a plane, with a sum of 1.
@@ -144,7 +144,7 @@ class Target(Generic[P, D]):
         return self.draw(*args, **kwargs).render(plane)
 
     def reach(self, *args: P.args, **kwargs: P.kwargs) -> float:
-        """Return the distance from the axis in metres, along y or x, that the light reaches."""
+        """Return the distance from the axis in metres, along y or x, that the target reaches."""
         return self.draw(*args, **kwargs).reach
 
 
