@@ -39,7 +39,7 @@ class CandidateMethod(ABC):
 
     @abstractmethod
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the method's processor time per call, in seconds, on a machine of a given speed."""
+        """Predict the method's processor time per call in seconds, for a given machine speed."""
 
     def prepare(self) -> None:  # noqa: B027 (many methods prepare nothing)
         """Prepare the candidate method: compute what is reused between calls.

@@ -172,7 +172,7 @@ class PhaseCurve:
         return replace(self, parameters=np.concatenate([lamp, self.parameters[2:]]))
 
     def fit(self) -> PhaseCurve:
-        """Fit the phase curve to the sweep by least squares within bounds, from its own parameters."""
+        """Fit the phase curve to its sweep by least squares, from its own parameters on."""
         lower = np.zeros_like(self.parameters)
         upper = np.full_like(self.parameters, np.inf)
         ghost = SETTINGS.most_ghost

@@ -210,7 +210,7 @@ class _WavefrontProblem:
     def _split_parameters(
         self, parameters: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Split the wavefront fit's parameters into polynomials, the star's position, and the beam."""
+        """Split the wavefront fit's parameters into polynomials, star position and beam."""
         n = len(self._terms)
         return parameters[:n], parameters[n : n + 2], parameters[n + 2 :]
 
@@ -235,7 +235,7 @@ class _WavefrontProblem:
             return float(self.misfit(parameters))
 
     def chi2(self, parameters: torch.Tensor) -> float:
-        """Compute the wavefront fit's mean squared misfit in standard deviations, per degree of freedom."""
+        """Compute the wavefront fit's chi², the mean squared misfit per degree of freedom."""
         used = int((self._weight > 0).sum())
         return self.cost(parameters) / max(used - len(parameters) - 2 * len(self._light), 1)
 

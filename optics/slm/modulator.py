@@ -196,7 +196,7 @@ class Modulator:
         dtype: torch.dtype | None = None,
         tol: float = TOL,
     ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Yield shares of time and fields while the liquid crystal goes from one phase towards another.
+        """Yield shares of time and fields while the liquid crystal changes between two phases.
 
         Parameters
         ----------
@@ -261,7 +261,7 @@ class Modulator:
 
     @cached_property
     def _illumination_amplitude(self) -> torch.Tensor | None:
-        """The illumination's amplitude on the panel, float64, mean square 1; None if it is uniform."""
+        """The illumination's amplitude, float64, of mean square 1; None if it is uniform."""
         if self.panel.illumination is None:
             return None
         light = self.panel.illumination.at_pixels(self.panel)

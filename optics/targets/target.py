@@ -19,7 +19,7 @@ class Renderable(Protocol):
 
     @property
     def reach(self) -> float:
-        """The distance from the axis in metres, along y or x, within which the target's light lies."""
+        """The distance from the axis in metres, along y or x, that the target's light reaches."""
 
     def render(self, plane: Plane) -> torch.Tensor:
         """Compute the target's intensity on a plane, with a sum of 1.
