@@ -40,7 +40,7 @@ class Lens:
     Raises
     ------
     ValueError
-        For lengths, aberrations or a kind that no such lens can have.
+        If a length, an aberration or the kind is invalid.
 
     References
     ----------
@@ -122,10 +122,10 @@ class Camera:
     sensor : Sensor, optional
         The image sensor.
     transmission : float, optional
-        Share of the light, 0 to 1, that all other parts let through.
+        Share of the light, 0 to 1, that all parts other than the panel transmit.
     separation : float or 0-d torch.Tensor, optional
-        Metres from the panel to the lens and its stop (thesis z₁, §5.3). 0, the default, where the
-        two may count as one plane.
+        Metres from the panel to the lens and its stop (thesis z₁, §5.3). The default, 0, puts
+        them in one plane.
     glare : float, optional
         Share of the light that reflections and scatter spread evenly over the sensor, the veiling
         glare index of ISO 9358. Only the simulator uses it.
@@ -133,7 +133,7 @@ class Camera:
     Raises
     ------
     ValueError
-        For shares or lengths that no camera can have.
+        If a share is outside 0 to 1, or the separation is negative or infinite.
 
     References
     ----------
@@ -161,9 +161,9 @@ class Camera:
         """The shift of light on the sensor in metres for a unit slope at the panel.
 
         It is the element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis Fig.
-        5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). It is the image
-        distance where the panel stands at the lens, and not positive where the panel stands in the
-        plane in focus or beyond it.
+        5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). It equals
+        the image distance if the panel stands at the lens. It is zero or negative if the panel
+        stands in the plane in focus or beyond it.
         """
         lens = self.lens
         return lens.image_distance * (1 - self.separation / lens.focus_distance)

@@ -59,7 +59,7 @@ class Account:
     bytes : int
         Size of the largest arrays.
     cpu_spent : float, optional
-        Processor time that was spent, in seconds; None before.
+        Processor time that was spent, in seconds; None until it is known.
     """
 
     method: str
@@ -92,7 +92,7 @@ class Result(Generic[T]):
     value : Any
         The computed value, usually a tensor.
     account : Account
-        What it cost and how accurate it is.
+        The cost and the accuracy of the value.
     """
 
     value: T

@@ -14,7 +14,7 @@ class MachineSpeed:
     Parameters
     ----------
     call : float, optional
-        Any function call, whatever its size.
+        Overhead of any function call, whatever its size.
     multiply_add : float, optional
         One multiplication and addition in a product of matrices.
     fft : float, optional
@@ -22,7 +22,7 @@ class MachineSpeed:
     touch : float, optional
         Passing over a complex number once.
     fresh : float, optional
-        A byte of memory beyond what caches and allocators retain.
+        Allocating one byte of memory beyond what caches and allocators retain.
     gridding : float, optional
         Spreading a sample to one point of a regular grid, row by row.
     spread : float, optional

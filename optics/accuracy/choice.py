@@ -74,7 +74,7 @@ def select_methods(methods: Collection[str], method: str | None, what: str = "")
     Raises
     ------
     ValueError
-        For a name that isn't among the methods; the message lists them.
+        If the requested name isn't among the methods; the message lists them.
     """
     if method is None:
         return list(methods)
@@ -100,12 +100,12 @@ class MethodChoice(Generic[O]):
     remedy : str, optional
         What helps other than more memory, as a command.
     longest : float, optional
-        Seconds of a call beyond which a candidate is refused; no limit by default.
+        Longest time of a call in seconds, beyond which a candidate is refused; no limit by default.
 
     Attributes
     ----------
     candidates : list of CandidateMethod
-        Those that fit, in order of predicted processor time.
+        The candidates that fit, in order of predicted processor time.
     """
 
     def __init__(
@@ -184,12 +184,12 @@ def cheapest_candidate(candidates: Iterable[O], budget: Budget, what: str) -> O:
     Returns
     -------
     CandidateMethod
-        The cheapest. It isn't prepared.
+        The cheapest candidate. It isn't prepared.
 
     Raises
     ------
     ToleranceError
-        If none fits; the message names the memory that the smallest needs.
+        If no candidate fits; the message names the memory that the smallest one needs.
     """
     choice = MethodChoice([partial(_itself, one) for one in candidates], budget, what)
     if not choice.candidates:
@@ -239,7 +239,7 @@ def best_within(budget: float, settings: Sequence[IterationOption]) -> Iteration
     Returns
     -------
     IterationOption
-        The one of the largest gain that takes no longer than `budget`.
+        The option with the largest gain that takes no longer than `budget`.
 
     Raises
     ------

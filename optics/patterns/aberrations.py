@@ -44,8 +44,8 @@ def zernike_pattern(
     Raises
     ------
     ValueError
-        For a polynomial that doesn't exist, a number that isn't finite or positive, or a pattern
-        too steep for the pixels; the message names the share of the terms that they allow.
+        If a polynomial doesn't exist, a number isn't finite or positive, or the pattern is too
+        steep for the pixels; the message then names the share of the terms that they allow.
 
     Examples
     --------

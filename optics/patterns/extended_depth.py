@@ -34,8 +34,8 @@ def cubic_phase_mask(panel: Panel, strength: float, radius: float | None = None)
     Raises
     ------
     ValueError
-        For a strength that isn't finite, a radius that isn't positive, or a pattern too steep for
-        the pixels; the message names the largest strength that they allow.
+        If the strength isn't finite, the radius isn't positive, or the pattern is too steep for the
+        pixels; the message then names the largest strength that they allow.
 
     References
     ----------
@@ -82,8 +82,8 @@ def annular_phase_mask(
     Raises
     ------
     ValueError
-        For a number out of range, or a pattern too steep for the pixels; the message names the
-        largest depth, or number of rings, that they allow.
+        If a number is out of range, or the pattern is too steep for the pixels; the message then
+        names the largest depth, or number of rings, that they allow.
 
     References
     ----------
@@ -146,8 +146,8 @@ def logarithmic_asphere(
     Raises
     ------
     ValueError
-        For distances that aren't positive or in order, or a pattern too steep for the pixels; the
-        message names the limit.
+        If the distances aren't positive or in order, or the pattern is too steep for the pixels;
+        the message names the limit.
 
     References
     ----------

@@ -33,8 +33,8 @@ def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch
     Raises
     ------
     ValueError
-        For a period that isn't positive, or a pattern too steep for the pixels; the message names
-        the shortest period that they allow.
+        If the period isn't positive, or the pattern is too steep for the pixels; the message then
+        names the shortest period that they allow.
     """
     _require_period(period, direction)
     steepest = max(abs(math.cos(direction)), abs(math.sin(direction)))
@@ -68,8 +68,8 @@ def steering_grating(
     Raises
     ------
     ValueError
-        For lengths that aren't valid, or a pattern too steep for the pixels; the message names the
-        largest shift that they allow.
+        If a length is invalid, or the pattern is too steep for the pixels; the message then names
+        the largest shift that they allow.
     """
     require_positive("distance", distance, "m")
     require_positive("wavelength", wavelength, "m")
@@ -109,7 +109,7 @@ def binary_grating(
     Raises
     ------
     ValueError
-        For a period below 2 pixels, or numbers that aren't finite.
+        If the period is below 2 pixels, or a number isn't finite.
     """
     _require_period(period, direction)
     if not math.isfinite(step):
@@ -149,8 +149,8 @@ def sine_grating(
     Raises
     ------
     ValueError
-        For a period below 4 pixels, numbers that aren't finite, or a pattern too steep for the
-        pixels; the message names the largest amplitude that they allow.
+        If the period is below 4 pixels, a number isn't finite, or the pattern is too steep for the
+        pixels; the message then names the largest amplitude that they allow.
 
     References
     ----------

@@ -39,8 +39,8 @@ def fresnel_lens(
     Raises
     ------
     ValueError
-        For lengths that aren't valid, or a pattern too steep for the pixels; the message names the
-        shortest focal length that they allow.
+        If a length is invalid, or the pattern is too steep for the pixels; the message then names
+        the shortest focal length that they allow.
 
     References
     ----------
@@ -92,8 +92,8 @@ def axicon(panel: Panel, radius: float, distance: float, wavelength: float) -> t
     Raises
     ------
     ValueError
-        For lengths that aren't valid, or a pattern too steep for the pixels; the message names the
-        largest radius that they allow.
+        If a length is invalid, or the pattern is too steep for the pixels; the message then names
+        the largest radius that they allow.
     """
     require_positive("distance", distance, "m")
     require_positive("wavelength", wavelength, "m")

@@ -40,7 +40,7 @@ def random_patches(
     Raises
     ------
     ValueError
-        For more patches than pixels, fewer than one, or a depth that isn't positive.
+        If there are more patches than pixels, or fewer than one, or the depth isn't positive.
 
     References
     ----------

@@ -73,8 +73,8 @@ def superpose(panel: Panel, *phases: torch.Tensor) -> torch.Tensor:
     Raises
     ------
     ValueError
-        For patterns of another shape than the panel's, or that aren't finite; for a sum too steep
-        for the pixels, even if none of the patterns is.
+        If a pattern isn't finite or its shape isn't the panel's, or if the sum is too steep for the
+        pixels, even though none of the patterns may be.
     """
     for phase in phases:
         require_finite("a part", phase)

@@ -38,8 +38,8 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
     Raises
     ------
     ValueError
-        For levels that the panel lacks, for another shape than the panel's, and for a wavelength
-        outside the panel's table.
+        If the panel lacks a level, the shape isn't the panel's, or the wavelength is outside the
+        panel's table.
     """
     _require_levels(panel, grey)
     curves = _phase_curves(panel, wavelength)
@@ -59,8 +59,8 @@ def phase_to_grey(
 ) -> torch.Tensor:
     """Compute the grey levels with which the panel gives light a phase.
 
-    The panel's flatness, where it is known, is subtracted first; a panel without one, as by
-    ``replace(panel, flatness=None)``, shows the phase uncorrected. Each pixel gets the nearest
+    The panel's flatness is subtracted first if it is known. To show a phase uncorrected, use
+    ``replace(panel, flatness=None)``. Each pixel gets the nearest
     level on its own curve. The levels are continuous in the phase, except for the jumps at which
     the phase is wrapped.
 

@@ -29,7 +29,7 @@ class PanelMap:
     Raises
     ------
     ValueError
-        Unless the values have two axes, none of them empty, and are finite.
+        If the values are empty, not finite, or have another number of axes than two.
     """
 
     values: torch.Tensor

@@ -48,7 +48,7 @@ class Modulator:
     Raises
     ------
     ValueError
-        For a wavelength outside the panel's table.
+        If the wavelength is outside the panel's table.
     """
 
     def __init__(self, panel: Panel, wavelength: float) -> None:
@@ -108,10 +108,11 @@ class Modulator:
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
         """Compute the complex field of each panel pixel from the displayed phase.
 
-        It is the mean of exp(i phase) over the pixel's active area, with the phase blurred by the
-        coupling; plus the gap's light; times the phase of the flatness and the amplitude of the
-        illumination, whose mean square over the panel is 1. Its magnitude is at most 1 without the
-        gap's light and an illumination. Differentiable in the phase.
+        The field is the mean of exp(i phase) over the pixel's active area, with the phase blurred
+        by the coupling. The gap's light is added. The sum is multiplied by the phase factor of the
+        flatness and by the amplitude of the illumination, whose mean square over the panel is 1.
+        Without the gap's light and an illumination its magnitude is at most 1. The field is
+        differentiable in the phase.
 
         Parameters
         ----------
@@ -126,7 +127,7 @@ class Modulator:
         Raises
         ------
         ValueError
-            For another shape than the panel's, and for phases that aren't finite.
+            If the phase's shape isn't the panel's, or the phase isn't finite.
         """
         self._require_phase(phase)
         panel = self.panel
@@ -150,7 +151,7 @@ class Modulator:
         grey : torch.Tensor
             Grey levels, (rows, columns).
         dtype : torch.dtype, optional
-            Of the phase; float32, the default, gives complex64.
+            Type of the phase; the default, float32, gives complex64 fields.
 
         Returns
         -------
@@ -203,9 +204,9 @@ class Modulator:
         start : torch.Tensor
             The phase at the beginning in radians, (rows, columns).
         end : torch.Tensor
-            The phase towards which it goes.
+            The phase towards which the crystal relaxes, in radians.
         seconds : float
-            How long it goes.
+            Duration of the transition.
         dtype : torch.dtype, optional
             The type in which the phase is modulated; the phase's own by default.
         tol : float, optional

@@ -35,33 +35,33 @@ class Panel:
     reflectivity : float, optional
         Share of the incident light that leaves the panel.
     settling : float, optional
-        Seconds from a new frame to a phase that is settled.
+        Seconds from a new frame until its phase is settled.
     frame_rate : float, optional
         Rate in Hz at which videos are shown.
     response : PhaseResponse, optional
-        From grey levels to shares of the highest phase; linear by default.
+        Shares of the highest phase by grey level; linear by default.
     response_time : float, optional
-        Seconds, the time constant of a liquid crystal that follows exponentially; 0 is at once.
+        Seconds, the time constant of the liquid crystal; with 0 the phase settles at once.
     coupling : float, optional
         Metres, the standard deviation of the Gaussian by which fringing fields blur the phase; up
         to one pitch.
     flicker : float, optional
         Amplitude of the phase's ripple, as a share of the phase.
     jitter : float, optional
-        Radians, root mean square, by which each pixel's phase is wrong independently of the others.
+        Root mean square of the independent random phase errors of the pixels, radians.
     front_reflection : float, optional
         Share of the light that the cover glass reflects, a part of `reflectivity`.
     gap_reflection : float, optional
         Amplitude reflectance of the frame between the pixels, relative to the pixels'.
     flatness : PanelMap, optional
-        Metres of optical path that the light gets in addition to the pattern.
+        Optical path in metres that the panel adds to the pattern's.
     illumination : PanelMap, optional
         Irradiance over the panel, in any unit.
 
     Raises
     ------
     ValueError
-        For values out of range, or that contradict each other.
+        If a value is out of range, or values contradict each other.
 
     References
     ----------

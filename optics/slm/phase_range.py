@@ -31,7 +31,7 @@ def max_phase(panel: Panel, wavelength: float) -> float:
     Raises
     ------
     ValueError
-        For a wavelength outside that range, or if the tabulated phases leave no path there.
+        If the wavelength is outside that range, or the fitted optical path is not positive there.
 
     References
     ----------

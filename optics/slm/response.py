@@ -35,8 +35,8 @@ class PhaseResponse:
     Raises
     ------
     ValueError
-        For shares that aren't finite, fall from one level to the next, or don't rise at all; for
-        wavelengths that aren't positive or occur twice; for another shape.
+        If shares aren't finite, fall from one level to the next, don't rise at all, or have another
+        shape, or if wavelengths aren't positive or occur twice.
     """
 
     wavelengths: tuple[float, ...]
@@ -98,7 +98,7 @@ class PhaseResponse:
         Raises
         ------
         ValueError
-            For phases of another shape.
+            If the phases have another shape.
         """
         # A panel has a response, so an import at the top would be circular.
         from optics.slm.phase_range import max_phase

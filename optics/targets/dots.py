@@ -28,7 +28,7 @@ def dots(
     width : float
         Standard deviation of a dot, metres.
     weights : sequence of float, optional
-        Light of each dot, positive, on any scale; all the same if None.
+        Light of each dot, positive, on any scale; all dots are equal if None.
 
     Returns
     -------
