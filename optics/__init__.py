@@ -1,5 +1,5 @@
-"""The engine: light, modulators, lenses, sensors and their inverses, as functions on tensors.
+"""Model light, modulators, lenses, sensors and their inverses, as functions on tensors.
 
-Files stand in the order in which light meets them; import what you need from each.
-This package knows no files, no devices and no windows, and importing it loads nothing.
+Import what you need from each module. This package doesn't depend on files, devices or windows,
+and importing it loads nothing else.
 """

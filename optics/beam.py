@@ -1,13 +1,14 @@
-"""The light along the axis: from the panel through the lens to the sensor, and beyond.
+"""Compute the light along the axis, from the panel through the lens to the sensor and beyond.
 
-A paraxial wave with a curvature spreads as one without does over another distance, stretched
-(Talanov 1970; Sziklas and Siegman, Applied Optics 14, 1874, 1975): behind a wave of vergence v,
+A paraxial wave with a curvature spreads like the same wave without its curvature, over another
+distance and stretched (Talanov 1970; Sziklas and Siegman, Applied Optics 14, 1874, 1975). Behind
+a wave of vergence v,
 
     U(x, z) = 1 / m  P[z / m](x / m),  m = 1 + v z,
 
-where P[z] is what the wave without its curvature becomes after z metres (thesis Eq. 2.12). So
-the object's wave and the lens' cost no samples, and the light through the focus is no harder to
-compute than that beside it.
+where P[z] is what the wave without its curvature becomes after z metres (thesis Eq. 2.12). The
+curvatures of the object's wave and of the lens therefore need no samples, and the light in the
+focus is no harder to compute than the light beside it.
 """
 
 from __future__ import annotations
@@ -27,14 +28,28 @@ from optics.pupil import pupil_phase, require_valid_source
 from optics.stop.coverage import coverage
 from optics.validation import accepts_numpy, require_finite, require_share
 
-_TOL = 1e-3
-"""Far below what a picture shows."""
 
-_MAX_STOP_SAMPLES = 2048
-"""Samples across the stop."""
+@dataclass(frozen=True)
+class BeamSettings:
+    """Tune how finely the beam is computed.
 
-_MIN_STRETCH = 1e-9
-"""How near the stretch m comes to zero: a picture can't tell it from the focus."""
+    Attributes
+    ----------
+    tol : float
+        Relative error allowed for each propagation; far below what a picture shows.
+    max_stop_samples : int
+        Largest number of samples across the stop; chosen.
+    min_stretch : float
+        Smallest value of the stretch m; chosen so small that a picture doesn't show the
+        difference from the focus, where m is 0.
+    """
+
+    tol: float = 1e-3
+    max_stop_samples: int = 2048
+    min_stretch: float = 1e-9
+
+
+_SETTINGS = BeamSettings()
 
 
 @accepts_numpy
@@ -50,18 +65,19 @@ def beam_irradiance(
     unmodulated: float | None = None,
     progress: Progress | None = None,
 ) -> torch.Tensor:
-    """Light of a point along lines across the axis, one for each depth; (depths, columns).
+    """Compute the beam's irradiance on one line across the axis per depth, (depths, columns).
 
-    phase: radians on the panel's pixels; None is a constant. distance: metres from the object
-    to the panel, inf allowed. depths: metres behind the panel, more than 0. sample_row: one row of
-    samples, whose x is metres from the axis; at each depth the row lies where the ray through
-    the lens' centre is in y. field: (y, x) metres on the sensor, where the point's image is.
-    unmodulated: share of light that ignores the phase; the panel's own if None.
+    The light comes from one point. phase: radians on the panel's pixels; None is a constant.
+    distance: metres from the object to the panel, inf allowed. depths: metres behind the panel,
+    more than 0. sample_row: one row of samples, whose x is metres from the axis; at each depth
+    the row has the y of the ray through the lens' centre. field: (y, x) metres on the sensor, the
+    position of the point's image. unmodulated: share of light that ignores the phase; the
+    panel's own share if None.
 
-    Values are irradiances relative to that on the panel. For pictures: behind a stop that
-    stands apart from the panel, the light is sampled about once a panel pixel, and the orders
-    of the panel's own grating are left out; the model is the paraxial one of PSFOperator.
-    Raises ValueError for bad input, Cancelled through `progress`.
+    Values are irradiances relative to that on the panel. They are meant for pictures: behind a
+    stop that stands apart from the panel, the light is sampled about once per panel pixel, and
+    the diffraction orders of the panel's pixel grid are left out. The model is the paraxial one
+    of PSFOperator. Raises ValueError for invalid input, and Cancelled through `progress`.
     """
     require_valid_source(distance, wavelength)
     share = camera.panel.unmodulated if unmodulated is None else unmodulated
@@ -89,8 +105,10 @@ def beam_irradiance(
 
 
 def _panel_fields(camera: Camera, phase: torch.Tensor | None) -> torch.Tensor:
-    """The panel's field with the pattern, and without if that is another, (1 or 2, rows,
-    columns)."""
+    """Return the panel's field, (1 or 2, rows, columns).
+
+    The first one has the pattern. The second one, without it, is left out if `phase` is None.
+    """
     straight = torch.ones(camera.panel.shape, dtype=torch.complex64)
     if phase is None:
         return straight[None]
@@ -102,30 +120,33 @@ def _panel_fields(camera: Camera, phase: torch.Tensor | None) -> torch.Tensor:
 
 
 class _BeamPath:
-    """Where the object's rays go, paraxially; metres. The wave is without its curvature."""
+    """Propagate the beam along the paraxial rays of one object point.
+
+    The wave is kept without its curvature. Lengths are in metres.
+    """
 
     def __init__(self, camera: Camera, distance: float, field: tuple[float, float]) -> None:
         self._camera, self._distance = camera, distance
         lens = camera.lens
-        # Of the ray through the lens' centre, and of the one through the panel's.
+        # Slopes (y, x) of the ray through the lens' centre, and of the ray through the panel's.
         self._chief_ray_slopes = [place / lens.image_distance for place in field]
         stretch = 1 + camera.separation / distance
         self._panel_ray_slopes = [slope * stretch for slope in self._chief_ray_slopes]
         self._vergence = 1 / (distance + camera.separation) - 1 / lens.focal_length
         count = math.ceil(lens.stop_diameter / (camera.panel.pitch * stretch)) + 2
-        count = min(count, _MAX_STOP_SAMPLES)
+        count = min(count, _SETTINGS.max_stop_samples)
         pitch = lens.stop_diameter / (count - 2)
         self.stop_plane = Plane((count, count), (pitch, pitch))
 
     def _row_at_depth(self, across: Plane, depth: float) -> Plane:
-        """The samples at a depth: in y they follow the ray through the lens' centre."""
+        """Return the samples at a depth; in y they follow the ray through the lens' centre."""
         y = self._chief_ray_slopes[0] * (depth - self._camera.separation)
         return replace(across, centre=(y, across.centre[1]))
 
     def field_before_lens(
         self, entering: torch.Tensor, depth: float, across: Plane, wavelength: float
     ) -> torch.Tensor:
-        """Between panel and lens."""
+        """Compute the field between panel and lens, on the row of samples at a depth."""
         panel = self._camera.panel
         cells = (panel.active_side, panel.active_side)
         target = self._row_at_depth(across, depth)
@@ -134,12 +155,12 @@ class _BeamPath:
         )
 
     def _step_to_depth(self, depth: float) -> _PropagationStep:
-        """From the panel to a plane before the lens."""
+        """Return the propagation step from the panel to a plane before the lens."""
         moved = [slope * depth for slope in self._panel_ray_slopes]
         return _PropagationStep(depth, 1 + depth / self._distance, (moved[0], moved[1]))
 
     def field_behind_stop(self, entering: torch.Tensor, wavelength: float) -> torch.Tensor:
-        """Just behind the stop, on its own grid."""
+        """Compute the field just behind the stop, on the stop's grid."""
         camera, lens = self._camera, self._camera.lens
         if camera.separation:
             way = self._step_to_depth(camera.separation)
@@ -151,7 +172,7 @@ class _BeamPath:
             wave = entering
         radius = lens.stop_diameter / 2
         opened = coverage(lens.stop, radius, self.stop_plane)
-        # Focus is in the vergence; what is left are the aberrations.
+        # The vergence already holds the focus, so that only the aberrations are added here.
         flat = replace(lens, focus_distance=math.inf)
         y, x = (c / radius for c in self.stop_plane.mesh())
         phase = pupil_phase(flat, math.inf, wavelength, y, x)
@@ -162,14 +183,15 @@ class _BeamPath:
     def field_behind_lens(
         self, wave: torch.Tensor, depth: float, across: Plane, wavelength: float
     ) -> torch.Tensor:
-        """Between the lens and wherever."""
+        """Compute the field at a depth behind the lens, on the row of samples there."""
         way = depth - self._camera.separation
         stretch = 1 + self._vergence * way
-        if abs(stretch) < _MIN_STRETCH:
-            stretch = _MIN_STRETCH
+        if abs(stretch) < _SETTINGS.min_stretch:
+            stretch = _SETTINGS.min_stretch
         moved = [slope * way for slope in self._chief_ray_slopes]
         side = self._camera.panel.active_side
-        # Squares as wide as their pitch would show orders that no panel makes.
+        # The stop's samples aren't pixels. As squares they would make diffraction orders that
+        # no panel makes.
         cells = None if self._camera.separation else (side, side)
         place = _PropagationStep(way, stretch, (moved[0], moved[1]))
         return _propagate_flat_wave(
@@ -179,8 +201,11 @@ class _BeamPath:
 
 @dataclass(frozen=True)
 class _PropagationStep:
-    """Metres along the axis; the stretch of the rays over it, and how far their slope moves
-    them along (y, x)."""
+    """Describe one free-space propagation step of the beam.
+
+    distance: metres along the axis. stretch: factor by which the rays spread over that distance.
+    displacement: metres along (y, x) by which the rays' slope moves them.
+    """
 
     distance: float
     stretch: float
@@ -195,24 +220,27 @@ def _propagate_flat_wave(
     step: _PropagationStep,
     wavelength: float,
 ) -> torch.Tensor:
-    """A wave whose curvature and slope were taken away, some way on, on the target's samples.
+    """Propagate a wave without its curvature and slope over one step, to the target's samples.
 
-    cells: the sides of squares, or None for what the wave's samples resolve and no more.
+    cells: the sides (y, x) of the squares that the samples stand for, in metres. With None the
+    wave has only the frequencies that its samples resolve.
     """
     plane = _scaled_target_plane(target, step)
     distance = step.distance / step.stretch
-    span = FreeSpaceSpan(source, plane, distance, wavelength, cells=cells, paraxial=True, tol=_TOL)
+    span = FreeSpaceSpan(
+        source, plane, distance, wavelength, cells=cells, paraxial=True, tol=_SETTINGS.tol
+    )
     answer = FresnelMatrices(span).forward(wave) / abs(step.stretch)
-    # Beyond the focus the rays have crossed: left is right.
+    # Beyond the focus the rays have crossed, so that the picture is inverted.
     return answer if step.stretch > 0 else answer.flip(-2, -1)
 
 
 def _scaled_target_plane(target: Plane, step: _PropagationStep) -> Plane:
-    """The samples where the wave without curvature has them, in rising order."""
+    """Return the target's samples in the coordinates of the wave without curvature, rising."""
     pitch = [p / abs(step.stretch) for p in target.pitch]
     centre = [(c - m) / step.stretch for c, m in zip(target.centre, step.displacement, strict=True)]
     if step.stretch < 0:
-        # Turned over, an even number of samples has its origin one sample further on.
+        # When an even number of samples is reversed, its origin moves by one sample.
         even = [1 - n % 2 for n in target.shape]
         centre = [c + e * p for c, e, p in zip(centre, even, pitch, strict=True)]
     return Plane(target.shape, (pitch[0], pitch[1]), (centre[0], centre[1]))

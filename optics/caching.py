@@ -1,4 +1,4 @@
-"""Results that are kept because they will be asked for again, as far as memory allows."""
+"""Keep results of computations in memory for later calls, up to a limit in bytes."""
 
 from __future__ import annotations
 
@@ -14,16 +14,13 @@ import torch
 T = TypeVar("T")
 P = ParamSpec("P")
 
-_OVERHEAD_BYTES = 1024
-"""Bytes that whatever has no size of its own counts as."""
-
 
 class ByteCache:
-    """The last results, by what they follow from, as far as memory allows.
+    """Cache the results of computations up to a limit in bytes, and drop the oldest beyond it.
 
-    limit: bytes of all that is kept. What is larger than that alone isn't kept. Causes are
-    compared by value; those that have no value but themselves are kept alive with the result, so
-    that no other can take their place.
+    limit: bytes of all results together. A single result larger than the limit isn't kept. Keys
+    are compared by value. A key that is compared by identity stays alive with its result, so that
+    no other object can get the same identity.
     """
 
     def __init__(self, limit: int = 2 << 30) -> None:
@@ -36,16 +33,17 @@ class ByteCache:
 
     @property
     def bytes(self) -> int:
-        """Of all that is kept now."""
+        """The bytes of all cached results."""
         return self._bytes
 
     def get(self, key: Hashable, compute: Callable[[], T]) -> T:
-        """What follows from key: what is kept of them, or computed now."""
+        """Return the cached result of a key, or compute and cache it."""
         with self._lock:
             if key in self._entries:
                 self._entries.move_to_end(key)
                 return self._entries[key][0]  # type: ignore[return-value]
-        # Not under the lock: a camera that was given up may still compute when the next one does.
+        # This runs without the lock, so that two threads can compute at the same time: a camera
+        # that was given up may still compute when the next one starts.
         result = compute()
         size = result_bytes(result)
         if size <= self.limit:
@@ -68,10 +66,11 @@ class ByteCache:
 
 
 def byte_limited_cache(limit: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Let a function keep its last results for the whole process, up to so many bytes of them.
+    """Decorate a function with a cache of its results, of at most `limit` bytes.
 
-    For what follows from a few numbers alone, whoever asks. What belongs to somebody (a bench, a
-    picture) is kept by its owner, and goes with it.
+    The cache lives as long as the process. It is for results that follow from a few numbers
+    alone. Results that belong to an object (a bench, a picture) are kept by that object instead,
+    so that they are freed with it.
     """
     cache = ByteCache(limit)
 
@@ -87,14 +86,19 @@ def byte_limited_cache(limit: int) -> Callable[[Callable[P, T]], Callable[P, T]]
 
 
 def result_bytes(value: object) -> int:
-    """Bytes of a result: of its arrays, and of what tells an Account of its own."""
+    """Estimate the bytes that a cached result takes in memory.
+
+    Arrays count with their size, and objects with an Account with the bytes that it states. Any
+    other object counts as 1 KiB.
+    """
+    overhead = 1024
     if isinstance(value, torch.Tensor):
         return max(value.numel() * value.element_size(), 1)
     if isinstance(value, np.ndarray):
         return max(value.nbytes, 1)
     if isinstance(value, Mapping):
-        return _OVERHEAD_BYTES + sum(result_bytes(one) for one in value.values())
+        return overhead + sum(result_bytes(one) for one in value.values())
     if isinstance(value, (list, tuple)):
-        return _OVERHEAD_BYTES + sum(result_bytes(one) for one in value)
+        return overhead + sum(result_bytes(one) for one in value)
     reported_bytes = getattr(getattr(value, "account", value), "bytes", None)
-    return _OVERHEAD_BYTES + (reported_bytes if isinstance(reported_bytes, int) else 0)
+    return overhead + (reported_bytes if isinstance(reported_bytes, int) else 0)

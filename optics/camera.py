@@ -1,4 +1,4 @@
-"""The description of a programmable camera: panel, lens and stop, sensor."""
+"""Describe a programmable camera: its panel (SLM), its lens with the stop, its sensor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from optics.zernike import require_zernike_indices
 
 @dataclass(frozen=True)
 class Lens:
-    """Describes a lens with its stop.
+    """Describe a lens with its stop.
 
     Lengths and aberrations may be 0-d tensors: a PSF is differentiable in them.
 
@@ -40,7 +40,7 @@ class Lens:
     Raises
     ------
     ValueError
-        For lengths, aberrations or a kind that no such lens can have.
+        If a length, an aberration or the kind is invalid.
 
     References
     ----------
@@ -78,12 +78,15 @@ class Lens:
 
     @property
     def stop_diameter(self) -> float:
-        """The diameter of the stop in metres."""
+        """The diameter of the lens stop in metres."""
         return self.focal_length / self.f_number
 
     @property
     def image_distance(self) -> float:
-        """Metres from the lens to the sensor, by the thin-lens equation at `focus_distance`."""
+        """The distance from the lens to the sensor in metres.
+
+        It follows from the thin-lens equation at `focus_distance`.
+        """
         return 1 / (1 / self.focal_length - 1 / self.focus_distance)
 
     @property
@@ -97,18 +100,18 @@ class Lens:
 
     @property
     def has_quadratic_phase(self) -> bool:
-        """Whether the lens' wave is the parabola of defocus and nothing else."""
+        """Whether the lens' phase is quadratic: a thin lens without aberrations."""
         return self.kind == "thin" and not self.aberrations
 
     @property
     def has_clear_stop(self) -> bool:
-        """Whether the stop is a whole circle."""
+        """Whether the lens stop is an unobstructed circle."""
         return self.stop == Stop(Circle())
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Describes a programmable camera: a panel in front of a lens in front of a sensor.
+    """Describe a programmable camera: a panel in front of a lens in front of a sensor.
 
     Parameters
     ----------
@@ -119,10 +122,10 @@ class Camera:
     sensor : Sensor, optional
         The image sensor.
     transmission : float, optional
-        Share of the light, 0 to 1, that all other parts let through.
+        Share of the light, 0 to 1, that all parts other than the panel transmit.
     separation : float or 0-d torch.Tensor, optional
-        Metres from the panel to the lens and its stop (thesis z₁, §5.3). 0, the default, where the
-        two may count as one plane.
+        Metres from the panel to the lens and its stop (thesis z₁, §5.3). The default, 0, puts
+        them in one plane.
     glare : float, optional
         Share of the light that reflections and scatter spread evenly over the sensor, the veiling
         glare index of ISO 9358. Only the simulator uses it.
@@ -130,7 +133,7 @@ class Camera:
     Raises
     ------
     ValueError
-        For shares or lengths that no camera can have.
+        If a share is outside 0 to 1, or the separation is negative or infinite.
 
     References
     ----------
@@ -155,21 +158,21 @@ class Camera:
 
     @property
     def ray_matrix_b(self) -> float:
-        """Metres by which light moves on the sensor for a unit slope at the panel.
+        """The shift of light on the sensor in metres for a unit slope at the panel.
 
         It is the element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis Fig.
-        5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). It is the image
-        distance where the panel stands at the lens, and not positive where the panel stands in the
-        plane in focus or beyond it.
+        5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). It equals
+        the image distance if the panel stands at the lens. It is zero or negative if the panel
+        stands in the plane in focus or beyond it.
         """
         lens = self.lens
         return lens.image_distance * (1 - self.separation / lens.focus_distance)
 
     def magnification(self, distance: float) -> float:
-        """Compute the metres on the sensor for a metre across the axis at an object.
+        """Compute the camera's magnification, metres on the sensor per metre at an object.
 
         The object is `distance` metres from the panel; for ``math.inf`` the magnification is 0. It
-        is the magnification of the chief ray, through the middle of the lens. The image is
-        inverted; the number is positive.
+        is the magnification along the chief ray, through the middle of the lens. The image is
+        inverted, but the number is positive.
         """
         return self.lens.image_distance / (distance + self.separation)

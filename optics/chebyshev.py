@@ -1,4 +1,4 @@
-"""A smooth function over a plane of samples, from its values at few points."""
+"""Expand a smooth function over a plane in Chebyshev polynomials, from few of its values."""
 
 from __future__ import annotations
 
@@ -9,19 +9,17 @@ import torch
 
 from optics.plane import Plane
 
-_NODE_COUNTS = (8, 12, 16, 24, 32, 48, 64)
-_MAX_TAIL_SHARE = 1e-14
-"""Of the sum of all coefficients, what the last of them may hold together: rounding."""
-
 
 class ChebyshevExpansion:
-    """A function of (y, x) over a plane, as a sum of products of Chebyshev polynomials.
+    """Expand a function of (y, x) over a plane in products of Chebyshev polynomials.
 
-    A polynomial of degree d is known by its values on d + 1 Chebyshev nodes an axis: recurrences
-    and roots run on few points, and two small products of matrices fill a picture, to rounding
-    (Trefethen, Approximation Theory and Approximation Practice, ch. 3 and 4).
+    The values on d + 1 Chebyshev nodes per axis determine a polynomial of degree d. Costly
+    functions are evaluated at these few points only, and two small matrix products give the whole
+    picture, accurate to rounding (Trefethen, Approximation Theory and Approximation Practice,
+    ch. 3 and 4).
 
-    function: of y (n, 1) and x (1, n) in metres, float64; its values (n, n). nodes: an axis.
+    function: takes y (n, 1) and x (1, n) in metres, float64, and returns values (n, n). nodes:
+    the number of nodes per axis.
     """
 
     def __init__(
@@ -45,18 +43,21 @@ class ChebyshevExpansion:
         self._column_polynomials = self._polynomials(1, slice(None))
 
     def _polynomials(self, axis: int, part: slice) -> torch.Tensor:
-        """Of all orders at some of the samples, (samples, orders)."""
+        """Evaluate the polynomials of all orders at some samples of an axis, (samples, orders)."""
         middle, half = self._spans[axis]
         place = ((self._lines[axis][part] - middle) / half).clamp(-1, 1)
         return torch.cos(torch.acos(place)[:, None] * self._order)
 
     def rows(self, part: slice) -> torch.Tensor:
-        """The function on some rows of the plane, (rows, columns), float64."""
+        """Evaluate the expanded function on some rows of the plane, (rows, columns), float64."""
         return self._polynomials(0, part) @ self.coefficients @ self._column_polynomials.T
 
     @property
     def tail_share(self) -> float:
-        """The last orders' share of all coefficients: what orders beyond them may hold."""
+        """The share of the highest quarter of the orders in the sum of all coefficients.
+
+        It estimates the share that orders beyond the expansion would have.
+        """
         size, last = self.coefficients.abs(), self._order.numel() * 3 // 4
         inner = float(size[:last, :last].sum())
         whole = float(size.sum())
@@ -66,15 +67,19 @@ class ChebyshevExpansion:
 def expand_in_chebyshev(
     function: Callable[[torch.Tensor, torch.Tensor], torch.Tensor], plane: Plane
 ) -> ChebyshevExpansion | None:
-    """By as many nodes as it takes to rounding; None for a function that isn't so smooth."""
-    for nodes in _NODE_COUNTS:
+    """Expand a function in Chebyshev polynomials to rounding error, with few nodes.
+
+    Return None for a function that isn't smooth enough for 64 nodes per axis.
+    """
+    for nodes in (8, 12, 16, 24, 32, 48, 64):
         found = ChebyshevExpansion(function, plane, nodes)
-        if found.tail_share <= _MAX_TAIL_SHARE:
+        # Coefficients this small are rounding errors.
+        if found.tail_share <= 1e-14:
             return found
     return None
 
 
 def _centre_and_half_span(line: torch.Tensor, pitch: float) -> tuple[float, float]:
-    """The middle of the samples, and half of what they span."""
+    """Return the middle of an axis' samples and half of their span, in metres."""
     low, high = float(line.min()), float(line.max())
     return (low + high) / 2, (high - low) / 2 or pitch

@@ -1,4 +1,4 @@
-"""The field in the back focal plane of a lens (thesis Eq. 2.13 to 2.15)."""
+"""Compute the field in the back focal plane of a lens (thesis Eq. 2.13 to 2.15)."""
 
 from __future__ import annotations
 
@@ -21,23 +21,25 @@ def focal_field(
     *,
     distance_before_lens: float = 0.0,
 ) -> torch.Tensor:
-    """The complex field that a lens makes of a field before it, in its back focal plane.
+    """Compute the complex field in the back focal plane of a lens from a field before the lens.
 
         U_f(u) = exp(i k / (2 f) (1 - d / f) |u|²) / (i wavelength f)
                  x integral of U(x) exp(-2 pi i x u / (wavelength f)) dx
 
-    (Goodman, Introduction to Fourier Optics, 5.2; thesis Eq. 2.15). The factor exp(i k (d + f)),
-    which is the same everywhere, is left out. With d = f (a 2f system) the answer is the Fourier
-    transform itself, without curvature.
+    (Goodman, Introduction to Fourier Optics, 5.2; thesis Eq. 2.15). The constant factor
+    exp(i k (d + f)) is left out. With d = f (a 2f system) the result is the Fourier transform
+    itself, without curvature.
 
     field: (..., rows, columns) on `pupil_plane`; each sample stands for its area. image_plane:
-    where the answer is wanted. distance_before_lens: d, from the field to the lens, 0 or more.
-    Lengths in metres, focal_length positive. |U|² is light per square metre in both planes.
-    complex64, or complex128 from a field in double precision; differentiable in the field.
+    the samples of the result. distance_before_lens: d, from the field to the lens, 0 or more.
+    Lengths are in metres, and focal_length is positive. |U|² is light per square metre in both
+    planes. The result is complex64, or complex128 for a field in double precision, and
+    differentiable in the field.
 
-    Model: a thin lens, paraxial, that cuts nothing off; one sum over the samples, exact where
-    they resolve the field. Raises ValueError for an image plane that reaches out of
-    wavelength f / pitch, where the same light would show again, and for bad numbers.
+    The model is a paraxial thin lens without a stop. The integral is a sum over the samples,
+    exact where they resolve the field. Raises ValueError for an image plane wider than
+    wavelength f / pitch, beyond which the sum repeats, and for lengths or fields that aren't
+    valid numbers.
     """
     require_positive("focal_length", focal_length, "m")
     require_positive("wavelength", wavelength, "m")
@@ -61,13 +63,13 @@ def focal_field(
         y**2 + x**2
     ) - math.pi / 2
     strength = torch.full_like(curvature, pupil_plane.pitch[0] * pupil_plane.pitch[1] / scale)
-    # Reduced to one turn before it is stored in single precision.
+    # In single precision a phase of many turns would lose digits, so it is reduced to one turn.
     factor = torch.polar(strength, curvature.remainder(2 * math.pi))
     return transform(field) * factor.to(device=field.device, dtype=dtype)
 
 
 def _require_no_aliasing(pupil: Plane, image: Plane, scale: float, axis: int) -> None:
-    """Samples can't tell the light beyond half a cell, on either side, from that within."""
+    """Raise ValueError for an image plane wider than the period of the sampled transform."""
     half = scale / pupil.pitch[axis] / 2
     reach = float(image.coordinates(axis).abs().max())
     if reach > half * (1 + 1e-9):

@@ -1,8 +1,8 @@
-"""From an object and a PSF to the light on the sensor, incoherent and coherent.
+"""Form an image on the sensor from an object and a PSF, incoherent and coherent.
 
-Thesis Eq. 2.16 and 2.17. In incoherent imaging objects are given as spectra on an rfft2 grid
-with the origin in the corner, so that a disc smaller than a sample is as exact as a
-photograph; in coherent imaging as complex fields, sample by sample.
+Thesis Eq. 2.16 and 2.17. In incoherent imaging, objects are spectra on an rfft2 grid with the
+origin in the corner, so that a disc smaller than a sample is as exact as a photograph. In
+coherent imaging they are complex fields, sample by sample.
 """
 
 from __future__ import annotations
@@ -19,19 +19,22 @@ from optics.validation import accepts_numpy, require_finite
 
 
 def rfft2_frequencies(plane: Plane) -> tuple[torch.Tensor, torch.Tensor]:
-    """Spatial frequencies (y, x) in cycles per metre of the plane's rfft2 grid, float64."""
+    """Return the spatial frequencies (y, x) of a plane's rfft2 grid, cycles per metre, float64."""
     fy = torch.fft.fftfreq(plane.shape[0], plane.pitch[0], dtype=torch.float64)
     fx = torch.fft.rfftfreq(plane.shape[1], plane.pitch[1], dtype=torch.float64)
     return fy[:, None], fx[None, :]
 
 
 def spectrum_of_samples(light: torch.Tensor) -> torch.Tensor:
-    """Spectrum of light sampled on a plane, (..., rows, columns), origin at n // 2."""
+    """Compute the rfft2 spectrum of light on a plane, (..., rows, columns), origin at n // 2."""
     return rfft2(origin_to_corner(light))
 
 
 def spectrum_of_disc(plane: Plane, diameter: float, total: float = 1.0) -> torch.Tensor:
-    """Spectrum of a uniform disc at the origin that sends `total` light; diameter in metres."""
+    """Compute the rfft2 spectrum of a uniform disc at the origin with `total` light.
+
+    diameter: metres.
+    """
     if not 0 <= diameter < math.inf:
         raise ValueError(f"diameter is {diameter:g} m; it can't be negative")
     fy, fx = rfft2_frequencies(plane)
@@ -50,12 +53,12 @@ def form_image(
     *,
     pixel_aperture: bool = True,
 ) -> torch.Tensor:
-    """Light on each sensor pixel, (rows, columns) of `shape`.
+    """Compute the light on each sensor pixel in incoherent imaging, (rows, columns) of `shape`.
 
-    spectrum: of the object's geometric image on `plane`, which has `samples_per_pixel` samples per
-    pixel. psf: (rows, columns) with the same pitch as the plane, origin at n // 2, no
-    larger than the plane. The picture wraps around the plane's edges: give it a margin of
-    half a PSF around `shape`. Raises ValueError for a spectrum or PSF that doesn't fit.
+    spectrum: that of the object's geometric image on `plane`, which has `samples_per_pixel`
+    samples per pixel. psf: (rows, columns) with the same pitch as the plane, origin at n // 2, no
+    larger than the plane. The picture wraps around the plane's edges, so the plane needs a margin
+    of half a PSF around `shape`. Raises ValueError for a spectrum or PSF that doesn't fit.
     """
     expected = (plane.shape[0], plane.shape[1] // 2 + 1)
     if spectrum.shape[-2:] != expected:
@@ -77,20 +80,21 @@ def form_image(
 def form_coherent_image(
     field: torch.Tensor, amplitude_psf: torch.Tensor, shape: tuple[int, int] | None = None
 ) -> torch.Tensor:
-    """Intensity of coherent light, |p * U|² (thesis Eq. 2.16): (..., `shape`), real.
+    """Compute the intensity |p * U|² of coherent imaging (thesis Eq. 2.16), (..., `shape`), real.
 
-    field: complex, (..., rows, columns), U, the object's geometric image; its squared modulus
-    is the light on a sample. amplitude_psf: complex, (..., rows, columns) with the same pitch, p,
-    the field that a point makes; any size. Both have their origin at n // 2, and their leading axes
-    broadcast. A point's light reaches the picture by the share sum |p|²; fields add before they are
-    squared, so that a whole object's light may come to more or less. complex64, or complex128 if
-    one of the two is in double precision. Differentiable.
+    field: U, the object's geometric image, complex, (..., rows, columns); its squared modulus is
+    the light on a sample. amplitude_psf: p, the field that a point makes, complex,
+    (..., rows, columns) of any size with the same pitch. Both have their origin at n // 2, and
+    their leading axes broadcast. The share sum |p|² of a point's light reaches the picture. Fields
+    are added before they are squared, so that the share of a whole object may be larger or
+    smaller. The convolution is computed in complex64, or in complex128 if one of the two is in
+    double precision. It is differentiable.
 
-    The convolution is linear: nothing wraps around, and beyond its edges the field is dark.
-    shape: of the middle that is answered, the field's by default. Give the field a margin of
-    half an amplitude_psf around it, or the picture's rim lacks what shines in from there. The
-    intensity has fringes twice as fine as the field's: pixels are integrated by
-    optics.sensor.integrate_pixels() on samples that resolve them.
+    The convolution is linear: nothing wraps around, and the field is dark beyond its edges.
+    shape: rows and columns of the central part that is returned; by default those of the field.
+    Give the field a margin of half an amplitude_psf, because the rim of the picture otherwise
+    lacks the light from outside. The intensity has fringes twice as fine as those of the field.
+    Integrate pixels by optics.sensor.integrate_pixels() on samples that resolve the fringes.
 
     Raises ValueError for shapes that don't fit, and for numbers that aren't finite.
     """
@@ -105,7 +109,7 @@ def form_coherent_image(
         return fft(fft(wave.to(dtype), columns, -1), rows, -2)
 
     image = spectrum(field) * spectrum(amplitude_psf)
-    # Only the rows that are looked at are transformed along x.
+    # Only the rows that are needed are transformed along x.
     y, x = (n // 2 for n in amplitude_psf.shape[-2:])
     image = fft(image, rows, -2, inverse=True)[..., y : y + field.shape[-2], :]
     image = fft(image, columns, -1, inverse=True)[..., x : x + field.shape[-1]]
@@ -113,7 +117,7 @@ def form_coherent_image(
 
 
 def _require_broadcastable_fields(field: torch.Tensor, amplitude_psf: torch.Tensor) -> None:
-    """Raise ValueError for what isn't two finite pictures whose leading axes broadcast."""
+    """Raise ValueError unless both fields are finite and their leading axes broadcast."""
     for name, wave in (("field", field), ("amplitude_psf", amplitude_psf)):
         if wave.ndim < 2 or wave.numel() == 0:
             raise ValueError(f"{name} is {tuple(wave.shape)}; give (..., rows, columns)")

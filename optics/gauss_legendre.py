@@ -1,4 +1,4 @@
-"""Nodes and weights of Gauss-Legendre quadrature, computed once for each count."""
+"""Compute nodes and weights of Gauss-Legendre quadrature, once for each count."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 @cache
 def gauss_legendre(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Nodes in [-1, 1] and weights that add up to 2, exact for degree 2 count - 1.
+    """Return the nodes in [-1, 1] and weights of Gauss-Legendre quadrature.
 
-    The arrays are shared by all callers and can't be written to. ValueError if count is less
-    than 1.
+    The rule is exact for polynomials up to degree 2 count - 1, and its weights sum to 2. All
+    callers share the arrays, which are read-only. Raises ValueError if count is less than 1.
     """
     if count < 1:
         raise ValueError(f"count is {count}; quadrature takes 1 node or more")

@@ -1,7 +1,8 @@
-"""Merging a bracket of exposures into one radiance map with variance and state."""
+"""Merge an exposure bracket into one HDR radiance estimate with variance and state."""
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import torch
@@ -9,13 +10,28 @@ import torch
 from optics.camera import Sensor
 from optics.validation import require_finite
 
-VALID, CLIPPED, DARK = 0, 1, 2
-"""State of a merged pixel: measured; clipped in every exposure, so that the value is a
-lower bound; below three sigma of its noise, so that three sigma is an upper bound."""
+
+class PixelState(IntEnum):
+    """State of a merged pixel in a radiance estimate.
+
+    VALID pixels are measured. CLIPPED pixels are clipped in every exposure, so that the value is
+    a lower bound. DARK pixels are below three standard deviations of their noise, so that three
+    standard deviations are an upper bound.
+    """
+
+    VALID = 0
+    CLIPPED = 1
+    DARK = 2
+
+
+VALID, CLIPPED, DARK = PixelState
 
 
 class RadianceEstimate(NamedTuple):
-    """rate: electrons per second. variance: of the rate. state: VALID, CLIPPED or DARK."""
+    """Hold the radiance estimate of a merged exposure bracket, one value per pixel.
+
+    rate: electrons per second. variance: that of the rate. state: numbers of `PixelState`, uint8.
+    """
 
     rate: torch.Tensor
     variance: torch.Tensor
@@ -29,14 +45,14 @@ def merge_bracket(
     dark_counts: torch.Tensor,
     sensor: Sensor,
 ) -> RadianceEstimate:
-    """The radiance map of a bracket, weighted by inverse variance.
+    """Merge an exposure bracket into a radiance estimate, weighted by inverse variance.
 
     frames: (exposures, rows, columns), digital numbers. exposures: seconds. darks: mean of
-    the dark frames of each exposure, the same shape as frames. dark_counts: how many dark
-    frames each mean is of. The weights follow Granados et al. (CVPR 2010, doi
-    10.1109/CVPR.2010.5540208): the variance of an exposure is that of its photons, its
-    dark current, the read noise and quantisation, and the dark that was subtracted; the
-    photons' part is predicted from the merged value itself, twice.
+    the dark frames of each exposure, the same shape as frames. dark_counts: number of dark frames
+    in each mean. The weights follow Granados et al. (CVPR 2010, doi
+    10.1109/CVPR.2010.5540208): the variance of an exposure is the sum of those of its photons, its
+    dark current, the read noise, quantisation, and the subtracted dark frame. The photon
+    variance is predicted from the merged value itself, in two passes.
     Raises ValueError for exposures that aren't positive, numbers that aren't finite, or
     shapes that don't match.
     """
@@ -75,7 +91,10 @@ def merge_bracket(
 def _least_squares_rate(
     electrons: torch.Tensor, t: torch.Tensor, weight: torch.Tensor
 ) -> torch.Tensor:
-    """Least-squares rate from electrons = rate x t; zero where no exposure is usable."""
+    """Fit each pixel's rate to electrons = rate x t by weighted least squares.
+
+    The rate is zero where no exposure is usable.
+    """
     information = (weight * t**2).sum(0)
     seen = information > 0
     return torch.where(

@@ -1,4 +1,4 @@
-"""Figures of merit, each defined once."""
+"""Compute figures of merit of PSFs and pictures, each defined once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from optics.validation import accepts_numpy, require_finite, require_positive
 
 
 def _require_same_shape_and_finite(**pictures: torch.Tensor) -> None:
-    """Raise ValueError for pictures of different shapes, or that aren't finite."""
+    """Raise ValueError unless two pictures have the same shape and are finite."""
     (first, a), (second, b) = pictures.items()
     if a.shape != b.shape:
         raise ValueError(
@@ -28,7 +28,10 @@ def _require_bright_target(target: torch.Tensor) -> None:
 
 @accepts_numpy
 def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> float:
-    """Share of the light where the target exceeds 2 % of its peak; `total` is all light."""
+    """Compute the share of a PSF's light where the target exceeds 2 % of its peak.
+
+    total: all light of the point source.
+    """
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
     require_positive("total", total, "of light")
@@ -37,7 +40,10 @@ def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> f
 
 @accepts_numpy
 def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
-    """Standard deviation over mean of PSF / target where the target exceeds half its peak."""
+    """Compute a PSF's speckle contrast: standard deviation over mean of PSF / target.
+
+    Only samples count at which the target exceeds half its peak.
+    """
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
     bright = target > 0.5 * target.max()
@@ -49,7 +55,7 @@ def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
 
 @accepts_numpy
 def scaled_nrmse(psf: torch.Tensor, target: torch.Tensor) -> float:
-    """NRMSE |PSF - c target| / |c target| with the best c, over the target's window."""
+    """Compute the NRMSE of a PSF, |PSF - c target| / |c target| with the best factor c."""
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
     seen, wanted = psf.to(torch.float64), target.to(torch.float64)
@@ -61,7 +67,7 @@ def scaled_nrmse(psf: torch.Tensor, target: torch.Tensor) -> float:
 
 @accepts_numpy
 def relative_error(value: torch.Tensor, reference: torch.Tensor) -> float:
-    """Relative L2 error without a fitted scale: |value - reference| / |reference|."""
+    """Compute the relative L2 error |value - reference| / |reference|, without a fitted scale."""
     _require_same_shape_and_finite(value=value, reference=reference)
     if not reference.any():
         raise ValueError(
@@ -73,7 +79,7 @@ def relative_error(value: torch.Tensor, reference: torch.Tensor) -> float:
 
 @accepts_numpy
 def psnr(image: torch.Tensor, reference: torch.Tensor, peak: float = 1.0) -> float:
-    """Peak signal-to-noise ratio in dB; infinite for equal images."""
+    """Compute the peak signal-to-noise ratio of an image in dB; infinite for equal images."""
     _require_same_shape_and_finite(image=image, reference=reference)
     require_positive("peak", peak, "")
     error = float(((image.to(torch.float64) - reference.to(torch.float64)) ** 2).mean())
@@ -82,11 +88,11 @@ def psnr(image: torch.Tensor, reference: torch.Tensor, peak: float = 1.0) -> flo
 
 @accepts_numpy
 def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) -> float:
-    """Mean structural similarity (Wang et al. 2004, doi 10.1109/TIP.2003.819861).
+    """Compute the mean SSIM of two images (Wang et al. 2004, doi 10.1109/TIP.2003.819861).
 
-    Gaussian window of sigma 1.5 cut at 3.5 sigma, K1 = .01, K2 = .03, population
-    statistics, averaged where the window lies inside the picture. Raises ValueError for pictures
-    smaller than the window, 11 x 11.
+    The window is a Gaussian of sigma 1.5, cut at 3.5 sigma. K1 is 0.01 and K2 is 0.03. The
+    statistics are those of a population, averaged where the window lies inside the picture.
+    Raises ValueError for pictures smaller than the window, 11 x 11.
     """
     _require_same_shape_and_finite(image=image, reference=reference)
     require_positive("data_range", data_range, "")
@@ -112,7 +118,7 @@ def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) 
 
 
 def crop_central_share(image: torch.Tensor, share: float = 0.9) -> torch.Tensor:
-    """The central part of a picture along each axis, by share of its sides."""
+    """Crop an image to its central part, a share of the sides along each axis."""
     if not 0 < share <= 1:
         raise ValueError(f"share is {share:g}; it must lie within 0 to 1, and not be 0")
     rows, columns = image.shape[-2:]

@@ -1,9 +1,8 @@
-"""The optical transfer function: of a PSF, of a round lens exactly, and over all defocus.
+"""Compute optical transfer functions: of a PSF, of a round lens, and of a slit over all defocus.
 
-The transfer function H(f) is the Fourier transform, by exp(-2 pi i f u), of a PSF whose light
-sums to 1. For a PSF that a pupil P makes by exp(-2 pi i u p / (wavelength z)), as everywhere
-in optics, it is the autocorrelation of that pupil (Goodman, Introduction to Fourier Optics,
-chapter 6),
+The transfer function H(f) is the Fourier transform, with exp(-2 pi i f u), of a PSF whose light
+sums to 1. In this package a pupil P makes a PSF by exp(-2 pi i u p / (wavelength z)). H is then
+the autocorrelation of the pupil (Goodman, Introduction to Fourier Optics, chapter 6),
 
     H(f) = integral of P(p - s / 2) P*(p + s / 2) dp / integral of |P|² dp,  s = wavelength z f.
 """
@@ -14,6 +13,7 @@ import functools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 from torch.utils.checkpoint import checkpoint
@@ -27,32 +27,46 @@ from optics.pupil import defocus_curvature, require_valid_source
 from optics.validation import accepts_numpy, as_floating_point, require_finite, rounded_up
 
 PupilPhase = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
-"""A phase in radians at positions (y, x) in metres in the pupil, elementwise."""
+"""A function that returns the phase in radians at pupil positions (y, x) in metres, elementwise."""
 
 SlitPhase = Callable[[torch.Tensor], torch.Tensor]
-"""A phase in radians at positions from -1 to 1 across a slit, elementwise."""
+"""A function that returns the phase in radians at slit positions from -1 to 1, elementwise."""
 
-_PROBES = 32
-"""Values on which a number of nodes is tried."""
 
-_COARSE_NODES = 24
-"""For the first look at a phase, which says how steep it is."""
+@dataclass(frozen=True)
+class OverlapSettings:
+    """Tune the quadrature of pupil overlap integrals.
 
-_SUBINTERVAL_NODES = 128
-"""Rules of thousands of nodes take longer to find than to use."""
+    Attributes
+    ----------
+    probes : int
+        Number of values on which a node count is tested; chosen.
+    coarse_nodes : int
+        Nodes of the first evaluation of a phase, which tells how steep the phase is; chosen.
+    subinterval_nodes : int
+        Most nodes of one Gauss-Legendre rule. Rules of thousands of nodes take longer to compute
+        than to use, so that longer ones are composed of these.
+    chunk_nodes : int
+        Nodes, of all values together, that are in memory at a time. They fit a processor's cache,
+        and torch uses one thread for them (see optics.threads).
+    """
 
-_CHUNK_NODES = 1 << 15
-"""Nodes, of all values together, that are held at a time: they fit a cache, and torch takes
-one thread for them (see optics.threads)."""
+    probes: int = 32
+    coarse_nodes: int = 24
+    subinterval_nodes: int = 128
+    chunk_nodes: int = 1 << 15
+
+
+_SETTINGS = OverlapSettings()
 
 
 @accepts_numpy
 def transfer_function(psf: torch.Tensor, plane: Plane) -> torch.Tensor:
-    """The transfer function of PSFs (..., rows, columns), complex, 1 at zero frequency.
+    """Compute the OTF of PSFs (..., rows, columns), complex, 1 at zero frequency.
 
     psf: light on the samples of `plane`, with the origin, to which phases refer, at n // 2.
-    The answer has the rfft2 layout of optics.formation.rfft2_frequencies(plane). Light that falls
-    beside the picture is missing from it. Raises ValueError for a PSF of another shape, or
+    The result has the rfft2 layout of optics.formation.rfft2_frequencies(plane). Light that falls
+    outside the picture is missing from it. Raises ValueError for a PSF of another shape, or
     without light.
     """
     if psf.shape[-2:] != plane.shape:
@@ -70,11 +84,11 @@ def transfer_function(psf: torch.Tensor, plane: Plane) -> torch.Tensor:
 
 @accepts_numpy
 def modulation_transfer(transfer: torch.Tensor) -> torch.Tensor:
-    """The modulus of a transfer function (MTF), real, of any shape.
+    """Compute the MTF, the modulus of a transfer function, real, of any shape.
 
     Its gradient is zero where the transfer function is zero, and finite everywhere.
     """
-    # Not sqrt(re² + im²), whose gradient there is 0 / 0, and which underflows near it.
+    # sqrt(re² + im²) would have the gradient 0 / 0 at zero, and would underflow near it.
     return transfer.abs()
 
 
@@ -89,18 +103,19 @@ def lens_transfer_function(
     phase: PupilPhase | None = None,
     tol: float = 1e-6,
 ) -> torch.Tensor:
-    """The transfer function of a round lens, complex128, at the frequencies (fy, fx).
+    """Compute the OTF of a lens with a clear round stop, complex128, at frequencies (fy, fx).
 
     distance: metres to the object, math.inf allowed. wavelength: metres. fy, fx: cycles per
-    metre on the sensor; they broadcast, as from optics.formation.rfft2_frequencies(). phase:
-    aberrations over the pupil; the answer is differentiable in whatever they are made of.
-    tol: the largest error of a value, beside the 1 at zero frequency; measured by doubling
-    the nodes, on some of the values. A gradient comes from the nodes that the value needs:
-    where a fine phase is still zero, they are too few for it; start it from small numbers.
+    metre on the sensor; they broadcast, as those of optics.formation.rfft2_frequencies() do.
+    phase: aberrations over the pupil; the OTF is differentiable in the tensors that they are
+    computed from. tol: the largest absolute error of a value, measured on some of the values by
+    doubling the nodes. The gradient uses the nodes that the value needs. They are too few for the
+    gradient in a fine phase that is still zero; begin such an optimisation with small numbers.
 
-    The integral over the overlap of two stops (Goodman 6.3), by Gauss-Legendre nodes; zero
-    from the cut-off on. The model is paraxial and scalar. Raises ToleranceError with the
-    floor where the phase is too steep or too rough, ValueError for what makes no picture.
+    The overlap of two stops (section 6.3 of Goodman) is integrated by Gauss-Legendre nodes. The
+    OTF is zero from the cut-off frequency on. The model is paraxial and scalar. Raises
+    ToleranceError with the smallest possible tolerance where the phase is too steep or too rough,
+    and ValueError for an object, wavelength or lens that the model doesn't cover.
     """
     require_valid_source(distance, wavelength)
     _require_tolerance(tol)
@@ -126,17 +141,18 @@ def lens_transfer_function(
 def ambiguity_function(
     phase: SlitPhase | None, shift: torch.Tensor, frequency: torch.Tensor, *, tol: float = 1e-6
 ) -> torch.Tensor:
-    """The ambiguity function of a slit pupil P = exp(i phase(x)), complex128, 1 at the origin.
+    """Compute the ambiguity function of a slit pupil P = exp(i phase(x)), 1 at the origin.
 
         A(u, v) = 1/2 integral of P(x + u / 2) P*(x - u / 2) exp(2 pi i x v) dx,
 
     where P is zero beyond |x| = 1 (thesis Eq. 2.40; Brenner, Lohmann and Ojeda-Castañeda,
-    Opt. Commun. 44, 323, 1983). shift: u, in half-widths of the slit; A is zero from
-    |u| = 2 on. frequency: v, in cycles per half-width. They broadcast: a row and a column
-    make the polar display, on which defocused_transfer_function() is a line through the origin.
+    Opt. Commun. 44, 323, 1983). A is complex128. shift: u, in half-widths of the slit; A is zero
+    from |u| = 2 on. frequency: v, in cycles per half-width. They broadcast: a row and a column
+    give the polar display, in which defocused_transfer_function() is a line through the origin.
 
-    tol: the largest error of a value. Differentiable in whatever the phase is made of.
-    Raises ToleranceError with the floor, ValueError for numbers that aren't finite.
+    tol: the largest error of a value. The result is differentiable in the tensors that the phase
+    is computed from. Raises ToleranceError with the smallest possible tolerance, and ValueError
+    for numbers that aren't finite.
     """
     _require_tolerance(tol)
     u, v = _broadcast_pair(shift=shift, frequency=frequency)
@@ -148,27 +164,27 @@ def ambiguity_function(
 def defocused_transfer_function(
     phase: SlitPhase | None, shift: torch.Tensor, waves: torch.Tensor, *, tol: float = 1e-6
 ) -> torch.Tensor:
-    """The transfer function of a slit pupil at any defocus, complex128, 1 at zero frequency.
+    """Compute the OTF of a slit pupil at any defocus, complex128, 1 at zero frequency.
 
         H(u, W20) = A(u, 2 u W20 / wavelength), thesis Eq. 2.40,
 
-    A being its ambiguity_function() and exp(2 pi i W20 x² / wavelength) the defocus. shift: u,
-    which is wavelength z times the frequency on the sensor, in half-widths of the slit; the cut-off
-    is 2. waves: W20 / wavelength. They broadcast.
+    where A is the slit's ambiguity_function() and exp(2 pi i W20 x² / wavelength) is the defocus.
+    shift: u, which is wavelength z times the frequency on the sensor, in half-widths of the slit;
+    the cut-off is 2. waves: W20 / wavelength. They broadcast.
 
-    As in Dowski and Cathey, 10.1364/AO.34.001859, the pupil is taken mirrored: for a phase
-    that isn't even, H is the conjugate of the Fourier transform of the PSF. tol and errors
-    are those of ambiguity_function().
+    As in Dowski and Cathey, 10.1364/AO.34.001859, the pupil is mirrored: for a phase that isn't
+    even, H is the conjugate of the Fourier transform of the PSF. tol and exceptions are those of
+    ambiguity_function().
     """
     shift, waves = _broadcast_pair(shift=shift, waves=waves)
     return ambiguity_function(phase, shift, 2 * shift * waves, tol=tol)
 
 
 class _Integral(ABC):
-    """Sums of amplitude x exp(i turn) over the nodes of Gauss-Legendre rules.
+    """Base class of OTF integrals: sums of amplitude x exp(i turn) over Gauss-Legendre nodes.
 
-    One value for each entry of the parameters, which are vectors of one length. `max_nodes` nodes
-    along each of the `dimensions` are allowed.
+    The parameters are vectors of one length, and each of their entries gives one value. At most
+    `max_nodes` nodes are used along each of the `dimensions`.
     """
 
     dimensions: int
@@ -178,17 +194,20 @@ class _Integral(ABC):
     def __call__(
         self, nodes: int, *parameters: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
-        """Amplitude, with the rule's weights, and turn in radians: (values, nodes, ...)."""
+        """Return the amplitude, with the rule's weights, and the turn, (values, nodes, ...).
+
+        The turn is in radians; None stands for an integrand without one.
+        """
 
     def half_phase_range(self, *parameters: torch.Tensor) -> torch.Tensor:
-        """Radians that each value's integrand turns to either side."""
-        _, turn = self(_COARSE_NODES, *parameters)
+        """Estimate half the range of the integrand's phase for each value, in radians."""
+        _, turn = self(_SETTINGS.coarse_nodes, *parameters)
         assert turn is not None
         turn = turn.flatten(1)
         return (turn.amax(1) - turn.amin(1)) / 2
 
     def integrate(self, tol: float, *parameters: torch.Tensor) -> torch.Tensor:
-        """All values, from as many nodes as `tol` needs."""
+        """Compute the integral's value for each entry, with as many nodes as `tol` needs."""
         if parameters[0].numel() == 0:
             return parameters[0].to(torch.complex128)
         with torch.no_grad():
@@ -196,13 +215,14 @@ class _Integral(ABC):
         return self._values(nodes, parameters)
 
     def _find_node_count(self, tol: float, parameters: tuple[torch.Tensor, ...]) -> int:
-        """Half a node a radian and some to spare; more until doubling them changes no probe.
+        """Find the node count at which doubling the nodes changes no probe by more than `tol`.
 
-        The probes range from the smoothest integrand to the steepest.
+        The search begins with half a node per radian and a few more. The probes range from the
+        smoothest integrand to the steepest.
         """
-        steepness = self._map_in_chunks(self.half_phase_range, _COARSE_NODES, parameters)
+        steepness = self._map_in_chunks(self.half_phase_range, _SETTINGS.coarse_nodes, parameters)
         count = steepness.numel()
-        rank = torch.linspace(0, count - 1, min(_PROBES, count), dtype=torch.float64)
+        rank = torch.linspace(0, count - 1, min(_SETTINGS.probes, count), dtype=torch.float64)
         chosen = torch.argsort(steepness)[rank.round().long().to(steepness.device)]
         probes = tuple(p[chosen] for p in parameters)
         turn = float(steepness.max())
@@ -210,7 +230,7 @@ class _Integral(ABC):
         nodes = min(math.ceil(turn / 2 + spare), self.max_nodes)
         while True:
             value, finer = (self._values(n, probes) for n in (nodes, 2 * nodes))
-            # Not every value is probed: a factor of two to spare.
+            # Only some values are probed, so the error is taken twice as large.
             error = 2 * float((finer - value).abs().max())
             if error <= tol:
                 return nodes
@@ -227,14 +247,14 @@ class _Integral(ABC):
             amplitude, turn = self(nodes, *portion)
             if turn is None:
                 return amplitude.sum(1).to(torch.complex128)
-            # Four times faster than torch.polar.
+            # This is four times faster than torch.polar.
             real, imaginary = amplitude * torch.cos(turn), amplitude * torch.sin(turn)
             return torch.complex(real.flatten(1).sum(1), imaginary.flatten(1).sum(1))
 
         _, turn = self(1, *(p[:1] for p in parameters))
         if turn is None or not turn.requires_grad:
             return self._map_in_chunks(values, nodes, parameters)
-        # The gradient repeats the sums, in place of keeping what every node was.
+        # The gradient computes the sums again, so that the nodes needn't stay in memory.
         return self._map_in_chunks(
             functools.partial(checkpoint, values, use_reentrant=False), nodes, parameters
         )
@@ -245,16 +265,16 @@ class _Integral(ABC):
         nodes: int,
         parameters: tuple[torch.Tensor, ...],
     ) -> torch.Tensor:
-        """A function of the parameters, of few values at a time."""
-        size = max(1, _CHUNK_NODES // nodes**self.dimensions)
+        """Apply a function to the parameters in chunks of few values, to bound the memory."""
+        size = max(1, _SETTINGS.chunk_nodes // nodes**self.dimensions)
         portions = zip(*(torch.split(p, size) for p in parameters), strict=True)
         return torch.cat([function(*portion) for portion in portions])
 
 
 class _DefocusedOverlap(_Integral):
-    """Two stops of radius 1 that lie 2 v apart, and defocus; 0 <= v < 1.
+    """Integrate over the overlap of two defocused stops of radius 1 at a distance 2 v, 0 <= v < 1.
 
-    defocus: radians at the edge. The integral along the shift is a sinc (Hopkins,
+    defocus: radians at the edge of the stop. The integral along the shift is a sinc (Hopkins,
     Proc. R. Soc. A 231, 91, 1955).
     """
 
@@ -276,9 +296,10 @@ class _DefocusedOverlap(_Integral):
 
 
 class _AberratedOverlap(_Integral):
-    """Two stops of radius 1 that lie 2 v apart in the direction of (vy, vx), and any phase.
+    """Integrate over the overlap of two stops of radius 1 with any phase, shifted by 2 (vy, vx).
 
-    radius: metres, for the phase. defocus: radians at the edge, beside it.
+    radius: metres, the unit of the positions in `phase`. defocus: radians at the edge of the
+    stop, in addition to `phase`.
     """
 
     dimensions = 2
@@ -292,7 +313,7 @@ class _AberratedOverlap(_Integral):
         angle, reach, weight = (a[..., None] for a in _overlap_nodes(parameters[0], nodes))
         points, weights = _composite_rule(nodes, v.device)
         along, across = reach * points, torch.sin(angle)
-        # Where the two stops coincide there is no direction, and no difference of phase.
+        # Where the two stops coincide, the direction is undefined and the phases are the same.
         length = torch.where(v > 0, v, torch.ones_like(v))
         ey, ex = vy / length, vx / length
 
@@ -307,12 +328,12 @@ class _AberratedOverlap(_Integral):
 
 
 def _overlap_nodes(v: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Nodes across the overlap of two stops 2 v apart: angle, reach and weight.
+    """Return the angle, reach and weight of nodes across the overlap of two stops 2 v apart.
 
-    sin(angle) is the position across; along the shift the overlap reaches cos(angle) - v to
-    either side. In this angle nothing has a root, neither at the ends of the overlap nor
-    where the stops coincide, and sums converge spectrally. The weights are those of an
-    integral over a stop of area 1.
+    sin(angle) is the position across the shift; along the shift the overlap reaches
+    cos(angle) - v to either side. As a function of this angle the integrand has no square root,
+    neither at the ends of the overlap nor where the stops coincide, so that the sums converge
+    spectrally. The weights are those of an integral over a stop of area 1.
     """
     points, weights = _composite_rule(nodes, v.device)
     widest = torch.arccos(v)[:, None]
@@ -322,12 +343,18 @@ def _overlap_nodes(v: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Ten
 
 
 def _defocus_phase_difference(defocus: float, v: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
-    """Radians by which defocus turns one stop against the other, `along` the shift of 2 v."""
+    """Return the defocus phase of one stop less that of the other, in radians.
+
+    The stops lie 2 v apart; `along` is the position along that shift.
+    """
     return -4 * defocus * v * along
 
 
 class _SlitAmbiguity(_Integral):
-    """Two slits from -1 to 1 that lie u apart, |u| < 2, tilted by v cycles against each other."""
+    """Integrate over the overlap of two slits from -1 to 1, shifted by u and tilted by v cycles.
+
+    |u| is below 2.
+    """
 
     dimensions = 1
     max_nodes = 1 << 14
@@ -358,16 +385,22 @@ def _subinterval_rule(nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _composite_rule(nodes: int, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
-    """At least so many Gauss-Legendre nodes from -1 to 1, in panels, and their weights."""
-    panels = math.ceil(nodes / _SUBINTERVAL_NODES)
-    points, weights = _subinterval_rule(math.ceil(nodes / panels))
-    middle = (2 * torch.arange(panels, dtype=torch.float64) + 1) / panels - 1
-    points = (middle[:, None] + points / panels).ravel()
-    return points.to(device), (weights / panels).repeat(panels).to(device)
+    """Return the nodes from -1 to 1 and weights of a composite Gauss-Legendre rule.
+
+    It has at least `nodes` nodes, in equal subintervals.
+    """
+    parts = math.ceil(nodes / _SETTINGS.subinterval_nodes)
+    points, weights = _subinterval_rule(math.ceil(nodes / parts))
+    middle = (2 * torch.arange(parts, dtype=torch.float64) + 1) / parts - 1
+    points = (middle[:, None] + points / parts).ravel()
+    return points.to(device), (weights / parts).repeat(parts).to(device)
 
 
 def _evaluate_phase(phase: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
-    """What a caller's phase says, float64; ValueError for what is no phase there."""
+    """Return a pupil phase at the nodes as float64, or raise ValueError if it isn't valid.
+
+    phase: what the caller's phase function returned for the positions `at`.
+    """
     phase = torch.as_tensor(phase, device=at.device)
     if phase.is_complex():
         raise ValueError(f"phase answers {phase.dtype}; it must answer radians, real numbers")
@@ -383,7 +416,7 @@ def _evaluate_phase(phase: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
 
 
 def _broadcast_pair(**numbers: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Two arguments in float64 and of one shape, without gradients; both must be finite."""
+    """Broadcast two arguments to one shape in float64, without gradients; both must be finite."""
     (first, a), (second, b) = (
         (name, torch.as_tensor(value).detach().to(torch.float64)) for name, value in numbers.items()
     )
@@ -400,7 +433,7 @@ def _broadcast_pair(**numbers: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor
 
 
 def _scatter_to_mask(values: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    """The values where `inside` is true, in their order, and exact zeros elsewhere."""
+    """Put values where the mask `inside` is true, in their order, and exact zeros elsewhere."""
     zeros = torch.zeros(inside.numel(), dtype=torch.complex128, device=inside.device)
     where = torch.nonzero(inside.flatten(), as_tuple=True)
     return zeros.index_put(where, values).reshape(inside.shape)

@@ -1,4 +1,4 @@
-"""Where samples sit: shape, pitch and centre of a plane across the optical axis."""
+"""Describe where samples lie: shape, pitch and centre of a plane across the optical axis."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from optics.validation import as_number
 
 @dataclass(frozen=True)
 class Plane:
-    """A regular grid of samples in a plane across the optical axis.
+    """Describe a regular grid of samples in a plane across the optical axis.
 
     shape: (rows, columns). pitch: (y, x) distance between samples in metres.
-    centre: (y, x) position in metres of the origin sample, which has the index
-    n // 2 on each axis, for even and for odd n.
+    centre: (y, x) position in metres of the origin sample, whose index is n // 2 on each axis,
+    for even and for odd n.
     """
 
     shape: tuple[int, int]
@@ -34,17 +34,17 @@ class Plane:
             raise ValueError(f"centre {centre} m must be finite in each axis")
 
     def coordinates(self, axis: int) -> torch.Tensor:
-        """Positions in metres along axis 0 (y) or 1 (x), float64."""
+        """Return the samples' positions along axis 0 (y) or 1 (x), metres, float64."""
         n = self.shape[axis]
         index = torch.arange(n, dtype=torch.float64) - n // 2
         return index * self.pitch[axis] + self.centre[axis]
 
     def mesh(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Positions (y, x) in metres as a column and a row that broadcast, float64."""
+        """Return the samples' positions (y, x) as a column and a row that broadcast, in metres."""
         return self.coordinates(0)[:, None], self.coordinates(1)[None, :]
 
     def with_finer_pitch(self, factor: int) -> Plane:
-        """The same centre and field of view with `factor` times as many samples."""
+        """Return a plane of the same centre and size with `factor` times the samples per axis."""
         if factor < 1:
             raise ValueError(f"factor is {factor}; a finer plane needs at least 1")
         return Plane(
@@ -56,7 +56,7 @@ class Plane:
 
 @dataclass(frozen=True, eq=False)
 class RectilinearGrid:
-    """Samples in rows and columns that needn't be evenly spaced.
+    """Describe a grid of samples in rows and columns that needn't be evenly spaced.
 
     y, x: metres, one-dimensional, float64.
     """
@@ -70,16 +70,16 @@ class RectilinearGrid:
         return self.y.numel(), self.x.numel()
 
     def coordinates(self, axis: int) -> torch.Tensor:
-        """Positions in metres along axis 0 (y) or 1 (x), float64."""
+        """Return the samples' positions along axis 0 (y) or 1 (x), metres, float64."""
         return self.x if axis else self.y
 
     def mesh(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Positions (y, x) in metres as a column and a row that broadcast, float64."""
+        """Return the samples' positions (y, x) as a column and a row that broadcast, in metres."""
         return self.y[:, None], self.x[None, :]
 
 
 def centred_crop(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """The middle of the last two axes: the origin n // 2 stays the origin.
+    """Crop the last two axes of an array around the origin, which stays at n // 2.
 
     Raises ValueError if `shape` is larger than the array.
     """
@@ -91,7 +91,7 @@ def centred_crop(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 
 def centred_pad(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """Zeros around the last two axes: the origin n // 2 stays the origin."""
+    """Pad the last two axes of an array with zeros; the origin stays at n // 2."""
     rows, columns = array.shape[-2:]
     if shape[0] < rows or shape[1] < columns:
         raise ValueError(f"cannot pad {(rows, columns)} to the smaller shape {shape}")
@@ -101,7 +101,7 @@ def centred_pad(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 
 def origin_to_corner(array: torch.Tensor) -> torch.Tensor:
-    """Move the origin from n // 2 to index 0 on the last two axes, as an FFT wants it."""
+    """Move the origin from n // 2 to index 0 on the last two axes, as FFTs require."""
     return torch.fft.ifftshift(array, dim=(-2, -1))
 
 

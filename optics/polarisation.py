@@ -1,12 +1,12 @@
-"""Polarisation on the way through the bench: what the panel can't turn, and what is lost.
+"""Compute how polarisers, a beam splitter and the panel change and lose polarised light.
 
-Jones calculus (Saleh and Teich, Fundamentals of Photonics, 6.1; Goodman, Introduction to
-Fourier Optics, on liquid-crystal modulators), as far as the bench has it: thesis Fig. 5.6 has
-a polariser, a beam splitter cube that is passed twice, and a panel that modulates one linear
-polarisation only (§2.3, §3.4, §5.6).
+The method is Jones calculus (Saleh and Teich, Fundamentals of Photonics, 6.1; Goodman,
+Introduction to Fourier Optics, on liquid-crystal modulators) for the parts of the bench: thesis
+Fig. 5.6 has a polariser, a beam splitter cube that light passes twice, and a panel that modulates
+one linear polarisation only (§2.3, §3.4, §5.6).
 
 Jones vectors are (along, across) the panel's modulated axis, complex128. Angles are in radians
-from that axis and are carried along by every mirror, so that the path is an unfolded one.
+from that axis. Mirrors don't change the sign of an angle: the path is treated as unfolded.
 """
 
 from __future__ import annotations
@@ -21,13 +21,10 @@ import torch
 from optics.validation import as_number, needs_gradient, require_positive, require_share
 
 Scalar = Any
-"""A number or a 0-d tensor in which the answer is differentiable."""
+"""A number, or a 0-d tensor in which the result is differentiable."""
 
 _MIN_TRANSMISSION = (64 * torch.finfo(torch.float64).eps) ** 2
-"""Share of the light below which only the rounding of crossed amplitudes is left."""
-
-_ROUNDING = 1e-12
-"""By which two shares may sum to more than 1."""
+"""Share of the light below which the elements are crossed and only rounding errors are left."""
 
 
 def _as_float64(value: Scalar) -> torch.Tensor:
@@ -41,25 +38,28 @@ def _require_angle(value: Scalar) -> None:
 
 
 def linear_jones_vector(angle: Scalar) -> torch.Tensor:
-    """The Jones vector of linear polarisation of power 1, (2,), complex128."""
+    """Return the Jones vector (2,) of linearly polarised light of power 1, complex128."""
     angle = _as_float64(angle)
     return torch.stack((torch.cos(angle), torch.sin(angle))).to(torch.complex128)
 
 
 def diattenuator_matrix(angle: Scalar, along: torch.Tensor, across: torch.Tensor) -> torch.Tensor:
-    """The Jones matrix, (2, 2) complex128, by which amplitudes pass along an axis at an angle,
-    and across it, without a delay between the two."""
+    """Return the Jones matrix of an element that attenuates two polarisations differently.
+
+    The matrix is (2, 2) complex128. along, across: amplitude factors of light polarised along the
+    element's axis, which is at `angle`, and across it. There is no delay between the two.
+    """
     forth, aside = linear_jones_vector(angle), linear_jones_vector(_as_float64(angle) + math.pi / 2)
     return along * torch.outer(forth, forth) + across * torch.outer(aside, aside)
 
 
 @dataclass(frozen=True)
 class SourcePolarisation:
-    """What comes from the object: natural light (degree 0), linear (1), or partly so.
+    """Describe the object's polarisation: unpolarised (degree 0), linear (1), or partly polarised.
 
-    degree: of polarisation. angle: radians, of what is polarised. Two linear waves across each
-    other that know nothing of each other's phase are the same light (Saleh and Teich 11.4).
-    Raises ValueError for a degree that isn't a share, and for an infinite angle.
+    degree: degree of polarisation. angle: radians, direction of the polarised part. Two
+    orthogonal linear waves of independent phases are the same light (section 11.4 of Saleh and
+    Teich). Raises ValueError for a degree that isn't a share, and for an infinite angle.
     """
 
     degree: Scalar = 0.0
@@ -71,7 +71,7 @@ class SourcePolarisation:
 
     @property
     def incoherent_components(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Shares of the power, and the Jones vectors of the waves that have them."""
+        """The two incoherent waves of the object's light: shares of the power and Jones vectors."""
         degree = _as_float64(self.degree)
         across = _as_float64(self.angle) + math.pi / 2
         return [
@@ -82,11 +82,12 @@ class SourcePolarisation:
 
 @dataclass(frozen=True)
 class Polariser:
-    """A linear polariser.
+    """Describe a linear polariser.
 
-    angle: radians from the panel's modulated axis to its own. extinction: power that passes
-    along its axis over power that passes across it, 1 or more; inf is ideal. transmission: share
-    of the power along its axis that passes. Raises ValueError for numbers beyond that.
+    angle: radians from the panel's modulated axis to the polariser's. extinction: power that
+    passes along the polariser's axis over power that passes across it, 1 or more; inf is ideal.
+    transmission: share of the power along its axis that passes. Raises ValueError for numbers out
+    of these ranges.
     """
 
     angle: Scalar = 0.0
@@ -114,13 +115,14 @@ class Polariser:
 
 @dataclass(frozen=True)
 class BeamSplitter:
-    """A beam splitter cube: shares of power that pass or are reflected, of (p, s) light.
+    """Describe a beam splitter cube by its transmitted and reflected shares of (p, s) power.
 
-    p is polarised in the plane of incidence, s across it. The defaults are a cube that doesn't
-    polarise; transmitted=(1, 0), reflected=(0, 1) is one that does. angle: radians from the
-    panel's modulated axis to p. A delay between p and s isn't modelled; where p or s lies along
-    the modulated axis it changes nothing. Raises ValueError for shares that aren't, or that
-    sum to more than 1, and for a share of 0 whose derivative is wanted: its amplitude has none.
+    p light is polarised in the plane of incidence, s light across it. The defaults are a
+    non-polarising cube; transmitted=(1, 0), reflected=(0, 1) is a polarising one. angle: radians
+    from the panel's modulated axis to p. A delay between p and s isn't modelled; it changes
+    nothing where p or s lies along the modulated axis. Raises ValueError for shares outside 0 to
+    1, for shares that sum to more than 1, and for a share of 0 whose derivative is required: the
+    derivative of its amplitude is infinite.
     """
 
     transmitted: tuple[Scalar, Scalar] = (0.5, 0.5)
@@ -142,14 +144,14 @@ class BeamSplitter:
                     )
         for one, passed, turned in zip("ps", self.transmitted, self.reflected, strict=True):
             whole = as_number(passed) + as_number(turned)
-            if whole > 1 + _ROUNDING:
+            if whole > 1 + 1e-12:  # Rounding errors are allowed.
                 raise ValueError(
                     f"transmitted and reflected shares of {one} light sum to {whole:g}; "
                     "a cube gives no light: 1 at most"
                 )
 
     def jones_matrix(self, port: Literal["transmitted", "reflected"]) -> torch.Tensor:
-        """Of the light that goes one way or the other."""
+        """Return the Jones matrix of the cube for transmitted or for reflected light."""
         p, s = self.transmitted if port == "transmitted" else self.reflected
         return diattenuator_matrix(
             self.angle, torch.sqrt(_as_float64(p)), torch.sqrt(_as_float64(s))
@@ -157,18 +159,18 @@ class BeamSplitter:
 
 
 class PathEffect(NamedTuple):
-    """What a path makes of the light, panel included; 0-d tensors.
+    """Hold the effect of a polarised path, panel included, as 0-d tensors.
 
-    transmission: share of the power that passes if panel and rest lose none. unmodulated: share
-    of that which the panel couldn't turn. interference: complex128, 2⟨E_m* E_u⟩ of modulated
-    and unmodulated light after the path, over the power that passes. With p the field on the
-    sensor of the pattern and q that of a panel without one, each for light of power 1, a
-    point's light there is
+    transmission: share of the power that passes if neither the panel nor other parts absorb.
+    unmodulated: share of the passed power that the panel doesn't modulate. interference:
+    complex128, 2⟨E_m* E_u⟩ of modulated and unmodulated light after the path, over the power that
+    passes. Let p be the sensor's field with the pattern and q the one with a neutral panel, each
+    for light of power 1. A point's light there is then
 
         (1 - unmodulated) |p|² + unmodulated |q|² + Re(interference · conj(p) · q).
 
-    The sum in intensity of thesis §5.6 leaves out the last term. Its phase is known but for
-    the delay between the panel's axes at grey level 0; its strength, abs(interference), is at
+    The sum in intensity of thesis §5.6 leaves out the last term. Its phase is known except for
+    the delay between the panel's axes at grey level 0. Its strength, abs(interference), is at
     most 2 sqrt(unmodulated (1 - unmodulated)).
     """
 
@@ -179,12 +181,13 @@ class PathEffect(NamedTuple):
 
 @dataclass(frozen=True)
 class PolarisedPath:
-    """The elements by which light goes to the panel and on to the lens.
+    """Describe the polarising elements that light passes on its way to the panel and to the lens.
 
-    light: of the object. polariser: passed once, before the splitter. splitter: passed twice,
-    to the panel and back (thesis Fig. 5.6). first: which way light takes in it to the panel; it
-    takes the other one back. analyser: a second polariser, behind the splitter; a single
-    polariser between splitter and panel is both, as it is passed twice. None is absent.
+    light: polarisation of the object's light. polariser: light passes it once, before the
+    splitter. splitter: light passes it twice, to the panel and back (thesis Fig. 5.6). first:
+    whether light is transmitted or reflected by the splitter on its way to the panel; on the way
+    back it is the other. analyser: a second polariser, behind the splitter. Light passes a single
+    polariser between splitter and panel twice; give it as both. None stands for no element.
     """
 
     light: SourcePolarisation = SourcePolarisation()
@@ -216,14 +219,14 @@ class PolarisedPath:
         )
 
     def effect(self) -> PathEffect:
-        """What the path does, with a panel that turns the phase along its axis only.
+        """Compute the effect of the polarised path with a panel that modulates one axis only.
 
-        The panel's Jones matrix is diag(exp(i pattern), 1). Light of which the two waves
-        G = Σ share · m m† fall on it, and that leaves by a matrix L, has the power
-        N₀₀ G₀₀ modulated and N₁₁ G₁₁ unmodulated, N = L† L; the two interfere by N₀₁ G₁₀,
-        which is zero where L leaves them across each other: without an analyser, and with a
-        splitter that doesn't polarise, or whose axes are the panel's. Differentiable in every
-        number of the elements. Raises ValueError where no light passes.
+        The panel's Jones matrix is diag(exp(i pattern), 1). Let G = Σ share · m m† be the
+        coherency matrix of the light that falls on it, L the Jones matrix behind it, and
+        N = L† L. The modulated power is then N₀₀ G₀₀, the unmodulated power N₁₁ G₁₁. The two
+        interfere by N₀₁ G₁₀, which is zero where L keeps them orthogonal: without an analyser,
+        and with a splitter that doesn't polarise, or whose axes are the panel's. The result is
+        differentiable in every number of the elements. Raises ValueError where no light passes.
         """
         before, after = self.jones_to_panel, self.jones_from_panel
         waves = ((share, before @ wave) for share, wave in self.light.incoherent_components)
@@ -242,7 +245,7 @@ class PolarisedPath:
 
 
 def _jones_product(matrices: Sequence[torch.Tensor]) -> torch.Tensor:
-    """Of elements in the order in which light meets them."""
+    """Multiply the Jones matrices of elements given in the order in which light meets them."""
     whole = torch.eye(2, dtype=torch.complex128)
     for matrix in matrices:
         whole = matrix @ whole

@@ -1,4 +1,4 @@
-"""The one progress object that every long computation takes."""
+"""Define the progress object that every long computation takes."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from collections.abc import Callable
 
 
 class Cancelled(Exception):
-    """The person or program that started the work asked for it to stop."""
+    """Raised in a computation that its user or caller has cancelled."""
 
 
 class Progress:
-    """How far a long computation is, in words, and whether it should stop.
+    """Report the progress of a long computation, and tell the computation to stop or pause.
 
-    `listener(fraction, message)` is called at every report, in the thread that
-    computes; fraction runs from 0 to 1. `cancel()`, `pause()` and `resume()` may be called
-    from any thread or from a signal handler.
+    `listener(fraction, message)` is called at every report, in the computing thread; fraction
+    runs from 0 to 1. `cancel()`, `pause()` and `resume()` may be called from any thread or from a
+    signal handler.
     """
 
     def __init__(self, listener: Callable[[float, str], None] | None = None) -> None:
@@ -24,13 +24,13 @@ class Progress:
         self._pause_event = threading.Event()
 
     def report(self, fraction: float, message: str = "") -> None:
-        """Tell how far the work is; raises Cancelled if it should stop."""
+        """Report the progress of the computation; raise Cancelled if it should stop."""
         self.raise_if_cancelled()
         if self._listener is not None:
             self._listener(min(max(fraction, 0.0), 1.0), message)
 
     def raise_if_cancelled(self) -> None:
-        """Raise Cancelled if the work should stop."""
+        """Raise Cancelled if the computation should stop."""
         if self.is_cancelled:
             raise Cancelled("cancelled")
 
@@ -43,7 +43,7 @@ class Progress:
 
     @property
     def is_paused(self) -> bool:
-        """Whether the work should rest until `resume()`, where it can do so in order."""
+        """Whether the computation should pause until `resume()`, at the next place where it can."""
         return self._pause_event.is_set()
 
     def pause(self) -> None:
@@ -53,7 +53,7 @@ class Progress:
         self._pause_event.clear()
 
     def part(self, start: float, stop: float) -> Progress:
-        """A progress for one part of the work, from `start` to `stop` of the whole."""
+        """Return the Progress of one part of the computation, from `start` to `stop`."""
         part = Progress(lambda f, m: self.report(start + f * (stop - start), m))
         part._cancel_event, part._pause_event = self._cancel_event, self._pause_event
         return part

@@ -1,4 +1,4 @@
-"""The generalised pupil function: stop, lens and defocus (thesis Eq. 3.2)."""
+"""Compute the generalised pupil function: stop, lens and defocus (thesis Eq. 3.2)."""
 
 from __future__ import annotations
 
@@ -20,32 +20,28 @@ from optics.validation import as_number, to_plain_numbers
 from optics.zernike import zernike
 
 Scalar = Any
-"""A number or a 0-d tensor in which the answer is differentiable."""
+"""A number, or a 0-d tensor in which the result is differentiable."""
 
 MIN_RAY_MATRIX_B_SHARE = 2 / 3
-"""Of the image distance: a shorter lever than that needs samples too fine to be worth it."""
+"""Smallest ray matrix element B, as a share of the image distance; a smaller one would need
+samples too fine to be worth their cost."""
 
 _SLOPE_MARGIN = 1.1
-"""Slopes are sampled, and might be steeper in between."""
-
-_SLOPE_PER_ZERNIKE_DEGREE = 20.0
-"""Radians per stop radius for each degree of an aberration beyond the fourth."""
-
-_AMPLITUDE_CACHE_BYTES = 64 << 20
-"""Bytes of pupils that are kept: three of a panel of 1920 x 1080 pixels, or one of 3840 x 2160."""
+"""Factor on sampled phase slopes, which might be steeper between the samples; chosen."""
 
 
 def pupil_amplitude(camera: Camera) -> torch.Tensor:
-    """Share of each panel pixel that lies inside the lens stop, (rows, columns), float64.
+    """Compute the pupil amplitude: each panel pixel's share inside the stop, (rows, columns).
 
-    Edge pixels get their covered area: a jagged edge would cost four times the accuracy.
-    Don't write into it: it is kept.
+    Edge pixels get the share of their covered area; with a jagged edge the error would be four
+    times as large. The float64 tensor is cached, so don't write into it.
     """
     lens = camera.lens
     return _cached_pupil_amplitude(lens.stop, lens.focal_length, lens.f_number, camera.panel.plane)
 
 
-@byte_limited_cache(_AMPLITUDE_CACHE_BYTES)
+# 64 MiB hold three pupils of a panel of 1920 x 1080 pixels, or one of 3840 x 2160.
+@byte_limited_cache(64 << 20)
 def _cached_pupil_amplitude(
     stop: Stop, focal_length: float, f_number: float, plane: Plane
 ) -> torch.Tensor:
@@ -53,10 +49,13 @@ def _cached_pupil_amplitude(
 
 
 def open_area(camera: Camera) -> float:
-    """Area in square metres that panel and stop both leave open, as if they stood in one plane."""
+    """Compute the area that panel and stop both leave open, in square metres.
+
+    Both are treated as if they stood in one plane.
+    """
     panel = camera.panel
     whole = tuple(n * panel.pitch for n in panel.shape)
-    # Of an even number of pixels, one more lies below the origin than above it.
+    # The origin is at n // 2, so that an even number of pixels isn't centred on it.
     middle = tuple((n % 2 - 1) * panel.pitch / 2 for n in panel.shape)
     one = Plane((1, 1), (whole[0], whole[1]), (middle[0], middle[1]))
     share = coverage(camera.lens.stop, camera.lens.stop_diameter / 2, one)
@@ -64,7 +63,7 @@ def open_area(camera: Camera) -> float:
 
 
 def require_open_pupil(camera: Camera) -> None:
-    """Raise ValueError for a stop that leaves the panel dark."""
+    """Raise ValueError for a lens stop that lets no light of the panel through."""
     if not open_area(camera) > 0:
         raise ValueError(
             "the stop or what obscures it covers the whole panel: no light passes; open it "
@@ -73,7 +72,7 @@ def require_open_pupil(camera: Camera) -> None:
 
 
 def require_valid_source(distance: float, wavelength: float) -> None:
-    """Raise ValueError for an object or a wavelength that sends no light through a lens."""
+    """Raise ValueError for an object distance or a wavelength that isn't positive."""
     if not distance > 0:
         raise ValueError(f"distance is {distance:g} m; the object must be in front of the camera")
     if not 0 < wavelength < math.inf:
@@ -81,10 +80,10 @@ def require_valid_source(distance: float, wavelength: float) -> None:
 
 
 def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
-    """What the lens model leaves out of scalar diffraction by an ideal lens.
+    """Estimate the error of the lens model against scalar diffraction by an ideal lens.
 
-    A thin, quadratic lens is short of the sphere by r⁴/8z³ of path. Both kinds are short of
-    the obliquity of the steepest rays. radius: metres from the axis to the farthest light.
+    The parabola of a thin lens differs from the sphere by r⁴/8z³ of path. Both kinds of lens leave
+    out the obliquity of the steepest rays. radius: metres from the axis to the farthest light.
     """
     z = lens.image_distance
     sine = radius / z
@@ -97,10 +96,10 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
 
 
 def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
-    """The finest fringe of the light on the sensor, in cycles per metre.
+    """Compute the cut-off frequency of the light on the sensor, in cycles per metre.
 
-    A pixel that the stop cuts is as wide as the others, and reaches beyond it. Behind a panel
-    that stands apart from the lens the whole stop is lit.
+    A pixel that the stop cuts counts with its whole width, which reaches beyond the stop. Behind
+    a panel that stands apart from the lens the whole stop is lit.
     """
     lens = optics if isinstance(optics, Lens) else optics.lens
     width = lens.stop_diameter
@@ -116,26 +115,30 @@ def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
 
 
 def object_to_lens_distance(camera: Camera, distance: Scalar) -> Scalar:
-    """Metres from the lens to an object that is `distance` metres before the panel."""
+    """Return the distance from the lens to an object `distance` metres before the panel."""
     return distance + camera.separation
 
 
 def vergence_error(lens: Lens, distance: Scalar) -> Scalar:
-    """1/d + 1/z - 1/f in dioptres: zero when an object at `distance` metres is in focus."""
+    """Compute the vergence error 1/d + 1/z - 1/f of an object at `distance` metres, in dioptres.
+
+    It is zero for an object in focus.
+    """
     return 1 / distance - 1 / lens.focus_distance
 
 
 def defocus_curvature(lens: Lens, distance: Scalar, wavelength: Scalar) -> Scalar:
-    """Radians of defocus per square metre from the axis, in the paraxial approximation."""
+    """Compute the paraxial defocus in radians per square metre of squared radius."""
     return math.pi / wavelength * vergence_error(lens, distance)
 
 
 def defocus_path(lens: Lens, distance: Scalar, r2: torch.Tensor) -> torch.Tensor:
-    """Metres of optical path, at r2 square metres from the axis, of an object off the focus.
+    """Compute the optical path of defocus in metres, at points in the pupil.
 
-    The object's spherical wave, the lens, and the wave that converges on the sensor:
-    quadratic for a thin lens (thesis Eq. 2.14), a difference of two spheres for a stigmatic
-    one, in a form that loses no digits; exactly zero in focus.
+    r2: squared distance of the points from the axis, square metres. The path is the sum of the
+    object's spherical wave, the lens, and the wave that converges on the sensor. It is quadratic
+    for a thin lens (thesis Eq. 2.14), and a difference of two spheres for a stigmatic one, in a
+    form that loses no digits. In focus it is exactly zero.
     """
     if lens.kind == "thin":
         return vergence_error(lens, distance) / 2 * r2
@@ -143,16 +146,16 @@ def defocus_path(lens: Lens, distance: Scalar, r2: torch.Tensor) -> torch.Tensor
 
 
 def _sag(vergence: Scalar, r2: torch.Tensor) -> torch.Tensor:
-    """sqrt(d² + r²) - d for d = 1 / vergence, infinity included."""
+    """Compute a wavefront's sag sqrt(d² + r²) - d for d = 1 / vergence, also for infinite d."""
     return r2 * vergence / (1 + torch.sqrt(1 + r2 * vergence**2))
 
 
 def pupil_phase(
     lens: Lens, distance: Scalar, wavelength: Scalar, y: torch.Tensor, x: torch.Tensor
 ) -> torch.Tensor:
-    """Phase in radians of a point's light in the pupil (thesis Eq. 3.2), float64.
+    """Compute the pupil phase of a point's light in radians (thesis Eq. 3.2), float64.
 
-    y, x: in units of the stop's radius; they broadcast. Defocus and aberrations.
+    It is the sum of defocus and aberrations. y, x: in units of the stop's radius; they broadcast.
     """
     r2 = (y**2 + x**2) * (lens.stop_diameter / 2) ** 2
     path = defocus_path(lens, distance, r2)
@@ -162,7 +165,7 @@ def pupil_phase(
 
 
 def pupil_phase_on_panel(camera: Camera, distance: Scalar, wavelength: Scalar) -> torch.Tensor:
-    """pupil_phase() at the panel's pixel centres, (rows, columns)."""
+    """Compute the pupil phase at the panel's pixel centres, (rows, columns), in radians."""
     radius = camera.lens.stop_diameter / 2
     y, x = camera.panel.plane.mesh()
     return pupil_phase(camera.lens, distance, wavelength, y / radius, x / radius)
@@ -171,16 +174,17 @@ def pupil_phase_on_panel(camera: Camera, distance: Scalar, wavelength: Scalar) -
 def phase_slope_bound(
     lens: Lens, distance: float, wavelength: float, tilt: float
 ) -> PhaseSlopeBound:
-    """How fast a lens' wave turns over its stop; tilt: that of the farthest image sample.
+    """Bound the slope of a lens' phase over its stop, for the choice of quadrature nodes.
 
-    Analytic for pure defocus; with aberrations from samples along rays and circles.
+    tilt: the slope that belongs to the farthest image sample. The bound is analytic for pure
+    defocus. With aberrations it is found from samples along rays and circles.
     """
     radius = lens.stop_diameter / 2
     if not lens.aberrations:
         edge = torch.tensor(radius**2, dtype=torch.float64)
         slope = 4 * math.pi / wavelength * float(defocus_path(lens, distance, edge).abs())
-        # A stigmatic lens' defocus is no steeper than the parabola that ends where it ends
-        # by more than a fifth, at the numerical apertures that such a lens has.
+        # The defocus of a stigmatic lens is at most a fifth steeper than the parabola with the
+        # same value at the edge, at the numerical apertures that such a lens has.
         spare = 1.0 if lens.kind == "thin" else 1.2
         return PhaseSlopeBound(lambda r: spare * slope * r, lambda r: 0.0, tilt)
     finest = max(n for n, _, _ in lens.aberrations)
@@ -190,10 +194,9 @@ def phase_slope_bound(
     phase = pupil_phase(lens, distance, wavelength, y, x)
     along = (torch.diff(phase, dim=0).abs().amax(1) / (r[1] - r[0])).numpy()
     across = (torch.diff(phase, dim=1).abs().amax(1) / (angle[1] - angle[0])).numpy()
-    # A weak polynomial of high degree is not steep, and has to be followed all the same.
-    along = _SLOPE_MARGIN * np.maximum.accumulate(along) + _SLOPE_PER_ZERNIKE_DEGREE * max(
-        finest - 4, 0
-    )
+    # A weak polynomial of high degree isn't steep, but needs enough nodes all the same: 20 radians
+    # per stop radius are added for each degree beyond the fourth.
+    along = _SLOPE_MARGIN * np.maximum.accumulate(along) + 20.0 * max(finest - 4, 0)
     across = _SLOPE_MARGIN * np.maximum.accumulate(across)
     middles = ((r[1:] + r[:-1]) / 2).numpy()
     return PhaseSlopeBound(
@@ -205,24 +208,24 @@ def phase_slope_bound(
 
 
 def open_pupil_radius(camera: Camera) -> float:
-    """Metres from the axis to the edge of the open pupil, at the most."""
+    """Return the largest distance from the axis to the edge of the open pupil, in metres."""
     return min(camera.lens.stop_diameter / 2, panel_half_diagonal(camera))
 
 
 def panel_half_diagonal(camera: Camera) -> float:
-    """Metres from the axis to the panel's corner."""
+    """Return the distance from the axis to the panel's corner, in metres."""
     return math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape)) / 2
 
 
 def phase_step_per_pixel(camera: Camera, distance: float, wavelength: float) -> float:
-    """The largest change of the lens' wave across one open panel pixel, in radians."""
+    """Compute the largest change of the lens' phase across one open panel pixel, in radians."""
     lens, panel = to_plain_numbers(camera.lens), camera.panel
     radius = lens.stop_diameter / 2
     if lens.aberrations:
         return _SLOPE_MARGIN * _largest_pixel_phase_step(
             replace(camera, lens=lens), distance, wavelength
         )
-    # A pixel that the stop cuts reaches beyond it.
+    # A pixel that the stop cuts reaches beyond the stop.
     reach = min(radius + math.sqrt(2) * panel.pitch, panel_half_diagonal(camera)) / radius
     return (
         phase_slope_bound(lens, distance, wavelength, 0.0).largest_slope(reach)
@@ -232,8 +235,11 @@ def phase_step_per_pixel(camera: Camera, distance: float, wavelength: float) -> 
 
 
 def _largest_pixel_phase_step(camera: Camera, distance: float, wavelength: float) -> float:
-    """From corner to corner of the pixels that the stop leaves open in part: polynomials grow
-    fast beyond it."""
+    """Compute the largest phase change between the corners of a panel pixel, in radians.
+
+    Only pixels that are at least partly open count, because Zernike polynomials grow fast beyond
+    the stop.
+    """
     panel, radius = camera.panel, camera.lens.stop_diameter / 2
     y, x = (
         (torch.arange(n + 1, dtype=torch.float64) - n // 2 - 0.5) * (panel.pitch / radius)
@@ -248,7 +254,7 @@ def _largest_pixel_phase_step(camera: Camera, distance: float, wavelength: float
 
 
 def numeric_camera(camera: Camera) -> Camera:
-    """A camera whose lens and separation are plain numbers."""
+    """Return a camera with plain numbers in place of the lens' and the separation's tensors."""
     return replace(
         camera, lens=to_plain_numbers(camera.lens), separation=as_number(camera.separation)
     )

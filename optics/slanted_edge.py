@@ -1,4 +1,4 @@
-"""The modulation transfer of a camera from a picture of a slanted edge (ISO 12233, e-SFR)."""
+"""Measure the MTF of a camera from a picture of a slanted edge (ISO 12233, e-SFR)."""
 
 from __future__ import annotations
 
@@ -10,21 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-_EDGE_FIT_PASSES = 3
-"""Times that the edge is sought, each time nearer to where it was found."""
-
-_EDGE_FIT_HALF_WIDTH = 6.0
-"""Pixels around the edge in which it is sought, after the first time."""
-
-_TAPER = 0.3
-"""Of the line spread's window that falls off at its ends."""
-
 
 @dataclass(frozen=True, eq=False)
 class EdgeResponse:
-    """frequencies: cycles per pixel across the edge. mtf: 1 at 0. angle: radians between edge
-    and columns, or rows if `horizontal`. edge_spread: the edge's spread, oversampled, at
-    `positions` pixels from it."""
+    """Hold the MTF and the edge spread function measured from a slanted edge.
+
+    frequencies: cycles per pixel across the edge. mtf: 1 at frequency 0. angle: radians between
+    the edge and the columns, or the rows if `horizontal`. edge_spread: the oversampled edge spread
+    function at `positions`, which are pixels from the edge.
+    """
 
     frequencies: Array
     mtf: Array
@@ -34,9 +28,9 @@ class EdgeResponse:
     edge_spread: Array
 
     def mtf_at(self, frequencies: ArrayLike) -> Array:
-        """The MTF at frequencies in cycles per pixel, linear between those that are known.
+        """Interpolate the MTF linearly at frequencies in cycles per pixel.
 
-        Raises ValueError beyond the last.
+        Raises ValueError for frequencies beyond the highest measured one.
         """
         asked = np.asarray(frequencies, dtype=np.float64)
         if asked.size and (asked.min() < 0 or asked.max() > self.frequencies[-1]):
@@ -48,15 +42,16 @@ class EdgeResponse:
 
 
 def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResponse:
-    """What a straight edge's picture tells of the system across it.
+    """Measure the MTF across a slanted edge from its picture.
 
-    picture: (rows, columns) of linear numbers, of one edge between two even sides that goes
-    through all rows, or all columns, by an angle of a few degrees. Each row's edge is found as
-    the centroid of its derivative, a line is put through them, and all pixels are sorted by their
-    distance from it into bins of a pixel over `oversampling`. The difference of neighbouring
-    bins is windowed and transformed. That a bin is an average and a difference isn't a
-    derivative both cost sinc(f / oversampling), which is divided out.
-    Raises ValueError for a picture without an edge, or one too upright to fill all bins.
+    picture: (rows, columns), linear in the light, of one edge between two uniform sides. The edge
+    passes through all rows, or all columns, at an angle of a few degrees. Each row's edge is the
+    centroid of the row's derivative. A line is fitted to these centroids, and all pixels are
+    sorted by their distance from it into bins 1 / `oversampling` pixels wide. The differences of
+    neighbouring bins are windowed and Fourier transformed. The average over a bin and the
+    difference in place of a derivative each attenuate by sinc(f / oversampling); both factors
+    are divided out. Raises ValueError for a picture without an edge, or an edge too upright to
+    fill all bins.
     """
     values = np.asarray(picture, dtype=np.float64)
     if values.ndim != 2 or min(values.shape) < 16:
@@ -76,7 +71,7 @@ def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResp
 
 
 def _fit_edge_line(values: Array) -> tuple[float, float]:
-    """Column at row 0, and columns a row, of the edge."""
+    """Fit a line to the slanted edge: its column at row 0, and its slope in columns per row."""
     derivative = np.diff(values, axis=1)
     if not np.abs(derivative).max() > 1e-9 * max(np.abs(values).max(), 1e-300):
         raise ValueError("picture has no edge: it is the same everywhere")
@@ -84,7 +79,8 @@ def _fit_edge_line(values: Array) -> tuple[float, float]:
     rows = np.arange(len(values))
     weights = np.ones_like(derivative)
     offset = slope = 0.0
-    for _ in range(_EDGE_FIT_PASSES):
+    half_width = 6.0  # After the first pass, 6 pixels on either side count.
+    for _ in range(3):
         strength = (derivative * weights).sum(1)
         if (strength == 0).any() or (np.sign(strength) != np.sign(strength[0])).any():
             raise ValueError("picture has rows without the edge; cut it out so that it is in all")
@@ -92,8 +88,8 @@ def _fit_edge_line(values: Array) -> tuple[float, float]:
         slope, offset = np.polyfit(rows, centroid, 1)
         away = columns - (offset + slope * rows)[:, None]
         weights = np.where(
-            np.abs(away) < _EDGE_FIT_HALF_WIDTH,
-            np.cos(np.pi * away / (2 * _EDGE_FIT_HALF_WIDTH)) ** 2,
+            np.abs(away) < half_width,
+            np.cos(np.pi * away / (2 * half_width)) ** 2,
             0.0,
         )
     return float(offset), float(slope)
@@ -102,12 +98,15 @@ def _fit_edge_line(values: Array) -> tuple[float, float]:
 def _edge_spread(
     values: Array, offset: float, slope: float, oversampling: int
 ) -> tuple[Array, Array]:
-    """Middles of bins in pixels from the edge, and the mean of the pixels in each."""
+    """Compute the oversampled edge spread function.
+
+    Returns the centres of the bins in pixels from the edge, and the mean of the pixels in each.
+    """
     rows, columns = values.shape
     line = offset + slope * np.arange(rows)
     cosine = 1 / math.hypot(1, slope)
     distance = (np.arange(columns) - line[:, None]) * cosine
-    # So far from the edge that all rows have pixels on both sides.
+    # This is the largest distance from the edge at which every row has pixels on both sides.
     reach = cosine * min(line.min(), (columns - 1 - line).min())
     half = math.floor(reach * oversampling)
     if half < 4 * oversampling:
@@ -138,7 +137,8 @@ def _mtf_from_edge_spread(edge: Array, oversampling: int) -> tuple[Array, Array]
 
 
 def _tukey_window(count: int) -> Array:
-    """Flat, with ends that fall off as a cosine (Tukey)."""
+    """Return Tukey's window, flat with cosine tapers, for the line spread function."""
+    taper = 0.3  # The tapers take this share of the window.
     place = np.abs(np.arange(count) - (count - 1) / 2) / (count / 2)
-    fall = np.clip((place - (1 - _TAPER)) / _TAPER, 0, 1)
+    fall = np.clip((place - (1 - taper)) / taper, 0, 1)
     return 0.5 * (1 + np.cos(np.pi * fall))

@@ -1,4 +1,4 @@
-"""The stop's shadow on a panel that stands before the lens."""
+"""Compute the lens stop's shadow on a panel that stands before the lens."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from optics.validation import as_number
 
 
 def panel_to_focus_distance(camera: Camera) -> float:
-    """Metres from the panel to the plane in focus.
+    """Return the distance from the panel to the plane in focus, in metres.
 
-    Raises ValueError for a panel that stands in that plane or beyond it: the lens then images
-    its pixels, and light from an object in focus doesn't meet it as a wave.
+    Raises ValueError for a panel in that plane or beyond it: the lens then images the panel's
+    pixels, and the light of an object in focus doesn't reach the panel as a spreading wave.
     """
     distance = camera.lens.focus_distance - camera.separation
     if not distance > 0:
@@ -27,15 +27,16 @@ def panel_to_focus_distance(camera: Camera) -> float:
 
 
 def with_stop_shadow_on_panel(camera: Camera) -> Camera:
-    """The camera with its stop in the panel's plane, as large as the stop's shadow there.
+    """Return a camera whose stop lies in the panel's plane, as large as the stop's shadow there.
 
-    Light of a point in focus, d metres before the panel, spreads by 1 + separation / d until it
-    meets the stop: what passes comes from an area on the panel that is smaller by as much.
-    That is geometric optics; diffraction blurs the shadow's rim over sqrt(wavelength
-    separation). Panel, stop and what they leave open are to be asked of the answer, no lengths
-    behind the lens. The camera itself where panel and lens are in one plane.
+    Light of a point in focus, d metres before the panel, spreads by the factor
+    1 + separation / d on its way to the stop. The light that passes therefore comes from an area
+    on the panel that is smaller by this factor. This is geometric optics; diffraction blurs the
+    shadow's rim over sqrt(wavelength separation). The returned camera is valid for its panel, its
+    stop and their open area, but not for lengths behind the lens. It is the given camera if panel
+    and lens are in one plane.
 
-    Raises ValueError as panel_to_focus_distance().
+    Raises ValueError under the same conditions as panel_to_focus_distance().
     """
     if not camera.separation:
         return camera
@@ -45,15 +46,16 @@ def with_stop_shadow_on_panel(camera: Camera) -> Camera:
 
 
 def share_through_stop(camera: Camera, distance: float, field: tuple[float, float]) -> float:
-    """How much of a point's light on the panel passes the stop, by geometric optics.
+    """Compute the share of a point's light on the panel that passes the stop, geometrically.
 
     distance: metres from the point to the panel, math.inf allowed. field: metres (y, x) on the
-    sensor from the axis to its image. Of the light that panel and stop would both pass if they
-    stood in one plane, as a PSF's values are.
+    sensor from the axis to the point's image. As in a PSF, the share is relative to the light
+    that panel and stop would both pass if they stood in one plane.
 
     The ray through the middle of the lens has the slope field / image distance and meets the
-    panel at -separation times that, where the middle of the stop's shadow is. Light that a
-    pattern turns goes elsewhere. Raises ValueError for a stop and a panel without common area.
+    panel at -separation times this slope, in the middle of the stop's shadow. Light that a
+    pattern deflects isn't considered. Raises ValueError for a stop and a panel without common
+    area.
     """
     whole = open_area(camera)
     if not whole:
@@ -61,7 +63,7 @@ def share_through_stop(camera: Camera, distance: float, field: tuple[float, floa
     panel, lens, z1 = camera.panel, camera.lens, as_number(camera.separation)
     radius = as_number(lens.stop_diameter) / 2 / (1 + z1 / distance)
     sides = tuple(n * panel.pitch for n in panel.shape)
-    # Of an even number of pixels, one more lies below the origin than above it.
+    # The origin is at n // 2, so that an even number of pixels isn't centred on it.
     centre = tuple(
         (n % 2 - 1) * panel.pitch / 2 + z1 * f / as_number(lens.image_distance)
         for n, f in zip(panel.shape, field, strict=True)

@@ -1,4 +1,4 @@
-"""The transfer function of a camera with a neutral panel, by its pupil's autocorrelation."""
+"""Compute the MTF of a camera with a neutral panel from its pupil's autocorrelation."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ from optics.validation import as_number, require_positive
 
 Array = NDArray[np.float64]
 
-_QUADRATURE_LINES = 320
-"""Lines across the pupil, and so many more for each wave of defocus between two of its points."""
-
 
 def system_mtf(
     camera: Camera,
@@ -24,12 +21,12 @@ def system_mtf(
     angle: float = 0.0,
     distance: float | None = None,
 ) -> Array:
-    """Modulation of a pattern of so many cycles per metre on the sensor, pixels included.
+    """Compute the MTF of the whole camera, lens and pixels, with a neutral panel.
 
-    frequencies: any shape, not negative. angle: radians, of the direction in which the pattern
-    changes, from x (along rows) towards y. distance: metres from the panel to the object, on
-    the axis; what is in focus by default. The modulus of neutral_panel_otf() times sinc(p fx)
-    sinc(p fy) of square pixels.
+    frequencies: cycles per metre on the sensor, any shape, not negative. angle: radians, the
+    direction in which the fringes change, from x (along rows) towards y. distance: metres from
+    the panel to the object, on the axis; by default the object is in focus. The MTF is the
+    modulus of neutral_panel_otf() times sinc(p fx) sinc(p fy) of square pixels of pitch p.
     """
     along = np.asarray(frequencies, dtype=np.float64)
     pitch = camera.sensor.pitch
@@ -44,13 +41,14 @@ def neutral_panel_otf(
     angle: float = 0.0,
     distance: float | None = None,
 ) -> Array:
-    """The same before the pixels, with its sign; 1 at frequency 0.
+    """Compute the OTF of panel and lens without the pixels, for a neutral panel; 1 at frequency 0.
 
-    The pupil is what is open of both the panel's rectangle, as the object's point sees it in the
-    lens' plane, and the lens' round stop. Its autocorrelation at a shift of λ z f (Goodman,
-    Introduction to Fourier Optics, 6.3) is integrated along x in closed form, and along y by
-    Gauss' rule; defocus turns the phase evenly over it. The panel counts as one mirror: what its
-    pixels scatter into far orders isn't in it.
+    It is real and may be negative. The parameters are those of system_mtf(). The pupil is the
+    intersection of the lens' round stop and the panel's rectangle, projected from the object's
+    point into the lens' plane. Its autocorrelation at a shift of λ z f (Goodman, Introduction to
+    Fourier Optics, 6.3) is integrated along x in closed form, and along y by Gauss' rule; defocus
+    adds a phase that is linear over the overlap. The panel counts as one mirror: light that its
+    pixel grid sends into far diffraction orders is left out.
     Raises ValueError for a stop that isn't a clear circle, aberrations, a lens that isn't thin,
     or an object that isn't in front of the panel.
     """
@@ -69,10 +67,10 @@ def neutral_panel_otf(
 
 
 class _Pupil:
-    """Half the panel's height and width, and the stop's radius, in metres in the lens' plane.
+    """Describe the pupil of panel and round stop in the lens' plane, in metres.
 
-    defocus: 1/m, by how much more the wave from the object bends there than that of what is in
-    focus.
+    It has half the panel's height and width, and the stop's radius. defocus: 1/m, vergence of
+    the object's wave less that of a wave from the plane in focus.
     """
 
     def __init__(self, camera: Camera, distance: float | None) -> None:
@@ -96,14 +94,17 @@ class _Pupil:
         self.defocus = 1 / from_lens - 1 / focus
 
     def autocorrelation(self, dy: float, dx: float, curvature: float) -> float:
-        """Of the pupil and itself moved by (dy, dx) metres, with the phase curvature (dy y + dx x)
-        that defocus makes; square metres."""
+        """Compute the pupil's autocorrelation at a shift of (dy, dx) metres, in square metres.
+
+        Defocus adds the phase curvature (dy y + dx x).
+        """
         half = self.half_height - abs(dy) / 2
         if half <= 0:
             return 0.0
         waves = abs(curvature) * math.hypot(dy, dx) * 2 * self.radius / (2 * math.pi)
-        nodes, weights = gauss_legendre(_QUADRATURE_LINES + 8 * math.ceil(waves))
-        # Denser at both ends, where a circle's chord ends as a square root.
+        # There are 320 lines across the pupil, and 8 more for each wave of defocus across it.
+        nodes, weights = gauss_legendre(320 + 8 * math.ceil(waves))
+        # The nodes are denser at both ends, where the chord of a circle falls as a square root.
         y = half * np.sin(0.5 * np.pi * nodes)
         step = 0.5 * np.pi * half * np.cos(0.5 * np.pi * nodes) * weights
         above, below = self._half_chord(y + dy / 2), self._half_chord(y - dy / 2)
@@ -115,6 +116,6 @@ class _Pupil:
         return float((step * line * np.cos(turn * (low + high) / 2 + curvature * dy * y)).sum())
 
     def _half_chord(self, y: Array) -> Array:
-        """Half the pupil's width at a height."""
+        """Return half the pupil's width at a height y, in metres."""
         round_part = np.sqrt(np.maximum(self.radius**2 - y**2, 0.0))
         return np.minimum(round_part, self.half_width)

@@ -1,4 +1,4 @@
-"""How torch may compute: with how many threads, and in no less than single precision."""
+"""Limit torch's threads, and keep torch from computing in half precision."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ R = TypeVar("R")
 
 
 def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
-    """Let an iteration of many small tensor operations run on one thread.
+    """Decorate a function of many small tensor operations to run on one torch thread.
 
-    torch's threads meet at the end of every operation, and spin while they wait: with
-    another busy process beside them, two threads were measured to be three to forty
-    times slower than one.
+    torch synchronises its threads at the end of every operation, and they spin while they wait.
+    With another busy process on the machine, two threads were measured to be three to forty times
+    slower than one.
     """
 
     @functools.wraps(function)
@@ -33,8 +33,10 @@ def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def in_full_precision(function: Callable[P, R]) -> Callable[P, R]:
-    """Keep mixed precision out: under autocast torch would multiply in half precision, and
-    three digits are no optics."""
+    """Decorate a function to compute without torch's automatic mixed precision (autocast).
+
+    Under autocast torch would multiply in half precision, whose three digits are too few here.
+    """
 
     @functools.wraps(function)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:

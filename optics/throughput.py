@@ -1,4 +1,4 @@
-"""How much light an object sends to the sensor."""
+"""Compute how much light an object sends to the sensor."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ def electron_rate(
     wavelength: float,
     distance: float = math.inf,
 ) -> float:
-    """Photo-electrons per second and square metre of sensor from a diffuse object.
+    """Compute the photo-electrons per second and square metre of sensor from a diffuse object.
 
     radiance: W / (sr m² m), per metre of wavelength. bandwidth: metres of wavelength. distance:
-    metres from the object to the panel; it matters where the lens stands apart from it.
-    The camera equation E = L A / z², with A the area that stop and panel leave open, z the
-    image distance, and photons of energy h c / wavelength; near the axis, where cos⁴ is one.
-    A PSF's shares are of the light through A in the panel's plane, as wide as A there and
-    wider by 1 + separation / distance at the lens, from which the image is seen.
+    metres from the object to the panel; it matters where the lens stands apart from the panel.
+    The camera equation is E = L A / z², where A is the area that stop and panel leave open, and z
+    the image distance. Photons have the energy h c / wavelength. It holds near the axis, where
+    cos⁴ is one. The shares of a PSF refer to the light through A in the panel's plane. At the
+    lens, from which the light converges to the image, this light is wider by the factor
+    1 + separation / distance.
     Raises ValueError for a negative radiance, or lengths that aren't positive.
     """
     if not 0 <= radiance < math.inf:

@@ -1,4 +1,4 @@
-"""The public edge: numpy arrays are accepted and given back, tensors work inside."""
+"""Check arguments of public functions, and convert between numpy arrays and torch tensors."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import torch
 
 def _to_tensor(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        # Arrays read from files may be read-only, reversed or of a foreign byte order: torch
-        # shares none of them.
+        # Arrays from files may be read-only, reversed or of another byte order. torch can't share
+        # the memory of these, so they are copied.
         plain = (
             value.flags.writeable and value.dtype.isnative and min(value.strides, default=0) >= 0
         )
@@ -33,10 +33,10 @@ def _to_numpy(value: Any) -> Any:
 
 
 def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a function of tensors take numpy arrays, and answer them with numpy arrays.
+    """Decorate a function of tensors to accept numpy arrays, and to return numpy arrays for them.
 
-    With no numpy array among the arguments the function is called as it is, so
-    gradients pass. Answers are converted where they are tensors or tuples of them.
+    Without a numpy array among the arguments, the function is called unchanged, so that gradients
+    propagate. Results are converted if they are tensors or tuples of tensors.
     """
 
     @functools.wraps(function)
@@ -52,17 +52,17 @@ def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def as_floating_point(value: torch.Tensor) -> torch.Tensor:
-    """The tensor itself, or whole numbers as float32."""
+    """Return a floating-point tensor unchanged, and one of whole numbers as float32."""
     return value if value.is_floating_point() else value.to(torch.float32)
 
 
 def as_number(value: Any) -> float:
-    """A plain number from a number or a 0-d tensor; no derivative comes along."""
+    """Convert a number or a 0-d tensor to a float, without its derivative."""
     return float(value.detach() if isinstance(value, torch.Tensor) else value)
 
 
 def to_plain_numbers(value: Any) -> Any:
-    """The same with a number for every tensor in it, in its dataclasses and tuples as well."""
+    """Replace every 0-d tensor in a value by a float, also inside dataclasses and tuples."""
     if isinstance(value, (torch.Tensor, np.ndarray, np.floating)):
         return as_number(value)
     if isinstance(value, tuple):
@@ -77,14 +77,17 @@ def to_plain_numbers(value: Any) -> Any:
 
 
 def needs_gradient(value: object) -> bool:
-    """Whether a number is a tensor whose derivative is wanted."""
+    """Tell whether a number is a tensor that requires a gradient."""
     return isinstance(value, torch.Tensor) and value.requires_grad
 
 
 def require_unchanged_attributes(
     names: Iterable[str], at_planning: object, now: object, kind: str
 ) -> None:
-    """Raise a ValueError for what has changed since an operator of some kind was planned."""
+    """Raise ValueError if attributes have changed since an operator was planned.
+
+    kind: what kind of operator it is, for the message.
+    """
     for name in names:
         was, is_ = getattr(at_planning, name), getattr(now, name)
         if was != is_:
@@ -95,20 +98,20 @@ def require_unchanged_attributes(
 
 
 def require_positive(name: str, value: Any, unit: str) -> None:
-    """Raise a ValueError for a number that isn't positive and finite."""
+    """Raise ValueError for an argument that isn't positive and finite."""
     value = as_number(value)
     if not (value > 0 and math.isfinite(value)):
         raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
 
 
 def require_count(name: str, value: int) -> None:
-    """Raise ValueError for a number of steps below 1."""
+    """Raise ValueError for a count below 1."""
     if value < 1:
         raise ValueError(f"{name} is {value}; at least 1 is needed")
 
 
 def require_same_shape(name: str, picture: torch.Tensor, **others: torch.Tensor | None) -> None:
-    """Raise ValueError for others, where they are given, of another shape than a picture's."""
+    """Raise ValueError for arguments whose shape isn't that of a picture; None is allowed."""
     for other, given in others.items():
         if given is not None and given.shape != picture.shape:
             raise ValueError(
@@ -118,27 +121,27 @@ def require_same_shape(name: str, picture: torch.Tensor, **others: torch.Tensor 
 
 
 def require_share(name: str, value: Any) -> None:
-    """Raise a ValueError for a number that isn't between 0 and 1."""
+    """Raise ValueError for an argument that isn't between 0 and 1."""
     value = as_number(value)
     if not 0 <= value <= 1:
         raise ValueError(f"{name} is {value:g}; it is a share and must lie between 0 and 1")
 
 
 def rounded_up(value: float) -> str:
-    """Three digits of a positive number, for advice of "at least": never below it."""
+    """Format a positive number with three digits, rounded up, for a message of "at least"."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.3g}"
 
 
 def rounded_down(value: float) -> str:
-    """Three digits of a positive number, for advice of "at most": never above it."""
+    """Format a positive number with three digits, rounded down, for a message of "at most"."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.floor(value / unit * (1 + 1e-12)) * unit:.3g}"
 
 
 def require_finite(name: str, value: torch.Tensor) -> None:
-    """Raise a ValueError that counts the NaN and infinite entries of an argument."""
-    # A sum is quick, and no NaN or infinity leaves it finite.
+    """Raise ValueError, with a count, for an argument with NaN or infinite entries."""
+    # A sum is quick to compute, and it isn't finite if any entry is NaN or infinite.
     if bool(torch.isfinite(value.detach().sum())):
         return
     bad = int((~torch.isfinite(value)).sum())

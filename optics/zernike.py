@@ -1,4 +1,4 @@
-"""Zernike polynomials over a unit disc, normalised to a root mean square of one."""
+"""Compute Zernike polynomials over a unit disc, normalised to a root mean square of one."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from optics.zernike_order import require_zernike_indices as require_zernike_indi
 
 @accepts_numpy
 def zernike(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Z(n, m) at points (y, x) in units of the disc's radius, also beyond it.
+    """Compute the Zernike polynomial Z(n, m) at points (y, x), also beyond the disc.
 
-    n: degree, 0 or more. m: cycles around the axis, from -n to n in steps of two; cosines for
-    m >= 0, sines for m < 0, of the angle from x towards y. The radial part is a Jacobi
-    polynomial of r², by its recurrence, which stays accurate at any degree (Noll 1976,
-    10.1364/JOSA.66.000207, for the normalisation; Born and Wolf 9.2). Differentiable.
-    Raises ValueError for an (n, m) that doesn't exist.
+    y, x: in units of the disc's radius. n: degree, 0 or more. m: cycles around the axis, from -n
+    to n in steps of two; cosines for m >= 0, sines for m < 0, of the angle from x towards y. The
+    radial part is a Jacobi polynomial of r², computed by its recurrence, which stays accurate at
+    any degree (Noll 1976, 10.1364/JOSA.66.000207, for the normalisation; Born and Wolf 9.2). The
+    result is differentiable. Raises ValueError for an (n, m) that doesn't exist.
     """
     require_zernike_indices(n, m)
     order = abs(m)
     r2 = y * y + x * x
     radial = (-1) ** ((n - order) // 2) * _jacobi((n - order) // 2, order, 1 - 2 * r2)
-    # r^m cos(m t) and r^m sin(m t) without an angle, which the axis doesn't have.
+    # r^m cos(m t) and r^m sin(m t) are computed without the angle t, which is undefined on the
+    # axis.
     cosine, sine = torch.ones_like(r2), torch.zeros_like(r2)
     for _ in range(order):
         cosine, sine = cosine * x - sine * y, cosine * y + sine * x
@@ -33,7 +34,7 @@ def zernike(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
 
 
 def _jacobi(degree: int, a: int, t: torch.Tensor) -> torch.Tensor:
-    """P(degree; a, 0) at t (Abramowitz and Stegun 22.7.1)."""
+    """Compute the Jacobi polynomial P(degree; a, 0) at t (Abramowitz and Stegun 22.7.1)."""
     before, now = torch.ones_like(t), (a + 2) * (t - 1) / 2 + a + 1
     if degree == 0:
         return before

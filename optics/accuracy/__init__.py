@@ -1,4 +1,4 @@
-"""What a result costs and how far it can be trusted; the choice among methods."""
+"""State what a result costs and how accurate it is, and choose among methods accordingly."""
 
 from optics.accuracy.account import (
     FLOAT32_ARITHMETIC,

@@ -1,4 +1,4 @@
-"""What a result cost and how far it can be trusted."""
+"""State what a result cost and how accurate it is."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from typing import Any, Generic, TypeVar
 T = TypeVar("T")
 
 FLOAT32_ARITHMETIC = 2e-6
-"""Relative L2 error of an intensity from complex64 transforms whose phases were
-prepared in float64; measured against complex128, with a margin of two."""
+"""Relative L2 error of an intensity from complex64 transforms whose phases are prepared in
+float64; measured against complex128, with a margin of two."""
 
 FLOAT64_ARITHMETIC = 1e-12
+"""Relative L2 error of an intensity from transforms in double precision; chosen."""
 
 
 @dataclass(frozen=True)
 class ErrorEstimate:
-    """A relative L2 error and how it is known.
+    """State a relative L2 error and how it is known.
 
     Parameters
     ----------
@@ -32,7 +33,7 @@ class ErrorEstimate:
 
 @dataclass(frozen=True)
 class Account:
-    """What one result costs and how accurate it is.
+    """State what one result costs and how accurate it is.
 
     Only the errors from sampling and arithmetic are bounded by `tol`; the error of the model is
     stated beside them.
@@ -58,7 +59,7 @@ class Account:
     bytes : int
         Size of the largest arrays.
     cpu_spent : float, optional
-        Processor time that was spent, in seconds; None before.
+        Processor time that was spent, in seconds; None until it is known.
     """
 
     method: str
@@ -74,7 +75,7 @@ class Account:
 
     @property
     def error(self) -> float:
-        """The predicted relative L2 error from sampling and arithmetic."""
+        """The account's predicted relative L2 error from sampling and arithmetic."""
         return self.sampling_error.value + self.arithmetic.value
 
     def with_cpu_spent(self, cpu_seconds: float) -> Account:
@@ -84,14 +85,14 @@ class Account:
 
 @dataclass(frozen=True)
 class Result(Generic[T]):
-    """A value and its account.
+    """Pair a computed value with its account.
 
     Parameters
     ----------
     value : Any
-        What was computed, usually a tensor.
+        The computed value, usually a tensor.
     account : Account
-        What it cost and how accurate it is.
+        The cost and the accuracy of the value.
     """
 
     value: T

@@ -1,4 +1,4 @@
-"""What a computation may use, and how fast the machine is that computes it."""
+"""Describe the memory that a computation may use, and the speed of the machine."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class MachineSpeed:
-    """The seconds that basic operations take on the machine at hand, one thread, float32.
+    """State the machine's speed: seconds of basic operations, on one thread, in float32.
 
-    The defaults were measured on a 2-core server. Pass your own where you know them.
+    The defaults were measured on a 2-core server. Pass your own values where you know them.
 
     Parameters
     ----------
     call : float, optional
-        Any function call, whatever its size.
+        Overhead of any function call, whatever its size.
     multiply_add : float, optional
         One multiplication and addition in a product of matrices.
     fft : float, optional
@@ -22,21 +22,21 @@ class MachineSpeed:
     touch : float, optional
         Passing over a complex number once.
     fresh : float, optional
-        A byte of memory beyond what caches and allocators retain.
+        Allocating one byte of memory beyond what caches and allocators retain.
     gridding : float, optional
         Spreading a sample to one point of a regular grid, row by row.
     spread : float, optional
         Spreading a scattered sample to one point of a regular grid.
     point : float, optional
-        What a scattered sample costs besides.
+        Fixed cost of a scattered sample, in addition to `spread`.
     stream : float, optional
         Using an element of a matrix once.
     gather : float, optional
-        Fetching a value from a place of its own.
+        Fetching one value from an arbitrary address.
     tap : float, optional
-        Adding a fine sample's part to a whole pixel.
+        Adding a fine sample's share to a pixel.
     double : float, optional
-        How many times longer double precision takes.
+        Factor by which double precision is slower.
     """
 
     call: float = 5e-4
@@ -55,7 +55,7 @@ class MachineSpeed:
 
 @dataclass(frozen=True)
 class Budget:
-    """What a computation may use: memory, on a machine of a given speed.
+    """State a computation's budget: the memory that it may use, and the machine's speed.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""The one chooser: the cheapest method that answers a request, or the best in a given time.
+"""Choose the cheapest method for a request, or the best one within a given time.
 
-A method is offered before it's prepared: an offer knows its name, its bytes, its processor time
-and its error without having made anything large.
+Methods are candidates before they are prepared: a candidate knows its name, its bytes, its
+processor time and its error before it allocates anything large.
 """
 
 from __future__ import annotations
@@ -17,15 +17,12 @@ from optics.accuracy.budget import Budget, MachineSpeed
 from optics.accuracy.tolerance_error import ToleranceError, combine_refusals, require_memory
 from optics.validation import rounded_up
 
-_ROUNDING = 1e-9
-"""Of a time: predictions that differ by less are the same."""
-
 
 class CandidateMethod(ABC):
-    """Base class of all methods to compute something, known by name and predicted cost.
+    """Base class of methods to choose from, each with a name and a predicted cost.
 
     A candidate is created before it is prepared: it knows its name, its bytes and its processor
-    time without having made anything large.
+    time before it allocates anything large.
 
     Attributes
     ----------
@@ -38,19 +35,19 @@ class CandidateMethod(ABC):
     @property
     @abstractmethod
     def bytes(self) -> int:
-        """The size of the largest arrays in bytes."""
+        """The size of the candidate method's largest arrays in bytes."""
 
     @abstractmethod
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
+        """Predict the method's processor time per call in seconds, for a given machine speed."""
 
-    def prepare(self) -> None:  # noqa: B027 (many keep nothing)
-        """Make what is kept between calls.
+    def prepare(self) -> None:  # noqa: B027 (many methods prepare nothing)
+        """Prepare the candidate method: compute what is reused between calls.
 
         Raises
         ------
         ToleranceError
-            If that shows that the method doesn't keep its tolerance.
+            If the preparation shows that the method doesn't keep its tolerance.
         """
 
 
@@ -58,7 +55,7 @@ O = TypeVar("O", bound=CandidateMethod)  # noqa: E741
 
 
 def select_methods(methods: Collection[str], method: str | None, what: str = "") -> list[str]:
-    """List all methods, or only the one that is requested.
+    """List the names of all methods, or only of the requested one.
 
     Parameters
     ----------
@@ -77,7 +74,7 @@ def select_methods(methods: Collection[str], method: str | None, what: str = "")
     Raises
     ------
     ValueError
-        For a name that isn't among the methods; the message lists them.
+        If the requested name isn't among the methods; the message lists them.
     """
     if method is None:
         return list(methods)
@@ -89,26 +86,26 @@ def select_methods(methods: Collection[str], method: str | None, what: str = "")
 
 
 class MethodChoice(Generic[O]):
-    """The candidates that fit a budget, the cheapest first, and why the others don't serve.
+    """Sort the candidates that fit a budget, the cheapest first, and keep the others' refusals.
 
     Parameters
     ----------
     makers : iterable of callable
-        Each makes one candidate. It raises ValueError where its method isn't made for the request,
-        and ToleranceError where it can't keep the tolerance.
+        Each makes one candidate. It raises ValueError if its method isn't meant for the request,
+        and ToleranceError if it can't keep the tolerance.
     budget : Budget
         The memory allowed, and the machine's speed.
     what : str
         What is computed, for error messages.
     remedy : str, optional
-        What helps besides more memory, as a command.
+        What helps other than more memory, as a command.
     longest : float, optional
-        Seconds of a call beyond which a candidate is refused; no limit by default.
+        Longest time of a call in seconds, beyond which a candidate is refused; no limit by default.
 
     Attributes
     ----------
     candidates : list of CandidateMethod
-        Those that fit, in order of predicted processor time.
+        The candidates that fit, in order of predicted processor time.
     """
 
     def __init__(
@@ -148,11 +145,11 @@ class MethodChoice(Generic[O]):
 
     @property
     def seconds(self) -> float:
-        """The predicted seconds of a call of the cheapest candidate; infinite if there is none."""
+        """The predicted seconds of the cheapest candidate's call; infinite without a candidate."""
         return self._seconds_of(self.candidates[0]) if self.candidates else math.inf
 
     def prepared_candidates(self) -> Iterator[O]:
-        """Yield the candidates that keep their tolerance, the cheapest first.
+        """Yield the candidate methods that keep their tolerance, the cheapest first.
 
         Each is prepared only when the iteration reaches it.
         """
@@ -165,9 +162,9 @@ class MethodChoice(Generic[O]):
             yield offer
 
     def refusal(self, tol: float) -> ValueError:
-        """Return the error that says why no candidate keeps a tolerance.
+        """Return the error that says why no candidate method keeps a tolerance.
 
-        It names the tolerance that could be kept, or what it takes.
+        Its message names the tolerance that could be kept, or what the candidates need.
         """
         return combine_refusals(self._refusals, tol)
 
@@ -187,12 +184,12 @@ def cheapest_candidate(candidates: Iterable[O], budget: Budget, what: str) -> O:
     Returns
     -------
     CandidateMethod
-        The cheapest. It isn't prepared.
+        The cheapest candidate. It isn't prepared.
 
     Raises
     ------
     ToleranceError
-        If none fits; the message names the memory that the smallest needs.
+        If no candidate fits; the message names the memory that the smallest one needs.
     """
     choice = MethodChoice([partial(_itself, one) for one in candidates], budget, what)
     if not choice.candidates:
@@ -206,7 +203,7 @@ def _itself(offer: O) -> O:
 
 @dataclass(frozen=True)
 class IterationOption:
-    """An iterative method with a number of iterations: what it takes and how much it gains.
+    """State the time and the gain of an iterative method with some number of iterations.
 
     Parameters
     ----------
@@ -215,11 +212,11 @@ class IterationOption:
     count : int
         The number of iterations.
     seconds : float
-        What they take.
+        Time that the iterations take.
     gain : float
-        How much they gain, to be compared with other options.
+        How much the iterations gain, to be compared with other options.
     description : str, optional
-        Words for a person; the method's name is used if it is empty.
+        Words for an error message; the method's name is used if it is empty.
     """
 
     method: str
@@ -230,7 +227,7 @@ class IterationOption:
 
 
 def best_within(budget: float, settings: Sequence[IterationOption]) -> IterationOption:
-    """Choose the option that gains most in the seconds allowed.
+    """Choose the iterative method that gains most within a time budget.
 
     Parameters
     ----------
@@ -242,14 +239,15 @@ def best_within(budget: float, settings: Sequence[IterationOption]) -> Iteration
     Returns
     -------
     IterationOption
-        The one of the largest gain that takes no longer than `budget`.
+        The option with the largest gain that takes no longer than `budget`.
 
     Raises
     ------
     ValueError
-        If none is quick enough; the message names the quickest and what it takes.
+        If none is quick enough; the message names the quickest and its time.
     """
-    fitting = [one for one in settings if one.seconds <= budget * (1 + _ROUNDING)]
+    # Predicted times whose relative difference is below 1e-9 count as the same.
+    fitting = [one for one in settings if one.seconds <= budget * (1 + 1e-9)]
     if not fitting:
         quickest = min(settings, key=lambda one: one.seconds)
         raise ValueError(

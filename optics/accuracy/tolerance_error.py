@@ -1,4 +1,4 @@
-"""Why nothing at hand keeps a promise, with the remedy."""
+"""Build the errors for tolerances that no method can keep, each with its remedy."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from optics.validation import rounded_up
 
 
 class ToleranceError(ValueError):
-    """Raised where no method keeps the tolerance within the budget.
+    """Raised if no method keeps the tolerance within the budget.
 
     The message names the smallest tolerance that can be kept, and the remedy.
 
     Attributes
     ----------
     floor : float or None
-        The tolerance that could be kept, where only the tolerance is the obstacle.
+        The smallest tolerance that could be kept; None if something else is the obstacle.
     needed_bytes : int or None
-        The bytes that would be enough, where memory is the obstacle.
+        The bytes that would be enough; None if memory isn't the obstacle.
     """
 
     floor: float | None = None
@@ -25,15 +25,15 @@ class ToleranceError(ValueError):
 
 
 def unreachable_tolerance_error(tol: float, floor: float) -> ToleranceError:
-    """Build the error for a tolerance below what can be kept.
+    """Build the error for a tolerance that is smaller than can be kept.
 
     Parameters
     ----------
     tol : float
         The tolerance that was requested.
     floor : float
-        The smallest that can be kept. From 1 on, the message says that hardly any light reaches the
-        window.
+        The smallest tolerance that can be kept. If it is 1 or more, the message says that hardly
+        any light reaches the window.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def unreachable_tolerance_error(tol: float, floor: float) -> ToleranceError:
 
 
 def require_memory(what: str, needed_bytes: float, allowed_bytes: int, remedy: str) -> None:
-    """Require that what a computation needs is no more than the memory allowed.
+    """Raise ToleranceError if a computation needs more memory than is allowed.
 
     Parameters
     ----------
@@ -80,11 +80,12 @@ def require_memory(what: str, needed_bytes: float, allowed_bytes: int, remedy: s
 
 
 def combine_refusals(refusals: Sequence[ValueError], tol: float) -> ValueError:
-    """What several methods say, as one refusal of a tolerance.
+    """Combine the refusals of several methods into one error for a tolerance.
 
-    The least floor, if there is any; else every reason once, and of those that need more memory
-    only the one that needs least. ValueErrors that aren't ToleranceErrors come from methods that
-    aren't made for the request: they count where there is nothing else.
+    The error names the smallest tolerance that any method can keep. Without one, it gives every
+    reason once; of the methods that need more memory it names only the one that needs least.
+    ValueErrors that aren't ToleranceErrors come from methods that aren't meant for the request.
+    They count only if there is nothing else.
     """
     if len(refusals) == 1:
         return refusals[0]

@@ -1,6 +1,6 @@
-"""Calibration of a modulator on its bench: fits on arrays, each with residual and uncertainty.
+"""Calibrate a panel (SLM) on its bench by fits, each with its residual and uncertainty.
 
-One file an idea: gratings to show; spots in a frame; from spots to the registration of panel
-and sensor; from a sweep of levels to the phase response; from pictures of the star to wavefront
-and focus; what stays in the centre.
+There is one module for each step: the gratings to show; spots in a frame; the registration of
+panel and sensor from spots; the phase response from a sweep of levels; wavefront and focus from
+pictures of the star; the zeroth order.
 """

@@ -1,4 +1,4 @@
-"""The light in the first orders of every region's grating, frame by frame."""
+"""Measure the light in the first diffraction orders of each region's grating, frame by frame."""
 
 from __future__ import annotations
 
@@ -16,25 +16,13 @@ from optics.camera import Sensor
 
 Array = NDArray[np.float64]
 
-_SPOT_LINE_WIDTHS = 3.0
-"""Line widths of a region's grating around a spot that count as the spot."""
-
-_STAR_MARGIN = 2.0
-"""Pixels that a star, the filter's band and the lens add to that, at least."""
-
-_HOT_PIXEL_SIGMAS = 8.0
-"""Standard deviations of read noise by which a pixel in a dark frame is hot."""
-
-_MOST_CLIPPED = 0.2
-"""Of the frames, that may have clipped pixels in a spot."""
-
 
 @dataclass(frozen=True, eq=False)
 class FirstOrders:
-    """Light in one region's first orders, (frames,), its noise, and where it was gathered.
+    """Hold the measured light in one region's first orders, (frames,), and its noise.
 
-    clipped: (frames,) whether a pixel there was at full scale. windows: (rows, columns) of both
-    spots, or of the one that is on the sensor.
+    clipped: (frames,) whether a pixel of the windows was at full scale. windows: (rows, columns) of
+    the pixels of both spots, or of the one that is on the sensor.
     """
 
     light: Array
@@ -52,17 +40,19 @@ def measure_first_orders(
     sensor: Sensor,
     wavelength: float,
 ) -> list[FirstOrders]:
-    """The light of every region in a sweep, weighted by the shape that its spots have.
+    """Measure the first-order light of every region in a sweep, weighted by its spots' shapes.
 
-    frames: digital numbers as read. dark: the mean dark frame of their exposure. vectors: of
-    the regions' gratings, (regions, 2). region_shape: (rows, columns) of a region's panel pixels.
+    frames: digital numbers as read. dark: the mean dark frame of the same exposure time. vectors:
+    those of the regions' gratings, (regions, 2). region_shape: (rows, columns) of a region's panel
+    pixels.
 
-    Pixels are weighted by how much brighter they are in the brighter half of the sweep than in
-    the dimmer one: all light of a spot comes and goes alike, so that any weights keep the law,
-    and these have the least noise. Hot pixels have no weight. Raises ValueError if a region's
-    spots lie outside of the frame, or are clipped in more than a fifth of the frames.
+    A pixel's weight is its mean in the brighter half of the sweep less that in the dimmer half.
+    All pixels of a spot vary in proportion, so that any weights keep the dependence on the phase
+    step; these weights give the least noise. Hot pixels have no weight. Raises ValueError if a
+    region's spots lie outside of the frame, or are clipped in more than a fifth of the frames.
     """
-    hot = dark - np.median(dark) > _HOT_PIXEL_SIGMAS * sensor.read_noise / sensor.gain + 1
+    # A pixel of a dark frame is hot from 8 standard deviations of read noise on.
+    hot = dark - np.median(dark) > 8.0 * sensor.read_noise / sensor.gain + 1
     found = []
     for number, vector in enumerate(vectors):
         windows = _windows(registration, vector, region_shape, dark.shape, wavelength)
@@ -82,10 +72,12 @@ def _windows(
     shape: tuple[int, ...],
     wavelength: float,
 ) -> list[tuple[slice, slice]]:
-    """Around the two first orders, where they lie on the sensor with all their light."""
+    """Return pixel windows around those of the two first orders that lie wholly on the sensor."""
     stretch = wavelength / registration.wavelength
     line = stretch * np.hypot(*(registration.matrix / np.array(region_shape)).T)
-    reach = np.ceil(_SPOT_LINE_WIDTHS * line + _STAR_MARGIN).astype(int)
+    # A spot extends over three line widths of its region's grating, and at least two more pixels
+    # because of the star's size, the filter's band and the lens.
+    reach = np.ceil(3.0 * line + 2.0).astype(int)
     found = []
     for order in (1, -1):
         middle = np.rint(registration.to_pixels(order * vector, wavelength)).astype(int)
@@ -110,7 +102,7 @@ def _measure_region(
     usable = cut(hot) == 0
     light = raw - cut(dark)
     clipped = ((raw >= sensor.full_scale) & usable).any(axis=1)
-    if clipped.mean() > _MOST_CLIPPED:
+    if clipped.mean() > 0.2:
         raise ValueError(
             f"the spots of region {number + 1} are clipped in {clipped.sum()} of {len(frames)} "
             "frames; expose them shorter"

@@ -1,7 +1,7 @@
-"""Gratings that tell places on a sensor and regions of a panel apart.
+"""Design gratings that distinguish positions on the sensor and regions of the panel.
 
-A grating of k cycles per panel pixel sends light to k λ z / pitch on the sensor. Vectors are
-(y, x) in cycles per panel pixel, y down the rows.
+A grating of k cycles per panel pixel sends light to k λ z / pitch on the sensor. Grating vectors
+are (y, x) in cycles per panel pixel, with y down the rows.
 """
 
 from __future__ import annotations
@@ -15,18 +15,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_SPOT_SEPARATIONS = (8, 6)
-"""Line widths between the spots of different regions: what is good, and what is enough."""
-
 _PREFERRED_PERIODS, _FALLBACK_PERIODS = (
     (48, 40, 32, 27, 23, 20, 18, 16, 14, 12, 10),
     (8.7, 7.4, 6.3, 5.3, 4.4),
 )
-"""Periods in panel pixels: those that are tried first, and those where there is no other way.
-Neighbours blur the edges of stripes, and long stripes have few of them."""
+"""Periods in panel pixels: those that are tried first, and those that are tried last. The coupling
+of neighbouring pixels blurs the edges of stripes, and patterns of long periods have few edges."""
 
 _ORDERS = ((1, 1.0), (-1, 1.0), (3, 1 / 3), (-3, 1 / 3))
-"""Orders of stripes that are equally wide, and their amplitudes relative to the first."""
+"""Diffraction orders of equally wide stripes, and their amplitudes relative to the first."""
 
 _REGISTRATION_GRATINGS = (
     (0.95, 15.0),
@@ -36,12 +33,12 @@ _REGISTRATION_GRATINGS = (
     (0.9, 255.0),
     (0.75, 320.0),
 )
-"""Length, as a share of the longest, and direction in degrees of gratings for a registration:
-no turn and no mirror makes them the same again."""
+"""Length, as a share of the longest, and direction in degrees of the registration's gratings. No
+rotation and no reflection maps this set onto itself."""
 
 
 def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tuple[slice, slice]]:
-    """The (rows, columns) of every region of a panel, row by row."""
+    """Return the (rows, columns) of every region of a panel, region row by region row."""
     if min(regions) < 1 or regions[0] > shape[0] or regions[1] > shape[1]:
         raise ValueError(
             f"regions is {regions}; a panel of {shape[0]}x{shape[1]} pixels has 1x1 to as many "
@@ -53,10 +50,10 @@ def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tupl
 
 
 def registration_vectors(max_frequency: float) -> Array:
-    """Six vectors for a registration, (6, 2), that no turn and no mirror takes to each other.
+    """Return six grating vectors for a registration, (6, 2).
 
-    max_frequency: cycles per panel pixel, so that the spots fall on the sensor however it is
-    turned.
+    No rotation and no reflection maps the set onto itself. max_frequency: cycles per panel pixel,
+    low enough for the spots to fall on the sensor in any orientation.
     """
     _require_frequency(max_frequency)
     return np.array(
@@ -73,14 +70,14 @@ def registration_vectors(max_frequency: float) -> Array:
 def region_vectors(
     shape: tuple[int, int], regions: tuple[int, int], max_frequency: float, blur: float = 0.0
 ) -> Array:
-    """A grating vector for every region, (regions, 2), whose spots don't disturb each other.
+    """Choose a grating vector for every region, (regions, 2), so that spots don't overlap.
 
-    Each has whole numbers of cycles in its region, so that it is dark where the others send
-    their light: lines of a rectangle are zero at the lattice of their width. Among these the
-    vectors are chosen one after the other, each where the tails of all orders of the ones
-    before are weakest, with periods as long as that allows. max_frequency: cycles per panel pixel.
-    blur: in the same unit, by how much more the spots must be apart because star, lens and sensor
-    widen them. Raises ValueError if so many spots can't be told apart.
+    Each vector has whole numbers of cycles in its region. A region's light is then dark where the
+    other regions send theirs, because the line shape of a rectangle is zero at all other points of
+    this lattice. The vectors are chosen one after the other, each where the tails of all orders of
+    the previous ones are weakest, with periods as long as possible. max_frequency: cycles per
+    panel pixel. blur: in the same unit, additional distance between spots because star, lens and
+    sensor widen them. Raises ValueError if the sensor has no room for so many separate spots.
     """
     _require_frequency(max_frequency)
     count = len(region_slices(shape, regions))
@@ -88,7 +85,7 @@ def region_vectors(
     tried = [
         (1 / period, apart)
         for some in (_PREFERRED_PERIODS, _FALLBACK_PERIODS)
-        for apart in _SPOT_SEPARATIONS
+        for apart in (8, 6)  # 8 line widths between spots are preferred, 6 are enough.
         for period in some
     ]
     for length, apart in tried:
@@ -104,7 +101,10 @@ def region_vectors(
 
 
 def _lattice(lines: NDArray[np.int64], max_frequency: float) -> NDArray[np.int64]:
-    """Cycles in a region (y, x) of the vectors up to a length, one of each pair of opposites."""
+    """Return the grating vectors up to a length, one of each pair of opposites.
+
+    They are in cycles per region, (y, x).
+    """
     most = np.floor(max_frequency * lines).astype(int)
     grid = np.mgrid[-most[0] : most[0] + 1, 0 : most[1] + 1].reshape(2, -1).T
     return grid[np.hypot(*(grid / lines).T) <= max_frequency]
@@ -113,14 +113,16 @@ def _lattice(lines: NDArray[np.int64], max_frequency: float) -> NDArray[np.int64
 def _choose_lattice_points(
     grid: NDArray[np.int64], count: int, separation: Array
 ) -> list[NDArray[np.int64]]:
-    """Lattice points, as many of `count` as are `separation`, line widths (y, x), from each
-    other."""
-    # All regions meet in the zeroth order.
+    """Choose up to `count` grating vectors whose spots lie apart from each other.
+
+    separation: least distance in line widths, (y, x).
+    """
+    # The zeroth order gets light from all regions, so it is the first spot to avoid.
     spots, strengths = [np.zeros(2, dtype=np.int64)], [count * math.pi / 2]
     chosen: list[NDArray[np.int64]] = []
     while len(chosen) < count:
         away = np.abs(grid[:, None] - np.array(spots)[None])
-        # From the spots before, and from its own on the other side.
+        # A spot must be apart from the previous ones, and from its own opposite order.
         free = (away >= separation).any(-1).all(1) & (np.abs(2 * grid) >= separation).any(1)
         if not free.any():
             break
@@ -136,23 +138,27 @@ def _choose_lattice_points(
 def stripe_pattern(
     shape: tuple[int, int], regions: tuple[int, int], vectors: Array, low: int, high: int
 ) -> NDArray[np.uint8]:
-    """Grey levels, (rows, columns): stripes of two levels, equally wide, in every region.
+    """Draw a pattern of equally wide stripes of two grey levels in every region.
 
-    vectors: of the regions, row by row.
+    It is (rows, columns). vectors: grating vectors of the regions, row by row.
     """
     grey = np.empty(shape, dtype=np.uint8)
     for (rows, columns), vector in zip(region_slices(shape, regions), vectors, strict=True):
         y = np.arange(rows.stop - rows.start)[:, None] + 0.5
         x = np.arange(columns.stop - columns.start)[None, :] + 0.5
         turns = vector[0] * y + vector[1] * x
-        # A boundary on a pixel's centre belongs to the stripe behind it, whatever rounding says.
+        # A pixel whose centre is on a boundary belongs to the stripe behind it. The small term
+        # keeps rounding errors from deciding this.
         upper = np.floor(2 * turns + 1e-9) % 2 == 1
         grey[rows, columns] = np.where(upper, high, low)
     return grey
 
 
 def blazed_grating_phase(shape: tuple[int, int], vector: Sequence[float]) -> Array:
-    """The phase in radians of a blazed grating, (rows, columns), zero at the panel's centre."""
+    """Compute the phase of a blazed grating, (rows, columns), in radians, 0 at the panel's centre.
+
+    vector: (y, x) in cycles per panel pixel.
+    """
     rows, columns = shape
     y = (np.arange(rows) - rows // 2)[:, None]
     x = (np.arange(columns) - columns // 2)[None, :]
@@ -162,12 +168,13 @@ def blazed_grating_phase(shape: tuple[int, int], vector: Sequence[float]) -> Arr
 def max_grating_frequency(
     shape: tuple[int, int], sensor_pitch: float, panel_pitch: float, scale: float
 ) -> float:
-    """Cycles per panel pixel of the steepest grating whose light surely falls on the sensor.
+    """Compute the highest grating frequency whose light surely falls on the sensor.
 
-    shape: (rows, columns) of the sensor. Pitches in metres. scale: wavelength times the
-    distance from lens to sensor, in square metres. Three quarters of the shorter half side
-    leave room for a star off the centre, and for a sensor that is turned. At most a quarter:
-    steeper gratings are no stripes any more.
+    The result is in cycles per panel pixel. shape: (rows, columns) of the sensor. The pitches are
+    in metres. scale: wavelength times the distance from lens to sensor, in square metres. The
+    light goes to at most three quarters of the shorter half side, which leaves room for a star
+    off the centre and for a rotated sensor. The frequency is at most 0.25, because steeper
+    gratings aren't stripes any more.
     """
     half = 0.75 * min(shape) / 2 * sensor_pitch
     return min(half * panel_pitch / scale, 0.25)

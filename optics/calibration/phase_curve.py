@@ -1,4 +1,4 @@
-"""A rising curve of phase over grey levels, and the light that it sends into first orders."""
+"""Model a panel's phase curve over grey levels, and the light that it sends into first orders."""
 
 from __future__ import annotations
 
@@ -16,48 +16,73 @@ from optics.calibration.sweep import Sweep
 
 Array = NDArray[np.float64]
 
-SWING, OFFSET, BLUR2, RIPPLE2, GHOST = range(5)
-"""The first parameters of a curve, before its increments."""
+SWING, OFFSET, BLUR2, RIPPLE2, GHOST, FIRST_INCREMENT = range(6)
+"""Indices of a phase curve's parameters; the increments follow from FIRST_INCREMENT on."""
 
-FIRST_INCREMENT = 5
 
-NO_GHOST, SOME_GHOST = 1e-5, 0.03
-"""Of the swing, that a ghost is expected to have."""
+@dataclass(frozen=True)
+class PhaseCurveSettings:
+    """Tune the fit of phase curves; all values are chosen.
 
-_USUAL_BLUR2, _USUAL_RIPPLE2 = 0.5**2, 0.02**2
-"""Of panel pixels, and of the phase, squared: what is expected before the light tells."""
+    Attributes
+    ----------
+    no_ghost, some_ghost : float
+        Expected standard deviations of the ghost, as shares of the swing, of a fit without and
+        of one with a ghost.
+    usual_blur2 : float
+        Expected square of the blur, panel pixels squared.
+    usual_ripple2 : float
+        Expected square of the ripple, which is a share of the phase.
+    most_ripple : float
+        Upper bound of the ripple, as a share of the phase.
+    most_ghost : float
+        Bound of the ghost, as a share of the swing.
+    difference_step : float
+        Step of the squared ripple for its derivative by differences.
+    steps : int
+        Most evaluations of one least-squares fit.
+    end_knot_density : float
+        How much denser the spline's knots are at the ends, where a curve may bend most.
+    """
 
-_MOST_RIPPLE = 0.08
-_MOST_GHOST = 0.3
+    no_ghost: float = 1e-5
+    some_ghost: float = 0.03
+    usual_blur2: float = 0.5**2
+    usual_ripple2: float = 0.02**2
+    most_ripple: float = 0.08
+    most_ghost: float = 0.3
+    difference_step: float = 1e-8
+    steps: int = 100
+    end_knot_density: float = 0.35
 
-_DIFFERENCE_STEP = 1e-8
-"""Of the square of the ripple, for its derivative by differences."""
 
-_STEPS = 100
-
-_END_KNOT_DENSITY = 0.35
-"""By how much a curve's knots are denser at the ends, where it may bend most."""
+SETTINGS = PhaseCurveSettings()
 
 
 @dataclass(frozen=True, eq=False)
 class PhaseCurve:
-    """A model at work: swing (law + ghost sin step) + offset, over the steps of a spline.
+    """Model the light of a sweep as swing (law + ghost sin step) + offset of a phase spline.
 
-    parameters: swing and offset of the light; squares of blur and ripple, in which the light is
-    linear while they are small; the ghost, a share of the swing, which is the tail of the zeroth
-    order that interferes with the first; and the spline's increments. top: the highest level.
-    ghost_sigma: the ghost that is expected, NO_GHOST or SOME_GHOST.
+    The step is the phase difference of a frame's two stripes. parameters: swing and offset of the
+    light; squares of blur and ripple, in which the light is linear while they are small; the
+    ghost, a share of the swing, which is the tail of the zeroth order that interferes with the
+    first; and the spline's increments. top: the highest grey level. ghost_sigma: the expected
+    ghost, `SETTINGS.no_ghost` or `SETTINGS.some_ghost`.
     """
 
     sweep: Sweep
     top: int
     parameters: Array
-    ghost_sigma: float = NO_GHOST
+    ghost_sigma: float = SETTINGS.no_ghost
 
     @property
     def _prior_sigmas(self) -> dict[int, float]:
-        """Standard deviations of what is expected beforehand, by parameter."""
-        return {BLUR2: _USUAL_BLUR2, RIPPLE2: _USUAL_RIPPLE2, GHOST: self.ghost_sigma}
+        """The prior standard deviations of a phase curve's parameters, by index."""
+        return {
+            BLUR2: SETTINGS.usual_blur2,
+            RIPPLE2: SETTINGS.usual_ripple2,
+            GHOST: self.ghost_sigma,
+        }
 
     @property
     def increments(self) -> Array:
@@ -69,12 +94,12 @@ class PhaseCurve:
 
     @property
     def phase_range(self) -> float:
-        """Phase at the highest level, radians."""
+        """The phase at the highest grey level, radians."""
         return float(self.increments.sum())
 
     @cached_property
     def basis(self) -> Array:
-        """What each increment adds to the step between a frame's stripes, (n, count)."""
+        """The derivative of the phase step of each frame by each increment, (n, count)."""
         low, high = (
             monotone_spline_basis(levels, self.top, self.increment_count)
             for levels in (self.sweep.low, self.sweep.high)
@@ -82,7 +107,7 @@ class PhaseCurve:
         return high - low
 
     def predicted_light(self, parameters: Array | None = None) -> Array:
-        """What each frame's first orders get, (n,)."""
+        """Predict the light in the first orders of each frame, (n,)."""
         p = self.parameters if parameters is None else parameters
         return p[SWING] * self._relative_light(p) + p[OFFSET]
 
@@ -91,18 +116,21 @@ class PhaseCurve:
         return self.sweep.law(steps, p[BLUR2], p[RIPPLE2]) + p[GHOST] * np.sin(steps)
 
     def residuals(self, parameters: Array) -> Array:
-        """In standard deviations, (n + 3,); the last ones are what is expected beforehand."""
+        """Compute the phase curve's residuals in standard deviations, (n + 3,).
+
+        The last three are those of the priors.
+        """
         misfit = (self.predicted_light(parameters) - self.sweep.light) / self.sweep.noise
         known = [parameters[k] / usual for k, usual in self._prior_sigmas.items()]
         return np.concatenate([misfit, known])
 
     def jacobian(self, parameters: Array) -> Array:
-        """Derivatives of the residuals, (n + 3, parameters)."""
-        p, law = parameters, self.sweep.law
+        """Compute the derivatives of the phase curve's residuals, (n + 3, parameters)."""
+        p, law, dr = parameters, self.sweep.law, SETTINGS.difference_step
         steps = self.basis @ p[FIRST_INCREMENT:]
         share = law(steps, p[BLUR2], p[RIPPLE2])
         by_step, by_blur = law.derivatives(steps, p[BLUR2], p[RIPPLE2])
-        by_ripple = (law(steps, p[BLUR2], p[RIPPLE2] + _DIFFERENCE_STEP) - share) / _DIFFERENCE_STEP
+        by_ripple = (law(steps, p[BLUR2], p[RIPPLE2] + dr) - share) / dr
         turn = by_step + p[GHOST] * np.cos(steps)
         lead = [share + p[GHOST] * np.sin(steps), np.ones_like(share)]
         lead += [p[SWING] * column for column in (by_blur, by_ripple, np.sin(steps))]
@@ -114,7 +142,7 @@ class PhaseCurve:
 
     @property
     def misfit(self) -> Array:
-        """Of the light, in standard deviations, (n,)."""
+        """The residuals of the light without the priors, in standard deviations, (n,)."""
         return self.residuals(self.parameters)[: -len(self._prior_sigmas)]
 
     @property
@@ -123,30 +151,33 @@ class PhaseCurve:
 
     @property
     def information_criterion(self) -> float:
-        """Bayesian information of the fit, with the noise's scale unknown: smaller is better."""
+        """The fit's Bayesian information criterion, for noise of unknown scale; less is better."""
         n = len(self.sweep.light)
         return n * math.log(max(self.cost, 1e-3 * n) / n) + len(self.parameters) * math.log(n)
 
     def covariance(self, inliers: NDArray[np.bool_]) -> Array:
-        """Of the parameters, (p, p), from some frames; what lies on a bound is taken as free, so
-        that the answer isn't too sure."""
+        """Compute the covariance of the curve's parameters from the inlier frames, (p, p).
+
+        A parameter on a bound counts as free, so that the covariance isn't too small.
+        """
         kept = np.concatenate([inliers, np.ones(len(self._prior_sigmas), dtype=bool)])
         jacobian = self.jacobian(self.parameters)[kept]
         return np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
 
     def with_fitted_swing(self) -> PhaseCurve:
-        """With the swing and the offset that fit best; they are linear."""
+        """Return the phase curve with the best-fitting swing and offset, which are linear."""
         share = self._relative_light(self.parameters)
         design = np.column_stack([share, np.ones_like(share)]) / self.sweep.noise[:, None]
         lamp, *_ = np.linalg.lstsq(design, self.sweep.light / self.sweep.noise, rcond=None)
         return replace(self, parameters=np.concatenate([lamp, self.parameters[2:]]))
 
     def fit(self) -> PhaseCurve:
-        """The nearest curve that fits best, by least squares within bounds."""
+        """Fit the phase curve to its sweep by least squares, from its own parameters on."""
         lower = np.zeros_like(self.parameters)
         upper = np.full_like(self.parameters, np.inf)
-        lower[OFFSET], lower[GHOST] = -np.inf, -_MOST_GHOST
-        upper[[BLUR2, RIPPLE2, GHOST]] = MOST_BLUR**2, _MOST_RIPPLE**2, _MOST_GHOST
+        ghost = SETTINGS.most_ghost
+        lower[OFFSET], lower[GHOST] = -np.inf, -ghost
+        upper[[BLUR2, RIPPLE2, GHOST]] = MOST_BLUR**2, SETTINGS.most_ripple**2, ghost
         start = np.clip(self.parameters, lower + 1e-9, upper - 1e-9)
         found = least_squares(
             self.residuals,
@@ -154,12 +185,12 @@ class PhaseCurve:
             self.jacobian,
             bounds=(lower, upper),
             x_scale="jac",
-            max_nfev=_STEPS,
+            max_nfev=SETTINGS.steps,
         )
         return replace(self, parameters=found.x)
 
     def with_increments(self, count: int) -> PhaseCurve:
-        """The same curve with another number of increments."""
+        """Return the same phase curve with another number of increments."""
         fine = np.linspace(0, self.top, 8 * count)
         phase = monotone_spline_basis(fine, self.top, self.increment_count) @ self.increments
         basis = monotone_spline_basis(fine, self.top, count)
@@ -169,14 +200,15 @@ class PhaseCurve:
 
 
 def monotone_spline_basis(levels: Array | NDArray[np.int64], top: int, count: int) -> Array:
-    """What each of `count` increments adds to a curve from 0 at level 0, (levels, count).
+    """Compute the basis of a monotone phase spline: its change by each increment, (levels, count).
 
-    The curve is a cubic spline over 0 to `top`, with denser knots at the ends. Coefficients that
-    rise make it rise (de Boor 1978), so that increments which aren't negative do.
+    The curve is 0 at level 0. It is a cubic spline over 0 to `top`, with denser knots at the ends.
+    It rises if its coefficients rise (de Boor 1978), that is, if no increment is negative.
     """
     x = np.linspace(0, 1, count - 1)
-    inner = top * (x - _END_KNOT_DENSITY * np.sin(2 * math.pi * x) / (2 * math.pi))
+    density = SETTINGS.end_knot_density
+    inner = top * (x - density * np.sin(2 * math.pi * x) / (2 * math.pi))
     knots = np.concatenate([np.zeros(3), inner, np.full(3, float(top))])
     splines = BSpline.design_matrix(np.asarray(levels, dtype=np.float64), knots, 3).toarray()
-    # An increment lifts its own coefficient and all behind it.
+    # An increment raises its own coefficient and all later ones.
     return np.cumsum(splines[:, ::-1], axis=1)[:, ::-1][:, 1:]

@@ -1,4 +1,4 @@
-"""From panel to sensor: where a grating sends light, as an affine map that spots decide."""
+"""Register panel and sensor: fit the affine map from grating vectors to spots on the sensor."""
 
 from __future__ import annotations
 
@@ -16,14 +16,7 @@ from optics.calibration.spots import Spot
 Array = NDArray[np.float64]
 
 _FEWEST = 4
-_MIN_TOLERANCE = 0.5
-"""Pixels by which a spot may miss whatever its noise: a lens distorts."""
-
-_OUTLIER_SIGMAS = 5.0
-"""Standard deviations from which a spot is another one than was thought."""
-
-_SYSTEMATIC = 0.01
-"""Pixels by which a centroid may be wrong beside its noise."""
+"""Smallest number of steered spots for a registration."""
 
 Flip = Literal["none", "left-right", "up-down", "both"]
 
@@ -37,11 +30,11 @@ _FLIPS: dict[tuple[bool, bool], Flip] = {
 
 @dataclass(frozen=True)
 class AffineParts:
-    """An affine map taken apart: first the mirror, then shear and scale, then the turn.
+    """Hold the parts of a registration's affine map: reflection, shear, scale and rotation.
 
-    flip: none, left-right, up-down or both. rotation: radians from x towards y, at most a
-    quarter turn either way. scale: (y, x) camera pixels per cycle per panel pixel. shear: of x
-    by y, as a tangent.
+    They apply in this order. flip: none, left-right, up-down or both. rotation: radians from x
+    towards y, at most a quarter turn in either direction. scale: (y, x) camera pixels per cycle
+    per panel pixel. shear: that of x by y, as a tangent.
     """
 
     flip: Flip
@@ -52,14 +45,14 @@ class AffineParts:
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Where on the sensor a grating sends light: centre + matrix @ vector.
+    """Hold the registration: a grating sends light to centre + matrix @ vector on the sensor.
 
-    wavelength: metres; vectors at another one reach in proportion. centre: (y, x) pixel of the
-    zeroth order. matrix: (2, 2), camera pixels per cycle per panel pixel, (y, x) of both.
+    wavelength: metres; the distance from the centre is proportional to it. centre: (y, x) pixel
+    of the zeroth order. matrix: (2, 2), camera pixels per cycle per panel pixel, (y, x) of both.
     covariance: (3, 3) of centre and matrix, the same for y and for x, pixels². shift: (y, x)
-    pixels by which all steered spots lay beside the map, as they do when the response isn't the
-    same all over the panel. residuals: (spots, 2) pixels, measured less fitted. inliers: which
-    spots decided; others were outliers.
+    pixels by which all steered spots were displaced from the map, as happens when the response
+    differs over the panel. residuals: (spots, 2) pixels, measured less fitted. inliers: which
+    spots were used in the fit; the others are outliers.
     """
 
     wavelength: float
@@ -71,30 +64,39 @@ class Registration:
     inliers: NDArray[np.bool_]
 
     def to_pixels(self, vectors: Array, wavelength: float | None = None) -> Array:
-        """Places (..., 2) on the sensor of grating vectors (..., 2), (y, x) of both."""
+        """Convert grating vectors (..., 2) to positions on the sensor in pixels, (y, x) of both."""
         return np.asarray(self.centre) + self._wavelength_ratio(wavelength) * (
             vectors @ self.matrix.T
         )
 
     def to_vectors(self, pixels: Array, wavelength: float | None = None) -> Array:
-        """The grating vectors (..., 2) that send light to places (..., 2) on the sensor."""
+        """Convert positions on the sensor in pixels to the grating vectors that send light there.
+
+        Both are (..., 2).
+        """
         away = (pixels - np.asarray(self.centre)) / self._wavelength_ratio(wavelength)
         return away @ np.linalg.inv(self.matrix).T
 
     def uncertainty(self, vectors: Array) -> Array:
-        """Standard deviation in pixels, along either axis, of where light is sent, (...)."""
+        """Compute the registration's standard deviation at grating vectors, in pixels, (...).
+
+        It holds along either axis.
+        """
         ones = np.ones((*vectors.shape[:-1], 1))
         design = np.concatenate([ones, vectors], axis=-1)
         return np.sqrt(np.einsum("...i,ij,...j", design, self.covariance, design))
 
     def field_uncertainty(self, shape: tuple[int, int]) -> float:
-        """The largest of a sensor's corners, (rows, columns), in pixels."""
+        """Compute the registration's largest uncertainty at the corners of a sensor, in pixels.
+
+        shape: (rows, columns) of the sensor.
+        """
         corners = np.array(list(itertools.product((0, shape[0] - 1), (0, shape[1] - 1))), float)
         return float(self.uncertainty(self.to_vectors(corners)).max())
 
     @property
     def residual(self) -> float:
-        """Root mean square distance in pixels between spots that decided and their fit."""
+        """The root mean square distance between the inlier spots and the fit, in pixels."""
         return float(np.sqrt((self.residuals[self.inliers] ** 2).sum(1).mean()))
 
     @property
@@ -106,24 +108,27 @@ class Registration:
 
 
 def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Registration:
-    """The registration that grating vectors and the spots that they made decide.
+    """Fit the registration to grating vectors and the spots that they made.
 
-    vectors: (spots, 2) cycles per panel pixel, (0, 0) for the zeroth order of a neutral pattern,
-    which must be among them. A panel whose response isn't the same everywhere, and isn't known
-    yet, shows gratings with a step or a slope between its parts: it shifts all steered spots by
-    the same. That shift is fitted beside the map, which is the one of the zeroth order.
+    vectors: (spots, 2) cycles per panel pixel; (0, 0) is the zeroth order of a neutral pattern,
+    which must be among them. If the panel's response differs from region to region and isn't
+    known yet, the displayed gratings have phase steps or slopes between the regions, which shift
+    all steered spots equally. This shift is fitted together with the map. The map's centre is the
+    zeroth order.
 
-    Spots that agree with no others are outliers: all maps through three steered spots are tried,
-    the one that most follow is kept, and fitted to those by weighted least squares (Fischler and
-    Bolles 1981, doi 10.1145/358669.358692, with every sample instead of random ones).
+    Outliers are spots that don't fit a map of the others. All maps through three steered spots
+    are tried. The one with the most inliers is kept, and fitted to these by weighted least squares
+    (Fischler and Bolles 1981, doi 10.1145/358669.358692, with every sample instead of random
+    ones).
 
     Raises ValueError for fewer than four steered spots or no zeroth order, for vectors that lie
-    on a line, and if fewer than four spots agree.
+    on a line, and if fewer than four spots agree on one map.
     """
     vectors = np.asarray(vectors, dtype=np.float64)
     steered = _find_steered_spots(vectors, spots)
     places = np.array([spot.place for spot in spots])
-    sigma = np.hypot([spot.sigma for spot in spots], _SYSTEMATIC)
+    # Besides its noise, a centroid may have a systematic error of 0.01 pixel.
+    sigma = np.hypot([spot.sigma for spot in spots], 0.01)
     design = np.column_stack([np.ones(len(vectors)), vectors, steered])
     used = ~steered
     used[steered] = _find_consensus(design[steered, :3], places[steered], sigma[steered])
@@ -143,7 +148,7 @@ def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Regist
         wavelength,
         (float(solution[0, 0]), float(solution[0, 1])),
         solution[1:3].T.copy(),
-        # Spots that scatter more than their noise tell how much is not known.
+        # If the spots scatter by more than their noise, the covariance is larger by as much.
         np.linalg.inv(weighted.T @ weighted)[:3, :3] * max(chi2, 1.0),
         (float(solution[3, 0]), float(solution[3, 1])),
         residuals,
@@ -152,7 +157,7 @@ def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Regist
 
 
 def _find_steered_spots(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.bool_]:
-    """Which spots are steered; ValueError if they can't decide a map."""
+    """Tell which spots are steered; raise ValueError if they don't determine a registration."""
     if vectors.shape != (len(spots), 2):
         raise ValueError(f"vectors are {vectors.shape}; {len(spots)} spots need ({len(spots)}, 2)")
     steered: NDArray[np.bool_] = np.hypot(*vectors.T) > 0
@@ -169,8 +174,10 @@ def _find_steered_spots(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.boo
 
 
 def _find_consensus(design: Array, places: Array, sigma: Array) -> NDArray[np.bool_]:
-    """Which spots follow the map through three of them that most spots follow."""
-    allowed = np.maximum(_MIN_TOLERANCE, _OUTLIER_SIGMAS * sigma)
+    """Find the spots that agree with the best map through any three of them."""
+    # A spot is an inlier within 5 standard deviations, or within half a pixel, because the lens
+    # distorts.
+    allowed = np.maximum(0.5, 5.0 * sigma)
     best, fewest = np.zeros(len(places), dtype=bool), math.inf
     for three in itertools.combinations(range(len(places)), 3):
         some = design[list(three)]
@@ -184,7 +191,10 @@ def _find_consensus(design: Array, places: Array, sigma: Array) -> NDArray[np.bo
 
 
 def decompose_affine(matrix: Array) -> AffineParts:
-    """Flip, rotation, scale and shear of a (2, 2) matrix of (y, x); ValueError if it is flat."""
+    """Decompose a registration's matrix into flip, rotation, scale and shear.
+
+    matrix: (2, 2), of (y, x). Raises ValueError if it is singular.
+    """
     turned = matrix[::-1, ::-1]
     if abs(np.linalg.det(turned)) < 1e-9 * np.abs(turned).max() ** 2:
         raise ValueError("the matrix sends all gratings to one line; it is no registration")

@@ -1,10 +1,10 @@
-"""The phase of every grey level, from the light that stripes send into their first order.
+"""Fit the phase response over grey levels to the light in the first orders of stripe patterns.
 
-Stripes of two levels send sin²(half of the step between their phases) of what they can into
-their first order. Over a sweep of levels that light comes and goes once a wave; a smooth, rising
-phase is fitted to it, so that the waves are counted by the way. Where the light is at its most
-or its least it hardly tells the phase: a second reference level, about a quarter of a wave from
-the first, sees those places best.
+Stripes of two levels send the share sin²(step / 2) of the largest possible light into their
+first order, where step is the difference of their phases. Over a sweep of levels this light rises
+and falls once per wave. A smooth, rising phase is fitted to it, which also counts the waves. Near
+the light's maxima and minima it hardly depends on the phase. A second reference level, about a
+quarter of a wave from the first, is most sensitive at these levels.
 """
 
 from __future__ import annotations
@@ -22,57 +22,86 @@ from optics.calibration.phase_curve import (
     GHOST,
     OFFSET,
     RIPPLE2,
-    SOME_GHOST,
     SWING,
     PhaseCurve,
     monotone_spline_basis,
+)
+from optics.calibration.phase_curve import (
+    SETTINGS as CURVE_SETTINGS,
 )
 from optics.calibration.sweep import MIN_LEVELS, Sweep
 
 Array = NDArray[np.float64]
 
-_INCREMENT_COUNTS = (5, 7, 9, 11, 13, 15, 18)
-"""Of the curve, tried in this order, each from the one before."""
+
+@dataclass(frozen=True)
+class ResponseFitSettings:
+    """Tune the search for a panel's phase response; all values are chosen.
+
+    Attributes
+    ----------
+    increment_counts : tuple of int
+        Numbers of spline increments, tried in this order, each from the result of the one before.
+    gammas : tuple of float
+        Exponents of the level in the starting curves.
+    ghost_margin : float
+        Improvement of the information criterion from which a ghost is accepted.
+    first_blur2 : float
+        Starting value of the squared blur, panel pixels squared.
+    first_ripple2 : float
+        Starting value of the squared ripple.
+    starts_fitted : int
+        Number of the starting curves that are fitted.
+    starts_refined : int
+        Number of the fitted curves that are refined with more increments.
+    same_range : float
+        Radians at the highest level within which two coarse curves count as the same.
+    outlier_sigmas : float
+        Standard deviations beyond which a frame is an outlier.
+    min_swing_to_noise : float
+        Least swing of the light, in standard deviations of its noise.
+    blur_phase_error : float
+        Radians by which blur moves the light's turning points, per square of the ratio of blur to
+        the stripes' period.
+    blur_uncertainty : float
+        Relative uncertainty of that shift, because the blur needn't be a Gaussian.
+    max_residual : float
+        Root mean square residual, as a share of the swing, beyond which a fit is refused.
+    """
+
+    increment_counts: tuple[int, ...] = (5, 7, 9, 11, 13, 15, 18)
+    gammas: tuple[float, ...] = (0.6, 0.8, 1.0, 1.25, 1.6)
+    ghost_margin: float = 16.0
+    first_blur2: float = 0.04
+    first_ripple2: float = 1e-5
+    starts_fitted: int = 8
+    starts_refined: int = 3
+    same_range: float = 0.3
+    outlier_sigmas: float = 5.0
+    min_swing_to_noise: float = 10.0
+    blur_phase_error: float = 108.0
+    blur_uncertainty: float = 0.05
+    max_residual: float = 0.1
+
+
+_SETTINGS = ResponseFitSettings()
 
 _TRIAL_RANGES = np.linspace(0.6, 1.45, 35)
-_GAMMAS = (0.6, 0.8, 1.0, 1.25, 1.6)
-"""Starts: ranges over the expected one, and powers of the level."""
-
-_GHOST_MARGIN = 16.0
-"""Of the information criterion, by which a ghost must make the fit better to be believed in."""
-
-_FIRST_BLUR2, _FIRST_RIPPLE2 = 0.04, 1e-5
-
-_STARTS_FITTED, _STARTS_REFINED = 8, 3
-"""Of the starts, that are tried; and of these, that are followed to finer curves."""
-
-_SAME_RANGE = 0.3
-"""Radians at the highest level by which two coarse curves are the same."""
-
-_OUTLIER_SIGMAS = 5.0
-_MIN_SWING_TO_NOISE = 10.0
-"""Times its noise that the light must come and go by."""
-
-_BLUR_PHASE_ERROR, _BLUR_UNCERTAINTY = 108.0, 0.05
-"""Radians by which a blur of one period moves the light's turning points, times its square;
-and how far a Gaussian may be wrong about it."""
-
-_MAX_RESIDUAL = 0.1
-"""Of the swing, root mean square, beyond which a fit is none."""
+"""Phase ranges of the starting curves, relative to the expected range."""
 
 
 @dataclass(frozen=True, eq=False)
 class ResponseFit:
-    """A fitted curve: phase less that of level 0, radians, of all levels (levels,).
+    """Hold a fitted phase response, in radians relative to level 0, (levels,).
 
-    sigma: standard deviation of phase, (levels,). blur: of the phase by neighbours, panel
-    pixels. ripple: of the phase within a frame, as a share of it. swing, offset: of the light.
-    ghost: light of the zeroth order that interferes, as a share of the swing.
-    predicted: (n,) light that the fit expects of each frame. inliers: which frames decided; others
-    were outliers. residual: root mean square of light less `predicted`, as a share of the swing.
-    chi2: mean squared residual in standard deviations, less what was fitted. rival_margin: by how
-    much the information criterion of the best fit that counts the waves otherwise is larger; below
-    10 the count is in doubt.
+    sigma: standard deviation of the phase, (levels,). blur: standard deviation of the phase's blur
+    by neighbouring pixels, panel pixels. ripple: that of the phase within a frame, as a share of
+    the phase. swing, offset: amplitude and offset of the light. ghost: light of the zeroth order
+    that interferes, as a share of the swing. predicted: (n,) light of each frame according to the
+    fit. inliers: which frames were used; the others are outliers. residual: root mean square of
+    light less `predicted`, as a share of the swing. chi2: mean squared residual in standard
+    deviations, per degree of freedom. rival_margin: information criterion of the best fit with
+    another count of waves, less that of this fit; below 10 the count is in doubt.
     """
 
     phase: Array
@@ -90,16 +119,16 @@ class ResponseFit:
 
 
 def fit_response(sweep: Sweep, levels: int, expected_range: float) -> ResponseFit:
-    """The phase of `levels` grey levels.
+    """Fit the phase response of `levels` grey levels to a sweep.
 
-    expected_range: radians at the highest level, as a data sheet says.
+    expected_range: radians at the highest level, as stated by a data sheet.
 
-    A rising cubic spline whose increments aren't negative, with swing and offset of the light,
-    neighbours' blur, ripple and, where it is plain to see, a ghost, by least squares in units of
-    noise, from many starts (0.6 to 1.45 times the expected range). The number of coefficients is
-    the one with the smallest Bayesian information criterion. Frames farther than five deviations
-    from the fit are left out once. Raises ValueError if the light doesn't come and go, or follows
-    no such curve.
+    The model is a cubic spline of increments that aren't negative, with swing and offset of the
+    light, the blur by neighbouring pixels, ripple and, if it is significant, a ghost. It is fitted
+    by least squares in units of the noise, from many starting curves (0.6 to 1.45 times the
+    expected range). The number of coefficients is the one with the smallest Bayesian information
+    criterion. Frames farther than five standard deviations from the fit are left out, and the fit
+    is repeated once. Raises ValueError if the light hardly varies, or doesn't follow such a curve.
     """
     if not 0 < expected_range < math.inf:
         raise ValueError(
@@ -109,7 +138,7 @@ def fit_response(sweep: Sweep, levels: int, expected_range: float) -> ResponseFi
     found = _fit_curves(sweep, levels, expected_range)
     best = found[0]
     away = np.abs(best.misfit) * sweep.noise / _scatter(best.misfit * sweep.noise, sweep.noise)
-    used = away <= _OUTLIER_SIGMAS
+    used = away <= _SETTINGS.outlier_sigmas
     if not used.all() and used.sum() >= MIN_LEVELS:
         found = _fit_curves(sweep.select(used), levels, expected_range)
         best = replace(found[0], sweep=sweep)
@@ -120,7 +149,7 @@ def fit_response(sweep: Sweep, levels: int, expected_range: float) -> ResponseFi
 
 def _require_swing(sweep: Sweep) -> None:
     low, high = np.percentile(sweep.light, [5, 95])
-    if not high - low > _MIN_SWING_TO_NOISE * np.median(sweep.noise):
+    if not high - low > _SETTINGS.min_swing_to_noise * np.median(sweep.noise):
         raise ValueError(
             f"the light in the first orders comes and goes by {high - low:.3g}, with a noise of "
             f"{np.median(sweep.noise):.3g}: too little to see the phase; expose longer, or check "
@@ -129,47 +158,51 @@ def _require_swing(sweep: Sweep) -> None:
 
 
 def _scatter(misses: Array, noise: Array) -> Array:
-    """Standard deviation of a frame, at least that of its noise, by the median of all."""
+    """Estimate the standard deviation of each frame's residual from the median of all frames.
+
+    It is at least that of the frame's noise.
+    """
     typical = 1.4826 * float(np.median(np.abs(misses / noise)))
     return noise * max(typical, 1.0)
 
 
 def _fit_curves(sweep: Sweep, levels: int, expected_range: float) -> list[PhaseCurve]:
-    """Curves that fit, the best first; each of its own start, with its best size."""
+    """Fit phase curves from several starts, each with its best number of increments, best first."""
     top = levels - 1
     found: list[PhaseCurve] = []
     coarse = [start.fit() for start in _starts(sweep, top, expected_range)]
-    for start in _distinct_curves(sorted(coarse, key=lambda curve: curve.cost))[:_STARTS_REFINED]:
+    distinct = _distinct_curves(sorted(coarse, key=lambda curve: curve.cost))
+    for start in distinct[: _SETTINGS.starts_refined]:
         tried = [start]
-        for count in _INCREMENT_COUNTS[1:]:
+        for count in _SETTINGS.increment_counts[1:]:
             if FIRST_INCREMENT + count > len(sweep.light) - 4:
                 break
             tried.append(tried[-1].with_increments(count).fit())
         found.append(min(tried, key=lambda curve: curve.information_criterion))
     best = min(found, key=lambda curve: curve.information_criterion)
-    haunted = replace(best, ghost_sigma=SOME_GHOST).fit()
-    if haunted.information_criterion < best.information_criterion - _GHOST_MARGIN:
-        found.append(haunted)
+    with_ghost = replace(best, ghost_sigma=CURVE_SETTINGS.some_ghost).fit()
+    if with_ghost.information_criterion < best.information_criterion - _SETTINGS.ghost_margin:
+        found.append(with_ghost)
     return sorted(found, key=lambda curve: curve.information_criterion)
 
 
 def _distinct_curves(curves: list[PhaseCurve]) -> list[PhaseCurve]:
-    """Without those that ended where a better one did."""
+    """Drop phase curves whose phase range is that of a better curve; the best come first."""
     kept: list[PhaseCurve] = []
     for curve in curves:
-        if all(abs(curve.phase_range - other.phase_range) > _SAME_RANGE for other in kept):
+        if all(abs(curve.phase_range - other.phase_range) > _SETTINGS.same_range for other in kept):
             kept.append(curve)
     return kept
 
 
 def _starts(sweep: Sweep, top: int, expected_range: float) -> Iterable[PhaseCurve]:
-    """The most promising of many ranges and shapes, all of them different."""
-    count = _INCREMENT_COUNTS[0]
+    """Choose the best of many starting phase curves, which differ in range and shape."""
+    count = _SETTINGS.increment_counts[0]
     fine = np.linspace(0, top, 200)
     basis = monotone_spline_basis(fine, top, count)
-    lead = [1, 0, _FIRST_BLUR2, _FIRST_RIPPLE2, 0]
+    lead = [1, 0, _SETTINGS.first_blur2, _SETTINGS.first_ripple2, 0]
     tried = []
-    for gamma in _GAMMAS:
+    for gamma in _SETTINGS.gammas:
         shape, *_ = np.linalg.lstsq(basis, (fine / top) ** gamma, rcond=None)
         shape = np.clip(shape, 1e-3, None)
         for reach in _TRIAL_RANGES:
@@ -177,11 +210,14 @@ def _starts(sweep: Sweep, top: int, expected_range: float) -> Iterable[PhaseCurv
             curve = PhaseCurve(sweep, top, np.concatenate([lead, increments]))
             tried.append(curve.with_fitted_swing())
     tried = [curve for curve in tried if curve.parameters[SWING] > 0] or tried
-    return sorted(tried, key=lambda curve: curve.cost)[:_STARTS_FITTED]
+    return sorted(tried, key=lambda curve: curve.cost)[: _SETTINGS.starts_fitted]
 
 
 def _rival_margin(curves: list[PhaseCurve]) -> float:
-    """How much worse the best fit with another count of waves is."""
+    """Compute how much the best fit with another count of waves is worse than the best fit.
+
+    The result is a difference of information criteria.
+    """
     best = curves[0]
     others = [
         c.information_criterion
@@ -198,7 +234,7 @@ def _build_response_fit(
     predicted = best.predicted_light()
     misses = (sweep.light - predicted)[inliers]
     residual = float(np.sqrt((misses**2).mean())) / p[SWING]
-    if not residual < _MAX_RESIDUAL:
+    if not residual < _SETTINGS.max_residual:
         raise ValueError(
             f"the light follows no rising phase: it is off by {residual:.0%} of its swing, root "
             "mean square; check that the lamp is steady and that the table of the panel's range "
@@ -209,8 +245,9 @@ def _build_response_fit(
     basis = monotone_spline_basis(np.arange(levels), levels - 1, best.increment_count)
     covariance = best.covariance(inliers) * max(chi2, 1.0)
     spread = basis @ covariance[FIRST_INCREMENT:, FIRST_INCREMENT:]
-    # A ghost moves all phases by twice its share; half of that is not believed.
-    blurred = _BLUR_UNCERTAINTY * min(_BLUR_PHASE_ERROR * p[BLUR2] / sweep.law.period**2, math.pi)
+    shift = min(_SETTINGS.blur_phase_error * p[BLUR2] / sweep.law.period**2, math.pi)
+    blurred = _SETTINGS.blur_uncertainty * shift
+    # A ghost shifts all phases by twice its share. Half of that shift is taken as uncertainty.
     doubt = math.hypot(blurred, p[GHOST])
     return ResponseFit(
         phase=np.maximum.accumulate(basis @ best.increments),

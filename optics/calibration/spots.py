@@ -1,4 +1,4 @@
-"""Spots of light in a frame: where they are, how bright, and how well that is known."""
+"""Find spots of light in a frame, and measure their centroid and light with uncertainties."""
 
 from __future__ import annotations
 
@@ -13,29 +13,46 @@ from optics.camera import Sensor
 
 Array = NDArray[np.float64]
 
-_DETECTION_SIGMAS = 8.0
-"""Standard deviations of noise from which a spot counts as one."""
 
-_SMOOTHING = 1.5
-"""Pixels, standard deviation, over which light is gathered to find a spot."""
+@dataclass(frozen=True)
+class SpotSettings:
+    """Tune how spots are found and measured; all values are chosen.
 
-_HOT_PIXEL_RATIO = 10.0
-"""How much brighter than its brightest neighbour no focused spot's pixel is."""
+    Attributes
+    ----------
+    detection_sigmas : float
+        Standard deviations of noise from which a maximum counts as a spot.
+    smoothing : float
+        Standard deviation, in pixels, of the Gaussian that smooths a frame for detection.
+    hot_pixel_ratio : float
+        Ratio of a hot pixel to its brightest neighbour. In a focused spot the ratio is smaller.
+    rounds : int
+        Most iterations of a centroid.
+    centroid_tolerance : float
+        Pixels; the iteration ends when the centroid moves by less.
+    narrowest, widest : float
+        Limits, in pixels, of the centroid window's standard deviation.
+    """
 
-_ROUNDS = 30
-_CENTROID_TOLERANCE = 1e-4
-"""Of a pixel, by which a centroid that has settled moves at most."""
+    detection_sigmas: float = 8.0
+    smoothing: float = 1.5
+    hot_pixel_ratio: float = 10.0
+    rounds: int = 30
+    centroid_tolerance: float = 1e-4
+    narrowest: float = 1.0
+    widest: float = 8.0
 
-_NARROWEST, _WIDEST = 1.0, 8.0
-"""Pixels, standard deviation, of the window in which a centroid is taken."""
+
+_SETTINGS = SpotSettings()
 
 
 @dataclass(frozen=True)
 class Spot:
-    """A spot's centroid and light.
+    """Hold a spot's centroid and light.
 
-    y, x: pixels from the corner pixel's centre. sigma: of either, pixels. light: in the frame's
-    unit. noise: standard deviation of light. clipped: whether a pixel in it is at full scale.
+    y, x: pixels from the corner pixel's centre. sigma: standard deviation of either, pixels.
+    light: in the frame's unit. noise: standard deviation of the light. clipped: whether one of
+    its pixels is at full scale.
     """
 
     y: float
@@ -51,25 +68,28 @@ class Spot:
 
 
 def frame_variance(numbers: Array, sensor: Sensor) -> Array:
-    """Variance of the digital numbers of a frame: shot, read-out and rounding (EMVA 1288)."""
+    """Compute the variance of a frame's digital numbers from shot noise, read noise and rounding.
+
+    It follows EMVA 1288.
+    """
     electrons = np.clip(numbers - sensor.black_level, 0, None) * sensor.gain
     return (electrons + sensor.read_noise**2) / sensor.gain**2 + 1 / 12
 
 
 def without_hot_pixels(frame: Array, variance: Array) -> Array:
-    """The frame with lonely bright pixels replaced by their neighbours' median.
+    """Replace a frame's hot pixels by the median of their neighbours.
 
-    A pixel is lonely if it stands out of the noise and is far brighter than each of its
-    neighbours: light through a lens never is.
+    A pixel is hot if it stands out of the noise and is far brighter than each of its neighbours.
+    Light through a lens never makes such a pixel.
     """
     ring = np.ones((3, 3), dtype=bool)
     ring[1, 1] = False
     brightest = ndimage.maximum_filter(frame, footprint=ring, mode="nearest")
     dimmest = ndimage.minimum_filter(frame, footprint=ring, mode="nearest")
-    lonely = frame - dimmest > _HOT_PIXEL_RATIO * (
+    hot = frame - dimmest > _SETTINGS.hot_pixel_ratio * (
         brightest - dimmest
-    ) + _DETECTION_SIGMAS * np.sqrt(variance)
-    return np.where(lonely, ndimage.median_filter(frame, footprint=ring, mode="nearest"), frame)
+    ) + _SETTINGS.detection_sigmas * np.sqrt(variance)
+    return np.where(hot, ndimage.median_filter(frame, footprint=ring, mode="nearest"), frame)
 
 
 def find_spot(
@@ -78,27 +98,28 @@ def find_spot(
     clipped: NDArray[np.bool_] | None = None,
     excluded: NDArray[np.bool_] | None = None,
 ) -> Spot:
-    """The spot that stands out most in a frame less its background.
+    """Find the spot that stands out most in a frame whose background was subtracted.
 
     light, variance: (rows, columns). clipped: pixels at full scale. excluded: pixels that aren't
-    searched. Raises ValueError if nothing stands out of the noise.
+    searched. Raises ValueError if no spot stands out of the noise.
     """
     _require_frame(light, variance)
     clean = without_hot_pixels(light, variance)
-    gathered = ndimage.gaussian_filter(clean, _SMOOTHING, mode="nearest")
-    # A filter's weights squared are a filter that is narrower by the root of two.
+    smoothing, least = _SETTINGS.smoothing, _SETTINGS.detection_sigmas
+    smooth = ndimage.gaussian_filter(clean, smoothing, mode="nearest")
+    # The squared weights of a Gaussian filter are a Gaussian narrower by the root of two.
     noise = np.sqrt(
-        ndimage.gaussian_filter(variance, _SMOOTHING / math.sqrt(2), mode="nearest")
-        / (4 * math.pi * _SMOOTHING**2)
+        ndimage.gaussian_filter(variance, smoothing / math.sqrt(2), mode="nearest")
+        / (4 * math.pi * smoothing**2)
     )
-    signal = gathered / noise
+    signal = smooth / noise
     if excluded is not None:
         signal = np.where(excluded, -np.inf, signal)
     y, x = np.unravel_index(int(np.argmax(signal)), signal.shape)
-    if not signal[y, x] >= _DETECTION_SIGMAS:
+    if not signal[y, x] >= least:
         raise ValueError(
             f"no spot stands out of the noise: the brightest place is {max(signal[y, x], 0):.1f} "
-            f"standard deviations above it, and {_DETECTION_SIGMAS:g} are needed; expose longer, "
+            f"standard deviations above it, and {least:g} are needed; expose longer, "
             "or bring the star into the frame"
         )
     return measure_spot(clean, variance, (float(y), float(x)), clipped)
@@ -110,15 +131,15 @@ def measure_spot(
     start: tuple[float, float],
     clipped: NDArray[np.bool_] | None = None,
 ) -> Spot:
-    """The spot near a place (y, x), by a centroid under a Gaussian window that follows it.
+    """Measure the spot near a position (y, x) by its centroid in a Gaussian window that follows it.
 
-    The window is as wide as the spot (Bertin, SExtractor's windowed positions): the noise of
-    far pixels has no say, and pixels don't pull the centroid to their centres. Raises
+    The window is as wide as the spot (Bertin, SExtractor's windowed positions). The noise of far
+    pixels therefore doesn't count, and the centroid isn't biased towards pixel centres. Raises
     ValueError if there is no light, or the spot leaves the frame.
     """
     _require_frame(light, variance)
     (y, x), width = start, 2.0
-    for _ in range(_ROUNDS):
+    for _ in range(_SETTINGS.rounds):
         part, py, px = _window_pixels((y, x), width, light.shape)
         weight = np.exp(-((py - y) ** 2 + (px - x) ** 2) / (2 * width**2))
         weighted = weight * light[part]
@@ -126,7 +147,7 @@ def measure_spot(
         if not total > 0:
             raise ValueError(f"no light at pixel ({start[0]:.0f}, {start[1]:.0f}); expose longer")
         dy, dx = (float((weighted * (p - c)).sum()) / total for p, c in ((py, y), (px, x)))
-        # Twice the shift: the window holds back the half of it, where it is as wide as the spot.
+        # A window as wide as the spot halves the measured shift, so the shift is doubled.
         y, x = y + 2 * dy, x + 2 * dx
         if not (0 <= y <= light.shape[0] - 1 and 0 <= x <= light.shape[1] - 1):
             raise ValueError(
@@ -134,10 +155,11 @@ def measure_spot(
                 "move the star or the camera"
             )
         spread = float((weighted * ((py - y) ** 2 + (px - x) ** 2)).sum()) / (2 * total)
-        # Under a window as wide as itself a Gaussian seems narrower by the root of two.
+        # In a window as wide as itself, a Gaussian appears narrower by the root of two.
         wider = math.sqrt(max(2 * spread, 0.0))
-        width = min(max(0.5 * (width + wider), _NARROWEST), _WIDEST)
-        if math.hypot(dy, dx) < _CENTROID_TOLERANCE and abs(wider - width) < 0.05 * width:
+        width = min(max(0.5 * (width + wider), _SETTINGS.narrowest), _SETTINGS.widest)
+        settled = math.hypot(dy, dx) < _SETTINGS.centroid_tolerance
+        if settled and abs(wider - width) < 0.05 * width:
             break
     return _spot_at(light, variance, (y, x), width, clipped)
 
@@ -159,7 +181,7 @@ def _spot_at(
         y,
         x,
         sigma,
-        # A Gaussian's light, of which a window of its own width passes the half.
+        # A window as wide as a Gaussian spot passes half of its light.
         2 * total,
         2 * math.sqrt(float((weight**2 * variance[part]).sum())),
         clipped is not None and bool(clipped[part].any()),
@@ -169,7 +191,7 @@ def _spot_at(
 def _window_pixels(
     place: tuple[float, float], width: float, shape: tuple[int, int]
 ) -> tuple[tuple[slice, slice], Array, Array]:
-    """The pixels within four widths, and their places as a column and a row."""
+    """Return the pixels within four widths of a spot, and their y and x as a column and a row."""
     reach = math.ceil(4 * width)
     spans = [
         slice(max(round(c) - reach, 0), min(round(c) + reach + 1, n))

@@ -1,10 +1,10 @@
-"""A star through panel and lens, on sensor pixels that are turned against the panel."""
+"""Model the picture of a star through panel and lens, on sensor pixels rotated to the panel."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -18,31 +18,47 @@ from optics.pupil import open_pupil_radius, pupil_amplitude
 from optics.slm import Panel
 from optics.validation import require_positive
 
-_MOST_PIXELS = 300
-"""Along a panel, of the coarser one that stands for it: wavefronts are smooth."""
 
-_OVERSAMPLING = 3.0
-"""Samples over those that just resolve the PSF, for cubics between them."""
+@dataclass(frozen=True)
+class StarModelSettings:
+    """Tune the sampling of the star's model.
 
-_TOL = 1e-6
-"""Of a PSF: in single precision the derivatives would be noise before a fit has ended."""
+    Attributes
+    ----------
+    most_pixels : int
+        Most pixels along a side of the coarser panel that replaces the real one; chosen. It is
+        enough because wavefronts are smooth.
+    oversampling : float
+        Samples relative to the fewest that resolve the PSF, for cubic interpolation; chosen.
+    tol : float
+        Tolerance of the PSF; chosen to force double precision. In single precision the
+        derivatives would be dominated by rounding before a fit converges.
+    margin : int
+        Sensor pixels around the window; chosen.
+    """
 
-_MARGIN = 4
-"""Sensor pixels around the window."""
+    most_pixels: int = 300
+    oversampling: float = 3.0
+    tol: float = 1e-6
+    margin: int = 4
+
+
+_SETTINGS = StarModelSettings()
 
 
 class StarModel:
-    """Share of a star's light on each pixel of a window, for several patterns on the panel.
+    """Model the share of a star's light on each pixel of a window, for several panel patterns.
 
-    camera: its panel, lens and stop; the panel's own flatness is left out, as what is sought.
-    phases: (rows, columns) radians on the panel, one a pattern, as it really shows them.
-    registration: of panel and sensor. corner: (row, column) of the window's first pixel. shape:
-    of the window. diameter, distance: of the star, metres. unmodulated: share of the light.
+    camera: its panel, lens and stop are used; the panel's flatness is left out, because it is part
+    of the wavefront to be fitted. phases: (rows, columns) radians on the panel as it really
+    displays them, one for each pattern. registration: that of panel and sensor. corner:
+    (row, column) of the window's first pixel. shape: that of the window. diameter, distance: those
+    of the star, metres. unmodulated: unmodulated share of the light.
 
-    Call with the optical path on `plane` in metres, (rows, columns), the star's place (y, x)
-    beside the registration's centre in pixels, and the light's amplitude on `plane` beside what
-    the camera describes; tensors, in which it is differentiable. The answer is (patterns, rows,
-    columns).
+    Call the model with tensors: the optical path on `plane` in metres, (rows, columns); the star's
+    position (y, x) relative to the registration's centre in pixels; and the light's amplitude on
+    `plane` relative to the camera's. The result is (patterns, rows, columns) and differentiable in
+    all of them.
     """
 
     def __init__(
@@ -88,7 +104,7 @@ class StarModel:
             self._grid,
             integrate=False,
             unmodulated=0.0,
-            tol=_TOL,
+            tol=_SETTINGS.tol,
         )
         self._blur_transfer = _disc_and_pixel_transfer(self._grid, image, self._position_per_pixel)
 
@@ -99,7 +115,7 @@ class StarModel:
         shares = [self._operator(phase, wave * amplitude) for wave in self._modulations]
         light = torch.stack(shares).to(torch.float64)
         if self._unmodulated:
-            # It goes through the panel, and is of the polarisation that doesn't see the pattern.
+            # Unmodulated light has the polarisation that the pattern doesn't change.
             straight = self._operator(phase, self._neutral_modulation * amplitude).to(torch.float64)
             light = (1 - self._unmodulated) * light + self._unmodulated * straight
         spectrum = torch.fft.rfft2(light) * self._blur_transfer
@@ -108,7 +124,7 @@ class StarModel:
         return self._sample_pixels(light, place) * area
 
     def _sample_pixels(self, light: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
-        """At the pixels' centres, by cubics between the grid's samples."""
+        """Sample the light at the sensor pixels' centres by cubic interpolation."""
         places = self._pixel_positions - (self._position_per_pixel @ place)
         unit = [
             (places[..., axis] / self._grid.pitch[axis] + n // 2) * 2 / (n - 1) - 1
@@ -122,11 +138,12 @@ class StarModel:
 
 
 def _with_lens_at_panel(camera: Camera, distance: float) -> Camera:
-    """A camera whose panel stands apart from its lens, as one with the lens at the panel.
+    """Return an equivalent camera whose lens stands at the panel.
 
-    By its ray matrix and the stop's shadow; the lens' aberrations are carried back to the panel
-    along the rays. What the stop's edge scatters is far below the pictures' noise, and a fit
-    asks for hundreds of them. The camera itself where it is so already.
+    The equivalent follows from the ray matrix and the stop's shadow. The lens' aberrations are
+    mapped back to the panel along the rays. The light that the stop's edge scatters is left out:
+    it is far below the noise of the pictures, and a fit computes hundreds of them. A camera
+    without separation is returned unchanged.
     """
     if not camera.separation:
         return camera
@@ -138,15 +155,15 @@ def _with_lens_at_panel(camera: Camera, distance: float) -> Camera:
 
 
 def _coarsening_factor(shape: tuple[int, int]) -> int:
-    """The smallest divisor of both sides that leaves few enough pixels."""
+    """Return the smallest common divisor of a panel's sides that leaves few enough pixels."""
     common = math.gcd(*shape)
     divisors = [d for d in range(1, common + 1) if common % d == 0]
-    few = [d for d in divisors if max(shape) / d <= _MOST_PIXELS]
+    few = [d for d in divisors if max(shape) / d <= _SETTINGS.most_pixels]
     return few[0] if few else common
 
 
 def _coarse_panel(panel: Panel, factor: int) -> Panel:
-    """A panel of coarser pixels that does nothing of its own."""
+    """Return a panel with coarser pixels and without imperfections."""
     rows, columns = panel.shape
     return Panel(
         shape=(rows // factor, columns // factor),
@@ -161,7 +178,7 @@ def _coarse_panel(panel: Panel, factor: int) -> Panel:
 def _block_average(
     phase: torch.Tensor, amplitude: torch.Tensor | None, factor: int
 ) -> torch.Tensor:
-    """The mean light of blocks of pixels, complex128."""
+    """Compute the mean complex field of blocks of panel pixels, complex128."""
     phase = phase.to(torch.float64)
     wave = torch.polar(torch.ones_like(phase) if amplitude is None else amplitude, phase)
     rows, columns = phase.shape
@@ -172,7 +189,10 @@ def _block_average(
 def _window_vectors(
     registration: Registration, wavelength: float, corner: tuple[int, int], shape: tuple[int, int]
 ) -> torch.Tensor:
-    """The gratings that send light to the window's pixels, (rows, columns, 2) of (y, x)."""
+    """Return the grating vectors (y, x) that send light to a window's pixels.
+
+    They are (rows, columns, 2).
+    """
     y = corner[0] + np.arange(shape[0], dtype=np.float64)
     x = corner[1] + np.arange(shape[1], dtype=np.float64)
     pixels = np.stack(np.broadcast_arrays(y[:, None], x[None, :]), axis=-1)
@@ -180,22 +200,25 @@ def _window_vectors(
 
 
 def _vector_per_pixel(registration: Registration, wavelength: float) -> torch.Tensor:
-    """By how much that grating changes from pixel to pixel, (2, 2)."""
+    """Return the change of the grating vector from sensor pixel to pixel, (2, 2)."""
     stretch = wavelength / registration.wavelength
     return torch.from_numpy(np.linalg.inv(registration.matrix * stretch))
 
 
 def _grid(camera: Camera, wavelength: float, places: torch.Tensor) -> Plane:
-    """Around the axis in the panel's axes, fine enough for cubics, and as wide as the window."""
-    finer = math.ceil(_OVERSAMPLING * nyquist_samples_per_pixel(camera, wavelength))
+    """Return a grid along the panel's axes that covers the window of sensor pixels.
+
+    It is fine enough for cubic interpolation.
+    """
+    finer = math.ceil(_SETTINGS.oversampling * nyquist_samples_per_pixel(camera, wavelength))
     pitch = camera.sensor.pitch / finer
-    reach = places.abs().amax(dim=(0, 1)) + _MARGIN * camera.sensor.pitch
+    reach = places.abs().amax(dim=(0, 1)) + _SETTINGS.margin * camera.sensor.pitch
     rows, columns = (2 * math.ceil(float(r) / pitch) + 1 for r in reach)
     return Plane((rows, columns), (pitch, pitch))
 
 
 def _disc_and_pixel_transfer(grid: Plane, star: float, step: torch.Tensor) -> torch.Tensor:
-    """Transfer function of the star's disc and of a turned pixel, on the grid's rfft2."""
+    """Compute the transfer function of the star's disc and of a rotated pixel, in rfft2 layout."""
     fy = torch.fft.fftfreq(grid.shape[0], grid.pitch[0], dtype=torch.float64)[:, None]
     fx = torch.fft.rfftfreq(grid.shape[1], grid.pitch[1], dtype=torch.float64)[None, :]
     argument = math.pi * star * torch.hypot(fy, fx)

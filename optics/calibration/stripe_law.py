@@ -1,4 +1,4 @@
-"""How much light stripes of two levels send into their first order."""
+"""Compute how much light a grating of two-level stripes sends into its first order."""
 
 from __future__ import annotations
 
@@ -16,40 +16,33 @@ from optics.validation import require_positive
 Array = NDArray[np.float64]
 
 MOST_BLUR = 1.5
-"""Pixels, standard deviation, up to which the law is known."""
+"""Largest standard deviation of the blur, in pixels, for which the law is computed; chosen."""
 
 _BLURS = (0.0, 0.1, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85, 1.0, 1.25, MOST_BLUR)
-_REACH = 5.0
-"""Standard deviations beyond which a blur reaches nothing."""
+"""Standard deviations of the blur, in pixels, at which the law is computed."""
 
 _NODES, _WEIGHTS = gauss_legendre(7)
-"""Along an axis of a pixel's active area, at which the phase is looked at."""
-
-_PATCH = 160
-"""Pixels along an axis of the part of a pattern that stands for all of it."""
+"""Nodes along an axis of a pixel's active area at which the phase is evaluated."""
 
 _HEIGHTS = 257
-"""Between the two levels, into which the blurred pattern is sorted."""
-
-_STEP_SPACING = 0.05
-"""Radians between the steps at which the law is computed; it is a spline between them."""
+"""Number of heights between the two levels into which the blurred pattern is sorted; chosen."""
 
 _GAUSS_HERMITE = ((-math.sqrt(3.0), 1 / 6), (0.0, 2 / 3), (math.sqrt(3.0), 1 / 6))
-"""Gauss-Hermite nodes, in standard deviations, of what isn't still."""
+"""Gauss-Hermite nodes, in standard deviations of the ripple, and their weights."""
 
 
 class StripeLaw:
-    """The light in a first order, by the step between the levels and the neighbours' blur.
+    """Compute the light in a grating's first order from phase step and blur by neighbours.
 
-    upper: (rows, columns), where the pattern has the upper level; a part of it stands for the
-    whole. vector: of its grating, (y, x) cycles per pixel. active_side: of the square of a pixel
-    that modulates, in pixels. max_step: radians, up to which it is known.
+    upper: (rows, columns), where the pattern has the upper level; a part of the pattern represents
+    the whole. vector: its grating vector, (y, x) cycles per pixel. active_side: side of the square
+    of a pixel that modulates, in pixels. max_step: largest step in radians.
 
-    Hard stripes send sin²(step / 2) of what they can into each first order. Where neighbours
-    blur the phase, it passes through all values between the two levels, over the edges as the
-    pixels really have them: the pattern is blurred by a Gaussian, looked at in the active areas,
-    and sorted by height, each point with the first order's wave. The light is in units of what
-    hard stripes send at most.
+    Hard stripes send the share sin²(step / 2) of the largest possible light into each first order.
+    The coupling of neighbouring pixels blurs the phase, which then takes all values between the
+    two levels at the stripes' edges. The pattern is therefore blurred by a Gaussian, sampled in
+    the active areas, and sorted by height, and the first order's wave is summed for each height.
+    The light is relative to the most that hard stripes send.
     """
 
     def __init__(
@@ -63,9 +56,11 @@ class StripeLaw:
         self.period = 1 / float(np.hypot(*vector))
         if not self.period >= 2:
             raise ValueError(f"vector is {vector}; stripes need two pixels or more a period")
-        patch = upper[:_PATCH, :_PATCH].astype(np.float64)
+        # A part of 160 x 160 pixels represents the whole pattern.
+        patch = upper[:160, :160].astype(np.float64)
         wave = _first_order_wave(patch.shape, vector)
-        steps = np.arange(0, max_step + 2 * _STEP_SPACING, _STEP_SPACING)
+        spacing = 0.05  # The law is a spline between steps that are 0.05 radians apart.
+        steps = np.arange(0, max_step + 2 * spacing, spacing)
         turned = np.exp(1j * np.outer(steps, np.linspace(0, 1, _HEIGHTS)))
         light = np.stack(
             [
@@ -79,7 +74,9 @@ class StripeLaw:
         self._most = float(steps[-1])
 
     def __call__(self, step: Array, blur2: float = 0.0, ripple2: float = 0.0) -> Array:
-        """Light over what hard stripes send at most, of steps in radians.
+        """Compute the first-order light of phase steps, relative to the most of hard stripes.
+
+        step: radians.
 
         blur2: pixels², variance of the Gaussian. ripple2: variance of the phase within an
         exposure or a filter's band, as a share of the phase.
@@ -90,7 +87,7 @@ class StripeLaw:
         return light
 
     def derivatives(self, step: Array, blur2: float, ripple2: float) -> tuple[Array, Array]:
-        """Its derivatives with step and blur2."""
+        """Compute the derivatives of the first-order light by step and by blur2."""
         by_step, by_blur = np.zeros(np.shape(step)), np.zeros(np.shape(step))
         for stretch, weight in _ripple_nodes(ripple2):
             by_step += (
@@ -111,8 +108,11 @@ def _ripple_nodes(ripple2: float) -> list[tuple[float, float]]:
 
 
 def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.complex128]:
-    """exp(-2πi k·r) at pixels, under a window that ends softly, without a mean: what all of the
-    panel sends straight on has no part in the first order."""
+    """Return the first order's wave exp(-2πi k·r) at pixels, under a tapered window.
+
+    Its mean is subtracted, because a constant phase of the whole panel sends no light into the
+    first order.
+    """
     fading = np.outer(*(np.hanning(n + 2)[1:-1] for n in shape))
     y, x = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
     wave = np.exp(-2j * np.pi * (vector[0] * y + vector[1] * x))
@@ -122,7 +122,7 @@ def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.compl
 def _wave_by_height(
     patch: Array, wave: NDArray[np.complex128], vector: Array, blur: float, side: float
 ) -> NDArray[np.complex128]:
-    """The first order's wave, summed over the points of each height, (heights,)."""
+    """Sum the first order's wave over a blurred grating's points of each height, (heights,)."""
     total = np.zeros(_HEIGHTS, dtype=np.complex128)
     nodes = list(zip(_NODES * side / 2, _WEIGHTS / 2, strict=True))
     for dy, high in nodes:
@@ -139,11 +139,15 @@ def _wave_by_height(
 
 
 def _blur_axis(values: Array, blur: float, place: float, axis: int) -> Array:
-    """A staircase of pixels, blurred by a Gaussian, at a place in every pixel; the outermost
-    pixels are continued."""
+    """Blur a staircase of panel pixels along an axis by a Gaussian, and sample it once per pixel.
+
+    place: the position of the sample in its pixel, in pixels from the centre. The outermost pixels
+    are continued.
+    """
     if blur == 0:
         return values
-    reach = math.ceil(_REACH * blur) + 1
+    # The Gaussian is negligible beyond five standard deviations.
+    reach = math.ceil(5.0 * blur) + 1
     edges = (np.arange(-reach, reach + 2) - 0.5 - place) / blur
     taps = np.diff(ndtr(edges))
     return correlate1d(values, taps / taps.sum(), axis=axis, mode="nearest")

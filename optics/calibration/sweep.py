@@ -1,4 +1,4 @@
-"""A sweep of grey levels as one region's first orders saw it."""
+"""Hold the light of a sweep of grey levels in one region's first diffraction orders."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from optics.calibration.stripe_law import StripeLaw
 Array = NDArray[np.float64]
 
 MIN_LEVELS = 12
-"""Levels of a sweep from which a curve can be told."""
+"""Fewest levels of a sweep from which a phase curve can be fitted; chosen."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Light in one region's first orders, level by level.
+    """Hold the light of one region's first orders in a sweep, frame by frame.
 
     low, high: (n,) grey levels of the two stripes of each frame. light: (n,) in any unit.
-    noise: (n,) its standard deviation. law: of the stripes that were shown. Raises ValueError
-    for arrays that don't go together or hold no numbers.
+    noise: (n,) standard deviation of the light. law: that of the displayed stripes. Raises
+    ValueError for arrays of different shapes, for too few levels, and for light or noise that
+    isn't valid.
     """
 
     low: NDArray[np.int64]
@@ -44,7 +45,7 @@ class Sweep:
             raise ValueError("light must be finite and its noise positive")
 
     def select(self, inliers: NDArray[np.bool_]) -> Sweep:
-        """Only some of its frames."""
+        """Return the sweep with its inlier frames only."""
         return Sweep(
             self.low[inliers],
             self.high[inliers],

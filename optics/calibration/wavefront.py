@@ -1,7 +1,7 @@
-"""Wavefront and focus, from pictures of the star with known phases on the panel.
+"""Fit wavefront and focus to pictures of the star with known phases on the panel.
 
-One picture of a point can't tell a wavefront from its mirror image; several, with a defocus of
-known strength on the panel between them, can (phase diversity: Gonsalves 1982,
+One picture of a point can't distinguish a wavefront from its mirror image. Several pictures that
+differ by a known defocus on the panel can (phase diversity: Gonsalves 1982,
 doi 10.1117/12.7972989).
 """
 
@@ -25,44 +25,61 @@ Array = NDArray[np.float64]
 Term = tuple[int, int]
 
 TERMS: tuple[Term, ...] = tuple((n, m) for n in range(2, 5) for m in range(-n, n + 1, 2))
-"""Zernike polynomials that are fitted unless others are asked for: defocus to the fourth degree."""
+"""Zernike polynomials that are fitted by default: those of the second to the fourth degree."""
 
 _DEFOCUS = (2, 0)
 
 _START_DEFOCUS = np.linspace(-1.0, 1.0, 9)
-"""Waves of defocus, root mean square, from which a fit may begin."""
+"""Twice the starting values of the defocus, in waves, root mean square."""
 
-_STARTS_FOLLOWED = 2
-_STEPS = 60
 
-_GOOD_CHI2 = 1.5
-"""Mean squared misfit in standard deviations from which no other start is tried."""
+@dataclass(frozen=True)
+class WavefrontFitSettings:
+    """Tune the fit of a wavefront; all values are chosen.
 
-_PARAMETER_UNIT = 0.05
-"""Of a wave, root mean square, and of a pixel: a step that an optimiser takes for one."""
+    Attributes
+    ----------
+    starts_followed : int
+        Most starting values from which the fit is run.
+    steps : int
+        Most iterations of one fit.
+    good_chi2 : float
+        Mean squared misfit, in standard deviations, below which no other start is tried.
+    parameter_unit : float
+        Waves, root mean square, and pixels that make one unit of the optimiser's parameters.
+    beam_unit : float
+        Change of the log amplitude at the disc's edge that makes one unit of the parameters.
+    max_correlation : float
+        Upper limit of the correlation of neighbouring pixels' misfits.
+    difference_step : float
+        Step of derivatives by differences, in units of the parameters.
+    model_error : float
+        Error of the model besides the noise, as a share of a picture's peak.
+    """
 
-_BEAM_UNIT = 0.2
-"""The same of the logarithm of the light's amplitude at the disc's edge."""
+    starts_followed: int = 2
+    steps: int = 60
+    good_chi2: float = 1.5
+    parameter_unit: float = 0.05
+    beam_unit: float = 0.2
+    max_correlation: float = 0.95
+    difference_step: float = 0.02
+    model_error: float = 0.005
 
-_MAX_CORRELATION = 0.95
-"""Correlation of neighbouring pixels' misfits beyond which no number of pixels is believed."""
 
-_DIFFERENCE_STEP = 0.02
-"""Of the unit, for derivatives by differences."""
-
-_MODEL_ERROR = 0.005
-"""Of a picture's peak, by which the model may be wrong beside the noise."""
+_SETTINGS = WavefrontFitSettings()
 
 
 @dataclass(frozen=True, eq=False)
 class WavefrontFit:
-    """Optical path besides the pattern, as Zernike polynomials over a disc about the pupil.
+    """Hold a fitted wavefront: optical path besides the pattern, as Zernike polynomials.
 
-    terms: (n, m). coefficients: metres, root mean square over the disc; covariance: m². radius:
-    of the disc, metres on the panel. rms, sigma: of the path over the open pupil, less its mean
-    and tilt, and its standard deviation there, metres. offset: (y, x) pixels between the star's
-    geometric image and the registration's centre. residual: relative L2 between pictures and
-    model. chi2: mean squared residual in standard deviations, less what was fitted.
+    terms: (n, m) of the polynomials. coefficients: metres, root mean square over the disc around
+    the pupil; covariance: m². radius: that of the disc, metres on the panel. rms: root mean square
+    of the path over the open pupil, without mean and tilt, metres; sigma: its standard deviation.
+    offset: (y, x) pixels between the star's geometric image and the registration's centre.
+    residual: relative L2 difference of pictures and model. chi2: mean squared residual in standard
+    deviations, per degree of freedom.
     """
 
     terms: tuple[Term, ...]
@@ -77,22 +94,24 @@ class WavefrontFit:
 
     @property
     def vergence(self) -> tuple[float, float]:
-        """Focus error in dioptres, and its standard deviation: of the star's distance, as if it
-        stood elsewhere than in the plane in focus."""
+        """The focus error in dioptres, and its standard deviation.
+
+        It is the vergence error of a star that stands outside of the plane in focus.
+        """
         k = self.terms.index(_DEFOCUS)
         scale = 4 * math.sqrt(3) / self.radius**2
         sigma = math.sqrt(float(self.covariance[k, k]))
         return scale * float(self.coefficients[k]), scale * sigma
 
     def path(self, panel: Panel) -> torch.Tensor:
-        """Metres at the panel's pixels, (rows, columns) float64."""
+        """Compute the wavefront at the panel's pixels in metres, (rows, columns) float64."""
         return zernike_path(self.terms, self.coefficients, self.radius, panel.plane)
 
 
 def zernike_path(
     terms: Sequence[Term], coefficients: Sequence[float] | Array, radius: float, plane: Plane
 ) -> torch.Tensor:
-    """The sum of Zernike polynomials over a disc, metres, (rows, columns) of a plane."""
+    """Sum Zernike polynomials over a disc to a wavefront on a plane, metres, (rows, columns)."""
     y, x = plane.mesh()
     total = torch.zeros(plane.shape, dtype=torch.float64)
     for (n, m), strength in zip(terms, coefficients, strict=True):
@@ -102,9 +121,9 @@ def zernike_path(
 
 @dataclass(frozen=True, eq=False)
 class StarPictures:
-    """What was seen: light (pictures, rows, columns) less its dark, with its variance.
+    """Hold pictures of the star, (pictures, rows, columns), less their dark frames.
 
-    usable: pixels that may be believed, neither clipped nor hot.
+    variance: that of the light. usable: pixels that are neither clipped nor hot.
     """
 
     light: Array
@@ -129,12 +148,12 @@ def fit_wavefront(
     terms: Sequence[Term] = TERMS,
     progress: Progress | None = None,
 ) -> WavefrontFit:
-    """The Zernike polynomials that make a model show what was seen.
+    """Fit a wavefront of Zernike polynomials to pictures of the star.
 
-    model: of the star through panel and lens, with the patterns that were shown. Least squares
-    in units of noise, by gradients through the PSF (L-BFGS), from the defocus that fits best of
-    nine; each picture's light and background are fitted with it. Raises ValueError if fewer
-    than two pictures were taken, or defocus isn't among the terms.
+    model: the model of the star through panel and lens, with the displayed patterns. The fit is
+    by least squares in units of the noise, with gradients through the PSF (L-BFGS). It begins at
+    the best of nine values of defocus. The light and the background of each picture are fitted,
+    too. Raises ValueError for fewer than two pictures, or if defocus isn't among the terms.
     """
     if len(pictures.light) < 2 or len(pictures.light) != model.pattern_count:
         raise ValueError(
@@ -149,53 +168,58 @@ def fit_wavefront(
         (task.initial_parameters(defocus * 0.5) for defocus in _START_DEFOCUS), key=task.cost
     )
     found = []
-    for number, start in enumerate(starts[:_STARTS_FOLLOWED]):
-        part = progress.part(number / (_STARTS_FOLLOWED + 1), (number + 1) / (_STARTS_FOLLOWED + 1))
+    parts = _SETTINGS.starts_followed + 1
+    for number, start in enumerate(starts[: _SETTINGS.starts_followed]):
+        part = progress.part(number / parts, (number + 1) / parts)
         found.append(task.minimise(start, part))
-        if task.chi2(found[-1]) < _GOOD_CHI2:
+        if task.chi2(found[-1]) < _SETTINGS.good_chi2:
             break
     best = min(found, key=task.cost)
-    progress.report(_STARTS_FOLLOWED / (_STARTS_FOLLOWED + 1), "wavefront: uncertainty")
+    progress.report(_SETTINGS.starts_followed / parts, "wavefront: uncertainty")
     return task.build_fit(best)
 
 
 class _WavefrontProblem:
-    """Parameters are the polynomials, in _UNIT waves; the star's place (y, x), in _UNIT pixels;
-    and, in _BEAM_UNIT, the slopes along y and x and the fall towards the edge of the light's
-    amplitude on the panel, as a Gaussian beam has them."""
+    """Define the least-squares problem of a wavefront fit.
+
+    The parameters are the polynomials' coefficients, in `parameter_unit` waves; the star's
+    position (y, x), in `parameter_unit` pixels; and three numbers of the log amplitude on the
+    panel, in `beam_unit`: its slopes along y and x, and its quadratic fall towards the edge, as
+    for a Gaussian beam.
+    """
 
     def __init__(self, model: StarModel, pictures: StarPictures, terms: tuple[Term, ...]) -> None:
         self._model, self._terms = model, terms
         self._light = torch.from_numpy(pictures.light)
         peak = pictures.light.max(axis=(1, 2), keepdims=True)
-        variance = pictures.variance + (_MODEL_ERROR * peak) ** 2
+        variance = pictures.variance + (_SETTINGS.model_error * peak) ** 2
         weight = np.where(pictures.usable, 1 / variance, 0.0)
         self._weight = torch.from_numpy(weight)
         y, x = model.plane.mesh()
         shapes = [zernike(n, m, y / model.radius, x / model.radius) for n, m in terms]
         self._shapes = torch.stack([shape.expand(model.plane.shape) for shape in shapes])
-        self._path_unit = _PARAMETER_UNIT * model.wavelength
+        self._path_unit = _SETTINGS.parameter_unit * model.wavelength
         y, x = (axis.expand(model.plane.shape) / model.radius for axis in (y, x))
-        self._beam = torch.stack([y, x, y**2 + x**2]) * _BEAM_UNIT
+        self._beam = torch.stack([y, x, y**2 + x**2]) * _SETTINGS.beam_unit
 
     def initial_parameters(self, waves: float) -> torch.Tensor:
         start = torch.zeros(len(self._terms) + 2 + len(self._beam), dtype=torch.float64)
-        start[self._terms.index(_DEFOCUS)] = waves / _PARAMETER_UNIT
+        start[self._terms.index(_DEFOCUS)] = waves / _SETTINGS.parameter_unit
         return start
 
     def _split_parameters(
         self, parameters: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Polynomials, place and beam."""
+        """Split the wavefront fit's parameters into polynomials, star position and beam."""
         n = len(self._terms)
         return parameters[:n], parameters[n : n + 2], parameters[n + 2 :]
 
     def predict_pictures(self, parameters: torch.Tensor) -> torch.Tensor:
-        """The model's pictures, each with the light and background that fit best."""
+        """Compute the model's pictures, each with the best-fitting light and background."""
         polynomials, place, beam = self._split_parameters(parameters)
         path = torch.tensordot(polynomials, self._shapes, 1) * self._path_unit
         amplitude = torch.exp(torch.tensordot(beam, self._beam, 1))
-        shares = self._model(path, place * _PARAMETER_UNIT, amplitude)
+        shares = self._model(path, place * _SETTINGS.parameter_unit, amplitude)
         return torch.stack(
             [
                 _fit_light_and_background(share, light, weight)
@@ -211,7 +235,7 @@ class _WavefrontProblem:
             return float(self.misfit(parameters))
 
     def chi2(self, parameters: torch.Tensor) -> float:
-        """Mean squared misfit in standard deviations, less what was fitted."""
+        """Compute the wavefront fit's chi², the mean squared misfit per degree of freedom."""
         used = int((self._weight > 0).sum())
         return self.cost(parameters) / max(used - len(parameters) - 2 * len(self._light), 1)
 
@@ -219,14 +243,14 @@ class _WavefrontProblem:
         parameters = start.clone().requires_grad_(True)
         scale = max(self.cost(start), 1.0)
         optimiser = torch.optim.LBFGS(
-            [parameters], max_iter=_STEPS, history_size=20, line_search_fn="strong_wolfe"
+            [parameters], max_iter=_SETTINGS.steps, history_size=20, line_search_fn="strong_wolfe"
         )
         calls = 0
 
         def closure() -> torch.Tensor:
             nonlocal calls
             calls += 1
-            progress.report(min(calls / (1.25 * _STEPS), 1.0), "wavefront")
+            progress.report(min(calls / (1.25 * _SETTINGS.steps), 1.0), "wavefront")
             optimiser.zero_grad()
             loss = self.misfit(parameters) / scale
             loss.backward()  # type: ignore[no-untyped-call]
@@ -236,25 +260,26 @@ class _WavefrontProblem:
         return parameters.detach()
 
     def build_fit(self, parameters: torch.Tensor) -> WavefrontFit:
+        step = _SETTINGS.difference_step
         with torch.no_grad():
             seen = self.predict_pictures(parameters)
             columns = []
             for k in range(len(parameters)):
                 nudge = torch.zeros_like(parameters)
-                nudge[k] = _DIFFERENCE_STEP
+                nudge[k] = step
                 change = self.predict_pictures(parameters + nudge) - self.predict_pictures(
                     parameters - nudge
                 )
-                columns.append((change / (2 * _DIFFERENCE_STEP) * self._weight.sqrt()).ravel())
+                columns.append((change / (2 * step) * self._weight.sqrt()).ravel())
         jacobian = torch.stack(columns, dim=1)
         chi2 = self.chi2(parameters)
-        # Where the model is wrong, neighbouring pixels say the same.
+        # Model errors are correlated between neighbouring pixels, which counts as fewer pixels.
         doubt = max(chi2, 1.0) * _correlation_area((seen - self._light) * self._weight.sqrt())
         covariance = torch.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * doubt
         n = len(self._terms)
         polynomials = covariance[:n, :n].numpy() * self._path_unit**2
         coefficients = parameters[:n].numpy() * self._path_unit
-        place = self._split_parameters(parameters)[1] * _PARAMETER_UNIT
+        place = self._split_parameters(parameters)[1] * _SETTINGS.parameter_unit
         rms, sigma = self._rms_over_pupil(coefficients, polynomials)
         usable = self._weight > 0
         away = float(((seen - self._light)[usable] ** 2).sum().sqrt())
@@ -271,7 +296,7 @@ class _WavefrontProblem:
         )
 
     def _rms_over_pupil(self, coefficients: Array, covariance: Array) -> tuple[float, float]:
-        """Root mean square of the path over the open pupil, less mean and tilt, and its sigma."""
+        """Compute the wavefront's rms over the open pupil, without mean and tilt, and its sigma."""
         lit = self._model.light_on_panel.numpy()
         weight = (lit / lit.sum()).ravel()
         y, x = self._model.plane.mesh()
@@ -284,14 +309,17 @@ class _WavefrontProblem:
 
 
 def _correlation_area(misfit: torch.Tensor) -> float:
-    """How many pixels (pictures, rows, columns) say one thing: the area over which misfits are
-    alike, if they fade exponentially."""
+    """Estimate the area in pixels over which misfits (pictures, rows, columns) are correlated.
+
+    The correlation is assumed to fall exponentially with distance.
+    """
     area = 1.0
     power = float((misfit**2).sum())
     for axis in (-2, -1):
         n = misfit.shape[axis]
         neighbours = misfit.narrow(axis, 0, n - 1) * misfit.narrow(axis, 1, n - 1)
-        alike = min(max(float(neighbours.sum()) / max(power, 1e-300), 0.0), _MAX_CORRELATION)
+        alike = max(float(neighbours.sum()) / max(power, 1e-300), 0.0)
+        alike = min(alike, _SETTINGS.max_correlation)
         area *= (1 + alike) / (1 - alike)
     return area
 
@@ -299,7 +327,7 @@ def _correlation_area(misfit: torch.Tensor) -> float:
 def _fit_light_and_background(
     share: torch.Tensor, light: torch.Tensor, weight: torch.Tensor
 ) -> torch.Tensor:
-    """A picture's share times the light, plus the background, that fit best."""
+    """Fit light and background of a star's picture, and return share x light + background."""
     with torch.no_grad():
         design = torch.stack([share.ravel(), torch.ones(share.numel(), dtype=share.dtype)], dim=1)
         root = weight.ravel().sqrt()

@@ -1,4 +1,4 @@
-"""The share of the light that no pattern moves out of the centre."""
+"""Measure the share of the light that no pattern moves out of the zeroth order."""
 
 from __future__ import annotations
 
@@ -11,17 +11,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_EXPECTED_SHARE_ERROR = 0.2
-"""Of what gratings leave in the centre by themselves: how far the expected share may be off."""
-
-_REACH = 6
-"""Pixels around the centre that are looked at."""
-
 
 @dataclass(frozen=True)
 class ZerothOrder:
-    """share: of the light that stays in the centre whatever the pattern. sigma: its standard
-    deviation. by_frame: what each frame says."""
+    """Hold the measured zeroth order: the share of the light that no pattern moves.
+
+    sigma: standard deviation of the share. by_frame: the share according to each frame.
+    """
 
     share: float
     sigma: float
@@ -36,21 +32,23 @@ def measure_zeroth_order(
     centre: tuple[float, float],
     usable: NDArray[np.bool_],
 ) -> ZerothOrder:
-    """What gratings leave in the centre, relative to a neutral pattern.
+    """Measure the zeroth order that gratings leave in the centre, relative to a neutral pattern.
 
-    neutral_picture: light less its dark, (rows, columns), where all light is in the centre.
-    steered_pictures: of gratings that send it away, at the same exposure; variance: of each
-    difference to what is expected. expected: share of the modulated light that each grating leaves
-    in the centre by itself, as the calibrated response has it. centre: (y, x) pixel. usable: pixels
-    neither clipped nor hot. All have the neutral star's shape in the centre, so that it is the
-    weight. Raises ValueError if the neutral centre is dark, or no grating was shown.
+    neutral_picture: light less its dark frame, (rows, columns), of a pattern that leaves all light
+    in the centre. steered_pictures: those of gratings that send the light away, at the same
+    exposure time. variance: that of each picture's difference from the expected one. expected:
+    share of the modulated light that each grating leaves in the centre by itself, according to the
+    calibrated response. centre: (y, x) pixel. usable: pixels neither clipped nor hot. The spot in
+    the centre has the same shape in all pictures, so the neutral picture is used as the weight.
+    Raises ValueError if the neutral picture is dark in the centre, or no grating was shown.
     """
     if not steered_pictures or not len(steered_pictures) == len(variance) == len(expected):
         raise ValueError(
             f"{len(steered_pictures)} steered pictures, {len(variance)} variances and "
             f"{len(expected)} expected shares; give one of each for every grating"
         )
-    part = tuple(slice(max(round(c) - _REACH, 0), round(c) + _REACH + 1) for c in centre)
+    reach = 6  # The window has 6 pixels on each side of the centre.
+    part = tuple(slice(max(round(c) - reach, 0), round(c) + reach + 1) for c in centre)
     weight = np.where(usable[part], np.clip(neutral_picture[part], 0, None), 0.0)
     total = float((weight * neutral_picture[part]).sum())
     if not total > 0:
@@ -64,11 +62,14 @@ def measure_zeroth_order(
     share = float(np.average(shares, weights=weights))
     scatter = float(np.sqrt(np.average((np.array(shares) - share) ** 2, weights=weights)))
     random = math.hypot(1 / math.sqrt(weights.sum()), scatter / math.sqrt(max(len(shares) - 1, 1)))
-    sigma = math.hypot(random, _EXPECTED_SHARE_ERROR * float(np.average(expected, weights=weights)))
+    # The expected shares are taken as uncertain by a fifth.
+    sigma = math.hypot(random, 0.2 * float(np.average(expected, weights=weights)))
     return ZerothOrder(share, sigma, tuple(shares))
 
 
 def zeroth_order_share(field: NDArray[np.complexfloating]) -> float:
-    """Share of modulated light that stays in the centre, of a field (rows, columns) whose
-    amplitude is one where no light is lost."""
+    """Compute the share of modulated light that stays in the zeroth order.
+
+    field: (rows, columns) on the panel, with amplitude 1 where no light is lost.
+    """
     return float(np.abs(field.mean()) ** 2)

@@ -1,4 +1,4 @@
-"""Zernike polynomials on the panel: to make aberrations, or to undo a lens' own."""
+"""Compute patterns of Zernike polynomials, which make aberrations or correct those of a lens."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from optics.patterns.slope import scale_within_slope
 from optics.validation import require_positive, rounded_down
 from optics.zernike import require_zernike_indices, zernike
 
-__all__ = ["zernike_pattern"]
-
 
 def zernike_pattern(
     panel: Panel,
@@ -22,13 +20,40 @@ def zernike_pattern(
     radius: float,
     wavelength: float,
 ) -> torch.Tensor:
-    """The sum of Zernike polynomials over a disc, as a lens with these aberrations adds it.
+    """Compute the pattern of a sum of Zernike polynomials, like the aberrations of a lens.
 
-    terms: triples (n, m, metres of optical path, root mean square over the disc), as a Lens has
-    them; negative ones undo a lens' own. radius: of the disc, metres on the panel. Beyond the
-    disc the polynomials go on, and grow: the slope is judged on the whole panel. Raises
-    ValueError for a polynomial that doesn't exist, and with the share of the terms that the
-    pixels allow.
+    The polynomials also grow beyond their disc, and the slope is checked on the whole panel.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    terms : sequence of (int, int, float)
+        Triples (n, m, optical path in metres, root mean square over the disc), as in
+        `Lens.aberrations`. Terms with the opposite sign correct those of a lens.
+    radius : float
+        Radius of the disc, metres on the panel.
+    wavelength : float
+        Metres.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If a polynomial doesn't exist, a number isn't finite or positive, or the pattern is too
+        steep for the pixels; the message then names the share of the terms that they allow.
+
+    Examples
+    --------
+    >>> from optics.camera import Panel
+    >>> from optics.patterns import zernike_pattern
+    >>> phase = zernike_pattern(Panel(), [(2, 0, 100e-9)], radius=4e-3, wavelength=550e-9)
+    >>> tuple(phase.shape)
+    (1080, 1920)
     """
     require_positive("radius", radius, "m")
     require_positive("wavelength", wavelength, "m")
@@ -48,7 +73,7 @@ def zernike_pattern(
 
 
 def _path(panel: Panel, terms: Sequence[tuple[int, int, float]], radius: float) -> torch.Tensor:
-    """Metres on every pixel, (rows, columns)."""
+    """Compute the optical path of Zernike terms at the panel's pixels, (rows, columns), metres."""
 
     def path(y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
         parts = [strength * zernike(n, m, y / radius, x / radius) for n, m, strength in terms]

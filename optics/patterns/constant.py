@@ -1,4 +1,4 @@
-"""The neutral pattern."""
+"""Compute the neutral pattern."""
 
 from __future__ import annotations
 
@@ -8,11 +8,27 @@ import torch
 
 from optics.camera import Panel
 
-__all__ = ["constant_phase"]
-
 
 def constant_phase(panel: Panel, phase: float = 0.0) -> torch.Tensor:
-    """The same phase everywhere: a neutral pattern."""
+    """Compute the neutral pattern, which has the same phase everywhere.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    phase : float, default 0.0
+        Radians.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If the phase isn't finite.
+    """
     if not math.isfinite(phase):
         raise ValueError(f"phase is {phase}; it must be finite")
     return torch.full(panel.shape, phase, dtype=torch.float64)

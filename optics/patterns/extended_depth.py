@@ -1,4 +1,4 @@
-"""Patterns that extend the depth of field: their PSFs hardly change with an object's distance."""
+"""Compute patterns that extend the depth of field: their PSFs hardly change with defocus."""
 
 from __future__ import annotations
 
@@ -10,16 +10,36 @@ from optics.camera import Panel
 from optics.patterns.slope import largest_phase_step, require_slope, scale_within_slope
 from optics.validation import require_positive, rounded_down
 
-__all__ = ["annular_phase_mask", "cubic_phase_mask", "logarithmic_asphere"]
-
 
 def cubic_phase_mask(panel: Panel, strength: float, radius: float | None = None) -> torch.Tensor:
-    """Strength times (x³ + y³), with x and y in units of a radius (thesis Eq. 2.41).
+    """Compute the cubic phase mask, a pattern of strength (x³ + y³) (thesis Eq. 2.41).
 
-    strength: radians at one radius from the centre, along an axis; of the order of 20 pi for a
-    large depth of field (Dowski and Cathey 1995, 10.1364/AO.34.001859). radius: metres on the
-    panel; None for half its longer side. Raises ValueError with the greatest strength that the
-    pixels allow.
+    x and y are in units of `radius`.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    strength : float
+        Radians at one radius from the centre, along an axis; about 20 pi for a large depth of
+        field.
+    radius : float, optional
+        Metres on the panel; by default half of the panel's longer side.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If the strength isn't finite, the radius isn't positive, or the pattern is too steep for the
+        pixels; the message then names the largest strength that they allow.
+
+    References
+    ----------
+    Thesis Eq. 2.41; Dowski and Cathey 1995, doi 10.1364/AO.34.001859.
     """
     if not math.isfinite(strength):
         raise ValueError(f"strength is {strength} rad; it must be finite")
@@ -37,14 +57,37 @@ def cubic_phase_mask(panel: Panel, strength: float, radius: float | None = None)
 def annular_phase_mask(
     panel: Panel, rings: int, depth: float, radius: float | None = None
 ) -> torch.Tensor:
-    """Equally wide rings around the axis, with the same parabola across each of them.
+    """Compute the annular phase mask, a pattern of rings with the same parabola across each.
 
-    Every ring spreads its light by much more than defocus does: an annular phase mask, after
-    Ohta et al. (Jpn. J. Appl. Phys. 54, 09ME03, 2015), with which the thesis compares
-    (section 5.6, Fig. 5.5). depth: radians in the middle of a ring, over its edges,
-    where the phase is zero, as it is beyond all rings. radius: metres, outer edge of the last
-    ring; None for the panel's corners. Raises ValueError with the greatest depth, or number of
-    rings, that the pixels allow.
+    The rings are equally wide, and each spreads its light by much more than defocus does. The
+    phase is zero at the rings' edges and beyond the last ring. The thesis compares its results with
+    this mask (section 5.6, Fig. 5.5).
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    rings : int
+        Number of rings, 1 or more.
+    depth : float
+        Radians in the middle of a ring, relative to its edges.
+    radius : float, optional
+        Outer edge of the last ring, metres; by default the panel's corners.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range, or the pattern is too steep for the pixels; the message then
+        names the largest depth, or number of rings, that they allow.
+
+    References
+    ----------
+    Ohta et al., Jpn. J. Appl. Phys. 54, 09ME03, 2015; thesis Fig. 5.5.
     """
     if not math.isfinite(depth):
         raise ValueError(f"depth is {depth} rad; it must be finite")
@@ -58,7 +101,7 @@ def annular_phase_mask(
             f"rings is {rings}; choose 1 to {most}, so that a ring is two pixels wide at least"
         )
     width = radius / rings
-    # The parabola's slope at a ring's edges.
+    # The parabola is steepest at a ring's edges.
     step = 4 * abs(depth) / width * panel.pitch
     deepest = math.pi * width / (4 * panel.pitch)
     remedy = f"choose at most {rounded_down(deepest)} rad in size, or fewer rings"
@@ -72,19 +115,43 @@ def annular_phase_mask(
 def logarithmic_asphere(
     panel: Panel, near: float, far: float, focus: float, wavelength: float, radius: float
 ) -> torch.Tensor:
-    """A lens whose zones are in focus one after the other, from a near object to a far one.
+    """Compute the logarithmic asphere, a lens pattern whose zones focus at different distances.
 
-    The middle of the panel is in focus for an object at `near`, the zone at `radius` for one at
-    `far`, and between them the distance in focus grows as the zone's area, so that every
-    distance gets as much light: s(r) = near + (far - near) r² / radius². An object at s is in
-    focus where the phase's slope undoes its wave's and the lens', -2 pi r / wavelength
-    (1 / s - 1 / focus); the integral of that with s(r) is the logarithmic asphere of Chi and
-    George (Opt. Lett. 26, 875, 2001; George and Chi, J. Opt. A 5, S157, 2003). By stationary
-    phase, the light on the axis is 2 wavelength s² / ((far - near) radius²) of that in focus.
+    The middle of the panel is in focus for an object at `near`, and the zone at `radius` for one
+    at `far`. Between them the distance in focus grows linearly with the zone's area, so that every
+    distance gets the same light: s(r) = near + (far - near) r² / radius². An object at s is in
+    focus where the slope of the phase cancels those of the object's wave and of the lens. The
+    slope is therefore -2 pi r / wavelength (1 / s - 1 / focus), and its integral with s(r) is the
+    logarithmic asphere of Chi and George. By stationary phase, the light on the axis is
+    2 wavelength s² / ((far - near) radius²) of that in focus.
 
-    near, far: metres from the panel. focus: metres from the panel to the plane that the lens is
-    focused at, math.inf allowed. radius: metres on the panel; beyond it the distance stays
-    `far`. Raises ValueError with the limit for what is steeper than the pixels allow.
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    near, far : float
+        Nearest and farthest distance in focus, metres from the panel.
+    focus : float
+        Metres from the panel to the plane in focus of the lens; ``math.inf`` is allowed.
+    wavelength : float
+        Metres.
+    radius : float
+        Metres on the panel; beyond it the distance in focus stays `far`.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If the distances aren't positive or in order, or the pattern is too steep for the pixels;
+        the message names the limit.
+
+    References
+    ----------
+    W. Chi and N. George, Opt. Lett. 26, 875, 2001; N. George and W. Chi, J. Opt. A 5, S157, 2003.
     """
     for name, value in {"near": near, "wavelength": wavelength, "radius": radius}.items():
         require_positive(name, value, "m")

@@ -1,4 +1,4 @@
-"""Periodic patterns, and those that shift the whole picture. Periods in panel pixels."""
+"""Compute grating patterns, periodic or shifting the whole picture; periods in panel pixels."""
 
 from __future__ import annotations
 
@@ -10,18 +10,31 @@ from optics.camera import Panel
 from optics.patterns.slope import require_slope
 from optics.validation import require_positive, rounded_down, rounded_up
 
-_FEWEST = 4.0
-"""Pixels in a period of a sine: with fewer, its crests may fall between pixels."""
-
-__all__ = ["binary_grating", "blazed_grating", "sine_grating", "steering_grating"]
-
 
 def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch.Tensor:
-    """A ramp of one wave per period, which sends all light to one side.
+    """Compute a blazed grating, a pattern that sends all light into one order.
 
-    period: panel pixels. direction: radians from x towards y, in which the phase grows. Raises
-    ValueError with the shortest period that the pixels allow: two along rows or columns, less
-    between them.
+    It is a ramp of one wave per period.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    period : float
+        Panel pixels; at least 2 along rows or columns, and less at other directions.
+    direction : float, default 0.0
+        Angle in radians from x towards y, in which the phase grows.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If the period isn't positive, or the pattern is too steep for the pixels; the message then
+        names the shortest period that they allow.
     """
     _require_period(period, direction)
     steepest = max(abs(math.cos(direction)), abs(math.sin(direction)))
@@ -33,10 +46,30 @@ def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch
 def steering_grating(
     panel: Panel, shift: tuple[float, float], distance: float, wavelength: float
 ) -> torch.Tensor:
-    """The blazed grating that shifts the PSF on the sensor.
+    """Compute the blazed grating pattern that shifts the PSF on the sensor by a distance.
 
-    shift: (y, x) in metres. distance: metres from the lens to the sensor. Raises ValueError
-    with the largest shift that the pixels allow: wavelength x distance / (2 pitch) an axis.
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    shift : tuple of (float, float)
+        (y, x) in metres on the sensor; along each axis at most
+        wavelength x distance / (2 pitch).
+    distance : float
+        Metres from the lens to the sensor.
+    wavelength : float
+        Metres.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If a length is invalid, or the pattern is too steep for the pixels; the message then names
+        the largest shift that they allow.
     """
     require_positive("distance", distance, "m")
     require_positive("wavelength", wavelength, "m")
@@ -53,10 +86,30 @@ def steering_grating(
 def binary_grating(
     panel: Panel, period: float, step: float, direction: float = 0.0
 ) -> torch.Tensor:
-    """Stripes of phase 0 and `step`, equally wide: with pi, no light stays in the middle.
+    """Compute a binary grating, a pattern of equally wide stripes of phase 0 and `step`.
 
-    period: of both stripes, panel pixels, 2 at least. direction: radians from x towards y, across
-    the stripes. The origin begins a stripe of phase 0.
+    With a step of pi no light stays in the zeroth order. A stripe of phase 0 begins at the origin.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    period : float
+        Width of two stripes, panel pixels, 2 or more.
+    step : float
+        Radians.
+    direction : float, default 0.0
+        Angle in radians from x towards y, across the stripes.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If the period is below 2 pixels, or a number isn't finite.
     """
     _require_period(period, direction)
     if not math.isfinite(step):
@@ -64,7 +117,8 @@ def binary_grating(
     if period < 2:
         raise ValueError(f"period is {period:g} pixels; stripes need at least 2")
     turns = _along(panel, direction) / period
-    # Pixels on a boundary belong to the stripe that begins there, whatever rounding says.
+    # A pixel on a boundary belongs to the stripe that begins there. The small term keeps rounding
+    # errors from deciding this.
     turns = torch.floor(2 * turns + 1e-9)
     return step * (turns - 2 * torch.floor(turns / 2))
 
@@ -72,18 +126,43 @@ def binary_grating(
 def sine_grating(
     panel: Panel, amplitude: float, period: float, direction: float = 0.0
 ) -> torch.Tensor:
-    """A wave of phase, which bends light to and fro (thesis section 6.4: low and high).
+    """Compute a sinusoidal phase grating pattern (thesis section 6.4).
 
-    amplitude: radians, from the mean to a crest. period: panel pixels, 4 at least. direction:
-    radians from x towards y, in which it waves; zero at the origin, and growing. Raises
-    ValueError with the greatest amplitude that the pixels allow.
+    The phase is zero at the origin and grows there in `direction`.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    amplitude : float
+        Radians from the mean to a crest.
+    period : float
+        Panel pixels, 4 or more.
+    direction : float, default 0.0
+        Angle in radians from x towards y, across the crests.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If the period is below 4 pixels, a number isn't finite, or the pattern is too steep for the
+        pixels; the message then names the largest amplitude that they allow.
+
+    References
+    ----------
+    Thesis section 6.4.
     """
     _require_period(period, direction)
     if not math.isfinite(amplitude):
         raise ValueError(f"amplitude is {amplitude} rad; it must be finite")
-    if period < _FEWEST:
+    # With fewer than 4 pixels in a period, the crests may fall between pixels.
+    if period < 4.0:
         raise ValueError(
-            f"period is {period:g} pixels; choose at least {_FEWEST:g}, so that crests are shown"
+            f"period is {period:g} pixels; choose at least 4, so that crests are shown"
         )
     steepest = max(abs(math.cos(direction)), abs(math.sin(direction))) * 2 * math.pi / period
     most = rounded_down(math.pi / steepest)
@@ -99,6 +178,6 @@ def _require_period(period: float, direction: float) -> None:
 
 
 def _along(panel: Panel, direction: float) -> torch.Tensor:
-    """Pixels from the origin in a direction."""
+    """Compute the distance of each panel pixel from the origin in a direction, in pixels."""
     y, x = (axis / panel.pitch for axis in panel.plane.mesh())
     return math.cos(direction) * x + math.sin(direction) * y

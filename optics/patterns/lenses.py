@@ -1,4 +1,4 @@
-"""Patterns that focus: the Fresnel lens and the axicon."""
+"""Compute patterns that focus light: the Fresnel lens and the axicon."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from optics.camera import Panel
 from optics.patterns.slope import require_slope, scale_within_slope
 from optics.validation import require_positive, rounded_down, rounded_up
 
-__all__ = ["axicon", "fresnel_lens"]
-
 
 def fresnel_lens(
     panel: Panel,
@@ -19,11 +17,42 @@ def fresnel_lens(
     wavelength: float,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> torch.Tensor:
-    """A thin lens, -pi r² / (wavelength f) (thesis Eq. 2.14); lengths in metres.
+    """Compute the pattern of a thin lens, -pi r² / (wavelength f) (thesis Eq. 2.14).
 
-    A positive focal length converges. centre: (y, x) of the lens on the panel; off the axis it
-    shifts the image as well. Raises ValueError with the shortest focal length that the pixels
-    allow: in the middle of the panel, pitch x side / wavelength.
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    focal_length : float
+        Metres; positive for a converging lens. The shortest one that the pixels allow is
+        pitch x side / wavelength for a lens in the middle of the panel.
+    wavelength : float
+        Metres.
+    centre : tuple of (float, float), default (0.0, 0.0)
+        (y, x) of the lens on the panel, metres. Away from the axis it also shifts the image.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If a length is invalid, or the pattern is too steep for the pixels; the message then names
+        the shortest focal length that they allow.
+
+    References
+    ----------
+    Thesis Eq. 2.14.
+
+    Examples
+    --------
+    >>> from optics.camera import Panel
+    >>> from optics.patterns import fresnel_lens
+    >>> phase = fresnel_lens(Panel(), focal_length=2.0, wavelength=550e-9)
+    >>> tuple(phase.shape)
+    (1080, 1920)
     """
     if focal_length == 0 or not math.isfinite(focal_length) or not math.isfinite(1 / focal_length):
         raise ValueError(f"focal_length is {focal_length} m; it must be finite and not zero")
@@ -41,11 +70,30 @@ def fresnel_lens(
 
 
 def axicon(panel: Panel, radius: float, distance: float, wavelength: float) -> torch.Tensor:
-    """A cone, which sends a point to a ring of a radius in the focal plane.
+    """Compute the axicon pattern, a cone of phase that images a point as a ring.
 
-    radius: metres on the sensor; a negative one makes the cone converge first. distance:
-    metres from the lens to the sensor. Raises ValueError with the largest radius that the
-    pixels allow.
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    radius : float
+        Radius of the ring, metres on the sensor. With a negative radius the light first
+        converges towards the axis.
+    distance : float
+        Metres from the lens to the sensor.
+    wavelength : float
+        Metres.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If a length is invalid, or the pattern is too steep for the pixels; the message then names
+        the largest radius that they allow.
     """
     require_positive("distance", distance, "m")
     require_positive("wavelength", wavelength, "m")

@@ -1,4 +1,4 @@
-"""Patches of random phase."""
+"""Compute patterns of patches with random phases."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import torch
 from optics.camera import Panel
 from optics.validation import require_positive
 
-__all__ = ["random_patches"]
-
 
 def random_patches(
     panel: Panel,
@@ -18,10 +16,35 @@ def random_patches(
     generator: torch.Generator,
     depth: float = 2 * math.pi,
 ) -> torch.Tensor:
-    """Rectangles, each of one phase between 0 and `depth` radians (thesis section 6.4).
+    """Compute a pattern of rectangular patches, each of one random phase (thesis section 6.4).
 
-    patches: (rows, columns) of them; where they don't divide the panel's, some are a pixel
-    wider. Edges may be of any height: they are no slope.
+    The phase may jump by any amount at the edges, which don't count as slopes.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    patches : tuple of (int, int)
+        Rows and columns of patches. Where they don't divide the panel's, some patches are one
+        pixel wider.
+    generator : torch.Generator
+        Source of the random phases.
+    depth : float, default 2 pi
+        Upper limit of the phases, radians; the lower limit is 0.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If there are more patches than pixels, or fewer than one, or the depth isn't positive.
+
+    References
+    ----------
+    Thesis section 6.4.
     """
     for name, count, pixels in zip(("rows", "columns"), patches, panel.shape, strict=True):
         if not 1 <= count <= pixels:

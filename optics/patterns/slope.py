@@ -1,4 +1,4 @@
-"""How steep a pattern may be: neighbouring pixels differ by half a wave at most."""
+"""Limit the slope of patterns: neighbouring panel pixels may differ by half a wave at most."""
 
 from __future__ import annotations
 
@@ -11,20 +11,23 @@ from optics.camera import Panel
 from optics.validation import accepts_numpy, require_finite, rounded_down
 
 _ROUNDING = 1 + 1e-9
-
-__all__ = ["superpose"]
+"""Factor on the largest allowed phase step, so that rounding errors aren't refused."""
 
 
 def largest_phase_step(phase: torch.Tensor) -> float:
-    """The largest difference of neighbouring pixels, along rows or columns, in radians."""
+    """Compute a pattern's largest phase step between neighbouring pixels, in radians.
+
+    The neighbours lie along rows or columns.
+    """
     steps = [torch.diff(phase, dim=axis) for axis in (0, 1)]
     return max((float(step.abs().max()) for step in steps if step.numel()), default=0.0)
 
 
 def require_slope(name: str, step: float, remedy: str) -> None:
-    """Raise ValueError for a step from pixel to pixel of more than half a wave.
+    """Raise ValueError for a pattern whose phase step between pixels exceeds half a wave.
 
-    name: the argument that makes it so steep. remedy: what would be right, with the limit.
+    name: the argument that makes the pattern too steep. step: radians. remedy: the advice that
+    ends the message, with the limit.
     """
     if not step <= math.pi * _ROUNDING:
         raise ValueError(
@@ -36,9 +39,10 @@ def require_slope(name: str, step: float, remedy: str) -> None:
 def scale_within_slope(
     name: str, shape: torch.Tensor, strength: float, remedy: Callable[[float], str]
 ) -> torch.Tensor:
-    """A smooth phase of a shape, times a strength; ValueError if that is too steep.
+    """Multiply a smooth pattern by a strength; raise ValueError if the result is too steep.
 
-    remedy: says what would be right, given the strength that the pixels just allow.
+    remedy: returns the advice that ends the message, given the largest strength that the pixels
+    allow.
     """
     steepest = largest_phase_step(shape)
     step = abs(strength) * steepest
@@ -49,11 +53,28 @@ def scale_within_slope(
 
 @accepts_numpy
 def superpose(panel: Panel, *phases: torch.Tensor) -> torch.Tensor:
-    """The sum of smooth patterns, (rows, columns), radians.
+    """Sum smooth patterns, and check the slope of the sum.
 
-    Patterns that jump (patches, binary gratings, retrieved ones) have no slope that could be
-    judged: add those to the sum. Raises ValueError for a sum that is too steep, though none
-    of its parts may be, and for parts of another shape than the panel's.
+    For patterns with jumps (patches, binary gratings, retrieved ones) this check makes no sense;
+    add them to the sum afterwards.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    *phases : torch.Tensor or numpy.ndarray
+        Smooth patterns in radians, (rows, columns) of the panel.
+
+    Returns
+    -------
+    torch.Tensor or numpy.ndarray, (rows, columns), float64
+        Phase in radians.
+
+    Raises
+    ------
+    ValueError
+        If a pattern isn't finite or its shape isn't the panel's, or if the sum is too steep for the
+        pixels, even though none of the patterns may be.
     """
     for phase in phases:
         require_finite("a part", phase)

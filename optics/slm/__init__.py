@@ -1,9 +1,9 @@
-"""The modulator: from grey levels to the light that leaves a liquid-crystal panel, and back.
+"""Model the SLM: from grey levels to the light that leaves a liquid-crystal panel, and back.
 
-One file an effect, in the order in which light meets them: the panel as data; the reach of
-its phase over wavelengths; the response to grey levels and its inverse; the liquid crystal in
-time; flicker; the coupling of neighbours; the gap between pixels. `Modulator` puts together
-those that a panel has.
+There is one module for each effect: the panel as data; its phase range over wavelengths; the
+response to grey levels and its inverse; the liquid crystal in time; flicker; the coupling of
+neighbouring pixels; the gap between pixels; flatness; jitter; reflections. `Modulator` combines
+the effects that a panel has.
 """
 
 from optics.slm.grey_validation import require_grey

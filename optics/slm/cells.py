@@ -1,4 +1,4 @@
-"""Coarse cells that cover a panel, and the panel's pixels between their centres."""
+"""Interpolate from coarse cells that cover a panel to the panel's pixels."""
 
 from __future__ import annotations
 
@@ -9,18 +9,20 @@ import torch
 
 
 def as_float64(values: Any) -> torch.Tensor:
-    """Numbers of any kind as a float64 tensor; derivatives of tensors stay."""
+    """Convert numbers of any kind to a float64 tensor; tensors keep their derivatives."""
     if isinstance(values, torch.Tensor):
         return values.to(torch.float64)
-    # A copy: arrays from files may be read-only or of a foreign byte order.
+    # Arrays from files may be read-only or of another byte order, so the values are copied.
     return torch.from_numpy(np.array(values, dtype=np.float64))
 
 
 def neighbouring_cells(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """For every pixel along an axis the cells before and behind it, and how far it is between.
+    """Find the cells before and behind each panel pixel along an axis, and the pixel's position.
 
-    The cells are equally wide and cover all pixels. Pixels nearer to the edge than any
-    centre of a cell have that cell alone. Indices int64, share from 0 to 1 float64, (pixels,).
+    The position is the share, from 0 to 1, of the way between the centres of the two cells. The
+    cells are equally wide and cover all pixels. A pixel beyond the outermost centre gets the
+    outermost cell alone. Returns two tensors of indices, int64, and the shares, float64, each
+    (pixels,).
     """
     centre = (torch.arange(pixels, dtype=torch.float64) + 0.5) * (cells / pixels) - 0.5
     centre = centre.clamp(0, cells - 1)
@@ -30,7 +32,10 @@ def neighbouring_cells(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Ten
 
 
 def interpolate_cells(values: torch.Tensor, pixels: int, axis: int) -> torch.Tensor:
-    """Values of cells along an axis, interpolated to pixels; constant beyond the last centres."""
+    """Interpolate values of cells along an axis to panel pixels, linearly.
+
+    They are constant beyond the outermost centres.
+    """
     if values.shape[axis] == pixels:
         return values
     before, behind, share = neighbouring_cells(values.shape[axis], pixels)

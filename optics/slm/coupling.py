@@ -1,9 +1,9 @@
-"""What neighbouring pixels do to each other: fringing fields blur the phase across edges.
+"""Model the coupling of neighbouring panel pixels: fringing fields blur the phase across edges.
 
-The phase behind the fringing field is the staircase of the pixels' phases, convolved with a
-Gaussian (Persson, Engström and Goksör, Opt. Express 20, 22334, 2012, doi
-10.1364/OE.20.022334; Moser et al., Opt. Express 27, 25046, 2019, doi 10.1364/OE.27.025046).
-It acts on the phase as it is shown: a wrap by a wave becomes a fly-back, and not nothing.
+The blurred phase is the staircase of the pixels' phases, convolved with a Gaussian (Persson,
+Engström and Goksör, Opt. Express 20, 22334, 2012, doi 10.1364/OE.20.022334; Moser et al., Opt.
+Express 27, 25046, 2019, doi 10.1364/OE.27.025046). The blur acts on the phase as displayed. Where
+the phase is wrapped by a wave, it therefore makes a steep transition (a fly-back).
 """
 
 from __future__ import annotations
@@ -22,35 +22,31 @@ from torch.nn.functional import pad
 from optics.gauss_legendre import gauss_legendre
 
 TOL = 3e-3
-"""Of the mean over a pixel beside the largest step of the phase; elsewhere it is better."""
+"""Largest error of a pixel's mean field next to the largest phase step; elsewhere it is smaller."""
 
 _REACH = 4.9
-"""Standard deviations beyond which a Gaussian holds a millionth."""
-
-_MOST_NODES = 32
-
-_FINE = 400
-"""Nodes by which rules of few nodes are judged."""
+"""Standard deviations beyond which a Gaussian holds a millionth of its area."""
 
 NodesAndWeights = tuple[np.ndarray, np.ndarray]
-"""Nodes from -1/2 to 1/2 across a pixel, and their weights."""
+"""Quadrature nodes from -1/2 to 1/2 across a pixel, and their weights."""
 
 QuadratureRule = tuple[tuple[float, tuple[float, ...]], ...]
-"""Nodes along an axis: the weight of each, and of the neighbours in the phase that it sees."""
+"""For each quadrature node along an axis: its weight, and the weights of the neighbouring pixels'
+phases in the phase at the node."""
 
 
 def fringing_field_mean(phase: torch.Tensor, sigma: float, side: float) -> torch.Tensor:
-    """The mean of exp(i blurred phase) over the active area of each pixel, complex.
+    """Compute the mean of exp(i blurred phase) over the active area of each panel pixel, complex.
 
-    phase: radians, (..., rows, columns). sigma: standard deviation of the blur, and side: of
-    the square that modulates, both in pixels. The panel's outermost pixels are continued.
+    phase: radians, (..., rows, columns). sigma: standard deviation of the blur, in pixels. side:
+    side of the square that modulates, in pixels. The panel's outermost pixels are continued.
 
-    The blur of a staircase is a sum of error functions, known at any point: the mean is taken
-    over Gauss-Legendre nodes inside the pixel, as many as the largest step calls for, and no
-    array becomes finer than the panel. Differentiable, once; the nodes are computed again for
-    the gradient, so that memory stays that of a few pictures.
+    The blurred staircase is a sum of error functions, which can be evaluated at any point. The
+    mean is taken over Gauss-Legendre nodes inside the pixel, as many as the largest step needs,
+    and no array is finer than the panel. The result can be differentiated once. The nodes are
+    computed again for the gradient, so that the memory stays that of a few pictures.
 
-    Raises ValueError for steps of the phase that no reasonable number of nodes follows.
+    Raises ValueError for phase steps that need more than 32 nodes.
     """
     down, along = (
         _quadrature_rule(sigma, side, _round_up_step(_largest_step(phase, axis)))
@@ -60,7 +56,7 @@ def fringing_field_mean(phase: torch.Tensor, sigma: float, side: float) -> torch
 
 
 class _FringingFieldMean(torch.autograd.Function):
-    """The mean over nodes, and its derivative by the same filters transposed."""
+    """Compute the mean field over nodes, with a derivative by the transposed filters."""
 
     @staticmethod
     def forward(
@@ -93,7 +89,7 @@ class _FringingFieldMean(torch.autograd.Function):
 
 
 def _filter_axis(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch.Tensor:
-    """The sum over neighbours along an axis, the outermost continued."""
+    """Filter an array along an axis by weights of neighbours; edge pixels are continued."""
     reach, n = len(taps) // 2, values.shape[axis]
     margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
     wide = pad(values.reshape(-1, *values.shape[-2:]), margins, mode="replicate")
@@ -106,7 +102,7 @@ def _filter_axis(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> to
 def _filter_axis_transpose(
     values: torch.Tensor, taps: tuple[float, ...], axis: int
 ) -> torch.Tensor:
-    """The transpose of _filter_axis()."""
+    """Apply the transpose of _filter_axis()."""
     reach, n = len(taps) // 2, values.shape[axis]
     margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
     wide = pad(torch.zeros_like(values), margins)
@@ -119,24 +115,25 @@ def _filter_axis_transpose(
 
 
 def _largest_step(phase: torch.Tensor, axis: int) -> float:
-    """Radians between neighbours along an axis."""
+    """Return the largest phase step between neighbouring pixels along an axis, in radians."""
     steps = phase.detach().diff(dim=axis)
     return float(steps.abs().max()) if steps.numel() else 0.0
 
 
 def _round_up_step(step: float) -> float:
-    """Up to the next of a few steps, for which rules are kept."""
+    """Round a phase step up to a power of √2, so that few quadrature rules need to be cached."""
     return 2.0 ** (math.ceil(2 * math.log2(step)) / 2) if step > 0 else 0.0
 
 
 @lru_cache(maxsize=256)
 def _quadrature_rule(sigma: float, side: float, step: float) -> QuadratureRule:
-    """The fewest nodes that average over a pixel beside steps of the phase, to TOL."""
+    """Find the fewest nodes that average over a pixel next to a phase step with an error of TOL."""
     if step == 0:
         return ((1.0, (1.0,)),)
     known = _test_phases(step, _neighbour_reach(sigma, side))
-    truth = _mean_fields(known, sigma, next(_candidate_nodes(sigma, side, _FINE)))
-    for count in range(1, _MOST_NODES + 1):
+    # A rule of 400 nodes is the reference.
+    truth = _mean_fields(known, sigma, next(_candidate_nodes(sigma, side, 400)))
+    for count in range(1, 33):
         for places in _candidate_nodes(sigma, side, count):
             if np.abs(_mean_fields(known, sigma, places) - truth).max() <= TOL:
                 return _nodes(sigma, places)
@@ -147,12 +144,12 @@ def _quadrature_rule(sigma: float, side: float, step: float) -> QuadratureRule:
 
 
 def _neighbour_reach(sigma: float, side: float) -> int:
-    """Neighbours on each side that a pixel's active area sees."""
+    """Count the neighbours on each side whose phase affects a pixel's active area."""
     return max(1, math.ceil(side / 2 - 0.5 + _REACH * sigma))
 
 
 def _candidate_nodes(sigma: float, side: float, count: int) -> Iterator[NodesAndWeights]:
-    """Ways to place so many nodes: over all of the pixel, or most of them at its edges."""
+    """Yield placements of `count` nodes: over the whole pixel, or most of them at its edges."""
     yield _gauss_nodes_on((-side / 2, side / 2), count)
     flat = 0.5 - _REACH * sigma
     if 0 < flat < side / 2 and count % 2 and count >= 5:
@@ -176,14 +173,20 @@ def _nodes(sigma: float, places: NodesAndWeights) -> QuadratureRule:
 
 
 def _neighbour_weights(sigma: float, place: np.ndarray, reach: int) -> np.ndarray:
-    """What each neighbour has of the phase at some places in a pixel, (places, neighbours)."""
+    """Compute the weights of the neighbours' phases at positions in a pixel.
+
+    They are (positions, neighbours).
+    """
     edges = (np.arange(-reach, reach) + 0.5 - place[:, None]) / sigma
-    # What lies beyond the last neighbours is continued: the sum is one.
+    # The last neighbours also get the weights of all pixels beyond them, so that the sum is one.
     return np.diff(ndtr(edges), axis=1, prepend=0, append=1)
 
 
 def _test_phases(step: float, beside: int) -> np.ndarray:
-    """Phases around a pixel, (cases, neighbours): an edge, a line, stripes, a slope, a valley."""
+    """Return test phases around a pixel: an edge, a line, stripes, a slope, a valley.
+
+    They are (cases, neighbours).
+    """
     n = np.arange(-beside, beside + 1)
     edge, line, stripes = n > 0, n == 0, n % 2
     slope, valley = np.sign(n), np.where(n < 0, 0.5, n > 0)

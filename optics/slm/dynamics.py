@@ -1,7 +1,7 @@
-"""The liquid crystal in time: each frame's phase is approached exponentially.
+"""Model the panel's liquid crystal in time: it approaches each frame's phase exponentially.
 
-A nematic cell relaxes to first order, phase(t) = end + (start - end) exp(-t / tau) (thesis
-§3.4 shows videos at 60 Hz, at which a cell of a few milliseconds never stands still).
+A nematic cell relaxes to first order, phase(t) = end + (start - end) exp(-t / tau). Thesis §3.4
+shows videos at 60 Hz, at which a cell with a tau of a few milliseconds never settles.
 """
 
 from __future__ import annotations
@@ -14,21 +14,16 @@ import torch
 
 from optics.gauss_legendre import gauss_legendre
 
-_MAX_TIME_CONSTANTS = 36.0
-"""Time constants after which nothing is left in double precision."""
-
-_FINE = 120
-"""Gauss-Legendre nodes in time from which the few that are used are made."""
-
 _MOST_NODES = 40
+"""Largest number of nodes of a mean over a frame; chosen."""
 
 
 def steady_start_phases(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
-    """The phase at the beginning of every frame of a video that is repeated for ever.
+    """Compute the panel's phase at the beginning of each frame of an endlessly repeated video.
 
-    phases: (frames, ...), what each frame would settle at, radians. frame_time, tau: seconds;
-    tau 0 is at once. The first start is the geometric sum over the cycles before, the others
-    follow frame by frame. Differentiable.
+    phases: (frames, ...), the phase at which each frame would settle, radians. frame_time, tau:
+    seconds; with tau 0 the phase settles at once. The first frame's start is the geometric sum
+    over all earlier cycles, and the others follow frame by frame. Differentiable.
     """
     start = first_start_phase(phases, frame_time, tau)
     starts = []
@@ -39,33 +34,34 @@ def steady_start_phases(phases: torch.Tensor, frame_time: float, tau: float) -> 
 
 
 def first_start_phase(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
-    """The phase at the beginning of the first frame, as `steady_start_phases`."""
+    """Compute the panel's phase at the beginning of the first frame, as `steady_start_phases`."""
     _require_times(frame_time, tau)
     if not len(phases):
         raise ValueError("phases has no frame; a video has one at least")
     if tau == 0:
         return phases[-1]
     n, frames = len(phases), frame_time / tau
-    # What is left of each frame at the end of the cycle, and of it by all cycles before:
-    # in this form nothing cancels where the crystal is slow.
+    # `left` is the share of each frame that is left at the end of the cycle. The factor sums over
+    # all earlier cycles. In this form no digits cancel if the crystal is slow.
     left = torch.exp(-frames * torch.arange(n - 1, -1, -1, dtype=torch.float64))
     weights = left * (math.expm1(-frames) / math.expm1(-n * frames))
     return torch.tensordot(weights.to(phases), phases, dims=1)
 
 
 def relaxed_phase(end: torch.Tensor, start: torch.Tensor, time: float, tau: float) -> torch.Tensor:
-    """The phase `time` seconds after a frame began, on its way from `start` to `end`."""
+    """Compute the liquid crystal's phase `time` seconds after it began to relax to `end`."""
     return end if tau == 0 else torch.lerp(end, start, math.exp(-time / tau))
 
 
 def time_nodes(
     frame_time: float, tau: float, count: int
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Times in seconds after a frame began, and their shares of it, for means over a frame.
+    """Return quadrature nodes in time for the mean of light over a frame: seconds, and shares.
 
-    Gauss' rule of `count` nodes in the variable exp(-t / tau), in which the light is an entire
-    function whatever the phase: the rule is exact for polynomials in it up to the degree
-    2 count - 1. With tau 0, or of a crystal far quicker than a frame, some may be left out.
+    The rule is that of Gauss with `count` nodes in the variable exp(-t / tau). The light is an
+    entire function of this variable for any phase, and the rule is exact for polynomials of it up
+    to the degree 2 count - 1. With tau 0, or for a crystal far quicker than a frame, there may be
+    fewer nodes.
     """
     _require_times(frame_time, tau)
     if count < 1:
@@ -77,7 +73,10 @@ def time_nodes(
 
 
 def time_node_count(change: float, frame_time: float, tau: float, tol: float) -> int:
-    """The fewest nodes by which the mean of exp(i change exp(-t / tau)) is known to tol."""
+    """Find the fewest nodes in time for the mean of exp(i change exp(-t / tau)) to an error tol.
+
+    change: largest change of the panel's phase within a frame, radians.
+    """
     if tau == 0:
         return 1
     fine = _mean(change, *_time_quadrature(frame_time / tau, _MOST_NODES))
@@ -96,15 +95,16 @@ def _mean(change: float, left: tuple[float, ...], shares: tuple[float, ...]) -> 
 
 @lru_cache(maxsize=256)
 def _time_quadrature(frames: float, count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Gauss' rule for the mean over time of a function of exp(-t / tau); a frame is `frames` tau.
+    """Compute Gauss' rule for the mean over time of a function of exp(-t / tau).
 
-    Golub and Welsch (1969), from the three-term recursion of the measure, which Lanczos'
-    method finds on many nodes in time.
+    A frame lasts `frames` times tau. The rule follows Golub and Welsch (1969) from the three-term
+    recursion of the measure. Lanczos' method finds the recursion on 120 nodes in time.
     """
-    seen = min(frames, _MAX_TIME_CONSTANTS)
-    time, weight = gauss_legendre(_FINE)
+    # After 36 time constants nothing is left in double precision.
+    seen = min(frames, 36.0)
+    time, weight = gauss_legendre(120)
     left, weight = np.exp(-seen * (time + 1) / 2), weight / 2 * (seen / frames)
-    # After that it stands.
+    # For the rest of the frame the phase is constant.
     left, weight = np.append(left, math.exp(-seen)), np.append(weight, 1 - seen / frames)
     middle, scale = (left.max() + left.min()) / 2, (left.max() - left.min()) / 2 or 1.0
     nodes, shares = _gauss_rule_of_measure((left - middle) / scale, weight, count)
@@ -115,12 +115,12 @@ def _time_quadrature(frames: float, count: int) -> tuple[tuple[float, ...], tupl
 def _gauss_rule_of_measure(
     x: np.ndarray, weight: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss' nodes and weights for a measure of points x: fewer than count if they suffice."""
+    """Compute Gauss' nodes and weights for a measure on points x; fewer if they are exact."""
     basis = [np.sqrt(weight)]
     diagonal, beside = [float(basis[0] @ (x * basis[0]))], []
     while len(diagonal) < count:
         rest = x * basis[-1]
-        for _ in range(2):  # once isn't orthogonal enough
+        for _ in range(2):  # A single pass isn't orthogonal enough.
             for known in basis:
                 rest = rest - (known @ rest) * known
         length = float(np.linalg.norm(rest))

@@ -1,4 +1,4 @@
-"""The panel's own figure: optical path that light gets whatever is shown."""
+"""Compute the phase of the panel's flatness, which the light gets whatever pattern is shown."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from optics.slm.panel import Panel
 
 
 def flatness_phase(panel: Panel, wavelength: float) -> torch.Tensor:
-    """Phase in radians, (rows, columns) float64, of a panel whose flatness is known.
+    """Compute the phase of a panel's known flatness in radians, (rows, columns) float64.
 
-    A mirror's figure is a path, so that its phase goes as 1/wavelength.
+    Flatness is an optical path, so that its phase is proportional to 1/wavelength.
     """
     assert panel.flatness is not None
     return panel.flatness.at_pixels(panel) * (2 * math.pi / wavelength)

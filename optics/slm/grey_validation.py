@@ -1,4 +1,4 @@
-"""What a panel can show."""
+"""Check that a pattern of grey levels can be displayed on a panel."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from optics.slm.panel import Panel
 
 
 def require_grey(panel: Panel, grey: np.ndarray) -> None:
-    """Require that an array is a picture that a panel can display.
+    """Raise an error unless a panel can display an array of grey levels.
 
     Parameters
     ----------
@@ -20,9 +20,9 @@ def require_grey(panel: Panel, grey: np.ndarray) -> None:
     Raises
     ------
     TypeError
-        For another type than uint8.
+        If the array's type isn't uint8.
     ValueError
-        For another shape than the panel's, or a level that the panel lacks.
+        If the array's shape isn't the panel's, or the panel lacks one of its levels.
     """
     if grey.dtype != np.uint8:
         raise TypeError(f"the pattern's type is {grey.dtype}; the panel shows uint8 grey levels")

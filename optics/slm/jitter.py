@@ -1,4 +1,4 @@
-"""Each pixel's own random phase, which takes light from the pattern and spreads it."""
+"""Compute the light that the random phase errors of a panel's pixels scatter (jitter)."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import math
 
 
 def scattered_share(jitter: float) -> float:
-    """Share of the light that a normal phase error, radians rms, spreads over all directions.
+    """Compute the share of the light that jitter, a normal phase error in radians rms, scatters.
 
-    Independent pixels add their means as fields, exp(-jitter²/2) each, and the rest, which is
-    1 - exp(-jitter²) of the power, as intensities: evenly, but for the envelope of one pixel
-    (Ruze, Proc. IEEE 54, 633, 1966, for a correlation of one pixel).
+    The mean fields of independent pixels, exp(-jitter²/2) each, add coherently. The rest of the
+    power, a share of 1 - exp(-jitter²), adds in intensity and is spread evenly, apart from the
+    envelope of one pixel (Ruze, Proc. IEEE 54, 633, 1966, for a correlation of one pixel).
     """
     return -math.expm1(-(jitter**2))

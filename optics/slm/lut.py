@@ -1,4 +1,4 @@
-"""From grey levels to phase at a wavelength, and back: the look-up table, region by region."""
+"""Convert between grey levels and phase at a wavelength by the panel's look-up tables."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ from optics.slm.panel import Panel
 from optics.slm.phase_range import max_phase
 from optics.validation import accepts_numpy, require_finite
 
-_ROWS = 64
-"""Of the panel, whose own curves are held at a time."""
-
 
 @accepts_numpy
 def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.Tensor:
@@ -29,7 +26,7 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
     panel : Panel
         The panel.
     grey : torch.Tensor or numpy.ndarray
-        Whole levels, (..., rows, columns); of any shape if the panel is the same all over.
+        Whole levels, (..., rows, columns); of any shape if the panel is uniform.
     wavelength : float
         Metres.
 
@@ -41,8 +38,8 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
     Raises
     ------
     ValueError
-        For levels that the panel lacks, for another shape than the panel's, and for a wavelength
-        outside the panel's table.
+        If the panel lacks a level, the shape isn't the panel's, or the wavelength is outside the
+        panel's table.
     """
     _require_levels(panel, grey)
     curves = _phase_curves(panel, wavelength)
@@ -60,10 +57,10 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
 def phase_to_grey(
     panel: Panel, phase: torch.Tensor, wavelength: float, orders: int = 1
 ) -> torch.Tensor:
-    """Compute the grey levels by which light leaves the panel with a phase.
+    """Compute the grey levels with which the panel gives light a phase.
 
-    The panel's flatness, where it is known, is subtracted first; a panel without one, as by
-    ``replace(panel, flatness=None)``, shows the phase uncorrected. Each pixel gets the nearest
+    The panel's flatness is subtracted first if it is known. To show a phase uncorrected, use
+    ``replace(panel, flatness=None)``. Each pixel gets the nearest
     level on its own curve. The levels are continuous in the phase, except for the jumps at which
     the phase is wrapped.
 
@@ -72,12 +69,12 @@ def phase_to_grey(
     panel : Panel
         The panel.
     phase : torch.Tensor or numpy.ndarray
-        Radians, (..., rows, columns); of any shape if the panel is the same all over.
+        Radians, (..., rows, columns); of any shape if the panel is uniform.
     wavelength : float
         Metres.
     orders : int, optional
-        How many waves of the range are used, beginning at the first level. The phase is wrapped
-        modulo 2 pi `orders`, so that more of them make fewer jumps. 1 by default.
+        Number of waves of the range that are used, beginning at the first level. The phase is
+        wrapped modulo 2 pi `orders`, so that more orders make fewer jumps. 1 by default.
 
     Returns
     -------
@@ -87,7 +84,7 @@ def phase_to_grey(
     Raises
     ------
     ValueError
-        If the panel can't reach so many waves, for a phase that isn't finite, and for a wavelength
+        If the panel's range is fewer waves, for a phase that isn't finite, and for a wavelength
         outside the panel's table.
     """
     require_finite("phase", phase)
@@ -108,17 +105,23 @@ def phase_to_grey(
 
 
 def whole_waves(panel: Panel, wavelength: float) -> int:
-    """The waves that a panel can wrap at, all over; 0 if it can't reach one."""
+    """Return the number of whole waves in the panel's phase range; 0 if it is below one wave.
+
+    The smallest range of all regions counts.
+    """
     return _whole_waves(panel, _phase_curves(panel, wavelength).detach())
 
 
 def require_orders(panel: Panel, wavelength: float, orders: int) -> None:
-    """Raise ValueError if a panel can't wrap at so many whole waves, all over, or at any."""
+    """Raise ValueError if a panel's phase range is less than `orders` whole waves anywhere."""
     _require_orders(panel, wavelength, _phase_curves(panel, wavelength).detach(), orders)
 
 
 def _phase_curves(panel: Panel, wavelength: float) -> torch.Tensor:
-    """Phase in radians, (region rows, region columns, levels) float64."""
+    """Return the phase of all grey levels in each region, in radians.
+
+    It is (region rows, region columns, levels), float64.
+    """
     reach = max_phase(panel, wavelength)
     if panel.response is None:
         return (torch.arange(panel.levels, dtype=torch.float64) * (reach / (panel.levels - 1)))[
@@ -129,7 +132,7 @@ def _phase_curves(panel: Panel, wavelength: float) -> torch.Tensor:
 
 def _whole_waves(panel: Panel, curves: torch.Tensor) -> int:
     reach = float((curves[..., -1] - curves[..., 0]).min())
-    # One level short of a whole wave is a whole wave: the next level would be the first again.
+    # A range one level short of a whole wave is enough: the next level would repeat the first.
     return math.floor(reach / (2 * math.pi * (1 - 1 / panel.levels)) + 1e-12)
 
 
@@ -148,16 +151,16 @@ def _up_to(waves: int) -> str:
 
 
 def _wrap_phase(phase: torch.Tensor, first: torch.Tensor, period: float) -> torch.Tensor:
-    """The phase moved by whole periods to between `first` and one period more."""
+    """Wrap a phase by whole periods into the interval from `first` to `first` + period."""
     turns = (phase - first) / period
     return first + period * (turns - torch.floor(turns))
 
 
 def _nearest_levels(curve: torch.Tensor, phase: torch.Tensor, orders: int) -> torch.Tensor:
-    """Levels, uint8, of one curve for all pixels."""
+    """Find the grey levels nearest to a phase on one curve for all pixels, uint8."""
     period = 2 * math.pi * orders
     end = curve[:1] + period
-    # A wave beyond the first level is the first level again.
+    # A phase one period beyond the first level is shown by the first level.
     used = torch.cat([curve[curve < end], end])
     middles = (used[1:] + used[:-1]) / 2
     level = torch.bucketize(_wrap_phase(phase, curve[0], period), middles)
@@ -165,7 +168,7 @@ def _nearest_levels(curve: torch.Tensor, phase: torch.Tensor, orders: int) -> to
 
 
 class _RowCurves:
-    """The curves of some rows of a panel, at every region's column; pixels lie between those."""
+    """Hold the phase curves of some panel rows, and interpolate them between region columns."""
 
     def __init__(self, curves: torch.Tensor, columns: int) -> None:
         self._curves = curves
@@ -180,19 +183,19 @@ class _RowCurves:
         return torch.lerp(low, high, self._share.to(level.device))
 
     def nearest_levels(self, phase: torch.Tensor, orders: int) -> torch.Tensor:
-        """Levels, uint8, by bisection on every pixel's own curve."""
+        """Find the grey levels nearest to a phase by bisection on each pixel's own curve, uint8."""
         zero = torch.zeros_like(phase, dtype=torch.int64)
         first, period = self.phase(zero), 2 * math.pi * orders
         wanted = _wrap_phase(phase, first, period)
         level = self._bisect_levels(wanted, zero)
         miss = (self.phase(level) - wanted).abs()
-        # A wave beyond the first level is the first level again.
+        # A phase one period beyond the first level is shown by the first level.
         return torch.where(first + period - wanted <= miss, zero, level).to(torch.uint8)
 
     def _bisect_levels(self, phase: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """How many middles between levels lie below a phase: the nearest level."""
+        """Find the nearest level: the number of midpoints between levels that lie below a phase."""
         middles = (self._curves[..., 1:] + self._curves[..., :-1]) / 2
-        # The last level has no middle behind it.
+        # There is no midpoint after the last level.
         middles = torch.nn.functional.pad(middles, (0, 1), value=math.inf)
         for bit in reversed(range((self._levels - 1).bit_length())):
             tried = level + (1 << bit)
@@ -203,11 +206,12 @@ class _RowCurves:
 
 
 def _row_curves(panel: Panel, curves: torch.Tensor) -> Iterator[tuple[slice, _RowCurves]]:
-    """Blocks of the panel's rows with their curves: bounded memory for any panel."""
+    """Yield blocks of 64 panel rows with their phase curves, so that the memory is bounded."""
     rows, columns = panel.shape
     before, behind, share = neighbouring_cells(curves.shape[0], rows)
-    for start in range(0, rows, _ROWS):
-        block = slice(start, min(start + _ROWS, rows))
+    size = 64
+    for start in range(0, rows, size):
+        block = slice(start, min(start + size, rows))
         low, high = curves[before[block]], curves[behind[block]]
         yield block, _RowCurves(torch.lerp(low, high, share[block, None, None]), columns)
 

@@ -1,4 +1,4 @@
-"""What differs from place to place on a panel: its flatness, the light on it."""
+"""Hold maps over a panel: its flatness, its illumination."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PanelMap:
-    """Describes what differs from place to place on a panel, such as its flatness.
+    """Hold a map of a quantity over a panel, such as its flatness or its illumination.
 
-    Another is the light on it. The values are those of equal cells that cover the panel, as coarse
-    or as fine as they are known.
+    The values are those of equal cells that cover the panel. The cells may be coarser than the
+    pixels.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class PanelMap:
     Raises
     ------
     ValueError
-        Unless the values have two axes, none of them empty, and are finite.
+        If the values are empty, not finite, or have another number of axes than two.
     """
 
     values: torch.Tensor
@@ -44,9 +44,9 @@ class PanelMap:
         object.__setattr__(self, "values", values)
 
     def at_pixels(self, panel: Panel) -> torch.Tensor:
-        """Compute the values at the panel's pixels, (rows, columns) float64.
+        """Interpolate the map's values at the panel's pixels, (rows, columns) float64.
 
-        They are bilinear between the cells' centres and constant beyond the outermost.
+        They are bilinear between the cells' centres and constant beyond the outermost ones.
         """
         rows, columns = panel.shape
         return interpolate_cells(interpolate_cells(self.values, rows, 0), columns, 1)

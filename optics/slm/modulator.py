@@ -1,4 +1,4 @@
-"""A panel at a wavelength: what it does to the light, effect by effect."""
+"""Model what a panel does to light of one wavelength, effect by effect."""
 
 from __future__ import annotations
 
@@ -21,21 +21,22 @@ from optics.slm.reflection import front_reflection_share, transmitted_unmodulate
 from optics.validation import accepts_numpy, require_finite
 
 TOL = 1e-2
-"""Of means over a frame for the two pixels that move farthest apart; pictures are far better."""
+"""Largest error of a mean over a frame, for the two pixels whose phases change most differently.
+The error of pictures is far smaller."""
 
 FLICKER_TOL = 1e-3
-"""Of means over the ripple for the pixel of the largest phase."""
+"""Largest error of a mean over the flicker, for the pixel of the largest phase."""
 
 
 class Modulator:
-    """Models what a panel does to light of one wavelength, effect by effect.
+    """Model what a panel does to light of one wavelength, effect by effect.
 
-    A field of amplitude 1 falls on every pixel. What leaves is one complex number for each pixel,
-    the mean over its active area, which a PSFOperator takes as its amplitude, plus shares of light
-    that add in intensity. That number is exact for light near the axis. For light whose phase
-    changes by t radians across a pixel, what the coupling does inside the pixel differs from it, by
-    at most t times the coupling's effect. An effect whose value in the Panel is 0 or None is off:
-    its code isn't called. `modulated_psf` combines all of them.
+    A field of amplitude 1 falls on every pixel. The model gives one complex number for each pixel,
+    the mean field over its active area, which a PSFOperator takes as its amplitude, and shares of
+    light that add in intensity. The complex number is exact for light near the axis. For light
+    whose phase changes by t radians across a pixel, its error is at most t times the coupling's
+    effect. An effect whose value in the Panel is 0 or None is off: its code isn't called.
+    `modulated_psf` combines all effects.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ class Modulator:
     Raises
     ------
     ValueError
-        For a wavelength outside the panel's table.
+        If the wavelength is outside the panel's table.
     """
 
     def __init__(self, panel: Panel, wavelength: float) -> None:
@@ -56,14 +57,14 @@ class Modulator:
 
     @property
     def unmodulated_share(self) -> float:
-        """The share of the light that ignores the pattern; it adds in intensity."""
+        """The share of light that the panel doesn't modulate; it adds in intensity."""
         return front_reflection_share(self.panel) + transmitted_unmodulated_share(self.panel)
 
     @property
     def unmodulated_fields(self) -> list[tuple[float, torch.Tensor | None]]:
-        """Shares and fields of the light that ignores the pattern; a field of None is 1 everywhere.
+        """The shares and fields of unmodulated light; a field of None is 1 everywhere.
 
-        Light that went through the panel has the phase of its flatness; light that the cover glass
+        Light that passed the panel has the phase of its flatness; light that the cover glass
         reflected doesn't.
         """
         shares = [
@@ -82,7 +83,7 @@ class Modulator:
     def phase(self, grey: torch.Tensor) -> torch.Tensor:
         """Compute the settled phase of grey levels in radians, float64, as `grey_to_phase` does.
 
-        Dispersion and response are included, the coupling of neighbours isn't.
+        Dispersion and response are included; the coupling of neighbouring pixels isn't.
         """
         return grey_to_phase(self.panel, grey, self.wavelength)
 
@@ -94,7 +95,7 @@ class Modulator:
         phase : torch.Tensor or numpy.ndarray
             Radians, (..., rows, columns).
         orders : int, optional
-            How many waves of the range are used.
+            Number of waves of the range that are used.
 
         Returns
         -------
@@ -105,12 +106,13 @@ class Modulator:
 
     @accepts_numpy
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
-        """Compute the complex field of each pixel from the displayed phase.
+        """Compute the complex field of each panel pixel from the displayed phase.
 
-        It is the mean of exp(i phase) over the pixel's active area, with the phase blurred by the
-        coupling; plus the gap's light; times the phase of the flatness and the amplitude of the
-        illumination, whose mean square over the panel is 1. Its magnitude is at most 1 without the
-        gap's light and an illumination. Differentiable in the phase.
+        The field is the mean of exp(i phase) over the pixel's active area, with the phase blurred
+        by the coupling. The gap's light is added. The sum is multiplied by the phase factor of the
+        flatness and by the amplitude of the illumination, whose mean square over the panel is 1.
+        Without the gap's light and an illumination its magnitude is at most 1. The field is
+        differentiable in the phase.
 
         Parameters
         ----------
@@ -125,7 +127,7 @@ class Modulator:
         Raises
         ------
         ValueError
-            For another shape than the panel's, and for phases that aren't finite.
+            If the phase's shape isn't the panel's, or the phase isn't finite.
         """
         self._require_phase(phase)
         panel = self.panel
@@ -142,14 +144,14 @@ class Modulator:
     def still_fields(
         self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32
     ) -> list[tuple[float, torch.Tensor]]:
-        """Compute shares of time and fields of a still picture; one pair if nothing flickers.
+        """Compute shares of time and fields of a still pattern; one pair without flicker.
 
         Parameters
         ----------
         grey : torch.Tensor
             Grey levels, (rows, columns).
         dtype : torch.dtype, optional
-            Of the phase; float32, the default, gives complex64.
+            Type of the phase; the default, float32, gives complex64 fields.
 
         Returns
         -------
@@ -195,16 +197,16 @@ class Modulator:
         dtype: torch.dtype | None = None,
         tol: float = TOL,
     ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Yield shares of time and fields while the crystal goes from one phase towards another.
+        """Yield shares of time and fields while the liquid crystal changes between two phases.
 
         Parameters
         ----------
         start : torch.Tensor
             The phase at the beginning in radians, (rows, columns).
         end : torch.Tensor
-            The phase towards which it goes.
+            The phase towards which the crystal relaxes, in radians.
         seconds : float
-            How long it goes.
+            Duration of the transition.
         dtype : torch.dtype, optional
             The type in which the phase is modulated; the phase's own by default.
         tol : float, optional
@@ -220,7 +222,7 @@ class Modulator:
             yield from self.flicker_fields(end, dtype=dtype, tol=flicker_tol)
             return
         change = (start - end).detach()
-        # The gap's light doesn't move.
+        # The gap's light is constant, so that 0 counts as one of the changes.
         spread = float(change.max().clamp(min=0) - change.min().clamp(max=0))
         count = time_node_count(spread, seconds, tau, tol)
         for time, share in zip(*time_nodes(seconds, tau, count), strict=True):
@@ -233,8 +235,8 @@ class Modulator:
     ) -> Iterator[tuple[int, float, torch.Tensor]]:
         """Yield frames, shares of time and fields of one cycle of a video that repeats forever.
 
-        The crystal follows to first order, and flickers. Both are averaged over as few nodes as
-        keep `tol`. Nothing is computed before it is requested. Differentiable in the phases.
+        The liquid crystal relaxes to first order, and flickers. Both are averaged over as few nodes
+        as keep `tol`. Each field is computed when it is requested. Differentiable in the phases.
 
         Parameters
         ----------
@@ -260,7 +262,7 @@ class Modulator:
 
     @cached_property
     def _illumination_amplitude(self) -> torch.Tensor | None:
-        """Amplitude of the illumination, float64, mean square 1; None if it is even."""
+        """The illumination's amplitude, float64, of mean square 1; None if it is uniform."""
         if self.panel.illumination is None:
             return None
         light = self.panel.illumination.at_pixels(self.panel)
@@ -268,7 +270,7 @@ class Modulator:
 
     @cached_property
     def _static_factor(self) -> torch.Tensor | None:
-        """What every picture is multiplied with, complex128; None if that is 1."""
+        """The factor of every field, flatness and illumination, complex128; None if it is 1."""
         lit, panel = self._illumination_amplitude, self.panel
         if panel.flatness is None:
             return None if lit is None else lit.to(torch.complex128)

@@ -1,4 +1,4 @@
-"""The modulator as data: its pixels, its range, and what it does besides."""
+"""Describe a panel (SLM) as data: its pixels, its phase range, and its imperfections."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from optics.validation import require_positive, require_share
 
 @dataclass(frozen=True)
 class Panel:
-    """Describes a phase-only liquid-crystal modulator.
+    """Describe a panel, a phase-only liquid-crystal modulator.
 
     The defaults are the thesis' Tables 2.1 and 2.2, for HOLOEYE's PLUTO-VIS-006-A. The effects from
-    `response` on are off by default, and cost nothing then.
+    `response` on are off by default, and then cost no time.
 
     Parameters
     ----------
@@ -33,35 +33,35 @@ class Panel:
     unmodulated : float, optional
         Share of the light that leaves the panel unmodulated.
     reflectivity : float, optional
-        Share of the light that leaves the panel at all.
+        Share of the incident light that leaves the panel.
     settling : float, optional
-        Seconds from a new frame to a phase that is settled.
+        Seconds from a new frame until its phase is settled.
     frame_rate : float, optional
-        Hz, at which videos are shown.
+        Rate in Hz at which videos are shown.
     response : PhaseResponse, optional
-        From grey levels to shares of the highest phase; linear by default.
+        Shares of the highest phase by grey level; linear by default.
     response_time : float, optional
-        Seconds, the time constant of a liquid crystal that follows exponentially; 0 is at once.
+        Seconds, the time constant of the liquid crystal; with 0 the phase settles at once.
     coupling : float, optional
         Metres, the standard deviation of the Gaussian by which fringing fields blur the phase; up
         to one pitch.
     flicker : float, optional
         Amplitude of the phase's ripple, as a share of the phase.
     jitter : float, optional
-        Radians, root mean square, by which each pixel's phase is wrong independently of the others.
+        Root mean square of the independent random phase errors of the pixels, radians.
     front_reflection : float, optional
         Share of the light that the cover glass reflects, a part of `reflectivity`.
     gap_reflection : float, optional
         Amplitude reflectance of the frame between the pixels, relative to the pixels'.
     flatness : PanelMap, optional
-        Metres of optical path that the light gets in addition to the pattern.
+        Optical path in metres that the panel adds to the pattern's.
     illumination : PanelMap, optional
         Irradiance over the panel, in any unit.
 
     Raises
     ------
     ValueError
-        For values out of range, or that contradict each other.
+        If a value is out of range, or values contradict each other.
 
     References
     ----------
@@ -126,7 +126,7 @@ class Panel:
                 )
 
     def _require_consistent_effects(self) -> None:
-        """What the effects' data must have to do with each other."""
+        """Raise ValueError for values of the panel's effects that contradict each other."""
         if self.coupling > self.pitch:
             raise ValueError(
                 f"coupling is {self.coupling:g} m; fringing fields reach over a pixel's pitch, "

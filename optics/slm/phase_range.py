@@ -1,4 +1,4 @@
-"""How far a panel's phase reaches at a wavelength."""
+"""Compute a panel's phase range at a wavelength."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from optics.slm.panel import Panel
 
 
 def max_phase(panel: Panel, wavelength: float) -> float:
-    """Compute the phase at the highest grey level, at a wavelength.
+    """Compute a panel's phase at the highest grey level, at a wavelength.
 
     The optical path difference of a nematic cell follows its birefringence, which the extended
     Cauchy equation A + B/wavelength² + C/wavelength⁴ describes across the visible. As many terms
@@ -21,7 +21,7 @@ def max_phase(panel: Panel, wavelength: float) -> float:
     panel : Panel
         The panel.
     wavelength : float
-        Metres, 0.9 times the least to 1.15 times the largest tabulated wavelength.
+        Metres, 0.9 times the smallest to 1.15 times the largest tabulated wavelength.
 
     Returns
     -------
@@ -31,7 +31,7 @@ def max_phase(panel: Panel, wavelength: float) -> float:
     Raises
     ------
     ValueError
-        For a wavelength outside that range, or if the tabulated phases leave no path there.
+        If the wavelength is outside that range, or the fitted optical path is not positive there.
 
     References
     ----------
@@ -57,7 +57,10 @@ def max_phase(panel: Panel, wavelength: float) -> float:
 
 @functools.lru_cache(maxsize=64)
 def _cauchy(table: tuple[tuple[float, float], ...]) -> tuple[float, tuple[float, ...]]:
-    """A wavelength as unit, and the coefficients of path in powers of (unit / wavelength)²."""
+    """Fit the Cauchy equation: coefficients of the path in powers of (unit / wavelength)².
+
+    Returns the wavelength that serves as the unit, and the coefficients.
+    """
     known, path = np.array([(w, phase * w) for w, phase in sorted(table)]).T
     unit = float(known.mean())
     coefficients = np.polyfit((unit / known) ** 2, path, min(len(table), 3) - 1)

@@ -1,4 +1,4 @@
-"""Light that leaves the panel without having been modulated."""
+"""Compute the shares of light that leave the panel unmodulated."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ from optics.slm.panel import Panel
 
 
 def front_reflection_share(panel: Panel) -> float:
-    """Share of the light from the panel that its cover glass has reflected.
+    """Compute the share of the light from the panel that its cover glass reflects.
 
-    It adds in intensity: the glass is far thicker than the coherence length, which at 550 nm
-    and a band of 7 nm is wavelength² / band = 43 µm.
+    It adds in intensity, because the glass is far thicker than the coherence length, which at
+    550 nm and a band of 7 nm is wavelength² / band = 43 µm.
     """
     return panel.front_reflection / panel.reflectivity if panel.front_reflection else 0.0
 
 
 def transmitted_unmodulated_share(panel: Panel) -> float:
-    """Share of the light from the panel that went through it and wasn't modulated: of the
-    polarisation that the crystal doesn't turn (thesis §5.6 has 5 to 10 %)."""
+    """Compute the share of the light from the panel that passed the crystal unmodulated.
+
+    It has the polarisation whose phase the crystal doesn't change (thesis §5.6 gives 5 to 10 %).
+    """
     return (1 - front_reflection_share(panel)) * panel.unmodulated

@@ -1,4 +1,4 @@
-"""How the phase grows with the grey level: measured, or a vendor's table."""
+"""Describe a panel's phase response to grey levels, measured or from a vendor's table."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PhaseResponse:
-    """Describes how the phase grows with the grey level, at wavelengths and in regions of a panel.
+    """Describe a panel's phase by grey level, at wavelengths and in regions of the panel.
 
     Between wavelengths the shares are interpolated linearly in 1/wavelength², the variable in which
     a liquid crystal's dispersion is smoothest (see `max_phase`), and between the regions' centres
-    bilinearly. Beyond the outermost they are constant. So there are no seams.
+    bilinearly, so that there are no seams. Beyond the outermost ones they are constant.
 
     Parameters
     ----------
@@ -30,13 +30,13 @@ class PhaseResponse:
     shares : torch.Tensor or numpy.ndarray
         Shares of the panel's highest phase, (wavelengths, region rows, region columns, levels);
         kept as a float64 tensor. Regions are equally large and cover the panel. A share may exceed
-        1, where a panel reaches farther than its table says; the first needn't be 0.
+        1, where a panel's range is larger than its table says. The first share needn't be 0.
 
     Raises
     ------
     ValueError
-        For shares that aren't finite, fall from one level to the next, or don't rise at all; for
-        wavelengths that aren't positive or occur twice; for another shape.
+        If shares aren't finite, fall from one level to the next, don't rise at all, or have another
+        shape, or if wavelengths aren't positive or occur twice.
     """
 
     wavelengths: tuple[float, ...]
@@ -61,7 +61,7 @@ class PhaseResponse:
 
     @staticmethod
     def from_curve(wavelength: float, shares: Any) -> PhaseResponse:
-        """Build the response of one curve for the whole panel and every wavelength.
+        """Build the phase response of one curve for the whole panel and every wavelength.
 
         Parameters
         ----------
@@ -79,12 +79,12 @@ class PhaseResponse:
 
     @staticmethod
     def from_phases(panel: Panel, wavelengths: Sequence[float], phases: Any) -> PhaseResponse:
-        """Build the response from measured phases.
+        """Build the phase response from measured phases.
 
         Parameters
         ----------
         panel : Panel
-            The panel, of whose highest phase the shares are.
+            The panel; the shares are relative to its highest phase.
         wavelengths : sequence of float
             Metres.
         phases : torch.Tensor or numpy.ndarray
@@ -98,9 +98,9 @@ class PhaseResponse:
         Raises
         ------
         ValueError
-            For phases of another shape.
+            If the phases have another shape.
         """
-        # Imported here: a panel has a response.
+        # A panel has a response, so an import at the top would be circular.
         from optics.slm.phase_range import max_phase
 
         phases = as_float64(phases)
@@ -116,16 +116,19 @@ class PhaseResponse:
 
     @property
     def levels(self) -> int:
-        """The number of grey levels."""
+        """The number of grey levels of the response."""
         return self.shares.shape[-1]
 
     @property
     def regions(self) -> tuple[int, int]:
-        """The numbers of rows and columns of regions."""
+        """The numbers of rows and columns of the panel's regions."""
         return self.shares.shape[1], self.shares.shape[2]
 
     def at(self, wavelength: float) -> torch.Tensor:
-        """Compute the shares at a wavelength in metres, (region rows, region columns, levels)."""
+        """Interpolate the response at a wavelength, (region rows, region columns, levels).
+
+        wavelength: metres.
+        """
         order = sorted(range(len(self.wavelengths)), key=lambda k: self.wavelengths[k])
         known = [self.wavelengths[k] for k in order]
         if wavelength <= known[0]:

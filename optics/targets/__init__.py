@@ -1,9 +1,9 @@
-"""The PSF shapes that a user asks for: intensities on a plane, sum one, float64.
+"""Draw targets, the PSF shapes that a user requests: intensities on a plane, sum 1, float64.
 
-Each is a Target: `spiral(plane, radius, width)` draws it, and `spiral.reach(radius, width)` says
-how far from the axis it has light, from which a window follows. Lengths are metres on the
-sensor; y is down and x to the right, angles go from x towards y. `width` is the standard
-deviation of a Gaussian across a stroke, or of a dot.
+Each is a Target: `spiral(plane, radius, width)` draws it, and `spiral.reach(radius, width)` tells
+how far from the axis its light reaches, from which the size of a window follows. Lengths are
+metres on the sensor. y points down and x to the right; angles go from x towards y. `width` is the
+standard deviation of a Gaussian across a stroke, or of a dot.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Shapes drawn with one kind of stroke: spiral, heart, infinity, eye (thesis Fig. 3.3)."""
+"""Draw target shapes of curved strokes: spiral, heart, infinity, eye (thesis Fig. 3.3)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from optics.targets.target import Drawing, Target, format_micrometres
 from optics.validation import require_positive
 
 _POINTS = 720
-"""Along a closed curve, or a turn of an open one."""
+"""Number of points along a closed curve, or per turn of an open one; chosen."""
 
 
 @Target
 def spiral(radius: float, width: float, turns: float = 3.0, hole: float = 0.36) -> Drawing:
-    """Spiral whose distance from the axis grows with the angle squared, up to a radius.
+    """Draw a spiral target whose distance from the axis grows with the angle squared.
 
     The defaults are the spiral of the thesis' code: three turns, without the inner 18 of 50 pixels
     (cgtuebingen/computational_camera_phase_retrieval, target 0).
@@ -53,7 +53,7 @@ def spiral(radius: float, width: float, turns: float = 3.0, hole: float = 0.36) 
 
 @Target
 def heart(radius: float, width: float) -> Drawing:
-    """Heart, upright, whose tip or lobes are a radius from the axis.
+    """Draw an upright heart target, whose farthest point is a radius from the axis.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def heart(radius: float, width: float) -> Drawing:
 
 @Target
 def infinity(radius: float, width: float) -> Drawing:
-    """Symbol of infinity, lying: the lemniscate of Bernoulli, two radii long.
+    """Draw an infinity sign as a target: a horizontal lemniscate of Bernoulli, two radii long.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def infinity(radius: float, width: float) -> Drawing:
 
 @Target
 def eye(radius: float, width: float) -> Drawing:
-    """Eye: two lids whose corners are a radius from the axis, an iris and a pupil.
+    """Draw an eye as a target: two lids with corners a radius from the axis, iris and pupil.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def eye(radius: float, width: float) -> Drawing:
         The shape, which `Target` puts on a plane.
     """
     height, iris, pupil = 0.5, 0.38, 0.1
-    # Circles through both corners and the height of a lid.
+    # Each lid is an arc of a circle through both corners and the lid's height.
     curvature = (1 + height**2) / (2 * height)
     half = math.asin(1 / curvature)
     angle = np.linspace(-half, half, _POINTS)
@@ -125,7 +125,7 @@ def eye(radius: float, width: float) -> Drawing:
 
 
 def _draw_within_radius(strokes: Sequence[Points], radius: float, width: float) -> Drawing:
-    """Strokes within a circle of one, at their size."""
+    """Scale strokes from a circle of radius 1 to `radius` metres, and draw them as a target."""
     require_positive("radius", radius, "m")
     return draw_strokes(
         [radius * stroke for stroke in strokes],
@@ -140,5 +140,5 @@ def _polar(distance: Points, angle: Points) -> Points:
 
 
 def _close_curve(points: Points) -> Points:
-    """The last point is exactly the first."""
+    """Close a target's curve: make its last point exactly the first."""
     return np.vstack([points[:-1], points[:1]])

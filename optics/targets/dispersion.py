@@ -1,4 +1,7 @@
-"""What a prism does: a dot whose place follows the wavelength (thesis Figs. 4.2 and 4.11)."""
+"""Draw the target of a prism: a dot whose position follows the wavelength.
+
+Thesis Figs. 4.2 and 4.11.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from optics.validation import require_positive
 def dispersed_positions(
     wavelengths: Sequence[float], reference: float, rate: float, direction: float = 0.0
 ) -> list[Position]:
-    """Positions to which a prism sends each wavelength; together they form a row of dots.
+    """Compute the positions to which a prism sends wavelengths, as a row of dots on the sensor.
 
     Parameters
     ----------
@@ -24,7 +27,7 @@ def dispersed_positions(
     rate : float
         Metres on the sensor per metre of wavelength: 1000 for a micrometre per nanometre.
     direction : float, default 0.0
-        Angle in radians from x towards y, in which longer waves go.
+        Angle in radians from x towards y, towards which longer waves move.
 
     Returns
     -------
@@ -58,7 +61,9 @@ def linear_dispersion(
     width: float,
     direction: float = 0.0,
 ) -> Drawings:
-    """Dot of every wavelength behind a prism, (wavelengths, rows, columns), each with a sum of 1.
+    """Draw a prism's target: one dot per wavelength, each in a picture of its own.
+
+    The result is (wavelengths, rows, columns), and each picture has a sum of 1.
 
     Parameters
     ----------
@@ -71,7 +76,7 @@ def linear_dispersion(
     width : float
         Standard deviation of a dot, metres.
     direction : float, default 0.0
-        Angle in radians from x towards y, in which longer waves go.
+        Angle in radians from x towards y, towards which longer waves move.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Dots, wherever they are wanted."""
+"""Draw targets of dots, and compute positions for them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Position = tuple[float, float]
 def dots(
     positions: Sequence[Position], width: float, weights: Sequence[float] | None = None
 ) -> Drawing:
-    """Gaussian dots at given positions; those that overlap add up.
+    """Draw a target of Gaussian dots at given positions; overlapping dots add up.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def dots(
     width : float
         Standard deviation of a dot, metres.
     weights : sequence of float, optional
-        Light of each dot, positive, on any scale; all the same if None.
+        Light of each dot, positive, on any scale; all dots are equal if None.
 
     Returns
     -------
@@ -38,8 +38,8 @@ def dots(
     Raises
     ------
     ValueError
-        If there is no dot, a position isn't a finite pair, or weights aren't positive or not as
-        many.
+        If there is no dot, a position isn't a finite pair, a weight isn't positive, or the number
+        of weights differs from the number of dots.
     """
     require_positive("width", width, "m")
     weights = [1.0] * len(positions) if weights is None else weights
@@ -70,7 +70,7 @@ def dots(
 
 
 def ring_positions(count: int, radius: float, start: float = 0.0) -> list[Position]:
-    """Positions equally spaced on a circle.
+    """Compute positions of a target's dots, equally spaced on a circle.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def ring_positions(count: int, radius: float, start: float = 0.0) -> list[Positi
 
 
 def grid_positions(shape: tuple[int, int], spacing: float) -> list[Position]:
-    """Positions on a rectangular grid around the axis.
+    """Compute positions of a target's dots on a rectangular grid around the axis.
 
     Parameters
     ----------
@@ -126,6 +126,6 @@ def grid_positions(shape: tuple[int, int], spacing: float) -> list[Position]:
 
 
 def _gaussian_profiles(plane: Plane, axis: int, place: torch.Tensor, width: float) -> torch.Tensor:
-    """Gaussians along an axis, (samples, dots)."""
+    """Compute the Gaussian profile of each dot along an axis, (samples, dots)."""
     away = plane.coordinates(axis)[:, None] - place
     return torch.exp(-(away**2) / (2 * width**2))

@@ -1,4 +1,4 @@
-"""Letters as strokes: six units high, y down from the top, x from the left edge."""
+"""Draw letters as strokes, six units high, with y down from the top and x from the left edge."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from optics.targets.stroke import Points
 
-_STEP = 6.0
-"""Degrees between the points of an arc."""
-
 _Pen = tuple[float, ...]
-"""A point (x, y); or an arc (x, y, half width, half height, from, to), in degrees from x down."""
+"""A point (x, y), or an arc (x, y, half width, half height, from, to).
+
+The arc's angles are in degrees, from x towards y.
+"""
 
 _O: list[_Pen] = [(2.1, 3, 2.1, 3, 0, 360)]
 _P: list[_Pen] = [(0, 6), (0, 0), (2.4, 0), (2.4, 1.6, 1.5, 1.6, -90, 90), (0, 3.2)]
@@ -64,32 +64,27 @@ _LETTERS: dict[str, list[list[_Pen]]] = {
 }
 
 HEIGHT = 6.0
-"""Of a capital, in units."""
-
-_GAP = 1.6
-"""Between letters, in units."""
-
-_BLANK = 2.4
-"""Width of a blank, in units."""
+"""Height of a capital letter in the font's units."""
 
 AVAILABLE_SIGNS = "".join([*_LETTERS, "9"])
-"""The signs that there are, besides the blank."""
+"""The signs of the font, without the blank."""
 
 
 def strokes_of(text: str) -> list[Points]:
-    """The strokes of a line of text, in units from its upper left corner.
+    """Return the strokes of a line of text, in the font's units from its upper left corner.
 
-    Small letters become capitals. Raises ValueError for text without a sign, or with one that
-    there isn't.
+    Small letters become capitals. Raises ValueError for text without a sign, or with a sign that
+    isn't in the font.
     """
     strokes, left = list[Points](), 0.0
     for sign in text.upper():
         if sign == " ":
-            left += _BLANK
+            left += 2.4  # A blank is 2.4 units wide.
             continue
         made = _sign(sign)
         strokes += [stroke + np.array([0.0, left]) for stroke in made]
-        left += max(float(stroke[:, 1].max()) for stroke in made) + _GAP
+        # The gap between letters is 1.6 units wide.
+        left += max(float(stroke[:, 1].max()) for stroke in made) + 1.6
     if not strokes:
         raise ValueError(f"text is {text!r}; give one sign at least")
     return strokes
@@ -104,7 +99,7 @@ def _sign(sign: str) -> list[Points]:
 
 
 def _path(pens: list[_Pen]) -> Points:
-    """(n, 2): y and x of the points that a pen passes."""
+    """Return y and x of the points along one stroke of a letter, (n, 2)."""
     parts = [_arc(*pen) if len(pen) == 6 else np.array([[pen[1], pen[0]]]) for pen in pens]
     path = np.concatenate(parts)
     if np.allclose(path[0], path[-1]):
@@ -113,5 +108,6 @@ def _path(pens: list[_Pen]) -> Points:
 
 
 def _arc(x: float, y: float, width: float, height: float, first: float, last: float) -> Points:
-    angle = np.deg2rad(np.linspace(first, last, 2 + round(abs(last - first) / _STEP)))
+    step = 6.0  # The points are 6 degrees apart.
+    angle = np.deg2rad(np.linspace(first, last, 2 + round(abs(last - first) / step)))
     return np.stack([y + height * np.sin(angle), x + width * np.cos(angle)], 1)

@@ -1,4 +1,4 @@
-"""Text as a target."""
+"""Draw text as a target."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from optics.validation import require_positive
 
 @Target
 def letters(text: str, height: float, width: float) -> Drawing:
-    """Line of text around the axis: letters, digits and blanks.
+    """Draw a line of text, centred on the axis, as a target: letters, digits and blanks.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A picture as a target."""
+"""Use a picture as a target."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from optics.validation import accepts_numpy, as_floating_point, require_finite, 
 @Target
 @accepts_numpy
 def logo(picture: torch.Tensor, size: float, invert: bool = False) -> Drawing:
-    """Picture around the axis, each sample with the picture's mean over its area.
+    """Draw a picture, centred on the axis, as a target.
+
+    Each sample has the picture's mean over its area.
 
     Parameters
     ----------
@@ -21,7 +23,7 @@ def logo(picture: torch.Tensor, size: float, invert: bool = False) -> Drawing:
     size : float
         Length of the longer side, metres.
     invert : bool, default False
-        Whether dark is light; otherwise bright is.
+        Whether dark parts of the picture become the target's light, in place of bright ones.
 
     Returns
     -------
@@ -66,7 +68,10 @@ def logo(picture: torch.Tensor, size: float, invert: bool = False) -> Drawing:
 
 
 def _pixel_coverage(plane: Plane, axis: int, count: int, pixel: float) -> torch.Tensor:
-    """How much of each pixel along an axis falls on each sample, (samples, pixels)."""
+    """Compute the share of each picture pixel that falls on each sample, (samples, pixels).
+
+    The shares are those along one axis.
+    """
     pitch = plane.pitch[axis]
     sample = plane.coordinates(axis)[:, None]
     start = (torch.arange(count, dtype=torch.float64) - count / 2) * pixel

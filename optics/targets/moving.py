@@ -1,4 +1,4 @@
-"""Targets that change with time: one picture a moment."""
+"""Draw targets that change with time, one picture per moment."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ def shrinking_spiral(
     turns: float = 3.0,
     hole: float = 0.36,
 ) -> Drawings:
-    """Spiral that shrinks evenly with time, (moments, rows, columns), each with a sum of 1.
+    """Draw a spiral target that shrinks linearly with time, (moments, rows, columns).
+
+    Each picture has a sum of 1.
 
     Parameters
     ----------

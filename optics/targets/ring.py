@@ -1,4 +1,4 @@
-"""The ring."""
+"""Draw the ring target."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from optics.targets.target import Drawing, Target, format_micrometres
 
 @Target
 def ring(radius: float, width: float) -> Drawing:
-    """Ring with a Gaussian profile; a radius of zero makes a spot.
+    """Draw a ring target with a Gaussian profile; a radius of zero gives a spot.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Strokes of a Gaussian profile along curves: equally bright along them, and at crossings."""
+"""Draw targets as strokes with a Gaussian profile, equally bright along curves and at crossings."""
 
 from __future__ import annotations
 
@@ -14,19 +14,15 @@ from optics.targets.target import Drawing
 from optics.validation import require_positive
 
 Points = NDArray[np.float64]
-"""(n, 2): y and x of points along a curve, metres. One point is a dot; a curve whose last point
-is its first is closed."""
-
-_SPACING = 0.25
-"""Of points along a stroke, in widths: a stroke that crosses another is mistaken by less than a
-hundredth."""
+"""(n, 2): y and x of points along a curve, metres. One point is a dot. A curve is closed if its
+last point is its first."""
 
 _FAR = 6.0
-"""Widths from a stroke where 2e-8 of its peak are left, and nothing is drawn."""
+"""Widths from a stroke beyond which nothing is drawn; 2e-8 of the peak is left there."""
 
 
 def draw_strokes(strokes: Sequence[Points], width: float, sizes: str, remedy: str) -> Drawing:
-    """Strokes as a drawing; sizes, remedy: see Drawing."""
+    """Make a target's drawing of strokes; sizes and remedy are those of Drawing."""
     require_positive("width", width, "m")
     points = np.concatenate(strokes)
     (low_y, low_x), (high_y, high_x) = points.min(0), points.max(0)
@@ -40,14 +36,18 @@ def draw_strokes(strokes: Sequence[Points], width: float, sizes: str, remedy: st
 
 
 def stroke_brightness(strokes: Sequence[Points], width: float, plane: Plane) -> torch.Tensor:
-    """exp(-d² / 2 width²) of the distance d to the nearest stroke, (rows, columns)."""
-    points, before, after = _join_strokes(strokes, _SPACING * width)
+    """Compute a target's brightness exp(-d² / 2 width²), (rows, columns).
+
+    d is the distance to the nearest stroke.
+    """
+    # With points a quarter of a width apart, the error where strokes cross is below a hundredth.
+    points, before, after = _join_strokes(strokes, 0.25 * width)
     y, x = (plane.coordinates(axis).numpy() for axis in (0, 1))
     rows, columns = (
         _samples_near(axis, points[:, i], _FAR * width) for i, axis in enumerate((y, x))
     )
     places = np.stack(np.meshgrid(y[rows], x[columns], indexing="ij"), axis=-1).reshape(-1, 2)
-    # Far from all strokes nothing is looked for.
+    # Samples far from all strokes stay dark, and aren't searched.
     far, nearest = KDTree(points).query(places, distance_upper_bound=_FAR * width)
     seen = np.isfinite(far)
     places, nearest = places[seen], np.asarray(nearest)[seen]
@@ -63,7 +63,7 @@ def stroke_brightness(strokes: Sequence[Points], width: float, plane: Plane) -> 
 
 
 def _samples_near(axis: Points, points: Points, far: float) -> slice:
-    """The samples of an axis that are near any point."""
+    """Return the range of an axis' samples that are near any point of a stroke."""
     low, high = points.min() - far, points.max() + far
     return slice(int(np.searchsorted(axis, low)), int(np.searchsorted(axis, high)))
 
@@ -71,7 +71,11 @@ def _samples_near(axis: Points, points: Points, far: float) -> slice:
 def _join_strokes(
     strokes: Sequence[Points], spacing: float
 ) -> tuple[Points, NDArray[np.intp], NDArray[np.intp]]:
-    """All points, close together, with the indices of each one's neighbours along its stroke."""
+    """Join the points of all strokes, at most `spacing` apart.
+
+    Returns the points and, for each, the indices of its neighbours before and after it along its
+    stroke.
+    """
     parts = list[Points]()
     before, after, count = list[NDArray[np.intp]](), list[NDArray[np.intp]](), 0
     for stroke in strokes:
@@ -88,7 +92,7 @@ def _join_strokes(
 
 
 def _densify_points(points: Points, spacing: float) -> Points:
-    """The same curve with points at most `spacing` apart, its corners among them."""
+    """Add points to a curve so that they are at most `spacing` apart; its corners stay."""
     if len(points) == 1:
         return points
     steps = np.diff(points, axis=0)
@@ -99,7 +103,7 @@ def _densify_points(points: Points, spacing: float) -> Points:
 
 
 def _squared_distances(places: Points, start: Points, end: Points) -> Points:
-    """Squared distances of points to segments, which may be points themselves."""
+    """Compute squared distances of points to segments of a stroke, which may have no length."""
     along = end - start
     length = (along**2).sum(1)
     share = ((places - start) * along).sum(1) / np.where(length > 0, length, 1.0)

@@ -1,4 +1,4 @@
-"""What all targets are: a brightness on a plane, a box that holds it, and the checks."""
+"""Define the base of all targets: a brightness on a plane, its bounding box, and its checks."""
 
 from __future__ import annotations
 
@@ -13,31 +13,29 @@ from optics.plane import Plane
 
 P = ParamSpec("P")
 
-_ROOM_WIDTHS = 2.0
-"""Widths around a stroke that must fit on the plane: an eighth of its peak is left there."""
-
-_REACH_WIDTHS = 3.0
-"""Widths around a stroke for which room is asked: a hundredth of its peak is left there."""
-
 
 class Renderable(Protocol):
-    """Something that can be put on a plane."""
+    """Define what a target's drawing offers: its reach, and its intensity on a plane."""
 
     @property
     def reach(self) -> float:
-        """Metres from the axis, along y or x, within which its light is."""
+        """The distance from the axis in metres, along y or x, that the target's light reaches."""
 
     def render(self, plane: Plane) -> torch.Tensor:
-        """Its intensity there, sum one; ValueError if it doesn't fit or falls between samples."""
+        """Compute the target's intensity on a plane, with a sum of 1.
+
+        Raises ValueError for a target that doesn't fit on the plane or falls between its samples.
+        """
 
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A shape of some sizes.
+    """Describe one target shape with its sizes.
 
     bounding_box: lowest and highest y, lowest and highest x of its strokes' middles, metres. width:
-    of its strokes, 0 without any. brightness: on a plane, of any scale. sizes, remedy: in words,
-    for whoever asks for one that doesn't fit.
+    standard deviation across its strokes, metres; 0 without strokes. brightness: computes the
+    shape on a plane, on any scale. sizes, remedy: words for the error message if the shape
+    doesn't fit.
     """
 
     bounding_box: tuple[float, float, float, float]
@@ -48,7 +46,8 @@ class Drawing:
 
     @property
     def reach(self) -> float:
-        return max(map(abs, self.bounding_box)) + _REACH_WIDTHS * self.width
+        # At three widths from a stroke a hundredth of its peak is left.
+        return max(map(abs, self.bounding_box)) + 3.0 * self.width
 
     def render(self, plane: Plane) -> torch.Tensor:
         self._require_samples(plane)
@@ -65,7 +64,8 @@ class Drawing:
             )
 
     def _require_room(self, plane: Plane) -> None:
-        margin = _ROOM_WIDTHS * self.width
+        # At two widths from a stroke an eighth of its peak is left; no less must fit.
+        margin = 2.0 * self.width
         for axis in (0, 1):
             place = plane.coordinates(axis)
             low, high = (
@@ -82,7 +82,7 @@ class Drawing:
 
 @dataclass(frozen=True, eq=False)
 class Drawings:
-    """Several, one after the other: (n, rows, columns), each with sum one."""
+    """Describe a target of several drawings, rendered as (n, rows, columns), each with sum 1."""
 
     parts: Sequence[Drawing]
 
@@ -98,7 +98,7 @@ D = TypeVar("D", bound=Renderable)
 
 
 class Target(Generic[P, D]):
-    """A PSF shape as a function of a plane and its sizes, which knows how far it reaches.
+    """Wrap a target, a PSF shape, as a function of a plane and the shape's sizes.
 
     Call it with a Plane and the sizes to get the intensity, or call `reach` with the sizes alone.
 
@@ -121,7 +121,7 @@ class Target(Generic[P, D]):
         functools.update_wrapper(self, draw)
 
     def __call__(self, plane: Plane, /, *args: P.args, **kwargs: P.kwargs) -> torch.Tensor:
-        """Intensity of the shape on a plane, float64, with a sum of 1.
+        """Compute the target's intensity on a plane, float64, with a sum of 1.
 
         Parameters
         ----------
@@ -144,10 +144,10 @@ class Target(Generic[P, D]):
         return self.draw(*args, **kwargs).render(plane)
 
     def reach(self, *args: P.args, **kwargs: P.kwargs) -> float:
-        """Metres from the axis, along y or x, within which the light of these sizes lies."""
+        """Return the distance from the axis in metres, along y or x, that the target reaches."""
         return self.draw(*args, **kwargs).reach
 
 
 def format_micrometres(length: float) -> str:
-    """A length in metres, as people read it."""
+    """Format a length given in metres as micrometres, for messages."""
     return f"{length * 1e6:.4g} µm"
