@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from drivers.option_checks import is_number, require_within
 
-
 _MODE_CODES = {"normal": 0, "fast": 1, "multi": 2, "manual": 3, "multi fast": 4}
 NDS = {"off": 0, "on": 1, "auto": 2}
 _EXTERNAL_ND_CODES = {"none": 0, "1/10": 1, "1/100": 2}

@@ -78,7 +78,7 @@ class PanelDevice:
         return 1 / (self._open_stage.output.refresh or self._wanted.refresh_hz)
 
     def displayed_pattern(self) -> str:
-        """Return the identifier of the shown pattern; DeviceError if the screen is gone or wrong."""
+        """Return the shown pattern's identifier; DeviceError if the screen is gone or wrong."""
         self._require_screen("shown")
         self._raise_pending_error()
         if self._video is None and self._shown:

@@ -109,7 +109,10 @@ class PanelScreen:
             raise self._display_error(command, wrong)
 
     def check_band(self, command: str, grey: NDArray[np.uint8]) -> None:
-        """Check one band of the shown frame, which takes less time; the next call takes the next."""
+        """Check one band of the video frame on the screen, which takes less time than all of it.
+
+        Each call takes the next band.
+        """
         rows = -(-grey.shape[0] // _CHECKED_BANDS)
         top = self._band * rows
         self._band = (self._band + 1) % _CHECKED_BANDS

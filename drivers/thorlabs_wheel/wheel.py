@@ -34,11 +34,11 @@ class ThorlabsWheel(Wheel):
     port : str
         Serial port of its USB cable, such as "/dev/ttyUSB0".
     slots_nm : sequence of sequence of float
-        Filter in each of the 6 or 12 slots, in nanometres, as in `Wheel`.
+        Centre and full width at half maximum of each of the 6 or 12 slots' filters, in nanometres.
     names : sequence of str
-        Names of the slots, as in `Wheel`.
+        Names of the slots; by default their centres.
     avoid : sequence of int
-        Slots that aren't used, as in `Wheel`.
+        Slots that must not cross the light during a move.
     fast : bool
         Whether the wheel turns at its fast speed.
     step_ms : float, optional
@@ -50,8 +50,7 @@ class ThorlabsWheel(Wheel):
     sensors : bool
         Whether the lamps of its sensors stay on while it stands; they cause stray light.
     trigger : {"input", "output"}
-        "input": a pulse turns the wheel by one slot. "output": the wheel sends a pulse for each
-        move.
+        "input": a pulse advances the wheel. "output": the wheel sends a pulse for each move.
 
     Raises
     ------
