@@ -234,7 +234,7 @@ class UVCCamera:
         return levels
 
     def _next_valid_frame(self, stream: Stream, cancelled: Callable[[], bool]) -> StreamFrame:
-        """Return the camera's first frame that has the current exposure and began after the call."""
+        """Return the camera's first frame with the current exposure that began after the call."""
         called, number, now = time.monotonic(), stream.frame_count, self._in_force
         late = called + now.exposure + self.frame_time + CALL_TIMEOUT
         while time.monotonic() < late:
