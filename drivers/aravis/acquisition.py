@@ -140,7 +140,7 @@ class FrameAcquisition:
         self.link.ask("stop", timeout=REPLY_TIMEOUT)
 
     def take(self, cancelled: Callable[[], bool]) -> AcquiredFrame:
-        """Take a frame whose exposure begins after this call; DeviceError if none comes."""
+        """Take a camera frame whose exposure begins after this call; DeviceError if none comes."""
         return self._take(cancelled, time.monotonic())
 
     def take_next(self, cancelled: Callable[[], bool]) -> AcquiredFrame:
@@ -183,12 +183,12 @@ class FrameAcquisition:
 
     @property
     def _frame_timeout(self) -> float:
-        """Return the seconds for which a frame is waited for beyond its own time."""
+        """Return the seconds for which a camera frame is waited for beyond its own time."""
         more = self.options.trigger_wait_s if self.options.trigger == "hardware" else 0.0
         return more + self.options.frame_timeout_ms * 1e-3
 
     def _next_good_frame(self, cancelled: Callable[[], bool], since: float) -> AcquiredFrame:
-        """Return the next good frame whose exposure began after `since`."""
+        """Return the camera's next good frame whose exposure began after `since`."""
         triggered = self.options.trigger == "software"
         if triggered:
             self._return_buffer()

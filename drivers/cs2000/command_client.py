@@ -103,7 +103,7 @@ class CodeError(DeviceError):
 
 
 class MeasurementCancelled(DeviceError):
-    """Report that a measurement was cancelled by its caller."""
+    """Report that a measurement of the CS-2000 was cancelled by its caller."""
 
 
 class CS2000Client:
@@ -184,7 +184,7 @@ class CS2000Client:
         return [int(part) for part in told.split(",")] == [int(p) for p in wanted.split(",")]
 
     def call_with_retry(self, command: str, work: Callable[[], T]) -> T:
-        """Return the result of `work`; retry once if a late or lost message may have spoilt it."""
+        """Return the result of `work`; retry once after a late or lost message of the CS-2000."""
         late = self.line.clock.now() + _TIMING.reply_timeout
         self.get_ready(command)
         try:

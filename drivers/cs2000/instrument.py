@@ -173,7 +173,7 @@ class CS2000:
             return self._link.call_with_retry(command, read)
 
     def unplugged_reason(self) -> str | None:
-        """Return why it counts as unplugged, empty while it is connected; see Device."""
+        """Return why the spectroradiometer counts as unplugged, empty while it is connected."""
         return self._line.unplugged_reason()
 
     def make_safe(self) -> None:
@@ -182,7 +182,7 @@ class CS2000:
             self._link.get_ready("make safe")
 
     def kill(self) -> None:
-        """Cancel a running call and all later ones; from any thread."""
+        """Cancel the spectroradiometer's running call and all later ones; from any thread."""
         self._line.cancel()
 
     def __enter__(self) -> Self:

@@ -54,7 +54,7 @@ class CS2000Measurement:
         self._cancelled, self._got_on = cancelled, note_progress
 
     def start(self) -> int:
-        """Start a measurement; return its duration in seconds, as the instrument announces it."""
+        """Start a measurement; return the duration in seconds that the CS-2000 announces."""
         self._link.send("MEAS,1", COMMAND)
         late = self._clock.now() + TIMING.pre_measurement
         while not self._line.has_received(b"\r", COMMAND, TIMING.poll_interval):
@@ -82,7 +82,7 @@ class CS2000Measurement:
         return False
 
     def await_end(self, seconds: int) -> None:
-        """Wait until the measurement has ended; CodeError if it failed.
+        """Wait until the CS-2000's measurement has ended; CodeError if it failed.
 
         seconds: the duration that start() returned.
         """
@@ -120,7 +120,7 @@ class CS2000Measurement:
         return self._ask_tolerantly(self._is_measuring, True)
 
     def _ask_tolerantly(self, ask: Callable[[], bool], default: bool) -> bool:
-        """Return the instrument's answer; `default` if it is late or garbled.
+        """Return the CS-2000's answer; `default` if it is late or garbled.
 
         The question can be repeated later.
         """
@@ -134,7 +134,7 @@ class CS2000Measurement:
             return default
 
     def _check_cancelled(self) -> None:
-        """Note progress of the measurement; DeviceError if the caller has cancelled it."""
+        """Note progress of the CS-2000's measurement; DeviceError if it was cancelled."""
         self._got_on()
         if self._cancelled():
             self._line.in_sync = False

@@ -61,7 +61,7 @@ class Canvas(QWindow):
         self._connection = int(application.nativeInterface().connection())
 
     def appear(self, grey: NDArray[uint8]) -> None:
-        """Put the window on the screen with this picture."""
+        """Put the SLM's window on the screen with this picture."""
         self._image = grey_image(grey)
         self.setVisible(True)
         # Seconds within which the X server must have mapped the window.
@@ -72,7 +72,7 @@ class Canvas(QWindow):
         self.draw(self._image)
 
     def draw(self, image: QImage) -> None:
-        """Draw a picture in the window; on return, the X server has received it."""
+        """Draw a picture in the SLM's window; on return, the X server has received it."""
         self._image = image
         self._flush()
         libxcb.round_trip(self._connection)

@@ -53,11 +53,11 @@ class PanelScreen:
 
     @property
     def window(self) -> int:
-        """Return the X server's number of the window."""
+        """Return the X server's number of the SLM's window."""
         return int(self._canvas.winId()) if self._canvas else 0
 
     def ensure_covered(self) -> bool:
-        """Return whether the window still covers the screen; otherwise cover it, neutral.
+        """Return whether the window still covers the SLM's screen; otherwise cover it, neutral.
 
         DeviceError if the screen is missing or another monitor is connected.
         """
@@ -163,7 +163,8 @@ class PanelScreen:
     def _check_ramp(self) -> bool:
         found = read_gamma_ramp(self.x, self.output.crtc)
         if not self.output.refresh and not found.any():
-            return True  # a virtual screen has no output, so its ramp is empty
+            # A virtual screen is sent to no monitor, so the X server leaves its ramp empty.
+            return True
         changed = gamma_ramp_error(found)
         if changed and not self._allow_ramp:
             remedy = (

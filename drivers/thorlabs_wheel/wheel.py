@@ -133,11 +133,11 @@ class ThorlabsWheel(Wheel):
             self._link.call_with_retry("save", lambda: self._link.ask("save", "save"))
 
     def kill(self) -> None:
-        """Cancel a running call and all later ones; from any thread."""
+        """Cancel the filter wheel's running call and all later ones; from any thread."""
         self._line.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Return why it counts as unplugged, empty while it is connected; see Device."""
+        """Return why the filter wheel counts as unplugged, empty while it is connected."""
         return self._line.unplugged_reason()
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:

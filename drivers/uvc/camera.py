@@ -126,7 +126,7 @@ class UVCCamera:
 
     @property
     def frame_time(self) -> float:
-        """Return the seconds for the frames that are discarded and the one that is kept."""
+        """Return the seconds for the camera frames that are discarded and the one that is kept."""
         return (self.discard_frames + QUEUE_LENGTH + 4) * self._period
 
     @property
@@ -210,7 +210,7 @@ class UVCCamera:
         self._connection.stop()
 
     def unplugged_reason(self) -> str | None:
-        """Return why it counts as unplugged, empty while it is connected; see Device."""
+        """Return why the UVC camera counts as unplugged, empty while it is connected."""
         return self._connection.unplugged_reason()
 
     def __enter__(self) -> Self:
@@ -221,7 +221,10 @@ class UVCCamera:
         self._connection.stop()
 
     def _mean_levels(self, command: str, count: int) -> list[tuple[int, float]]:
-        """Return the next frames' mean levels, and how many frames came since the exposure."""
+        """Return the mean levels of the camera's next frames, to measure its latency.
+
+        Each comes with the number of frames since the exposure was set.
+        """
         stream, number = self._connection.ensure_stream(command), 0
         levels: list[tuple[int, float]] = []
         while len(levels) < count:
@@ -247,7 +250,7 @@ class UVCCamera:
         raise self._connection.end_with_error("capture", "no frame of the new exposure came")
 
     def _require_frame_interval(self, stream: Stream, shot: StreamFrame) -> None:
-        """Raise DeviceError if frames come faster than the exposure allows."""
+        """Raise DeviceError if the camera's frames come faster than the exposure allows."""
         gap = self._in_force.too_short_interval(stream, shot)
         if gap:
             raise self._connection.refuse(

@@ -71,12 +71,15 @@ class Stream:
         self._thread.start()
 
     def count_frames_since(self, time_: float, number: int) -> int:
-        """Count the frames with times after `time_`, up to frame `number`."""
+        """Count the camera stream's frames with times after `time_`, up to frame `number`."""
         with self._changed:
             return sum(1 for count, at in self._times if at > time_ and count <= number)
 
     def interval_before(self, number: int) -> float:
-        """Return the seconds from the previous frame to frame `number`; infinite if unknown."""
+        """Return the seconds from the stream's previous frame to frame `number`.
+
+        Infinite if one of their times is unknown.
+        """
         with self._changed:
             times = dict(self._times)
         return times.get(number, math.inf) - times.get(number - 1, -math.inf)

@@ -123,11 +123,11 @@ class VariSpec:
         self._line.close()
 
     def kill(self) -> None:
-        """Cancel the running call, from any thread; the filter can't be used afterwards."""
+        """Cancel the tunable filter's running call, from any thread; it can't be used afterwards."""
         self._line.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Return why it counts as unplugged, empty while it is connected; see Device."""
+        """Return why the tunable filter counts as unplugged, empty while it is connected."""
         return self._line.unplugged_reason()
 
     @property
@@ -272,7 +272,7 @@ class VariSpec:
             )
 
     def _run(self, command: str, work: Callable[[], T], seconds: float = _call_timeout) -> T:
-        """Run `work` with the filter synchronised; retry up to twice if the line is noisy."""
+        """Run `work` with the VariSpec synchronised; retry up to twice if the line is noisy."""
         told = self._known_version
 
         def rest() -> None:
@@ -283,7 +283,7 @@ class VariSpec:
             return self._client.call_with_retry(rest, work)
 
     def _synchronise(self, command: str) -> None:
-        """Synchronise with the idle filter before a long operation."""
+        """Synchronise with the idle VariSpec before a long operation."""
         _ = self._known_version
         self._startup.wait_if_plugged_in_again(command)
         self._run(command, lambda: None)
@@ -308,5 +308,8 @@ class VariSpec:
 
 
 def _metres(nm: float) -> float:
-    """Convert nanometres to metres exactly at 0.01 nm, so that equal wavelengths compare equal."""
+    """Convert a filter's wavelength from nm to m, rounded so that equal ones compare equal.
+
+    The result is exactly round(nm * 100) / 1e11.
+    """
     return round(nm * 100) / 1e11

@@ -45,7 +45,7 @@ class VariSpecOptions:
 
 
 def as_tuple(name: str, values: Any) -> tuple[Any, ...]:
-    """Convert an option's list to a tuple; ValueError if it isn't a list."""
+    """Convert a VariSpec option from a list to a tuple; ValueError if it isn't a list."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Sequence):
         raise ValueError(f"{name} is {values!r}; give a list of numbers")
     return tuple(values)

@@ -41,7 +41,7 @@ class StartupTiming:
 
     @property
     def power_up(self) -> float:
-        """Return the time after plugging in within which the filter may initialise itself."""
+        """Return the time after plugging in within which a VariSpec may initialise itself."""
         return self.initialisation * self.time_factor
 
 
@@ -105,7 +105,7 @@ class VariSpecStartup:
         self._plugged_at = -math.inf
 
     def resynchronise(self, command: str, known: Version | None) -> Status:
-        """Abort the running command, discard late answers, and check that it is the same filter.
+        """Abort the VariSpec's command, discard late answers, and check that it is the same filter.
 
         Modes that a power failure resets are set again; the filter may then be uninitialised.
         """

@@ -206,7 +206,7 @@ def _connect(display: str, screen: ctypes.c_int) -> int:
     unwanted = threading.Event()
 
     def forget() -> None:
-        """Close a connection that came too late; either thread may do this."""
+        """Close an X connection that came too late; either thread may do this."""
         with contextlib.suppress(queue.Empty):
             libxcb.load_library().xcb_disconnect(made.get_nowait())
 

@@ -10,7 +10,7 @@ from typing import Any
 
 
 class ProtocolRequest(ctypes.Structure):
-    """xcb_protocol_request_t of xcbext.h; without `ext`, `opcode` is the major opcode."""
+    """Lay out libxcb's xcb_protocol_request_t; without `ext`, `opcode` is the major opcode."""
 
     _fields_ = (
         ("count", c_size_t),
@@ -21,7 +21,7 @@ class ProtocolRequest(ctypes.Structure):
 
 
 class IoVector(ctypes.Structure):
-    """struct iovec."""
+    """Lay out C's struct iovec, in which libxcb takes the bytes of a request."""
 
     _fields_ = (("base", c_void_p), ("length", c_size_t))
 
@@ -110,7 +110,9 @@ def next_event(connection: int) -> bytes | None:
     event = load_library().xcb_poll_for_event(connection)
     if not event:
         return None
-    length = 36  # libxcb appends the full sequence number after the first 32 bytes
-    if ctypes.string_at(event, 1)[0] & 0x7F == GENERIC_EVENT:  # these may be longer
+    # libxcb appends the full sequence number after the first 32 bytes.
+    length = 36
+    # Generic events may be longer.
+    if ctypes.string_at(event, 1)[0] & 0x7F == GENERIC_EVENT:
         length += 4 * c_uint32.from_address(event + 4).value
     return copy_and_free(event, length)

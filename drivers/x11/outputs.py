@@ -146,8 +146,10 @@ def _parse_modes(told: bytes, at: int, count: int) -> dict[int, tuple[int, int, 
         number, width, height, dots = struct.unpack_from("<IHHI", told, at)
         (columns,), (rows,) = (struct.unpack_from("<H", told, at + i) for i in (16, 24))
         (flags,) = struct.unpack_from("<I", told, at + 28)
-        fields = 2.0 if flags & 0x10 else 1.0  # interlaced
-        lines = rows * (2 if flags & 0x20 else 1)  # double scan
+        # Flag 0x10 is an interlaced mode, with two fields per frame.
+        fields = 2.0 if flags & 0x10 else 1.0
+        # Flag 0x20 is double scan, which shows each line twice.
+        lines = rows * (2 if flags & 0x20 else 1)
         found[number] = (width, height, fields * dots / max(1, columns * lines))
         at += 32
     return found

@@ -21,7 +21,8 @@ class XSharedMemory:
         libc.shmat.restype, libc.shmat.argtypes = c_void_p, (c_int, c_void_p, c_int)
         self._detach = libc.shmdt
         self._detach.argtypes = (c_void_p,)
-        ipc_private, ipc_creat, ipc_rmid = 0, 0o1000, 0  # of Linux' sys/ipc.h
+        # These are constants of Linux' sys/ipc.h.
+        ipc_private, ipc_creat, ipc_rmid = 0, 0o1000, 0
         number = libc.shmget(ipc_private, size, ipc_creat | 0o600)
         if number < 0:
             raise XError("no shared memory can be had")

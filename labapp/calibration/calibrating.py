@@ -76,7 +76,7 @@ def calibrate(
     )
     request = complete_request(request, bench)
     make_folder(folder)
-    # An earlier calibration is used if there is one, because it improves the gratings.
+    # The bench's calibration is used if it has one, because it improves the gratings.
     camera = bench.description
     exposures = []
     count = len(request.wavelengths_nm)

@@ -35,7 +35,7 @@ class CalibrationFrames:
 
     @staticmethod
     def of(record: Record) -> CalibrationFrames:
-        """Wrap a record; UserError if it isn't a calibration's, or isn't complete."""
+        """Wrap a calibration's record; UserError if it isn't one, or isn't complete."""
         text = record.plan.metadata.get(names.DESIGN_KEY)
         if not isinstance(text, str):
             raise UserError(
@@ -51,7 +51,7 @@ class CalibrationFrames:
         return CalibrationFrames(record, design, record.bench.build_camera())
 
     def raw_frames(self, pattern: str, wavelength_nm: float) -> NDArray[np.uint16]:
-        """Return all frames of a pattern at a wavelength, (frames, rows, columns)."""
+        """Return the record's frames of a pattern at a wavelength, (frames, rows, columns)."""
         indices = self._at(wavelength_nm, target=self.design.request.star, pattern=pattern)
         if not indices:
             raise UserError(
@@ -80,7 +80,10 @@ class CalibrationFrames:
         return np.mean([self.record.image(index) for index in indices], axis=0)
 
     def mean_light(self, pattern: str, wavelength_nm: float, dark: Array) -> tuple[Array, Array]:
-        """Average a pattern's frames less the dark frame; return mean and variance (rows, columns)."""
+        """Average a calibration pattern's frames and subtract the dark frame.
+
+        Return the mean and its variance, both (rows, columns).
+        """
         frames = self.raw_frames(pattern, wavelength_nm).astype(np.float64)
         sensor = self.camera.sensor
         variance = frame_variance(frames, sensor).mean(axis=0) / len(frames)
@@ -92,7 +95,10 @@ class CalibrationFrames:
         return brightest >= self.camera.sensor.full_scale
 
     def hot_pixels(self, dark: Array) -> NDArray[np.bool_]:
-        """Mark the hot pixels: those that exceed the dark frame's median by 8 times the read noise."""
+        """Mark the hot pixels of a dark frame.
+
+        They exceed its median by more than 8 times the read noise and 1 DN.
+        """
         sensor = self.camera.sensor
         return dark - np.median(dark) > 8.0 * sensor.read_noise / sensor.gain + 1
 

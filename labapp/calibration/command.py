@@ -47,7 +47,7 @@ class CalibrateOptions:
     star_m: float | None
 
     def request(self) -> CalibrationRequest:
-        """Convert the options to a calibration request; UserError names an invalid option."""
+        """Convert the command's options to a calibration request; UserError names a wrong one."""
         rows, _, columns = self.regions.partition("x")
         if not (rows.isdigit() and columns.isdigit()):
             raise UserError(f"--regions {self.regions}: give rows x columns, as in 2x2.")

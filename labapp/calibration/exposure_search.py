@@ -208,5 +208,5 @@ def nominal_star_width(camera: Camera, wavelength_nm: float) -> float:
 
 
 def _milliseconds(seconds: float) -> float:
-    """Convert seconds to milliseconds, rounded to whole microseconds as cameras count."""
+    """Convert an exposure from s to ms, rounded to whole microseconds as cameras count."""
     return round(seconds * 1e6) / 1e3

@@ -45,7 +45,7 @@ def _wavelength_row(
 ) -> None:
     grid = figure.add_gridspec(2, 3, width_ratios=[1.15, 1, 1], height_ratios=[3, 1])
     _draw_spots(figure.add_subplot(grid[:, 0]), fits, frames, nm)
-    # More than twelve curves couldn't be told apart.
+    # At most twelve regions are drawn.
     regions = fits.responses.get(nm, [])[:12]
     if regions:
         _draw_curves(figure.add_subplot(grid[:, 1]), fits, regions, nm)

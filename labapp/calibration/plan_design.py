@@ -67,7 +67,7 @@ def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...
     """
     top = levels - 1
     x = np.linspace(0, 1, frames - 1)
-    # At the ends the levels are denser by a share of 0.35.
+    # At the ends, the spacing of the levels is 35 % below the mean.
     spread = top * (x - 0.35 * np.sin(2 * math.pi * x) / (2 * math.pi))
     high = np.append(spread.round().astype(int), top)
     quarter = max(1, round(top * (math.pi / 2) / reach))

@@ -72,13 +72,13 @@ class FrameStream:
             self._buffers.clear()
 
     def trigger(self) -> float:
-        """Trigger a frame by software; return the time.monotonic() just before."""
+        """Trigger a camera frame by software; return the time.monotonic() just before."""
         began = time.monotonic()
         self._owner.camera.software_trigger()
         return began
 
     def drain(self) -> list[int]:
-        """Discard the frames that wait in the queue; return their numbers."""
+        """Discard the camera frames that wait in the stream's queue; return their numbers."""
         ids = []
         while (buffer := self._stream.try_pop_buffer()) is not None:
             ids.append(buffer.get_frame_id())
@@ -86,7 +86,7 @@ class FrameStream:
         return ids
 
     def pop(self, seconds: float, back: int = -1) -> dict[str, Any] | None:
-        """Return a note on the next frame; None if none comes in time.
+        """Return a note on the camera stream's next frame; None if none comes in time.
 
         back: the place of a frame that was read, whose buffer is returned to the stream.
         """
@@ -116,7 +116,7 @@ class FrameStream:
         return note
 
     def counts(self) -> dict[str, int]:
-        """Return the frame statistics that the library has counted over all streams."""
+        """Return the frame statistics that Aravis has counted over all streams."""
         counts, stream = dict(self._totals), self._stream
         if stream is None:
             return counts

@@ -41,7 +41,10 @@ class _RequestServer:
                 self._send(capture_result(self._execute, request.name, request.arguments))
 
     def _execute(self, name: str, given: Sequence[Any]) -> Any:
-        """Return the answer; ConnectionError if the camera is lost, RuntimeError if it refuses."""
+        """Return Aravis' answer to a request.
+
+        ConnectionError if the camera is lost, RuntimeError if the library refuses the request.
+        """
         self._require_camera()
         try:
             answer = self._method(name)(*given)
