@@ -123,7 +123,7 @@ class VariSpec:
         self._line.close()
 
     def kill(self) -> None:
-        """Cancel the tunable filter's running call, from any thread; it can't be used afterwards."""
+        """Cancel the filter's running call, from any thread; it can't be used afterwards."""
         self._line.cancel()
 
     def unplugged_reason(self) -> str | None:
