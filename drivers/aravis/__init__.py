@@ -1,7 +1,7 @@
-"""GigE Vision and USB3 Vision cameras through Aravis, whose library has a process of its own.
+"""Drive GigE Vision and USB3 Vision cameras through the Aravis library, in a child process.
 
-`library` is what lives there; it needs nothing but Python's standard library and gi, so that it
-also runs on the system's Python where this one has no gi.
+The code in `library` runs in that child process. It needs only Python's standard library and gi,
+so that it also runs on the system's Python where the application's Python has no gi.
 """
 
 from __future__ import annotations

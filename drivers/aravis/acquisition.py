@@ -1,4 +1,4 @@
-"""Which frames of a camera are taken: those that really are of what was set, and no other."""
+"""Take frames of an Aravis camera, and accept only those that have the settings that were set."""
 
 from __future__ import annotations
 
@@ -18,28 +18,42 @@ from drivers.aravis.pixel_formats import PixelFormat, unpack
 from drivers.errors import DeviceError
 
 REPLY_TIMEOUT = 3.0
-"""Seconds in which the library must have answered anything but a wait for a frame."""
+"""Seconds within which the library must answer any request except a wait for a frame."""
 
-_POLL_INTERVAL = 0.05
-"""Seconds between looks at whether a wait was cancelled."""
 
-_MAX_BAD_FRAMES = 3
-"""Bad frames after which one gives up; fewer where there is no time for more."""
+@dataclass(frozen=True)
+class AcquisitionLimits:
+    """Limit how long a camera's frames are waited for, and how many are rejected.
 
-_MAX_OUTDATED_FRAMES = 8
-"""Frames after which a camera that tells their exposures must have obeyed."""
+    Attributes
+    ----------
+    poll_interval : float
+        Seconds between checks of whether a wait was cancelled. Chosen.
+    max_bad_frames : int
+        Bad frames after which a capture fails; fewer if time runs out before. Chosen.
+    max_outdated_frames : int
+        Frames of an older exposure after which a capture fails, for a camera that reports the
+        exposure of each frame. Chosen.
+    exposure_tolerance_us : float
+        Microseconds by which the reported exposure may differ from the one that was set. Chosen.
+    exposure_tolerance : float
+        The same as a share of the exposure; the larger of the two counts. Chosen.
+    """
 
-_EXPOSURE_TOLERANCE_US = 1.0
-"""Microseconds by which what a frame tells of its exposure may differ from what was set..."""
+    poll_interval: float = 0.05
+    max_bad_frames: int = 3
+    max_outdated_frames: int = 8
+    exposure_tolerance_us: float = 1.0
+    exposure_tolerance: float = 1e-3
 
-_EXPOSURE_TOLERANCE = 1e-3
-"""...and the part of it, whichever is more."""
+
+_LIMITS = AcquisitionLimits()
 
 _REMEDY = "Take it again; if it goes on, look at the network, the packet size and the cable"
 
 
 class AcquiredFrame(NamedTuple):
-    """A frame's pixels, its number, and the time.monotonic() at which its exposure began."""
+    """Hold a frame's pixels, its number, and the time.monotonic() when its exposure began."""
 
     image: NDArray[np.uint16]
     number: int
@@ -47,20 +61,22 @@ class AcquiredFrame(NamedTuple):
 
 
 class _OutdatedFrame(BadFrame):
-    """A frame that tells itself that it is of another exposure."""
+    """Report a frame whose own metadata gives another exposure than the one that was set."""
 
 
 @dataclass
 class FrameAcquisition:
-    """Takes frames of an open camera, as it is set.
+    """Take frames from an open camera and reject those that don't have its settings.
 
-    region: x, y, width, height. exposure: seconds, as the camera has read it back.
-    reports_exposure: it says of each frame how long that was exposed. timeout_margin: seconds
-    beyond a frame's own time in which a call must have ended. A frame is taken only if it is
-    complete, of the region and format that were set, next in number, begun after it was asked for,
-    told to be of the exposure that was set if the camera tells that, or else not one of the first
-    `latency` after a change, which some cameras still expose as before; and if the camera, asked
-    after it, still has that exposure.
+    A frame is accepted only if it is complete, has the region and format that were set, has the
+    next number, and began after the call. If the camera reports the exposure of each frame, that
+    must be the exposure that was set. Otherwise the first `latency_frames` frames after a change
+    are discarded, because some cameras still expose them as before. After each frame the camera
+    is asked whether it still has that exposure.
+
+    region: x, y, width, height in pixels. exposure: seconds, as the camera has read it back.
+    reports_exposure: whether the camera reports the exposure of each frame. timeout_margin:
+    seconds beyond a frame's own time within which a call must have ended.
     """
 
     link: AravisProcess
@@ -87,24 +103,24 @@ class FrameAcquisition:
 
     @property
     def readout_time(self) -> float:
-        """Seconds from the end of an exposure to a picture in memory, through 1 Gbit/s."""
+        """Estimate the seconds from the end of an exposure to a picture in memory, at 1 Gbit/s."""
         return 0.02 + self.pixel_format.byte_count(self.shape) / 100e6
 
     @property
     def frame_time(self) -> float:
-        """The same, and what frames take that are thrown away first."""
+        """Return `readout_time` plus the time of the frames that are discarded first, in s."""
         return self.readout_time + self._frames_to_discard * (self.exposure + self.readout_time)
 
     def mark_settings_changed(self) -> None:
-        """Frames from before, and the first ones after, are of another exposure or gain."""
+        """Note that exposure or gain changed, so that frames with the old ones are discarded."""
         self._changed_at = time.monotonic()
-        # A free-running camera exposes the next frame already while it reads one.
+        # A free-running camera already exposes the next frame while it reads one out.
         ahead = self.options.trigger != "software"
         self._frames_to_discard = (
             0 if self.reports_exposure else self.options.latency_frames + ahead
         )
         if ahead:
-            # Nor can it be said of frames on their way when they left.
+            # It isn't known when the frames that are in transit left the camera.
             self._running = False
 
     def start(self) -> None:
@@ -112,7 +128,7 @@ class FrameAcquisition:
         memory = self.link.ask("start", self.options.buffers, timeout=REPLY_TIMEOUT)
         self._size, self._length = memory["size"], memory["length"]
         self._running, self._arrivals, self._buffer_to_return = True, FrameArrivals(), -1
-        # Who knows what had been begun, or set by others, before this?
+        # Another program may have started an exposure or changed a setting before this.
         self._frames_to_discard = max(
             self._frames_to_discard, 0 if self.reports_exposure else self.options.latency_frames
         )
@@ -124,11 +140,11 @@ class FrameAcquisition:
         self.link.ask("stop", timeout=REPLY_TIMEOUT)
 
     def take(self, cancelled: Callable[[], bool]) -> AcquiredFrame:
-        """A frame whose exposure begins after this is called; DeviceError if there is none."""
+        """Take a camera frame whose exposure begins after this call; DeviceError if none comes."""
         return self._take(cancelled, time.monotonic())
 
     def take_next(self, cancelled: Callable[[], bool]) -> AcquiredFrame:
-        """The next frame of a free-running camera whose exposure began after the last change."""
+        """Take a free-running camera's next frame that began after the last change of settings."""
         return self._take(cancelled, self._changed_at)
 
     def _take(self, cancelled: Callable[[], bool], since: float) -> AcquiredFrame:
@@ -148,16 +164,16 @@ class FrameAcquisition:
                 self.counts["taken"] += 1
                 return taken
             except _OutdatedFrame as old:
-                # It says itself that it hasn't obeyed yet: so it is going on.
+                # The camera hasn't applied the new exposure yet, so keep the stream running.
                 self.counts[old.kind] += 1
-                most = _MAX_OUTDATED_FRAMES
+                most = _LIMITS.max_outdated_frames
                 bad: BadFrame = old
             except BadFrame as found:
                 self.counts[found.kind] += 1
-                # A new stream: whatever is still on its way never arrives there.
+                # Start a new stream: frames that are in transit never arrive in it.
                 self._running = False
                 nobody = self.options.trigger == "hardware" and found.kind == "missing"
-                most = 1 if nobody else _MAX_BAD_FRAMES
+                most = 1 if nobody else _LIMITS.max_bad_frames
                 bad = found
             tries += 1
             again = self.exposure + self.frame_time + self._frame_timeout
@@ -167,12 +183,12 @@ class FrameAcquisition:
 
     @property
     def _frame_timeout(self) -> float:
-        """Seconds beyond its own time for which a frame is waited for."""
+        """Return the seconds for which a camera frame is waited for beyond its own time."""
         more = self.options.trigger_wait_s if self.options.trigger == "hardware" else 0.0
         return more + self.options.frame_timeout_ms * 1e-3
 
     def _next_good_frame(self, cancelled: Callable[[], bool], since: float) -> AcquiredFrame:
-        """The next good frame that was begun after `since`."""
+        """Return the camera's next good frame whose exposure began after `since`."""
         triggered = self.options.trigger == "software"
         if triggered:
             self._return_buffer()
@@ -189,7 +205,7 @@ class FrameAcquisition:
             began = since
             if not triggered:
                 began = self._arrivals.departure_time(note) - self.exposure
-                # Reported, not taken for anything.
+                # Lost frames are only reported; they aren't an error.
                 self.counts["dropped"] += self._arrivals.frames_lost_before(note)
             if began < since or (triggered and not self._arrivals.is_fresh(note, since)):
                 self.counts["stale"] += 1
@@ -217,7 +233,7 @@ class FrameAcquisition:
                 reply = "it was cancelled"
                 raise DeviceError(self.link.model, "capture", reply, "Take it again")
             back, self._buffer_to_return = self._buffer_to_return, -1
-            wait = min(_POLL_INTERVAL, max(0.0, late - time.monotonic()))
+            wait = min(_LIMITS.poll_interval, max(0.0, late - time.monotonic()))
             note: dict[str, Any] | None = self.link.ask("pop", wait, back, timeout=REPLY_TIMEOUT)
             if note is not None:
                 self._buffer_to_return = note["place"]
@@ -258,10 +274,12 @@ class FrameAcquisition:
 
     def _matches_exposure(self, us: float) -> bool:
         asked = self.exposure * 1e6
-        return abs(us - asked) <= max(_EXPOSURE_TOLERANCE_US, _EXPOSURE_TOLERANCE * asked)
+        return abs(us - asked) <= max(
+            _LIMITS.exposure_tolerance_us, _LIMITS.exposure_tolerance * asked
+        )
 
     def _require_exposure(self) -> None:
-        """Something else may have set it meanwhile: then it is set again, and taken again."""
+        """Raise BadFrame if another program changed the exposure, which is then set again."""
         us = float(self.link.ask("exposure", timeout=REPLY_TIMEOUT))
         if self._matches_exposure(us):
             return
@@ -271,10 +289,13 @@ class FrameAcquisition:
 
 
 def to_microseconds(seconds: float) -> float:
-    """What a camera is told: some cut what is a rounding error below a whole number."""
+    """Convert an exposure to microseconds, rounded to 1 ns.
+
+    Some cameras truncate, so a rounding error below a whole number would cost a microsecond.
+    """
     return round(seconds * 1e6, 3)
 
 
 def set_exposure(link: AravisProcess, us: float) -> float:
-    """Set the exposure; in seconds, what the camera has made of it."""
+    """Set the camera's exposure in microseconds; return what it reads back, in seconds."""
     return float(link.ask("set_exposure", us, timeout=REPLY_TIMEOUT)) * 1e-6

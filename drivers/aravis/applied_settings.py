@@ -1,4 +1,4 @@
-"""How an open camera is set: as its options want it, and each thing read back."""
+"""Apply the options of an Aravis camera to the open camera, and read each setting back."""
 
 from __future__ import annotations
 
@@ -12,15 +12,20 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Identity
 
 SETTING_TOLERANCE = 0.1
-"""Part of an exposure by which a camera may miss it: they count in lines or microseconds."""
+"""Share by which a camera may miss a requested exposure or frame rate.
+
+Cameras count exposures in sensor lines or microseconds.
+"""
 
 
 class AppliedSettings:
-    """Of a camera that has just been opened. DeviceError for what it can't be set to.
+    """Apply the options to a camera that has just been opened, and keep what it reads back.
 
-    previous: its settings before it had gone, if it had: it must be the same camera. exposure,
-    gain, packet_size: as it reads them back, in seconds, decibels and bytes. reports_exposure:
-    whether it says of each frame how long that was exposed.
+    DeviceError if the camera can't be set so.
+
+    previous: the settings from before the camera was lost, if it was; it must be the same camera.
+    gain, packet_size: as the camera reads them back, in decibels and bytes. reports_exposure:
+    whether the camera reports the exposure of each frame.
     """
 
     def __init__(
@@ -57,7 +62,7 @@ class AppliedSettings:
 
     @property
     def gain_range(self) -> tuple[float, float] | None:
-        """Decibels; None if it has no gain."""
+        """Return the camera's range of gain in decibels; None if it has no gain."""
         gain = self.facts["gain_db"]
         return None if gain is None else (gain[0], gain[1])
 
@@ -89,7 +94,7 @@ class AppliedSettings:
         return region
 
     def set_gain(self, gain_db: float) -> float:
-        """Set it; what the camera has made of it."""
+        """Set the camera's gain in decibels; return the gain that it reads back."""
         bounds = self.gain_range
         if bounds is None:
             if gain_db:

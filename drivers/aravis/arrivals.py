@@ -1,15 +1,15 @@
-"""Frames of one stream as they arrive: which is the next one, and when it left the camera."""
+"""Check the order of a camera stream's frames, and estimate when each left the camera."""
 
 from __future__ import annotations
 
 from typing import Any
 
 _MAX_CLOCK_DRIFT = 1e-4
-"""By which part a camera's clock may be slow."""
+"""Relative rate by which a camera's clock may be slow; chosen."""
 
 
 class BadFrame(Exception):
-    """A frame that can't be taken. kind: the name it is counted under."""
+    """Report a camera frame that is rejected. kind: the name under which it is counted."""
 
     def __init__(self, kind: str, words: str) -> None:
         super().__init__(words)
@@ -17,14 +17,17 @@ class BadFrame(Exception):
 
 
 class FrameArrivals:
-    """Of a stream that has just begun. A note: what the library tells of a frame."""
+    """Track the frames of a stream that has just begun.
+
+    Its methods take a note: what the library reports about one frame.
+    """
 
     def __init__(self) -> None:
         self._last: int | None = None
         self._clock_offset: tuple[float, float] | None = None
 
     def is_fresh(self, note: dict[str, Any], since: float) -> bool:
-        """Whether it is the one that was triggered: no other has come from this stream."""
+        """Return whether this frame is the triggered one, and not an older or repeated frame."""
         number, last = note["number"], self._last
         if note["arrived"] < since - 1e-3:
             return False
@@ -36,7 +39,7 @@ class FrameArrivals:
         return True
 
     def frames_lost_before(self, note: dict[str, Any]) -> int:
-        """How many frames never arrived before this one, by their numbers."""
+        """Count by the frame numbers how many frames were lost just before this one."""
         number, last = note["number"], self._last
         self._last = number
         if last is None or follows(number, last):
@@ -45,10 +48,11 @@ class FrameArrivals:
         return max(1, number + around - last - 1)
 
     def departure_time(self, note: dict[str, Any]) -> float:
-        """When a frame left the camera, by both clocks: a busy computer notices it later.
+        """Estimate the time.monotonic() at which a frame left the camera.
 
-        The camera's clock counts from anywhere; the least that one was ever behind the other
-        is what lies between them, but for what they drift apart.
+        A busy computer notices a frame late, so the camera's own time stamp is used, too. The
+        camera's clock has an arbitrary zero. The smallest difference seen so far between arrival
+        and stamp is taken as the offset between the clocks, with an allowance for their drift.
         """
         arrived: float = note["arrived"]
         if not note["stamp"]:
@@ -63,5 +67,9 @@ class FrameArrivals:
 
 
 def follows(number: int, last: int) -> bool:
-    """GigE Vision counts to 65535 and then from 1, or in 64 bits; USB3 Vision from 0."""
+    """Return whether a camera's frame number directly follows `last`.
+
+    GigE Vision counts to 65535 and continues from 1, or counts in 64 bits; USB3 Vision begins
+    at 0.
+    """
     return number == last + 1 or (last == 65535 and number in (0, 1))

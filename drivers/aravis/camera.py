@@ -1,4 +1,4 @@
-"""A GigE Vision or USB3 Vision camera."""
+"""Drive a GigE Vision or USB3 Vision camera through Aravis."""
 
 from __future__ import annotations
 
@@ -21,29 +21,56 @@ from drivers.aravis.library_process import AravisProcess, CameraLost, open_camer
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
 
-_OPEN_TIMEOUT = 2.0
-"""Seconds for which a camera is tried to be opened: one forgets its last owner after 1.5."""
-
 
 class AravisCamera:
-    """A GigE Vision or USB3 Vision camera through Aravis 0.8, the same code for both.
+    """Take frames with a GigE Vision or USB3 Vision camera through Aravis 0.8.
 
-    address: serial number, IP address, or Aravis' id; the first camera found if empty, which
-    takes a second to find. pixel_format: a name of GenICam's, such as Mono12p or BayerRG8; the
-    camera's own if empty. Mosaics are given as they are, `bayer` tells their pattern. gain_db,
-    roi [x, y, width, height], binning [across, down]: as the camera can. trigger: "software",
-    each picture when asked; "hardware", at the camera's input `trigger_line`; "free", one
-    after the other, at `frame_rate` a second if that isn't 0. packet_size: bytes; negotiated
-    if 0. buffers: frames that may wait. latency_frames: how many frames after a change of
-    exposure may still be of the old one; they are thrown away, unless the camera tells the
-    exposure of each (chunk data), when nothing needs to be thrown away. Set it to 0 for a
-    camera that is known to obey at once. frame_timeout_ms: beyond exposure and frame time,
-    after which a frame counts as missing. trigger_wait_s: for a hardware trigger.
-    electrons_per_number: at 0 dB, from the data sheet.
+    The same code drives both kinds of camera. The library runs in a child process, which is
+    killed if it hangs. The next call then starts another one and opens the camera again, which
+    must have the same serial number. `FrameAcquisition` says which frames are accepted.
 
-    The library has a process of its own, which is killed when it hangs; the next call starts
-    another and opens the camera anew, which must have the same serial number. A frame is taken
-    only as `FrameAcquisition` tells.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock.
+    address : str
+        Serial number, IP address or Aravis' id; the first camera found if empty. The search
+        takes a second.
+    pixel_format : str
+        GenICam's name of the format, such as "Mono12p" or "BayerRG8"; the camera's current one
+        if empty. Mosaics aren't demosaiced; `bayer` gives their pattern.
+    gain_db : float
+        Gain in decibels, within the camera's range.
+    roi : sequence of int
+        Region [x, y, width, height] in pixels; the whole sensor if empty.
+    binning : sequence of int
+        Pixels that are combined, [across, down].
+    trigger : {"software", "hardware", "free"}
+        "software": each frame is triggered by a call. "hardware": by the camera's input
+        `trigger_line`. "free": the camera runs freely.
+    trigger_line : str
+        The camera's input for hardware triggers.
+    frame_rate : float
+        Frames per second of a free-running camera; 0 leaves the camera's own.
+    packet_size : int
+        Size of the network packets in bytes; negotiated if 0.
+    buffers : int
+        Number of frames that may wait in memory, at least 2.
+    latency_frames : int
+        Number of frames after a change of exposure that may still have the old one. They are
+        discarded unless the camera reports the exposure of each frame (chunk data). Set it to 0
+        for a camera that is known to apply a new exposure at once.
+    frame_timeout_ms : float
+        Milliseconds beyond exposure and frame time after which a frame counts as missing.
+    trigger_wait_s : float
+        Seconds for which a hardware trigger is waited for.
+    electrons_per_number : float
+        Conversion gain in electrons per digital number at 0 dB, from the data sheet.
+
+    Raises
+    ------
+    ValueError
+        If an option is invalid.
     """
 
     settling = 0.0
@@ -109,7 +136,7 @@ class AravisCamera:
 
     @property
     def bayer(self) -> str:
-        """Colours of the mosaic's first two pixels, such as RG; empty if it has none."""
+        """Return the colours of the mosaic's first two pixels, such as RG; empty without one."""
         return self._acquisition.pixel_format.bayer
 
     @property
@@ -122,12 +149,12 @@ class AravisCamera:
 
     @property
     def gain_range(self) -> tuple[float, float] | None:
-        """Decibels; None if it has no gain."""
+        """Return the camera's range of gain in decibels; None if it has no gain."""
         return self._settings.gain_range
 
     @property
     def exposure(self) -> float:
-        """Seconds, as the camera itself reads it back."""
+        """Return the exposure time in seconds, as the camera reads it back."""
         return self._acquisition.exposure
 
     @property
@@ -136,7 +163,7 @@ class AravisCamera:
 
     @property
     def counts(self) -> Counter[str]:
-        """Frames since it was made: taken, thrown away, stale, missing, incomplete, ..."""
+        """Count the frames since this object was made: taken, thrown away, stale, missing, ..."""
         return Counter(self._counts)
 
     def set_exposure(self, exposure: float) -> Setting[float]:
@@ -156,7 +183,7 @@ class AravisCamera:
             return Setting(exposure, actual, self._clock.now())
 
     def set_gain(self, gain_db: float) -> Setting[float]:
-        """Decibels; the gain that stands when it is opened is the option's."""
+        """Set the camera's gain in decibels; the option `gain_db` applies when it is opened."""
         with self._translate_errors("set gain"):
             taking = self._ensure_open()
             actual = self._settings.set_gain(gain_db)
@@ -164,14 +191,14 @@ class AravisCamera:
             return Setting(gain_db, actual, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """A picture whose exposure begins after this is called."""
+        """Take a camera frame whose exposure begins after this call."""
         with self._translate_errors("capture"):
             return self._build_frame(self._ensure_open().take(cancelled))
 
     def next_frame(self, cancelled: Callable[[], bool]) -> Frame:
-        """The next picture of a free-running camera, none left out that wasn't counted.
+        """Return the next frame of a free-running camera; frames that were lost are counted.
 
-        Its exposure may have begun before the call, but after anything was set.
+        Its exposure may have begun before the call, but not before the last change of settings.
         """
         if self._options.trigger == "software":
             raise self._error("next frame", "it isn't free-running", "Use capture()")
@@ -192,20 +219,20 @@ class AravisCamera:
             return told | {name.replace("_", " "): str(n) for name, n in counted.items()}
 
     def make_safe(self) -> None:
-        """Stop exposing."""
+        """Stop the camera's acquisition."""
         if self._link is None:
             return
         with self._translate_errors("stop"):
             self._acquisition.stop()
 
     def kill(self) -> None:
-        """End the library's process; from any thread. The next call starts another one."""
+        """Kill Aravis' child process, from any thread; the next call starts another one."""
         link = self._link
         if link is not None:
             link.kill()
 
     def unplugged_reason(self) -> str | None:
-        """Why it counts as unplugged, empty while it is there; see Device."""
+        """Return why the camera counts as unplugged, empty while it is connected; see Device."""
         link = self._link
         return None if link is None else link.unplugged_reason()
 
@@ -230,10 +257,11 @@ class AravisCamera:
         return self._open_acquisition
 
     def _ensure_open(self) -> FrameAcquisition:
-        """The camera as it was set, opened again if it had gone."""
+        """Return the open camera's acquisition; open the camera again if it was lost."""
         if self._link is not None:
             return self._acquisition
-        link = open_camera(self._model, self._options.address, _OPEN_TIMEOUT)
+        # A camera forgets a controller that has died after 1.5 s.
+        link = open_camera(self._model, self._options.address, timeout=2.0)
         try:
             self._open_acquisition = self._set_up(link)
         except BaseException:
@@ -271,9 +299,10 @@ class AravisCamera:
         return Frame(taken.image, self._acquisition.exposure, gain, began, number)
 
     def _unwrap_number(self, number: int) -> int:
-        """The camera's count, which may end at 65535 (GigE Vision 1) or begin anew, going on.
+        """Return a frame number that always increases, although the camera's may restart.
 
-        What has the number of the frame before isn't taken in the first place.
+        GigE Vision 1 counts only to 65535, and a new stream may begin again. Frames with the
+        same number as the one before are rejected earlier.
         """
         step = number - self._camera_number
         self._number += step if step > 0 else 1
@@ -281,7 +310,7 @@ class AravisCamera:
         return self._number
 
     def _note_progress(self, seconds: float) -> None:
-        """It goes on, and will be busy for some seconds."""
+        """Note that the camera makes progress and will be busy for some seconds."""
         self.alive_at = time.monotonic() + seconds
 
     def _disconnect(self) -> None:
@@ -291,7 +320,7 @@ class AravisCamera:
 
     @contextlib.contextmanager
     def _translate_errors(self, command: str) -> Iterator[None]:
-        """What is gone is opened again at the next call."""
+        """Turn errors into DeviceError; a lost camera is opened again at the next call."""
         try:
             yield
         except CameraLost:

@@ -1,4 +1,4 @@
-"""Aravis' process, as seen from here: it is asked, waited for, and killed if it hangs."""
+"""Call the Aravis library in its child process, with timeouts, and kill it if it hangs."""
 
 from __future__ import annotations
 
@@ -21,32 +21,29 @@ from drivers.hosted.calls import CallRequest
 from drivers.hosted.child_process import ChildProcess, ProcessEnded
 
 SYSTEM_PYTHON = "/usr/bin/python3"
-"""Where distributions put gi for."""
+"""The interpreter for which Linux distributions package gi."""
 
 PACKAGES = "gir1.2-aravis-0.8 python3-gi"
-"""What Debian and Ubuntu call what is needed."""
+"""Names of the needed packages in Debian and Ubuntu."""
 
 _START_TIMEOUT = 10.0
-"""Seconds in which the process must have loaded its library."""
-
-_CLOSE_TIMEOUT = 4.0
-"""Seconds in which the process must have closed the camera and ended."""
+"""Seconds within which the process must have loaded its library; chosen."""
 
 _INSTALL = f"Install it with: sudo apt-get install --no-install-recommends {PACKAGES}"
 
 
 class CameraLost(DeviceError):
-    """The camera or its process is lost: the next call has to open it again."""
+    """Report that the camera or Aravis' process is lost; the next call must open it again."""
 
 
 class RequestRefused(DeviceError):
-    """The library says no; the camera is still there."""
+    """Report that the Aravis library refused a request; the camera is still connected."""
 
 
 class AravisProcess:
-    """A process of Aravis, which may be asked what the classes in `library` have methods for.
+    """Run the Aravis library in a child process, and call the methods of the classes in `library`.
 
-    model: the camera's name in errors. DeviceError if there is no Aravis.
+    model: the camera's name in errors. DeviceError if Aravis isn't installed.
     """
 
     def __init__(self, model: str) -> None:
@@ -56,7 +53,8 @@ class AravisProcess:
                 "library.request_server:main",
                 python=python_with_gi(),
                 folders=[str(Path(__file__).parent)],
-                grace=_CLOSE_TIMEOUT,
+                # Seconds within which the process must have closed the camera and ended.
+                grace=4.0,
             )
         except OSError as error:
             raise DeviceError(model, "open", f"no Python with gi: {error}", _INSTALL) from error
@@ -65,29 +63,31 @@ class AravisProcess:
         self._open = True
 
     def unplugged_reason(self) -> str | None:
-        """Why the camera counts as lost, empty while it doesn't; from any thread.
+        """Return why the camera counts as lost, empty while it doesn't; from any thread.
 
-        None while something is asked, which is told then, or when its process has ended.
+        None while a request is running, which then reports the loss itself, or when the process
+        has ended.
         """
         if not self._turn.acquire(blocking=False):
             return None
         try:
             if not self._open or wait([self._process.exit_descriptor], 0):
                 return None
-            # Nothing was asked, and its process says by itself only that the camera is lost.
+            # Without a request, the process sends a message only when the camera is lost.
             return "it answers no more" if wait([self._process.line.fileno()], 0) else ""
         finally:
             self._turn.release()
 
     def ask(self, name: str, *given: Any, timeout: float) -> Any:
-        """What the library answers.
+        """Call a method of the Aravis library in the child process, and return its answer.
 
-        RequestRefused if it says no; CameraLost, and the process killed, if nothing comes.
+        RequestRefused if the library refuses. If no answer comes, the process is killed, and
+        CameraLost is raised.
         """
         with self._turn:
             if not self._open:
                 raise CameraLost(self.model, name, "its process is closed", "Take it again")
-            # Numpy's numbers are floats, too, but the other Python may not know them.
+            # NumPy's floats are converted, because the other Python may not have NumPy.
             plain = [float(one) if isinstance(one, float) else one for one in given]
             self._process.send(CallRequest(name, plain))
             try:
@@ -112,17 +112,17 @@ class AravisProcess:
         return CameraLost(self.model, name.replace("_", " "), reply, remedy)
 
     def shared_bytes(self, place: int, size: int, length: int) -> NDArray[np.uint8]:
-        """What lies in the memory that both see, `length` bytes long; not a copy."""
+        """Return bytes of the memory shared with Aravis' process, `length` bytes long; no copy."""
         if self._mapped is None or len(self._mapped) != length:
             self._mapped = mmap.mmap(self._process.line.memory, length)
         return np.frombuffer(self._mapped, np.uint8, size, place)
 
     def kill(self) -> None:
-        """End the process at once; from any thread, as often as you like."""
+        """Kill Aravis' process at once; from any thread, and any number of times."""
         self._process.kill()
 
     def close(self) -> None:
-        """Let the process close the camera and end; kill it if it doesn't."""
+        """Let Aravis' process close the camera and end; kill it if it doesn't."""
         with self._turn:
             if not self._open:
                 return
@@ -132,17 +132,25 @@ class AravisProcess:
 
 
 def python_with_gi() -> list[str]:
-    """The command of a Python that can load Aravis, if any can."""
+    """Return the command of a Python interpreter that can load Aravis, if there is one."""
     if importlib.util.find_spec("gi") is not None:
         return [sys.executable, "-P"]
-    # Nothing of this Python's packages: they may be of another version.
+    # -I hides this Python's packages, which may be built for another version.
     return [SYSTEM_PYTHON, "-I"]
 
 
 def find_cameras() -> list[dict[str, str]]:
-    """The cameras that answer: id, vendor, model, serial, address, protocol. Takes a second.
+    """List the GigE Vision and USB3 Vision cameras that answer; takes a second.
 
-    DeviceError if there is no Aravis.
+    Returns
+    -------
+    list of dict
+        For each camera: id, vendor, model, serial, address and protocol.
+
+    Raises
+    ------
+    DeviceError
+        If Aravis isn't installed.
     """
     link = AravisProcess("Aravis")
     try:
@@ -152,9 +160,10 @@ def find_cameras() -> list[dict[str, str]]:
 
 
 def open_camera(model: str, address: str, timeout: float) -> AravisProcess:
-    """A process that has opened a camera, which may still be held by one that has died.
+    """Start an Aravis process and open a camera in it.
 
-    timeout: seconds for which it is tried. DeviceError that lists those that are there.
+    The camera may still be reserved for a process that has died, so opening is tried for
+    `timeout` seconds. If it fails, DeviceError lists the cameras that are connected.
     """
     link = AravisProcess(model)
     try:

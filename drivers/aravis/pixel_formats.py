@@ -1,7 +1,7 @@
-"""Pixel formats of GigE Vision and USB3 Vision cameras, and their pictures as whole numbers.
+"""Unpack the pixel formats of GigE Vision and USB3 Vision cameras into whole numbers.
 
-Names, codes and layouts as in the public "GenICam Pixel Format Naming Convention" 2.1 and
-"Pixel Format Values" (EMVA), and the packed ones of "GigE Vision" 1.2.
+Names, codes and layouts follow the public "GenICam Pixel Format Naming Convention" 2.1 and
+"Pixel Format Values" (EMVA); the packed formats follow "GigE Vision" 1.2.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ Layout = Literal["bytes", "words", "p", "packed"]
 
 @dataclass(frozen=True)
 class PixelFormat:
-    """How a camera sends its pixels.
+    """Describe how a camera sends its pixels.
 
-    code: on the wire. bits: that count in a pixel. layout: "bytes" and "words" have one pixel
-    in 8 or 16 bits, least significant byte first; "p" is a stream of bits, least significant
-    first, without gaps; "packed" has two pixels in three bytes, the low bits in the middle one.
-    bayer: the colours of the first two pixels of a mosaic, empty if there is none.
+    code: the format's number on the wire. bits: significant bits of a pixel. layout: "bytes" and
+    "words" have one pixel in 8 or 16 bits, least significant byte first; "p" is a stream of bits
+    without gaps, least significant first; "packed" has two pixels in three bytes, with the low
+    bits of both in the middle one. bayer: the colours of the first two pixels of a mosaic, empty
+    without a mosaic.
     """
 
     name: str
@@ -36,7 +37,7 @@ class PixelFormat:
         return 2**self.bits - 1
 
     def byte_count(self, shape: tuple[int, int]) -> int:
-        """Bytes of a picture."""
+        """Return the number of bytes of a camera picture of this shape (rows, columns)."""
         return -(-shape[0] * shape[1] * _pixel_bits(self) // 8)
 
 
@@ -77,15 +78,15 @@ def _formats() -> dict[str, PixelFormat]:
 
 
 FORMATS = _formats()
-"""The formats that can be read, by their names."""
+"""The pixel formats that can be unpacked, by their names."""
 
 
 def unpack(
     data: NDArray[np.uint8], pixel_format: PixelFormat, shape: tuple[int, int]
 ) -> NDArray[np.uint16]:
-    """The picture (rows, columns) in a frame's bytes; a copy of its own.
+    """Unpack a camera frame's bytes into a picture (rows, columns), which is a copy.
 
-    Raises ValueError if there are fewer bytes than the picture needs.
+    ValueError if there are fewer bytes than the picture needs.
     """
     size = pixel_format.byte_count(shape)
     if data.size < size:
@@ -103,7 +104,10 @@ def _unpack_words(data: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.
 
 
 def _byte_groups(data: NDArray[np.uint8], length: int, pixels: int, count: int) -> Any:
-    """The bytes in groups of `length` for `pixels` pixels, filled up with zeros, and room."""
+    """Return the bytes in groups of `length` for `pixels` pixels each, and an empty result array.
+
+    The last group is filled up with zeros.
+    """
     groups = -(-count // pixels)
     if data.size < groups * length:
         data = np.concatenate([data, np.zeros(groups * length - data.size, np.uint8)])
@@ -121,7 +125,7 @@ def _unpack_packed(data: NDArray[np.uint8], bits: int, count: int) -> NDArray[np
 
 
 def _unpack_bit_stream(data: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.uint16]:
-    # Four pixels of 10 bits in 5 bytes, two of 12 in 3.
+    # Four pixels of 10 bits take 5 bytes; two pixels of 12 bits take 3.
     length, pixels = (5, 4) if bits == 10 else (3, 2)
     parts, room = _byte_groups(data, length, pixels, count)
     for pixel in range(pixels):

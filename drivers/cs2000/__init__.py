@@ -1,4 +1,4 @@
-"""Konica Minolta's spectroradiometers CS-2000 and CS-2000A."""
+"""Drive Konica Minolta's spectroradiometers CS-2000 and CS-2000A."""
 
 from drivers.cs2000.instrument import CS2000
 

@@ -1,13 +1,15 @@
-"""What a CS-2000 is told and tells: commands, answers, and its errors in words.
+"""Send commands to a CS-2000 spectroradiometer, read its answers, and explain its error codes.
 
 Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specifications",
-rev. 7.00, 2020. Nothing is echoed: what matters is asked twice, and read back when it was set.
+rev. 7.00, 2020. The instrument echoes nothing, so important answers are asked for repeatedly,
+and settings are read back.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.errors import DeviceError
@@ -17,32 +19,45 @@ T = TypeVar("T")
 
 _END = b"\r"
 
-REPLY_TIMEOUT = 10.0
-"""Seconds for an answer; its maker asks that it be granted no less."""
-
 LONGEST_REPLY_BITS = 9200
 """Bits of the longest answer, a block of 101 values."""
 
 _TRANSIENT_CODES = ("00", "02", "17", "20")
-"""Codes that something late or lost may have brought about, so that it is worth another try."""
+"""Error codes that a late or lost message may cause, so that the command is tried again."""
 
-_MAX_ROUNDS = 3
-"""Times that it is brought to rest, if it answers at all, before it is given up."""
 
-_QUIET = 0.02
-"""Seconds without a byte, after which an answer counts as the only one."""
+@dataclass(frozen=True)
+class CommandTiming:
+    """Tune the timeouts of the conversation with a CS-2000; times are in seconds.
 
-_REPLY_LATENCY = 0.05
-"""Seconds that it takes to begin an answer, more or less."""
+    Attributes
+    ----------
+    reply_timeout : float
+        Time for an answer. The manufacturer requires at least this much.
+    short_timeout : float
+        Time for an answer from an instrument that may not be listening. Chosen.
+    busy_timeout : float
+        Time for which the instrument may take no command; its pre-measurement lasts up to 10 s.
+    reply_latency : float
+        Approximate time until the instrument begins an answer.
+    quiet : float
+        Time without a byte after which an answer counts as complete. Chosen.
+    quiet_periods : tuple of float
+        The same when the state of the line is unknown: one period per attempt. Chosen.
+    max_rounds : int
+        Attempts to synchronise with an instrument that answers. Chosen.
+    """
 
-_QUIET_PERIODS = (0.1, 1.0, 4.0)
-"""The same where anything may still be on its way: at first, and where that wasn't enough."""
+    reply_timeout: float = 10.0
+    short_timeout: float = 2.0
+    busy_timeout: float = 12.0
+    reply_latency: float = 0.05
+    quiet: float = 0.02
+    quiet_periods: tuple[float, ...] = (0.1, 1.0, 4.0)
+    max_rounds: int = 3
 
-_SHORT_TIMEOUT = 2.0
-"""Seconds for an answer of an instrument that may be deaf just now."""
 
-_BUSY_TIMEOUT = 12.0
-"""Seconds for which it may take no command: its pre-measurement lasts up to ten."""
+_TIMING = CommandTiming()
 
 _REPLY = re.compile(r"(OK(?=00)|ER)([0-9]{2})((?:,[ -+\--~]*)*)")
 
@@ -82,50 +97,50 @@ _ERRORS = {
 
 
 class CodeError(DeviceError):
-    """The instrument says by a code what is wrong. code: its two digits."""
+    """Report an error code from the CS-2000. code: its two digits."""
 
     code = ""
 
 
 class MeasurementCancelled(DeviceError):
-    """Nobody wants it any more."""
+    """Report that a measurement of the CS-2000 was cancelled by its caller."""
 
 
 class CS2000Client:
-    """Questions to the instrument and its answers, never one for another.
+    """Exchange commands and answers with a CS-2000, and keep each answer with its command.
 
-    baudrate: of the line. check: that the instrument is the right one and as it should be.
+    baudrate: of the serial line. check: verifies the instrument's identity and settings.
     """
 
     def __init__(self, line: SerialLine, baudrate: int, check: Callable[[str], None]) -> None:
         self.line, self._check = line, check
         self._longest = LONGEST_REPLY_BITS / baudrate
-        self.reply_timeout = REPLY_TIMEOUT + self._longest
-        """Seconds for an answer, its way over the line included."""
+        self.reply_timeout = _TIMING.reply_timeout + self._longest
+        """Seconds for an answer, including its transmission over the line."""
 
     def ask(
         self, text: str, command: str, seconds: float | None = None, is_long: bool = False
     ) -> str:
-        """Say something; what the answer has after its code, but for the comma.
+        """Send a command to the CS-2000; return its answer without the code and the comma.
 
-        is_long: whether it will be as long as answers are, so that nothing is missed in between.
+        is_long: whether the longest answer is expected, so that its transmission is waited for.
         """
         self.send(text, command)
         if is_long:
             self.line.clock.wait_until(
-                self.line.clock.now() + self._longest + _REPLY_LATENCY,
+                self.line.clock.now() + self._longest + _TIMING.reply_latency,
                 lambda: self.line.is_cancelled,
             )
         return self.read_reply(text, command, seconds)
 
     def send(self, text: str, command: str) -> None:
-        """Say something, and leave the answer for later."""
-        if self.line.drain(_QUIET, _SHORT_TIMEOUT, command):
+        """Send a command to the CS-2000 without reading the answer."""
+        if self.line.drain(_TIMING.quiet, _TIMING.short_timeout, command):
             raise self.line.error(command, f"before {text} came what nobody asked for", _CABLE)
         self.line.write(text.encode() + _END, command)
 
     def read_reply(self, text: str, command: str, seconds: float | None = None) -> str:
-        """The next answer; CodeError where it is no good one. text: what it answers."""
+        """Read the CS-2000's next answer; CodeError if it is an error. text: the command."""
         patience = self.reply_timeout if seconds is None else seconds
         came = self.line.read_until(_END, command, patience)
         found = _REPLY.fullmatch(came[:-1].decode("latin-1"))
@@ -136,7 +151,10 @@ class CS2000Client:
         return found[3][1:]
 
     def confirmed_reply(self, text: str, pattern: str, command: str) -> re.Match[str]:
-        """An answer given three times in a row: noise and late answers don't agree."""
+        """Return an answer that the CS-2000 gave three times in a row.
+
+        Repetition rules out noise and late answers.
+        """
         answer, times = self.ask(text, command), 1
         for _ in range(4):
             before, answer = answer, self.ask(text, command)
@@ -151,7 +169,10 @@ class CS2000Client:
         return found
 
     def set(self, name: str, value: str, query: str, command: str) -> None:
-        """Set what isn't so yet, for its memory wears, and see that it is. query: by a question."""
+        """Change a setting of the CS-2000 only if it differs, and read it back with `query`.
+
+        The instrument's memory wears out with each write.
+        """
         if self._is_set(query, value, command):
             return
         self.ask(f"{name},{value}", command)
@@ -163,8 +184,8 @@ class CS2000Client:
         return [int(part) for part in told.split(",")] == [int(p) for p in wanted.split(",")]
 
     def call_with_retry(self, command: str, work: Callable[[], T]) -> T:
-        """The result of work, tried again where something late may have got in between."""
-        late = self.line.clock.now() + REPLY_TIMEOUT
+        """Return the result of `work`; retry once after a late or lost message of the CS-2000."""
+        late = self.line.clock.now() + _TIMING.reply_timeout
         self.get_ready(command)
         try:
             return work()
@@ -175,15 +196,15 @@ class CS2000Client:
             unwanted = isinstance(error, MeasurementCancelled) or self.line.is_cancelled
             if unwanted or not self.line.is_open or self.line.clock.now() > late:
                 raise
-        self.get_ready(command, _QUIET_PERIODS[-1:])
+        self.get_ready(command, _TIMING.quiet_periods[-1:])
         return work()
 
-    def get_ready(self, command: str, rests: tuple[float, ...] = _QUIET_PERIODS) -> None:
-        """End what it does, take it over, and check it; unless nothing went wrong before.
+    def get_ready(self, command: str, rests: tuple[float, ...] = _TIMING.quiet_periods) -> None:
+        """Synchronise with the CS-2000 and check it, unless the line is in sync already.
 
-        rests: seconds of quiet that are waited for, time after time.
+        rests: seconds of quiet to wait for, one value per attempt.
         """
-        late = self.line.clock.now() + min(_BUSY_TIMEOUT, self.line.time_left)
+        late = self.line.clock.now() + min(_TIMING.busy_timeout, self.line.time_left)
         rounds = 0
         while not self.line.in_sync:
             try:
@@ -194,28 +215,28 @@ class CS2000Client:
                 self.line.in_sync = True
             except DeviceError as error:
                 passing = not isinstance(error, CodeError) or error.code in _TRANSIENT_CODES
-                # A deaf one is asked as long as it may be deaf.
+                # An instrument that doesn't answer is asked until the busy time is over.
                 spoke = isinstance(error, CodeError)
-                over = (spoke and rounds >= _MAX_ROUNDS) or self.line.clock.now() >= late
+                over = (spoke and rounds >= _TIMING.max_rounds) or self.line.clock.now() >= late
                 lost = self.line.is_cancelled or not self.line.is_open
                 if over or lost or not passing:
                     raise
 
     def _resynchronise(self, command: str, quiet: float) -> None:
-        """No half command, no measurement, no answer on its way; and remote mode."""
-        self.line.drain(quiet, quiet + _SHORT_TIMEOUT, command)
+        """Discard partial commands and late answers, stop a measurement, and set remote mode."""
+        self.line.drain(quiet, quiet + _TIMING.short_timeout, command)
         self.line.write(_END, command)
-        self.line.drain(_QUIET_PERIODS[0], _SHORT_TIMEOUT, command)
-        # ER17: it wasn't measuring. ER00: it isn't in remote mode.
+        self.line.drain(_TIMING.quiet_periods[0], _TIMING.short_timeout, command)
+        # ER17 means that it wasn't measuring; ER00 that it isn't in remote mode.
         self._obeys("MEAS,0", command, ("17", "00"))
         if not self._obeys("RMTS,2", command, ("17", "00")):
             # Firmware before 3.00.9301 knows only the mode that writes settings into its flash.
-            self.ask("RMTS,1", command, _SHORT_TIMEOUT)
+            self.ask("RMTS,1", command, _TIMING.short_timeout)
 
     def _obeys(self, text: str, command: str, harmless: tuple[str, ...]) -> bool:
-        """Whether it obeys; CodeError but for the harmless codes."""
+        """Return whether the CS-2000 accepts a command; CodeError except for harmless codes."""
         try:
-            self.ask(text, command, _SHORT_TIMEOUT)
+            self.ask(text, command, _TIMING.short_timeout)
         except CodeError as error:
             if error.code not in harmless:
                 raise

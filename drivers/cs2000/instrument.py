@@ -1,7 +1,7 @@
-"""Konica Minolta's spectroradiometers CS-2000 and CS-2000A, over USB or RS-232C.
+"""Drive Konica Minolta's spectroradiometers CS-2000 and CS-2000A over USB or RS-232C.
 
-Its maker's communication specifications may be used for software that works with these
-instruments, and in commercial software only with its permission; see the README.
+The manufacturer allows the use of its communication specifications for software that works with
+these instruments; commercial software needs its permission. See the README.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from drivers.cs2000.command_client import LONGEST_REPLY_BITS, CodeError, CS2000Client
 from drivers.cs2000.instrument_settings import NDS, settings_from_options
-from drivers.cs2000.measurement import COMMAND, OVERTIME, CS2000Measurement
+from drivers.cs2000.measurement import COMMAND, TIMING, CS2000Measurement
 from drivers.cs2000.spectrum import parse_hex_floats, read_spectrum
 from drivers.errors import DeviceError
 from drivers.interfaces import Identity, Spectrum, Surroundings
@@ -26,23 +26,49 @@ from drivers.serial_line import SerialLine
 log = logging.getLogger(__name__)
 
 _ANGLES = (1.0, 0.2, 0.1)
+"""Measuring angles in degrees, by the instrument's code."""
 
 _CONDITIONS = "([0-4]),([0-2]),([0-9]{9}),([01]),([01]),([0-2]),([0-2]),([0-9]{2})"
 
 
 class CS2000:
-    """A CS-2000 or CS-2000A, kept in remote mode while it is open.
+    """Measure spectral radiance with a CS-2000 or CS-2000A spectroradiometer.
 
-    port: such as "/dev/ttyACM0". baudrate: only RS-232C cares, which has 600 to 115200. mode:
-    "normal", "fast", "multi" or "multi fast" (several integrations of integration_s seconds, 1
-    to 16, are averaged) or "manual" (integration_ms, 5 to 120000, in whole microseconds).
-    nd: its internal filter, "off", "on" or "auto"; in manual mode only "off" or "on". sync_hz:
-    20 to 200, the rate of a flickering light; 0 for none. external_sync: by its socket.
-    external_nd: the filter before its lens, "none", "1/10" or "1/100", and close_up_lens:
-    it can't see them, and has to be told. rtscts: whether wires hold the other side up.
+    The instrument stays in remote mode while it is open. Its flash memory wears out with writes:
+    settings are written to it only if the firmware is older than 3.00.9301, and only if they
+    differ from those that it has.
 
-    Settings go into its flash memory, which wears, only where its firmware is older than
-    3.00.9301, and only where they differ from those that it has.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock.
+    port : str
+        Serial port, such as "/dev/ttyACM0".
+    baudrate : int
+        600 to 115200; it matters only over RS-232C.
+    mode : {"normal", "fast", "multi", "multi fast", "manual"}
+        Measuring mode. The multi modes average several integrations.
+    integration_ms : float, optional
+        Integration time of the manual mode in milliseconds, 5 to 120000, in whole microseconds.
+    integration_s : int, optional
+        Integration time of the multi modes in seconds, 1 to 16.
+    nd : {"off", "on", "auto"}, optional
+        Internal neutral-density filter; in manual mode only "off" or "on".
+    sync_hz : float
+        Frequency of a flickering light in hertz, 20 to 200; 0 for none.
+    external_sync : bool
+        Whether the measurement is synchronised by the instrument's sync socket.
+    external_nd : {"none", "1/10", "1/100"}
+        Filter in front of the lens, which the instrument can't detect.
+    close_up_lens : bool
+        Whether the close-up lens is mounted, which the instrument can't detect.
+    rtscts : bool
+        Whether the serial line uses hardware flow control.
+
+    Raises
+    ------
+    ValueError
+        If an option is invalid.
     """
 
     settling = 0.0
@@ -80,7 +106,7 @@ class CS2000:
             "Konica Minolta CS-2000", port, self._clock, baudrate=baudrate, rtscts=rtscts
         )
         self._link = CS2000Client(self._line, baudrate, self._check)
-        # Time to come to rest, to answer once as late as it may, and to tell a spectrum thrice.
+        # Time to synchronise, for one answer at its latest, and for reading a spectrum three times.
         self.reply_time = 2 * self._link.reply_timeout + 10 + 12 * LONGEST_REPLY_BITS / baudrate
         self._identity = Identity(self._line.model, "", simulated=False)
         self.alive_at = 0.0
@@ -91,23 +117,23 @@ class CS2000:
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
-        """380 to 780 nm in steps of one, in metres."""
+        """Return the wavelengths of a spectrum in metres: 380 to 780 nm in steps of 1 nm."""
         return np.arange(380, 781) / 1e9
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum:
-        """Measure once: 3 to 250 s, by how bright it is.
+        """Measure one spectrum, which takes 3 to 250 s, depending on the brightness.
 
-        Where something goes wrong, its reply time and 16 s may come on top.
+        If an error occurs, the reply time and 16 s may be added.
 
-        DeviceError if the light is too bright or too irregular, if a value couldn't be
-        computed, or if it was cancelled.
+        DeviceError if the light is too bright or flickers too irregularly, if the instrument
+        couldn't compute a value, or if the measurement was cancelled.
         """
         measuring = CS2000Measurement(self._link, cancelled, self._note_progress)
         began = self._clock.now()
         with self._line.within(self.reply_time):
             seconds = self._link.call_with_retry(COMMAND, measuring.start)
             started = self._clock.now()
-        with self._line.within(seconds + OVERTIME + 1):
+        with self._line.within(seconds + TIMING.overtime + 1):
             measuring.await_end(seconds)
         spent = started - began
         with self._line.within(max(self.reply_time - spent, self._link.reply_timeout)):
@@ -117,7 +143,7 @@ class CS2000:
         return Spectrum(self.wavelengths, values * 1e9, integration, dimmed, angle, started)
 
     def tristimulus(self) -> tuple[float, float, float]:
-        """X, Y, Z of the last measurement as it computes them, Y in cd/m²."""
+        """Read X, Y and Z of the last measurement as the instrument computes them, Y in cd/m²."""
         command = "read X, Y, Z"
 
         def read() -> list[float]:
@@ -129,7 +155,7 @@ class CS2000:
         return x, y, z
 
     def health(self) -> dict[str, str]:
-        """What it tells about itself."""
+        """Read the spectroradiometer's serial number, measuring angle and calibration date."""
         command = "health"
 
         def read() -> dict[str, str]:
@@ -147,16 +173,16 @@ class CS2000:
             return self._link.call_with_retry(command, read)
 
     def unplugged_reason(self) -> str | None:
-        """Why it counts as unplugged, empty while it is there; see Device."""
+        """Return why the spectroradiometer counts as unplugged, empty while it is connected."""
         return self._line.unplugged_reason()
 
     def make_safe(self) -> None:
-        """Have it measure no more."""
+        """Stop a running measurement of the spectroradiometer."""
         with self._line.within(self.reply_time):
             self._link.get_ready("make safe")
 
     def kill(self) -> None:
-        """End a call that goes on, and all later ones; from any thread."""
+        """Cancel the spectroradiometer's running call and all later ones; from any thread."""
         self._line.cancel()
 
     def __enter__(self) -> Self:
@@ -174,7 +200,7 @@ class CS2000:
             if self._identity.serial:
                 with self._line.within(self.reply_time):
                     self.make_safe()
-                    # Its keys work again.
+                    # Leave remote mode, so that the instrument's keys work again.
                     self._link.ask("RMTS,0", "close")
         except DeviceError as failure:
             log.warning("left as it is: %s", failure)
@@ -182,7 +208,7 @@ class CS2000:
             self._line.close()
 
     def _check(self, command: str) -> None:
-        """That it is the same instrument, and set as wanted."""
+        """Verify that the same CS-2000 answers, and apply the requested settings."""
         found = self._link.confirmed_reply(
             "IDDR", "([A-Z]{2}-[0-9]{4}[A-Z ]{2}),([0-9]),([0-9]{7})", command
         )
@@ -217,14 +243,14 @@ class CS2000:
                 or self._requested_settings.speed[0] not in "012"
             ):
                 raise
-            # Firmware up to 1.01 chooses its filter itself, and can't be told so.
+            # Firmware up to 1.01 always chooses its filter itself and rejects that argument.
             self._link.set("SPMS", self._requested_settings.speed, "SPMR", command)
 
     def _note_progress(self) -> None:
         self.alive_at = time.monotonic()
 
     def _read_conditions(self) -> tuple[float, bool, float]:
-        """Integration time, whether the internal filter was in, and angle of a measurement."""
+        """Read a measurement's integration time in s, use of the internal filter, and angle."""
         found = self._link.confirmed_reply("MEDR,0,0,1", _CONDITIONS, COMMAND)
         told = (found[1], found[2], found[5], found[6])
         want = self._requested_settings

@@ -1,4 +1,4 @@
-"""What a CS-2000 can be set to, and what it is told for that."""
+"""Check the options of a CS-2000 spectroradiometer, and translate them for its commands."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from drivers.option_checks import is_number, require_within
 
-_BAUDRATES = (600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
 _MODE_CODES = {"normal": 0, "fast": 1, "multi": 2, "manual": 3, "multi fast": 4}
 NDS = {"off": 0, "on": 1, "auto": 2}
 _EXTERNAL_ND_CODES = {"none": 0, "1/10": 1, "1/100": 2}
@@ -14,10 +13,10 @@ _EXTERNAL_ND_CODES = {"none": 0, "1/10": 1, "1/100": 2}
 
 @dataclass(frozen=True)
 class InstrumentSettings:
-    """Settings as its commands have them.
+    """Hold a CS-2000's settings in the form that its commands take.
 
-    speed: of SPMS, but for the internal filter nd. sync: of SCMS. external_nd: of NDFS. lens:
-    of LNSS.
+    speed: argument of SPMS, without the internal filter nd. sync: argument of SCMS. external_nd:
+    argument of NDFS. lens: argument of LNSS.
     """
 
     speed: str
@@ -41,11 +40,12 @@ def settings_from_options(
     close_up_lens: bool,
     rtscts: bool,
 ) -> InstrumentSettings:
-    """What the options of CS2000 come to; ValueError names the one that can't be."""
+    """Translate the options of CS2000 for its commands; ValueError names an invalid option."""
+    baudrates = (600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
     if not isinstance(port, str) or not port:
         raise ValueError(f"port is {port!r}; look it up by: labapp devices")
-    if type(baudrate) is not int or baudrate not in _BAUDRATES:
-        raise ValueError(f"baudrate is {baudrate!r}; choose {', '.join(map(str, _BAUDRATES))}")
+    if type(baudrate) is not int or baudrate not in baudrates:
+        raise ValueError(f"baudrate is {baudrate!r}; choose {', '.join(map(str, baudrates))}")
     _require_one_of("mode", mode, _MODE_CODES)
     nd = ("off" if mode == "manual" else "auto") if nd is None else nd
     nds = {"off": 0, "on": 1} if mode == "manual" else NDS
@@ -74,7 +74,7 @@ def _require_one_of(name: str, value: object, known: dict[str, int]) -> None:
 
 
 def _spms_value(mode: str, integration_ms: float | None, integration_s: int | None) -> str:
-    """What SPMS is told before the filter; ValueError where a time doesn't fit the mode."""
+    """Return the argument of SPMS without the filter; ValueError if a time doesn't fit the mode."""
     multi = mode.startswith("multi")
     if (integration_ms is not None) != (mode == "manual"):
         raise ValueError(
@@ -95,7 +95,7 @@ def _spms_value(mode: str, integration_ms: float | None, integration_s: int | No
 
 
 def _scms_value(sync_hz: float, external: bool) -> str:
-    """What SCMS is told."""
+    """Return the argument of SCMS, which sets the synchronisation with flickering light."""
     if not is_number(sync_hz) or (sync_hz and (external or not 20 <= sync_hz <= 200)):
         raise ValueError(
             f"sync_hz is {sync_hz} and external_sync {external}; "

@@ -1,35 +1,50 @@
-"""One measurement of a CS-2000, from its beginning to its end."""
+"""Run one measurement of a CS-2000 spectroradiometer from start to end."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from drivers.cs2000.command_client import CodeError, CS2000Client, MeasurementCancelled
 from drivers.errors import DeviceError
 
 COMMAND = "measure"
-"""What it is called in errors."""
+"""The name of the command in error messages."""
 
-_PRE_MEASUREMENT_TIME = 12.0
-"""Seconds for a pre-measurement, which takes one to ten."""
 
-OVERTIME = 5.0
-"""Seconds by which a measurement may last longer than it was told."""
+@dataclass(frozen=True)
+class MeasurementTiming:
+    """Tune how a measurement of the CS-2000 is waited for; times are in seconds.
 
-_QUERY_INTERVAL = 4.0
-"""Seconds, and a twentieth of the measurement's, between questions whether it still measures."""
+    Attributes
+    ----------
+    pre_measurement : float
+        Time for the pre-measurement, which takes 1 to 10 s.
+    overtime : float
+        Time by which a measurement may last longer than the instrument announced. Chosen.
+    query_interval : float
+        Time between queries of whether it still measures; a twentieth of the measurement's
+        duration is added. Chosen.
+    poll_interval : float
+        Time between checks of whether the measurement was cancelled. Chosen.
+    busy_interval : float
+        Time between queries to an instrument that is still measuring at the end. Chosen.
+    """
 
-_POLL_INTERVAL = 0.2
-"""Seconds between looks at whether a measurement was cancelled."""
+    pre_measurement: float = 12.0
+    overtime: float = 5.0
+    query_interval: float = 4.0
+    poll_interval: float = 0.2
+    busy_interval: float = 0.5
 
-_BUSY_INTERVAL = 0.5
-"""Seconds between questions to an instrument that is still measuring."""
+
+TIMING = MeasurementTiming()
 
 
 class CS2000Measurement:
-    """Has an instrument measure that is ready for it.
+    """Start a measurement on a CS-2000 that is ready, and wait for its end.
 
-    cancelled: whether nobody wants it any more. note_progress: called whenever it has got on.
+    cancelled: returns whether the caller has cancelled. note_progress: called after each step.
     """
 
     def __init__(
@@ -39,19 +54,19 @@ class CS2000Measurement:
         self._cancelled, self._got_on = cancelled, note_progress
 
     def start(self) -> int:
-        """Begin to measure; how long it will take, in seconds, as it then tells."""
+        """Start a measurement; return the duration in seconds that the CS-2000 announces."""
         self._link.send("MEAS,1", COMMAND)
-        late = self._clock.now() + _PRE_MEASUREMENT_TIME
-        while not self._line.has_received(b"\r", COMMAND, _POLL_INTERVAL):
+        late = self._clock.now() + TIMING.pre_measurement
+        while not self._line.has_received(b"\r", COMMAND, TIMING.poll_interval):
             self._check_cancelled()
             if self._clock.now() >= late:
                 raise self._line.error(
-                    COMMAND, f"MEAS,1 isn't answered within {_PRE_MEASUREMENT_TIME:g} s"
+                    COMMAND, f"MEAS,1 isn't answered within {TIMING.pre_measurement:g} s"
                 )
         told = self._link.read_reply("MEAS,1", COMMAND)
         if len(told) != 3 or not told.isdecimal() or not 2 <= int(told) <= 242:
             raise self._line.error(COMMAND, f"it takes {told!r} s, not 002 to 242", "Try again")
-        # An old answer may look the same; what it says now proves that it does measure.
+        # A late answer to an earlier command may look the same, so ask whether it measures.
         if not self._is_measuring():
             raise self._line.error(COMMAND, "it doesn't measure", "Try again")
         return int(told)
@@ -67,13 +82,16 @@ class CS2000Measurement:
         return False
 
     def await_end(self, seconds: int) -> None:
-        """Wait until it has measured. seconds: as start() told; CodeError says why it couldn't."""
-        late = self._clock.now() + seconds + OVERTIME
-        pause = _QUERY_INTERVAL + seconds / 20
+        """Wait until the CS-2000's measurement has ended; CodeError if it failed.
+
+        seconds: the duration that start() returned.
+        """
+        late = self._clock.now() + seconds + TIMING.overtime
+        pause = TIMING.query_interval + seconds / 20
         ask_at = self._clock.now() + pause
         while not self._has_finished():
             if self._clock.now() >= ask_at:
-                # What it told may have been spoilt on its way, or its end not have come.
+                # The message of its end may have been garbled or lost on the line.
                 if not self._may_be_measuring():
                     return
                 ask_at = self._clock.now() + pause
@@ -84,16 +102,17 @@ class CS2000Measurement:
                 self._line.write(b"MEAS,0\r", COMMAND)
                 raise self._line.error(
                     COMMAND,
-                    f"it doesn't come to an end: {seconds} s were told, {OVERTIME:g} more granted",
+                    f"it doesn't come to an end: {seconds} s were told, "
+                    f"{TIMING.overtime:g} more granted",
                     "Switch it off and on",
                 )
         while self._may_be_measuring() and self._clock.now() < late:
             self._check_cancelled()
-            self._clock.wait_until(self._clock.now() + _BUSY_INTERVAL, self._cancelled)
+            self._clock.wait_until(self._clock.now() + TIMING.busy_interval, self._cancelled)
 
     def _has_finished(self) -> bool:
-        """Whether it says that it has measured; CodeError if it says why it couldn't."""
-        if not self._line.has_received(b"\r", COMMAND, _POLL_INTERVAL):
+        """Return whether the CS-2000 reports its end; CodeError if it reports a failure."""
+        if not self._line.has_received(b"\r", COMMAND, TIMING.poll_interval):
             return False
         return self._ask_tolerantly(lambda: self._link.read_reply("MEAS,1", COMMAND) == "", False)
 
@@ -101,7 +120,10 @@ class CS2000Measurement:
         return self._ask_tolerantly(self._is_measuring, True)
 
     def _ask_tolerantly(self, ask: Callable[[], bool], default: bool) -> bool:
-        """An answer; `default` where it is an old or a broken one, for it can be asked again."""
+        """Return the CS-2000's answer; `default` if it is late or garbled.
+
+        The question can be repeated later.
+        """
         try:
             return ask()
         except CodeError:
@@ -112,7 +134,7 @@ class CS2000Measurement:
             return default
 
     def _check_cancelled(self) -> None:
-        """Tell that it gets on; DeviceError if nobody wants it any more."""
+        """Note progress of the CS-2000's measurement; DeviceError if it was cancelled."""
         self._got_on()
         if self._cancelled():
             self._line.in_sync = False

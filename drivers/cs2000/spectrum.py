@@ -1,4 +1,4 @@
-"""The spectrum that a CS-2000 has measured, told twice and looked through."""
+"""Read a measured spectrum from a CS-2000 twice, and check it."""
 
 from __future__ import annotations
 
@@ -9,18 +9,12 @@ from numpy.typing import NDArray
 
 from drivers.cs2000.command_client import CS2000Client
 
-_BLOCKS = (100, 100, 100, 101)
-"""How many of the 401 values each block has. The last differs, so that blocks can't shift."""
-
 _FAILED_VALUE = "D1BA43B6"
-"""What it tells of a value that it couldn't compute."""
-
-_MAX_RADIANCE = 1e7
-"""W/(sr m² nm) that nothing has which the instrument can look at, filters and all."""
+"""What the instrument sends for a value that it couldn't compute."""
 
 
 def read_spectrum(link: CS2000Client, command: str) -> NDArray[np.float64]:
-    """The 401 values in W/(sr m² nm), told twice the same."""
+    """Read the 401 spectral radiances in W/(sr m² nm) until two readings agree."""
     before = _read_all_blocks(link, command)
     for _ in range(2):
         texts = _read_all_blocks(link, command)
@@ -30,7 +24,8 @@ def read_spectrum(link: CS2000Client, command: str) -> NDArray[np.float64]:
     else:
         raise link.line.error(command, "it tells the spectrum now so, now otherwise")
     values = np.array(parse_hex_floats(link, texts, command))
-    if values.max() > _MAX_RADIANCE or values.min() < -max(1e-4, 0.01 * values.max()):
+    # No light that the instrument can measure, even with its filters, exceeds 1e7 W/(sr m² nm).
+    if values.max() > 1e7 or values.min() < -max(1e-4, 0.01 * values.max()):
         raise link.line.error(
             command,
             f"the radiance is from {values.min():.3g} to {values.max():.3g} W/(sr m² nm)",
@@ -41,7 +36,8 @@ def read_spectrum(link: CS2000Client, command: str) -> NDArray[np.float64]:
 
 def _read_all_blocks(link: CS2000Client, command: str) -> list[str]:
     texts: list[str] = []
-    for number, count in enumerate(_BLOCKS, start=1):
+    # The last of the four blocks has another length, so that an answer for a wrong block shows.
+    for number, count in enumerate((100, 100, 100, 101), start=1):
         block = link.ask(f"MEDR,1,1,{number}", command, is_long=True).split(",")
         if len(block) != count or any(len(text) != 8 for text in block):
             raise link.line.error(command, f"block {number} has {len(block)} values")
@@ -50,7 +46,7 @@ def _read_all_blocks(link: CS2000Client, command: str) -> list[str]:
 
 
 def parse_hex_floats(link: CS2000Client, texts: list[str], command: str) -> list[float]:
-    """What hexadecimal digits mean; DeviceError where that is no number."""
+    """Decode the CS-2000's hexadecimal digits as floats; DeviceError if one isn't a number."""
     if _FAILED_VALUE in texts:
         raise link.line.error(
             command, "it couldn't compute a value", "Measure again; check the light"

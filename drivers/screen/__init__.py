@@ -1,7 +1,7 @@
-"""A phase panel that is a second display: a window in a process of its own, on X11.
+"""Drive an SLM that is connected as a second display, by a window in a child process on X11.
 
-`ScreenSLM` is the driver; `identify` shows which screen is which. Importing this loads no Qt:
-only the window's process does.
+`ScreenSLM` is the driver; `identify` labels the screens. Importing this package loads no Qt: only
+the window's process does.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`python -m drivers.screen`: list the screens, and show on each which it is."""
+"""`python -m drivers.screen`: list the screens, and show a label with its name on each."""
 
 from __future__ import annotations
 

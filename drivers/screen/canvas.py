@@ -1,4 +1,4 @@
-"""The window that covers the panel's screen; only its own process imports this, and so Qt."""
+"""Cover the SLM's screen with a Qt window; only the window's process imports this module."""
 
 from __future__ import annotations
 
@@ -21,12 +21,9 @@ from PySide6.QtGui import (
 from drivers.screen.session import disable_scaling
 from drivers.x11 import libxcb
 
-_MAP_TIMEOUT = 1.0
-"""Seconds in which a window must be on the screen."""
-
 
 def qt_application(display: str) -> QGuiApplication:
-    """Qt of this process, which draws pixel for pixel."""
+    """Return this process's Qt application, set up to draw pixel for pixel on an X display."""
     running = QGuiApplication.instance()
     if isinstance(running, QGuiApplication):
         return running
@@ -37,9 +34,10 @@ def qt_application(display: str) -> QGuiApplication:
 
 
 class Canvas(QWindow):
-    """A borderless window over x, y, width and height of the X screen; no cursor is seen on it.
+    """Show pictures in a borderless window over a region (x, y, width, height) of the X screen.
 
-    No window manager places it: it lies where it was put, above others, and takes no keys.
+    The window hides the cursor, bypasses the window manager, stays above other windows, and
+    doesn't take the keyboard focus.
     """
 
     def __init__(self, region: tuple[int, int, int, int]) -> None:
@@ -63,17 +61,18 @@ class Canvas(QWindow):
         self._connection = int(application.nativeInterface().connection())
 
     def appear(self, grey: NDArray[uint8]) -> None:
-        """Come up on the screen with this picture."""
+        """Put the SLM's window on the screen with this picture."""
         self._image = grey_image(grey)
         self.setVisible(True)
-        late = time.monotonic() + _MAP_TIMEOUT
+        # Seconds within which the X server must have mapped the window.
+        late = time.monotonic() + 1.0
         while not self.isExposed() and time.monotonic() < late:
             QGuiApplication.processEvents()
             time.sleep(0.001)
         self.draw(self._image)
 
     def draw(self, image: QImage) -> None:
-        """Show a picture; it is with the X server on return."""
+        """Draw a picture in the SLM's window; on return, the X server has received it."""
         self._image = image
         self._flush()
         libxcb.round_trip(self._connection)
@@ -93,13 +92,13 @@ class Canvas(QWindow):
         self._store.flush(whole)
 
     def exposeEvent(self, event: object) -> None:
-        """Another window lay on top, and the server has forgotten what was below."""
+        """Redraw the picture after another window covered this one; Qt calls this."""
         if self.isExposed():
             self._flush()
 
 
 def grey_image(grey: NDArray[uint8]) -> QImage:
-    """A picture in the array's own memory, which must live as long."""
+    """Wrap grey levels as a QImage that shares the array's memory, which must outlive it."""
     rows, columns = grey.shape
     image = QImage(grey.data, columns, rows, columns, QImage.Format.Format_Grayscale8)
     image.setColorSpace(type(image.colorSpace())())

@@ -1,4 +1,4 @@
-"""Whether the screen shows what it was given, and what isn't right if it doesn't."""
+"""Check that a screen shows the SLM's grey levels unchanged, and explain it if it doesn't."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 
 def gamma_ramp_error(ramp: NDArray[np.uint16]) -> str:
-    """What a gamma ramp does to grey levels, in words; empty if it leaves them alone.
+    """Describe how a gamma ramp changes grey levels; empty if it leaves them unchanged.
 
-    ramp: (3, n), 0 to 65535. A server may keep 8 bits of it, cut or rounded.
+    ramp: (3, n), 0 to 65535. An X server may keep only 8 bits of it, truncated or rounded.
     """
     size = ramp.shape[1]
     if size < 2:
@@ -24,9 +24,10 @@ def gamma_ramp_error(ramp: NDArray[np.uint16]) -> str:
 
 
 def readback_error(readback: NDArray[np.uint8], grey: NDArray[np.uint8]) -> str:
-    """What isn't right on the screen, in words; empty if every pixel is.
+    """Describe how the screen differs from a pattern; empty if every pixel agrees.
 
-    readback: (rows, columns, 3 or 4), of which the first three are colours. grey: (rows, columns).
+    readback: (rows, columns, 3 or 4), of which the first three are colours. grey: the pattern,
+    (rows, columns).
     """
     wrong = np.zeros(grey.shape, bool)
     for colour in range(3):
@@ -51,7 +52,10 @@ def _mismatch_cause(
 
 
 def _is_mapped(seen: NDArray[np.uint8], grey: NDArray[np.uint8]) -> bool:
-    """Whether all pixels of one grey level became one colour, for more levels than one."""
+    """Return whether every grey level on the screen was mapped to one colour.
+
+    False if the picture has only one level.
+    """
     levels = grey.ravel().astype(np.intp)
     count = np.count_nonzero(np.bincount(levels))
     pairs = (256 * levels + seen[..., colour].ravel() for colour in range(3))

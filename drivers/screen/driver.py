@@ -1,10 +1,10 @@
-"""The driver of a phase panel that is a second display, such as HOLOEYE's PLUTO."""
+"""Drive an SLM that is connected as a second display, such as HOLOEYE's PLUTO."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -22,35 +22,71 @@ from drivers.screen.session import ServerGone
 
 T = TypeVar("T")
 
-_OPEN_TIMEOUT = 30.0
-_REOPEN_TIMEOUT = 4.0
-"""Seconds in which a window that died must be back: its files lie in memory by then."""
 
-_CALL_TIMEOUT = 4.0
-"""Seconds in which the window must answer: it may be given a long video."""
+@dataclass(frozen=True)
+class WindowTimeouts:
+    """Limit how long the SLM's window is waited for; times are in seconds.
+
+    Attributes
+    ----------
+    open : float
+        Time within which the window must be open. Chosen.
+    reopen : float
+        Time within which the window's process must be replaced after it has died. It is shorter,
+        because the files are in the disk cache by then. Chosen.
+    call : float
+        Time within which the window must answer; a call may hand over a long video. Chosen.
+    """
+
+    open: float = 30.0
+    reopen: float = 4.0
+    call: float = 4.0
+
+
+_TIMEOUTS = WindowTimeouts()
 
 _MAX_VIDEO_BYTES = 1 << 30
-"""Bytes of a video: 517 frames of 1920x1080."""
+"""Largest size of a video in bytes: 517 frames of 1920x1080."""
 
 
 class ScreenSLM:
-    """A panel driven as a display: 8-bit greys on the screen that is named, and no other.
+    """Show patterns on an SLM that is driven as a display: 8-bit grey levels on one X screen.
 
-    screen: an output's name ("HDMI-1"), or its monitor's model or serial number ("HE PLUTO-2.1");
-    if empty, the only screen of width x height pixels. refresh_hz: what it runs at. display:
-    the X server, as in DISPLAY, where it isn't this session's. settling_ms: time until the
-    panel's liquid crystal stands. allow_primary: it may be the operator's own, or the only
-    screen. allow_ramp: the graphics card's gamma ramp may change grey levels.
+    The window belongs to a child process, which shows the neutral pattern when this process
+    ends. Every still is read back from the screen and compared pixel by pixel; videos are checked
+    at intervals. What comes after the graphics card's memory can't be read back, but the card's
+    gamma ramp, scaling and rotation are checked. A video shows one frame per refresh and skips
+    none; `presentations()` returns when each was shown. While the screen is unplugged, calls
+    raise DeviceError; when it returns, it shows the neutral pattern. When the window is closed,
+    the desktop is visible, so give that screen a black background.
 
-    Its window lives in a process of its own, which turns neutral when this one ends. Each
-    still is read back from the screen and compared pixel for pixel, videos now and then. What
-    lies behind the graphics card's memory can't be read back, but its gamma ramp, scaling and
-    turning are. Frames of a video are shown one a refresh, none left out; `presentations()`
-    tells when. A screen that is unplugged is a DeviceError until it is back, neutral.
-    Once the window is closed, the desktop is seen: give it a black background there.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock.
+    screen : str
+        The output's name ("HDMI-1"), or its monitor's model or serial number ("HE PLUTO-2.1"). If
+        empty, the only screen of `width` x `height` pixels that isn't the primary one.
+    width, height : int
+        Size of the panel in pixels, 1 to 32767.
+    refresh_hz : float
+        Refresh rate of the screen in hertz, 1 to 1000.
+    display : str, optional
+        The X server, as in DISPLAY; this session's if left out.
+    settling_ms : float
+        Milliseconds until the panel's liquid crystal has settled.
+    allow_primary : bool
+        Whether the screen may be the operator's own (primary) screen, or the only one.
+    allow_ramp : bool
+        Whether the graphics card's gamma ramp may change grey levels.
+
+    Raises
+    ------
+    ValueError
+        If an option is invalid.
     """
 
-    reply_time = _REOPEN_TIMEOUT + _CALL_TIMEOUT
+    reply_time = _TIMEOUTS.reopen + _TIMEOUTS.call
 
     def __init__(
         self,
@@ -94,12 +130,12 @@ class ScreenSLM:
         self._entered = self._killed = False
 
     def __enter__(self) -> Self:
-        self._open(_OPEN_TIMEOUT)
+        self._open(_TIMEOUTS.open)
         self._entered = True
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Neutral, and the window closes. Nothing is raised: it may have been killed."""
+        """Show the neutral pattern and close the window; raise nothing even if it was killed."""
         self._entered = False
         self._lookout.close()
         self._drop()
@@ -110,30 +146,30 @@ class ScreenSLM:
 
     @property
     def displayed_pattern(self) -> str:
-        """The identifier of what is on the screen: "neutral" if it was unplugged since.
+        """Return the identifier of the SLM's pattern: "neutral" if the screen was unplugged since.
 
-        A still is read back again: DeviceError if something covers it.
+        A still is read back again; DeviceError if something covers it.
         """
         return self._ask("shown", lambda window: window.displayed_pattern())
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
-        """Show uint8 (rows, columns) as they are, and read them back from the screen."""
+        """Show grey levels, uint8 (rows, columns), on the SLM, and read them back."""
         command = f"show {identifier}"
         picture = self._require_grey_levels(command, np.asarray(grey), 2)
         seen = self._ask(command, lambda window: window.show(identifier, picture))
         return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
-        """Show frames, uint8 (n, rows, columns), one at each refresh, again and again."""
+        """Play a video, uint8 (n, rows, columns), in a loop on the SLM, one frame per refresh."""
         command = f"play {identifier}"
         frames = self._require_grey_levels(command, np.asarray(video), 3)
-        # A screen that is gone is told before so much is handed over.
+        # Report a missing screen before the whole video is handed over.
         self._ask(command, lambda window: window.prepare_to_show(command))
         seen = self._ask(command, lambda window: window.play(identifier, frames))
         return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
 
     def presentations(self) -> Presentations:
-        """What was presented of the video that plays. DeviceError if none does."""
+        """Return which frames of the video the SLM has shown, and when; DeviceError without one."""
         told = self._ask("presentations", lambda window: window.presentations())
         if told is None:
             raise DeviceError(self._model, "presentations", "no video plays", "Play one first")
@@ -143,28 +179,33 @@ class ScreenSLM:
         return self._ask("health", lambda window: window.health())
 
     def make_safe(self) -> None:
-        """Grey 0 on the whole screen."""
+        """Show grey level 0 on the whole SLM."""
         self._ask("make safe", lambda window: window.make_safe())
 
     def unplugged_reason(self) -> str | None:
-        """Why the screen counts as unplugged, empty while it is there; see Device.
+        """Return why the SLM's screen counts as unplugged, empty while it is lit; see Device.
 
-        Seen by a connection of its own: neither the window nor what plays there is disturbed.
+        A separate connection to the X server is used, so that a video isn't disturbed.
         """
         return self._lookout.unplugged_reason() if self._entered and not self._killed else None
 
     def kill(self) -> None:
-        """End the window's process at once, from any thread."""
+        """Kill the process of the SLM's window at once, from any thread."""
         self._killed = True
         if self._window is not None:
             self._window.kill()
 
     def _open(self, within: float) -> HostedDevice:
-        # Times from there are time.monotonic()'s, whatever clock the bench has.
+        # The window's process reports times of time.monotonic(), whatever clock the bench has.
         told = Surroundings(RealClock(0.0))
         place, half = "drivers.screen.panel_device:PanelDevice", within / 2
         window = HostedDevice(
-            told, self._model, place, self._options, open_timeout=half, reply_timeout=_CALL_TIMEOUT
+            told,
+            self._model,
+            place,
+            self._options,
+            open_timeout=half,
+            reply_timeout=_TIMEOUTS.call,
         ).__enter__()
         self._window = window
         found: Identity = window.identity
@@ -177,17 +218,17 @@ class ScreenSLM:
         return window
 
     def _ask(self, command: str, call: Callable[[Any], T]) -> T:
-        """What the window answers; a window that has died is opened again first."""
+        """Call the SLM's window and return its answer; open the window again if it has died."""
         if not self._entered or self._killed:
             raise DeviceError(self._model, command, "it is closed", "Open it again")
         window = self._window
         if window is None or window.is_dead:
             self._drop()
-            window = self._open(_REOPEN_TIMEOUT)
+            window = self._open(_TIMEOUTS.reopen)
         try:
             return call(window)
         except ServerGone:
-            # Its window went with it: nothing is left to be made safe.
+            # The window ended with the X server, so nothing is left to be made safe.
             window.kill()
             self._drop()
             raise

@@ -1,4 +1,4 @@
-"""Which screen is which: listed, and written on each."""
+"""List the X screens, and show a label with its name on each, to find the SLM's screen."""
 
 from __future__ import annotations
 
@@ -12,11 +12,26 @@ from drivers.x11 import XError
 from drivers.x11.outputs import Output, list_outputs
 
 _MODEL = "screens"
-_START_TIMEOUT = 10.0
 
 
 def list_screens(display: str | None = None) -> list[Output]:
-    """The screens that are lit, in the X server's order; DeviceError if none can be asked."""
+    """List the screens that are lit, in the X server's order.
+
+    Parameters
+    ----------
+    display : str, optional
+        The X server, as in DISPLAY; this session's if left out.
+
+    Returns
+    -------
+    list of Output
+        Name, monitor, position, size and refresh rate of each screen.
+
+    Raises
+    ------
+    DeviceError
+        If no X server answers, or it lacks the RandR extension.
+    """
     x = connect_display(_MODEL, display)
     try:
         with x:
@@ -27,14 +42,33 @@ def list_screens(display: str | None = None) -> list[Output]:
 
 
 def identify_screens(display: str | None = None, seconds: float = 5.0) -> list[Output]:
-    """Show its number and name on each screen for some seconds, and list the screens."""
+    """Show a label with its number and name on each screen, and list the screens.
+
+    Parameters
+    ----------
+    display : str, optional
+        The X server, as in DISPLAY; this session's if left out.
+    seconds : float
+        Seconds for which the labels are shown.
+
+    Returns
+    -------
+    list of Output
+        The screens in the order of their numbers.
+
+    Raises
+    ------
+    DeviceError
+        If no X server answers, or the labels couldn't be shown.
+    """
     there = list_screens(display)
     command = [sys.executable, "-m", "drivers.screen", "--seconds", f"{seconds:g}"]
     if display is not None:
         command += ["--display", display]
     try:
+        # The child process has 10 s to start and end besides.
         done = subprocess.run(
-            command, timeout=seconds + _START_TIMEOUT, capture_output=True, text=True, check=False
+            command, timeout=seconds + 10.0, capture_output=True, text=True, check=False
         )
     except subprocess.TimeoutExpired as error:
         raise _identify_error("its windows don't end") from error
@@ -44,7 +78,7 @@ def identify_screens(display: str | None = None, seconds: float = 5.0) -> list[O
 
 
 def format_listing(outputs: list[Output]) -> str:
-    """One line a screen: number, output, size and place, rate, maker, model, serial number."""
+    """Format one line per screen: number, output, size, position, rate and monitor."""
     lines = []
     for number, output in enumerate(outputs, 1):
         monitor = output.monitor
@@ -57,7 +91,7 @@ def format_listing(outputs: list[Output]) -> str:
 
 
 def show_names(display: str | None, seconds: float) -> None:
-    """Put the names up in this process, which Qt's environment is changed for."""
+    """Show the screens' labels from this process, whose environment is changed for Qt."""
     x = connect_display(_MODEL, display)
     with x:
         there, name = list_outputs(x), x.display

@@ -1,7 +1,7 @@
-"""The panel in the window's process: what `ScreenSLM` asks of it, in this process's time.
+"""Serve the calls of `ScreenSLM` in the process of the SLM's window.
 
-Times are seconds of time.monotonic(). Qt runs between two calls: there it plays, and hears of
-screens that come and go.
+Times are seconds of time.monotonic(). Between two calls, Qt's event loop plays the video and
+receives events of screens that are plugged in or out.
 """
 
 from __future__ import annotations
@@ -29,12 +29,13 @@ if TYPE_CHECKING:
     from drivers.screen.video import VideoPlayback
 
 _NEUTRAL = "neutral"
-_CHECK_INTERVAL = 0.5
-"""Seconds between looks at a video: a quarter of a frame each time."""
 
 
 class PanelDevice:
-    """A device for `HostedDevice`; the options are those of `ScreenSLM`, checked there."""
+    """Show patterns on the SLM's screen, as a device that `HostedDevice` runs in a child process.
+
+    The options are those of `ScreenSLM`, which has checked them.
+    """
 
     def __init__(
         self,
@@ -77,7 +78,7 @@ class PanelDevice:
         return 1 / (self._open_stage.output.refresh or self._wanted.refresh_hz)
 
     def displayed_pattern(self) -> str:
-        """The identifier of what is shown; DeviceError if the screen is gone or wrong."""
+        """Return the shown pattern's identifier; DeviceError if the screen is gone or wrong."""
         self._require_screen("shown")
         self._raise_pending_error()
         if self._video is None and self._shown:
@@ -86,19 +87,19 @@ class PanelDevice:
         return self._shown
 
     def prepare_to_show(self, command: str) -> None:
-        """Something else is to be shown: a video that plays ends here."""
+        """Stop a video before another pattern is shown on the SLM."""
         self._require_screen(command)
         self._raise_pending_error()
         self._stop()
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> float:
-        """Show a still and read it back. When it is on the screen at the latest."""
+        """Show a pattern and read it back; return the latest time at which it is on the screen."""
         command = f"show {identifier}"
         self.prepare_to_show(command)
         return self._display_frames(command, identifier, [grey])
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> float:
-        """Begin a video; the first frame is read back. When it is there at the latest."""
+        """Start a video and read back its first frame; return the latest time of that frame."""
         command = f"play {identifier}"
         self.prepare_to_show(command)
         seen = self._display_frames(command, identifier, list(video))
@@ -112,7 +113,7 @@ class PanelDevice:
         return seen + self.frame_time
 
     def presentations(self) -> Presentations | None:
-        """Of the video that plays; None if none does."""
+        """Return which frames of the video the screen has shown, and when; None without a video."""
         self._require_screen("presentations")
         self._raise_pending_error()
         return None if self._video is None else self._video.player.presentations()
@@ -143,7 +144,7 @@ class PanelDevice:
         }
 
     def _attend_until_readable(self, end: int) -> None:
-        """Let Qt play and listen until the owner calls, or is gone."""
+        """Run Qt's event loop until the parent process calls or has ended."""
         if self._stage is None:
             return
         from PySide6.QtCore import QEventLoop, QSocketNotifier
@@ -170,7 +171,7 @@ class PanelDevice:
             self._require_screen("follow the screen")
 
     def _require_screen(self, command: str) -> None:
-        """DeviceError while the screen is gone; when it is back, it is covered with neutral."""
+        """Raise DeviceError while the screen is gone; when it is back, show the neutral pattern."""
         with self._translate_x_errors(command):
             try:
                 stayed = self._open_stage.ensure_covered()
@@ -181,7 +182,7 @@ class PanelDevice:
                 self._reset_after_loss()
 
     def _reset_after_loss(self) -> None:
-        """The screen was taken away: what it showed is no more, and isn't shown again."""
+        """Forget the shown pattern or video after the screen was lost; it isn't shown again."""
         if self._shown != _NEUTRAL or self._video is not None:
             self._stop()
             self._shown = _NEUTRAL
@@ -194,7 +195,7 @@ class PanelDevice:
         from drivers.screen.canvas import grey_image
 
         with self._translate_x_errors(command):
-            # What stands there until it is read back goes by no name.
+            # Until the pattern has been read back, the screen's content has no identifier.
             self._shown = ""
             self._frames = frames
             self._images = [grey_image(frame) for frame in frames]
@@ -205,9 +206,9 @@ class PanelDevice:
             return seen
 
     def _draw(self, index: int) -> None:
-        """Draw a video's frame; now and then, see whether the last one is there."""
+        """Draw a video's frame; every half second, check a band of the frame before."""
         now = time.monotonic()
-        if now - self._looked > _CHECK_INTERVAL:
+        if now - self._looked > 0.5:
             self._looked, self._looks = now, self._looks + 1
             try:
                 with self._translate_x_errors(f"play {self._shown}"):
@@ -222,11 +223,11 @@ class PanelDevice:
             self._played, self._missed = self._counts()
             self._video.stop()
             self._video = None
-            # One of its frames still stands.
+            # One of the video's frames is still on the screen.
             self._shown = ""
 
     def _counts(self) -> tuple[int, int]:
-        """Frames presented and missed, of all videos."""
+        """Count the frames presented and missed, over all videos."""
         if self._video is None:
             return self._played, self._missed
         told = self._video.player.presentations()

@@ -1,4 +1,4 @@
-"""The panel's place on the X screen: found, covered, watched, and left when it is gone."""
+"""Cover the SLM's screen with a window, read it back, and follow its plugging in and out."""
 
 from __future__ import annotations
 
@@ -20,20 +20,14 @@ if TYPE_CHECKING:
 
     from drivers.screen.canvas import Canvas
 
-_APPEAR_TIMEOUT = 0.5
-"""Seconds in which a picture must be on the screen: compositors take their time."""
-
-_RECHECK_DELAY = 0.05
-"""Seconds until a picture that came late is looked at once more."""
-
 _CHECKED_BANDS = 4
-"""Parts of a video's frame that are looked at one after the other."""
+"""Bands into which a video's frames are divided; each check reads one band. Chosen."""
 
 
 class PanelScreen:
-    """Where pictures are shown, and read back.
+    """Show pictures on the SLM's screen and read them back.
 
-    model: in errors. display: as in DISPLAY, that of the environment if None.
+    model: the device's name in errors. display: as in DISPLAY; that of the environment if None.
     """
 
     def __init__(
@@ -48,7 +42,7 @@ class PanelScreen:
         self.has_linear_ramp = self._check_ramp()
         self.changes = XConnection(self.x.display)
         watch_changes(self.changes)
-        # No screen saver while we are connected; without the extension nobody blanks either.
+        # Suspend the screen saver while connected. Without the extension there is none.
         if self.x.has("MIT-SCREEN-SAVER"):
             self.x.send_extension_request("MIT-SCREEN-SAVER", 5, "I", 1)
         from drivers.screen.canvas import qt_application
@@ -59,13 +53,13 @@ class PanelScreen:
 
     @property
     def window(self) -> int:
-        """The X server's number of the window."""
+        """Return the X server's number of the SLM's window."""
         return int(self._canvas.winId()) if self._canvas else 0
 
     def ensure_covered(self) -> bool:
-        """Be on the screen; false if it had to be covered anew, and is neutral now.
+        """Return whether the window still covers the SLM's screen; otherwise cover it, neutral.
 
-        DeviceError if the screen isn't there, or isn't the same.
+        DeviceError if the screen is missing or another monitor is connected.
         """
         try:
             there = choose_screen(self._wanted, list_outputs(self.x))
@@ -90,10 +84,11 @@ class PanelScreen:
             self._canvas.draw(image)
 
     def verify(self, command: str, grey: NDArray[np.uint8]) -> None:
-        """DeviceError if the screen doesn't show this, pixel for pixel, or changes its levels."""
+        """Raise DeviceError unless the screen shows this pattern pixel for pixel, unchanged."""
         self.has_linear_ramp = self._check_ramp()
-        late = time.monotonic() + _APPEAR_TIMEOUT
-        # Once it was wrong, right twice: another window may fight for its place.
+        # A compositor may take up to half a second.
+        late = time.monotonic() + 0.5
+        # After a mismatch, two matches are required: another window may raise itself repeatedly.
         right, enough = 0, 1
         while right < enough:
             wrong = readback_error(self._read_pixels(), grey)
@@ -105,16 +100,19 @@ class PanelScreen:
             else:
                 right += 1
                 if right < enough:
-                    time.sleep(_RECHECK_DELAY)
+                    time.sleep(0.05)
 
     def check(self, command: str, grey: NDArray[np.uint8]) -> None:
-        """DeviceError if something else stands there now, which then is covered again."""
+        """Raise DeviceError if the screen shows something else, after raising the window again."""
         if wrong := readback_error(self._read_pixels(), grey):
             self._raise_window()
             raise self._display_error(command, wrong)
 
     def check_band(self, command: str, grey: NDArray[np.uint8]) -> None:
-        """The same for a part of a picture that is shown now, in little time."""
+        """Check one band of the video frame on the screen, which takes less time than all of it.
+
+        Each call takes the next band.
+        """
         rows = -(-grey.shape[0] // _CHECKED_BANDS)
         top = self._band * rows
         self._band = (self._band + 1) % _CHECKED_BANDS
@@ -126,7 +124,7 @@ class PanelScreen:
             raise self._display_error(command, wrong)
 
     def uncover(self) -> None:
-        """Take the window away: what was its place may now be another screen's."""
+        """Remove the window, because its place may now belong to another screen."""
         if self._reader is not None:
             self._reader.close()
             self._reader = None
@@ -165,7 +163,8 @@ class PanelScreen:
     def _check_ramp(self) -> bool:
         found = read_gamma_ramp(self.x, self.output.crtc)
         if not self.output.refresh and not found.any():
-            return True  # nothing is scanned out of a virtual screen, which leaves its ramp empty
+            # A virtual screen is sent to no monitor, so the X server leaves its ramp empty.
+            return True
         changed = gamma_ramp_error(found)
         if changed and not self._allow_ramp:
             remedy = (
@@ -181,5 +180,5 @@ class PanelScreen:
 
 
 def panel_name(output: Output) -> str:
-    """The panel's name: its monitor's, or its connector's."""
+    """Return the SLM's name: its monitor's model, or its connector."""
     return output.monitor.model or f"screen {output.name}"

@@ -1,4 +1,4 @@
-"""Frames of a video, one at each refresh of the screen, and when each was really presented."""
+"""Choose the video frame for each refresh of the SLM's screen, and record when it was shown."""
 
 from __future__ import annotations
 
@@ -13,19 +13,22 @@ from numpy.typing import NDArray
 _MAX_HISTORY = 1 << 16
 """Presentations whose times are kept: 18 minutes at 60 Hz. All are counted."""
 
-_TRACKING_GAIN = 0.05
-"""Share of a refresh's delay by which the even times follow it: no clock is the screen's."""
-
 
 @dataclass(frozen=True)
 class Presentations:
-    """What was presented of a video since it began.
+    """Record which frames of a video an SLM has shown since the video began, and when.
 
-    frames: indices into the video, in the order in which they were presented; times: when,
-    in seconds of the bench's clock. Both are of the last 65536 at most. count: of all.
-    missed: refreshes at which a frame should have come and didn't, because the one before
-    it still stood, and frames that came so soon that no refresh showed the one before. No
-    frame is ever left out.
+    Parameters
+    ----------
+    frames : ndarray of int64, shape (n,)
+        Indices into the video in the order in which they were shown; the last 65536 at most.
+    times : ndarray of float64, shape (n,)
+        When each was shown, in seconds of the bench's clock.
+    count : int
+        Number of all frames that were shown.
+    missed : int
+        Number of refreshes that showed the frame before once more, plus the frames that were
+        replaced before any refresh showed them. The video itself never skips a frame.
     """
 
     frames: NDArray[np.int64]
@@ -35,10 +38,10 @@ class Presentations:
 
 
 class VideoPlayer:
-    """Says which frame is to be drawn at a refresh, and keeps account.
+    """Draw the next video frame at each refresh of the screen, and record the presentations.
 
-    draw: draws the frame of an index, and returns when the server has it. now: the time that
-    refreshes are told in.
+    draw: draws the frame with an index, and returns when the X server has received it. now:
+    returns the time in the clock of the refreshes.
     """
 
     def __init__(
@@ -51,30 +54,32 @@ class VideoPlayer:
         self._smoothed_time = 0.0
 
     def on_refresh(self, number: int, time: float) -> int:
-        """Refresh `number` was at `time`: draw the next frame. The refresh that shows it."""
+        """Draw the next video frame after refresh `number`; return the refresh that shows it."""
         index = self._presented % self._count
         self._draw(index)
-        # Drawn after that refresh, it is seen from the next one on that is still to come.
+        # The frame appears at the first refresh after it was drawn.
         later = max(1, math.ceil((self._now() - time) / self._period))
         self._record_presentation(index, time + later * self._period)
         return number + later
 
     def _record_presentation(self, index: int, time: float) -> None:
         if self._shown:
-            # By time and not by the server's count, which stands still for a dark screen. And
-            # by even times: a busy server that makes refreshes up tells some of them late,
-            # and from each to the next one would now be lost, now be counted twice.
+            # Refreshes are counted by time, because the server's count stops while the screen is
+            # dark. The time is smoothed, because a busy server without a real screen reports some
+            # refreshes late, which would otherwise be counted as missed or doubled.
             steps = round((time - self._smoothed_time) / self._period)
             self._missed += abs(steps - 1)
             self._smoothed_time += steps * self._period
-            self._smoothed_time += _TRACKING_GAIN * (time - self._smoothed_time)
+            # The smoothed time follows the reported one by a twentieth, because the period in the
+            # computer's clock differs slightly from the screen's.
+            self._smoothed_time += 0.05 * (time - self._smoothed_time)
         else:
             self._smoothed_time = time
         self._shown.append((index, time))
         self._presented += 1
 
     def presentations(self) -> Presentations:
-        """Until now; a frame that is overdue is counted as missed."""
+        """Return the video's presentations until now; an overdue frame counts as missed."""
         overdue = 0
         if self._shown:
             late = (self._now() - self._shown[-1][1]) / self._period

@@ -1,62 +1,98 @@
-"""When the screen is refreshed, as the X server tells: the Present extension.
+"""Receive the times of the screen's refreshes from the X server's Present extension.
 
-A graphics card's driver counts the real refreshes of the screen; where there is no such
-screen, the server makes them up by its own clock.
+A graphics card's driver counts the real refreshes of a screen. For a virtual screen, the server
+generates them by its own clock.
 """
 
 from __future__ import annotations
 
 import struct
+from enum import IntEnum
 from typing import NamedTuple
 
 from drivers.x11 import XConnection
+from drivers.x11.libxcb import GENERIC_EVENT
 
-_COMPLETE = 1 << 1
-_COMPLETED, _NOTIFY = 1, 1
-_GENERIC = 35
+
+class _PresentRequest(IntEnum):
+    """Name the requests of the Present extension by their minor opcodes."""
+
+    QUERY_VERSION = 0
+    NOTIFY_MSC = 2
+    SELECT_INPUT = 3
+
+
+class _PresentEvent(IntEnum):
+    """Name the events of the Present extension by their types."""
+
+    COMPLETE_NOTIFY = 1
+
+
+class _CompleteKind(IntEnum):
+    """Name what a CompleteNotify event of the Present extension reports."""
+
+    NOTIFY_MSC = 1
 
 
 class Refresh(NamedTuple):
-    """number: counted by the server. time: seconds of time.monotonic()."""
+    """Describe a refresh of the screen: the X server's count, and time.monotonic() in seconds."""
 
     number: int
     time: float
 
 
 class RefreshEvents:
-    """A connection of its own, for events only: nothing else may take them off its socket."""
+    """Receive refresh events through a separate X connection, so that nothing else reads them."""
 
     def __init__(self, display: str, window: int) -> None:
-        """XError if the server can't tell."""
+        """Connect to the X server; XError if it doesn't report refreshes."""
         self.x = XConnection(display)
         try:
-            self.x.query_extension("Present", 0, "II", 1, 0)
+            self.x.query_extension("Present", _PresentRequest.QUERY_VERSION, "II", 1, 0)
             self._major, _ = self.x.extension("Present")
             self._window = window
-            self.x.send_extension_request("Present", 3, "III", self.x.new_id(), window, _COMPLETE)
+            self.x.send_extension_request(
+                "Present",
+                _PresentRequest.SELECT_INPUT,
+                "III",
+                self.x.new_id(),
+                window,
+                1 << _PresentEvent.COMPLETE_NOTIFY,
+            )
         except BaseException:
             self.x.close()
             raise
         self._serial = 0
 
     def request_refresh(self, number: int) -> None:
-        """Have refresh `number` told, or the latest if it has been. Earlier wishes are void."""
+        """Request an event for refresh `number`, or for the latest if that one has passed.
+
+        Earlier requests are ignored from now on.
+        """
         self._serial = (self._serial + 1) & 0xFFFFFFFF
         layout = "II4xQQQ"
         self.x.send_extension_request(
-            "Present", 2, layout, self._window, self._serial, number, 0, 0
+            "Present",
+            _PresentRequest.NOTIFY_MSC,
+            layout,
+            self._window,
+            self._serial,
+            number,
+            0,
+            0,
         )
 
     def poll_refresh(self) -> Refresh | None:
-        """The refresh that was asked for, if it has been."""
+        """Return the screen refresh that was requested, if its event has arrived."""
         found = None
         for event in self.x.events():
-            if len(event) < 44 or event[0] & 0x7F != _GENERIC or event[1] != self._major:
+            if len(event) < 44 or event[0] & 0x7F != GENERIC_EVENT or event[1] != self._major:
                 continue
             kind, sort = struct.unpack_from("<HB", event, 8)
             (serial, microseconds) = struct.unpack_from("<IQ", event, 20)
-            if kind == _COMPLETED and sort == _NOTIFY and serial == self._serial:
-                # libxcb puts four bytes of its own behind the first 32.
+            wanted = kind == _PresentEvent.COMPLETE_NOTIFY and sort == _CompleteKind.NOTIFY_MSC
+            if wanted and serial == self._serial:
+                # libxcb inserts four bytes of its own after the first 32.
                 (number,) = struct.unpack_from("<Q", event, 36)
                 found = Refresh(number, microseconds * 1e-6)
         return found

@@ -1,4 +1,4 @@
-"""Which of the screens is the panel: the one that was named, and never the operator's."""
+"""Choose the SLM's screen: the one that was named, and never the operator's."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from drivers.errors import DeviceError
 from drivers.x11.outputs import Output
 
-_REFRESH_TOLERANCE = 0.01
-"""Part by which refresh rates may differ: 59.94 Hz is sold as 60."""
-
 
 @dataclass(frozen=True)
 class ScreenRequest:
-    """screen: an output's name, or a monitor's model or serial; any of that size if empty."""
+    """Describe the screen that is wanted for the SLM.
+
+    screen: an output's name, or a monitor's model or serial number; any screen of that size if
+    empty. width, height: pixels.
+    """
 
     screen: str
     width: int
@@ -24,7 +25,7 @@ class ScreenRequest:
 
 
 def choose_screen(request: ScreenRequest, outputs: Sequence[Output]) -> Output:
-    """The screen that is wanted; DeviceError lists those that there are."""
+    """Choose the screen that fits the request; otherwise DeviceError lists all screens."""
     found = [output for output in outputs if _matches_request(request, output)]
     if request.screen:
         what = f"no screen is called {request.screen!r}"
@@ -63,7 +64,8 @@ def _require_fit(wanted: ScreenRequest, output: Output, there: Sequence[Output])
         what = f"{output.name} runs at {output.width}x{output.height} pixels"
         remedy = f"xrandr --output {output.name} --mode {wanted.width}x{wanted.height}"
         raise _error(wanted, what, remedy, there)
-    if output.refresh and abs(output.refresh / wanted.refresh_hz - 1) > _REFRESH_TOLERANCE:
+    # A relative difference of 0.01 is allowed, because 59.94 Hz is sold as 60 Hz.
+    if output.refresh and abs(output.refresh / wanted.refresh_hz - 1) > 0.01:
         what = f"{output.name} runs at {output.refresh:.2f} Hz, not {wanted.refresh_hz:g}"
         remedy = f"xrandr --output {output.name} --rate {wanted.refresh_hz:g}, or say refresh_hz"
         raise _error(wanted, what, remedy, there)

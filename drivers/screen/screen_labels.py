@@ -1,4 +1,4 @@
-"""A plate with its number and name on each screen; it needs Qt, and a process of its own."""
+"""Show a label with number and name on each screen; this needs Qt in a separate process."""
 
 from __future__ import annotations
 
@@ -12,15 +12,13 @@ from drivers.interfaces import Clock
 from drivers.screen.canvas import Canvas, qt_application
 from drivers.x11.outputs import Output
 
-_LONG, _SHORT = 480, 240
-
 
 def show_labels(display: str, there: Sequence[Output], clock: Clock, seconds: float) -> None:
-    """Put up a plate in the middle of each screen, and take it away after some seconds."""
+    """Show a label in the middle of each screen for some seconds."""
     qt_application(display)
     plates = []
     for number, output in enumerate(there, 1):
-        width, height = min(_LONG, output.width), min(_SHORT, output.height)
+        width, height = min(480, output.width), min(240, output.height)
         left = output.x + (output.width - width) // 2
         top = output.y + (output.height - height) // 2
         plate = Canvas((left, top, width, height))

@@ -1,4 +1,4 @@
-"""Whether a screen is there, seen without the window's help and without disturbing it."""
+"""Check whether the SLM's screen is connected, without the window and without disturbing it."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from drivers.x11.outputs import list_outputs, watch_changes
 
 
 class ScreenWatcher:
-    """Looks for a screen through a connection of its own, made when it is first asked.
+    """Look for the SLM's screen through a separate X connection, opened at the first call.
 
-    request: which screen. display: as in DISPLAY, that of the environment if None. The server
-    tells when screens come or go: only then is it asked which there are.
+    The X server reports when screens are plugged in or out, and only then are they listed again.
+
+    request: which screen. display: as in DISPLAY; that of the environment if None.
     """
 
     def __init__(self, request: ScreenRequest, display: str | None) -> None:
@@ -25,7 +26,7 @@ class ScreenWatcher:
         self._reason = ""
 
     def unplugged_reason(self) -> str:
-        """Why the screen isn't there; empty if it is. Within 4 seconds, usually at once."""
+        """Return why the screen is missing, empty if it isn't; takes 4 s at most."""
         with self._turn:
             try:
                 self._update()

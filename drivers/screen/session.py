@@ -1,4 +1,4 @@
-"""The desktop session that a window opens in: X11, and nothing that scales."""
+"""Check that the desktop session is X11, and turn off Qt's scaling, for the SLM's window."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drivers.errors import DeviceError
 from drivers.x11 import XConnection, XError
 
 _SCALING = ("QT_SCALE_FACTOR", "QT_SCREEN_SCALE_FACTORS", "QT_FONT_DPI", "QT_USE_PHYSICAL_DPI")
-"""QT_SCALE_FACTOR scales even where QT_ENABLE_HIGHDPI_SCALING is 0."""
+"""Variables that are removed: QT_SCALE_FACTOR scales even if QT_ENABLE_HIGHDPI_SCALING is 0."""
 
 _TO_X11 = (
     "Log in to an X11 (Xorg) session, which the login screen offers; if it doesn't, write "
@@ -18,11 +18,13 @@ _TO_X11 = (
 
 
 class ServerGone(DeviceError):
-    """The X server has ended, and all windows with it."""
+    """Report that the X server has ended, and with it all windows."""
 
 
 def connect_display(model: str, display: str | None) -> XConnection:
-    """The X server; DeviceError if there is none, or it isn't master of its screens.
+    """Connect to the X server; DeviceError if there is none, or if it is Xwayland.
+
+    Wayland's compositor controls screens and scaling, so that Xwayland can't show exact pixels.
 
     display: as in DISPLAY; that of the environment if None.
     """

@@ -1,4 +1,4 @@
-"""A video on the stage: a frame at each refresh, by the server's word or by the clock."""
+"""Play a video on the SLM's screen, one frame per refresh, paced by the X server or the clock."""
 
 from __future__ import annotations
 
@@ -12,12 +12,9 @@ from drivers.screen.player import VideoPlayer
 from drivers.screen.refreshes import Refresh, RefreshEvents
 from drivers.x11 import XError
 
-_REFRESH_TIMEOUT = 0.25
-"""Seconds after which a refresh that isn't told is taken by the clock."""
-
 
 class VideoPlayback(QObject):
-    """Plays from its start to its stop, while Qt's event loop runs."""
+    """Play a video on the screen until it is stopped, while Qt's event loop runs."""
 
     def __init__(
         self,
@@ -40,7 +37,7 @@ class VideoPlayback(QObject):
         try:
             self._refreshes = RefreshEvents(display, window)
         except XError:
-            # By the clock then, which can't know the phase of the screen's own.
+            # Play by the clock instead, which doesn't know the phase of the screen's refreshes.
             self._request_refresh(0)
             return
         self._notifier = QSocketNotifier(
@@ -54,7 +51,7 @@ class VideoPlayback(QObject):
         return "the clock" if self._refreshes is None else "the screen's refreshes"
 
     def process_refreshes(self, *_: object) -> None:
-        """Do what is due."""
+        """Draw the video frames that are due after the refreshes that were reported."""
         try:
             while (
                 self._refreshes is not None and (told := self._refreshes.poll_refresh()) is not None
@@ -76,14 +73,15 @@ class VideoPlayback(QObject):
         due = self._last.time + (number - self._last.number) * self._period - time.monotonic()
         if self._refreshes is not None:
             self._refreshes.request_refresh(number)
-            due += _REFRESH_TIMEOUT
+            # After 0.25 s without an event, the refresh is taken from the clock.
+            due += 0.25
         self._timer.start(max(0, round(due * 1e3)))
 
     def _on_timeout(self) -> None:
-        """The latest refresh by the clock; the same count goes on."""
+        """Take the latest refresh from the clock, and continue the screen's count."""
         now = time.monotonic()
         passed = math.floor((now - self._last.time) / self._period)
-        # A timer may be half a millisecond early.
+        # A timer may fire half a millisecond early.
         number = max(self._wanted, self._last.number + passed)
         since = (number - self._last.number) * self._period
         self._on_refresh(Refresh(number, self._last.time + since))

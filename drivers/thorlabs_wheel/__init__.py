@@ -1,4 +1,4 @@
-"""Thorlabs' filter wheels FW102C and FW212C."""
+"""Drive Thorlabs' filter wheels FW102C and FW212C."""
 
 from drivers.thorlabs_wheel.wheel import ThorlabsWheel
 

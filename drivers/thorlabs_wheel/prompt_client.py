@@ -1,7 +1,8 @@
-"""What a wheel of Thorlabs is told and tells, as to a person at a terminal.
+"""Exchange commands and answers with a Thorlabs filter wheel, which behaves like a terminal.
 
-It echoes each command, tells a value where one was asked for, and then prompts, after a move as
-soon as that is done. Source: Thorlabs' manual of the FW102C/FW212C, chapter 5.2.3.
+The wheel echoes each command, answers a query with a value, and then sends a prompt. After a
+move, the prompt comes when the move is done. Source: Thorlabs' manual of the FW102C/FW212C,
+chapter 5.2.3.
 """
 
 from __future__ import annotations
@@ -18,16 +19,13 @@ T = TypeVar("T")
 _PROMPT = b"> "
 
 REPLY_TIMEOUT = 1.0
-"""Seconds for an answer that needs no turning."""
-
-_MAX_PROMPTS = 5
-"""Times that it is brought to its prompt before it is given up."""
+"""Seconds for an answer to a command that doesn't turn the wheel; chosen."""
 
 _QUIET = 0.05
-"""Seconds without a byte, after which nothing more is expected."""
+"""Seconds without a byte after which the line counts as empty; chosen."""
 
 _BODY = re.compile(rb"\0*(?:([ -~]+)[\r\n]+)?")
-"""Between echo and prompt."""
+"""What the wheel sends between echo and prompt."""
 
 _IDENTITY = re.compile(r"THORLABS FW102C/FW212C Filter Wheel version ([0-9]+\.[0-9]+)")
 
@@ -38,13 +36,14 @@ _ERRORS = {
 
 
 class UnknownCommand(DeviceError):
-    """The wheel says that it doesn't know a command."""
+    """Report that the filter wheel doesn't know a command."""
 
 
 class ThorlabsClient:
-    """Questions to a wheel and its answers, never one for another.
+    """Exchange commands and answers with a filter wheel, and keep each answer with its command.
 
-    turning_time: seconds for which it may turn. check: that it is the right one, set as wanted.
+    turning_time: longest time of a move in seconds. check: verifies the wheel's identity and
+    settings.
     """
 
     def __init__(self, line: SerialLine, turning_time: float, check: Callable[[str], None]) -> None:
@@ -52,7 +51,7 @@ class ThorlabsClient:
         self._needs_lead_line = False
 
     def call_with_retry(self, command: str, work: Callable[[], T]) -> T:
-        """The result of work, tried again where something late may have got in between."""
+        """Return the result of `work`; retry once after the wheel's prompt was found again."""
         self.get_ready(command)
         try:
             return work()
@@ -63,9 +62,9 @@ class ThorlabsClient:
         return work()
 
     def get_ready(self, command: str) -> None:
-        """Bring it to its prompt, unless it is there, and check that it is as it should be.
+        """Bring the wheel to its prompt, unless it is there, and check identity and settings.
 
-        A wheel that still turns prompts only when it stands.
+        A wheel that is still turning sends its prompt only when it has stopped.
         """
         if self._line.in_sync and not self._line.drain(0.0, _QUIET, command):
             return
@@ -80,8 +79,8 @@ class ThorlabsClient:
                 self._line.drain(_QUIET, REPLY_TIMEOUT, command)
                 self._check(command)
             except DeviceError:
-                # A prompt says that it doesn't turn: more of them change nothing.
-                over = prompts >= _MAX_PROMPTS or self._line.clock.now() >= late
+                # After a prompt the wheel doesn't turn, so waiting for more than five is useless.
+                over = prompts >= 5 or self._line.clock.now() >= late
                 if self._line.is_cancelled or not self._line.is_open or over:
                     raise
             else:
@@ -89,7 +88,7 @@ class ThorlabsClient:
                 return
 
     def read_firmware(self, command: str) -> str:
-        """Its version; whether it wants a line before each command is found out, too."""
+        """Return the wheel's firmware version; find out if each command needs a line before it."""
         try:
             answer = self.confirmed_reply("*idn?", command)
         except UnknownCommand:
@@ -107,14 +106,17 @@ class ThorlabsClient:
         return found[1]
 
     def query_integer(self, question: str, command: str, most: int, least: int = 1) -> int:
-        """A whole number from `least` to `most`."""
+        """Return the wheel's answer as a whole number from `least` to `most`."""
         answer = self.confirmed_reply(question, command)
         if not re.fullmatch("[0-9]{1,2}", answer) or not least <= int(answer) <= most:
             raise self._line.error(command, f"{question} gives {answer!r}, not {least} to {most}")
         return int(answer)
 
     def confirmed_reply(self, question: str, command: str) -> str:
-        """An answer given three times in a row: noise and late answers don't agree."""
+        """Return an answer that the filter wheel gave three times in a row.
+
+        Repetition rules out noise and late answers.
+        """
         answer, times = self.ask(question, command), 1
         for _ in range(4):
             before, answer = answer, self.ask(question, command)
@@ -124,7 +126,7 @@ class ThorlabsClient:
         raise self._line.error(command, f"{question} gives {answer!r} and others in turn")
 
     def ask(self, text: str, command: str, seconds: float = REPLY_TIMEOUT) -> str:
-        """Say something; what comes back before the prompt, but for the echo."""
+        """Send a command to the wheel; return what comes between its echo and the prompt."""
         if self._needs_lead_line:
             self._exchange(b">", command, REPLY_TIMEOUT)
         answer = self._exchange(text.encode(), command, seconds)

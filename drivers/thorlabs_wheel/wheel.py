@@ -1,4 +1,4 @@
-"""Thorlabs' filter wheels FW102C (6 slots) and FW212C (12 slots), over their serial port.
+"""Drive Thorlabs' filter wheels FW102C (6 slots) and FW212C (12 slots) over a serial port.
 
 Source: Thorlabs' manual of the FW102C/FW212C, chapter 5.2.3.
 """
@@ -17,22 +17,45 @@ from drivers.wheel import Wheel, steps_between
 log = logging.getLogger(__name__)
 
 _STEP_MS = {True: 2000.0, False: 4000.0}
-"""Milliseconds for a slot, fast and slow: twice what others have seen it need."""
+"""Milliseconds per slot if fast, and if slow: twice the times that others have observed."""
 
 _TRIGGER_MODES = {"input": 0, "output": 1}
 
 
 class ThorlabsWheel(Wheel):
-    """A FW102C or FW212C.
+    """Turn the slots of a Thorlabs FW102C or FW212C filter wheel.
 
-    port: of its USB cable, such as "/dev/ttyUSB0". slots_nm, names, avoid, settling_ms: as in
-    Wheel; slots_nm has an entry for each of its 6 or 12 slots. fast: how it turns. step_ms: the
-    most that it needs for a slot; by default 2000 if fast and 4000 if not. baudrate: 115200, or
-    9600 where it was set so. sensors: whether its lamps stay on while it stands; in the dark
-    they are stray light. trigger: "input" to turn on by a pulse, "output" to give one for each
-    turn.
+    Firmware 1.0 has no commands for speed, sensors and the number of slots.
 
-    Firmware 1.0 can't be told speed and sensors, nor can it tell how many slots it has.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock.
+    port : str
+        Serial port of its USB cable, such as "/dev/ttyUSB0".
+    slots_nm : sequence of sequence of float
+        Centre and full width at half maximum of each of the 6 or 12 slots' filters, in nanometres.
+    names : sequence of str
+        Names of the slots; by default their centres.
+    avoid : sequence of int
+        Slots that must not cross the light during a move.
+    fast : bool
+        Whether the wheel turns at its fast speed.
+    step_ms : float, optional
+        Longest time per slot in milliseconds; by default 2000 if fast, and 4000 if not.
+    settling_ms : float
+        Milliseconds from the end of a move until the filter has settled.
+    baudrate : int
+        115200, or 9600 if the wheel was configured so.
+    sensors : bool
+        Whether the lamps of its sensors stay on while it stands; they cause stray light.
+    trigger : {"input", "output"}
+        "input": a pulse advances the wheel. "output": the wheel sends a pulse for each move.
+
+    Raises
+    ------
+    ValueError
+        If an option is invalid.
     """
 
     def __init__(
@@ -78,7 +101,7 @@ class ThorlabsWheel(Wheel):
 
     @property
     def identity(self) -> Identity:
-        """The wheel has no serial number to tell."""
+        """Return the filter wheel's model; it can't report a serial number."""
         return Identity(self.model, "", simulated=False)
 
     @property
@@ -87,12 +110,12 @@ class ThorlabsWheel(Wheel):
             return super().slot
 
     def set_slot(self, number: int) -> Setting[int]:
-        """Turn to a slot and wait until the wheel stands there."""
+        """Turn the filter wheel to a slot and wait until it has arrived."""
         with self._line.within(self.reply_time):
             return super().set_slot(number)
 
     def health(self) -> dict[str, str]:
-        """Firmware and settings, as the wheel tells them."""
+        """Read the filter wheel's firmware version, slot and settings."""
 
         def read() -> dict[str, str]:
             return {
@@ -105,16 +128,16 @@ class ThorlabsWheel(Wheel):
         return {"firmware": self._firmware, "slot": told.pop("pos"), **told}
 
     def save(self) -> None:
-        """Have the wheel keep its settings for when it is switched on again."""
+        """Store the filter wheel's settings, so that they apply after it is switched on again."""
         with self._line.within(self.reply_time):
             self._link.call_with_retry("save", lambda: self._link.ask("save", "save"))
 
     def kill(self) -> None:
-        """End a call that goes on, and all later ones; from any thread."""
+        """Cancel the filter wheel's running call and all later ones; from any thread."""
         self._line.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Why it counts as unplugged, empty while it is there; see Device."""
+        """Return why the filter wheel counts as unplugged, empty while it is connected."""
         return self._line.unplugged_reason()
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
@@ -160,7 +183,7 @@ class ThorlabsWheel(Wheel):
         except DeviceError:
             if self._line.is_cancelled or failure is None:
                 raise
-            # It may be on its way yet, and says nothing until it is there.
+            # It may still be turning, and answers nothing until it has stopped.
             raise self._refuse(
                 command, failure.reply, f"{failure.remedy}. If it only turns slowly, raise step_ms"
             ) from None
@@ -174,7 +197,7 @@ class ThorlabsWheel(Wheel):
             )
 
     def _check(self, command: str) -> None:
-        """That it is the same wheel, set as wanted."""
+        """Verify that the same filter wheel answers, and apply the requested settings."""
         firmware = self._link.read_firmware(command)
         if self._firmware not in ("", firmware):
             raise self._line.error(

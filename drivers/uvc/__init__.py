@@ -1,4 +1,4 @@
-"""UVC cameras (webcams) through OpenCV and Video4Linux2."""
+"""Drive UVC cameras (webcams) through OpenCV and Video4Linux2."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
-"""A UVC camera as a device: exposures that are really set.
+"""Drive a UVC camera, and return only frames that have the exposure that was set.
 
 Sources: the USB Video Class 1.5; the kernel's documentation of V4L2's camera controls (absolute
 exposure in units of 100 us, exposure_auto 1 for manual); OpenCV's documentation of VideoCapture.
-Such a camera runs freely and says of no frame how long it was exposed: so frames are let pass
-until one must have been begun with the exposure that was set.
+A UVC camera runs freely and doesn't report the exposure of a frame. Frames are therefore
+discarded until one must have begun with the exposure that was set.
 
-A camera's calls may hang in the system. They are made in a thread that is given up then;
-own_process = true in the bench file has the whole driver live in a process of its own, which
-can be killed.
+Calls to the camera may hang in the operating system. They are made in a thread, which is
+abandoned if that happens. With own_process = true in the bench file, the whole driver runs in a
+child process, which can be killed.
 """
 
 from __future__ import annotations
@@ -31,23 +31,41 @@ from drivers.uvc.latency import count_old_frames
 from drivers.uvc.pixel_decoding import FULL_SCALES, decode_pixels
 from drivers.uvc.stream import QUEUE_LENGTH, Stream, StreamFrame, StreamStopped
 
-_STALL_MARGIN = 0.8
-"""Seconds beyond a frame's time after which a stream that gives none has stopped."""
-
-_SET_TIMEOUT_MARGIN = 1.5
-"""Seconds beyond a frame's time for an exposure to be set."""
-
 
 class UVCCamera:
-    """A UVC camera that runs freely, as a camera that takes one picture when asked.
+    """Take single frames with a UVC camera, which runs freely.
 
-    device: "/dev/video0", a lasting name such as "/dev/v4l/by-id/...", or a number. width,
-    height: in pixels. pixel_format: see drivers.uvc.pixel_decoding. frame_rate: in Hz, 0 for the
-    camera's own. exposure_range_ms: shortest and longest. exposure_unit_us: the camera's unit.
-    discard_frames: frames begun after a new exposure was set that may still have the old one;
-    measure_latency() finds it. gain: in the camera's units, left alone by default.
-    electrons_per_number: for Frame.gain. source: "module:name" of what opens a VideoCapture of
-    a device, in place of OpenCV's.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock.
+    device : str or int
+        "/dev/video0", a permanent name such as "/dev/v4l/by-id/...", or a number.
+    width, height : int
+        Size of the picture in pixels, 1 to 16384.
+    pixel_format : str
+        V4L2's four letters of the format, one of `drivers.uvc.pixel_decoding.FULL_SCALES`.
+    frame_rate : float
+        Frames per second, up to 1000; 0 leaves the camera's own.
+    exposure_range_ms : sequence of float
+        Shortest and longest exposure in milliseconds.
+    exposure_unit_us : float
+        The camera's unit of exposure in microseconds.
+    discard_frames : int
+        Number of frames after a new exposure was set that may still have the old one, 0 to 100;
+        measure_latency() finds it.
+    gain : float, optional
+        Amplification in the camera's units; left as it is by default.
+    electrons_per_number : float
+        Conversion gain in electrons per digital number, for Frame.gain.
+    source : str or callable
+        Function, or its name "module:name", that opens a device and returns an object like
+        cv2.VideoCapture; OpenCV's by default.
+
+    Raises
+    ------
+    ValueError
+        If an option is invalid.
     """
 
     model = "UVC camera"
@@ -83,7 +101,7 @@ class UVCCamera:
         self._gain = electrons_per_number
         self.discard_frames = discard_frames
         self.alive_at = 0.0
-        """When a measurement last got on; see Device."""
+        """When measure_latency() last made progress; see Device."""
         self._in_force = ExposureInForce()
         self._connection = CameraConnection(
             self.model, self._mode, resolve_source(source), self._restore_exposure
@@ -108,7 +126,7 @@ class UVCCamera:
 
     @property
     def frame_time(self) -> float:
-        """Seconds for all frames that are let pass, and for the one that is kept."""
+        """Return the seconds for the camera frames that are discarded and the one that is kept."""
         return (self.discard_frames + QUEUE_LENGTH + 4) * self._period
 
     @property
@@ -118,7 +136,7 @@ class UVCCamera:
         return max(given, self._in_force.exposure)
 
     def health(self) -> dict[str, str]:
-        """What the camera tells about itself, and how its stream goes."""
+        """Return the camera's description, and the frame time and counts of its stream."""
         stream = self._connection.ensure_stream("read its state")
         return {
             **self._connection.description,
@@ -129,7 +147,7 @@ class UVCCamera:
         }
 
     def set_exposure(self, exposure: float) -> Setting[float]:
-        """Set it, in the camera's units, and read it back: that counts."""
+        """Set the camera's exposure in s, and read back the value that is actually in force."""
         command = f"set the exposure to {exposure * 1e3:g} ms"
         low, high = self._range
         if not low <= exposure <= high:
@@ -143,9 +161,9 @@ class UVCCamera:
         return Setting(exposure, self._in_force.exposure, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """The first frame that was begun after this call, with the exposure that is set.
+        """Return the camera's first frame that began after this call with the current exposure.
 
-        DeviceError if the stream stops for a second, or if it's cancelled.
+        DeviceError if the stream stops for a second, or if the call is cancelled.
         """
         stream = self._connection.ensure_stream("capture")
         shot = self._next_valid_frame(stream, cancelled)
@@ -157,10 +175,12 @@ class UVCCamera:
         return Frame(image, self._in_force.exposure, self._gain, begun, shot.number)
 
     def measure_latency(self, exposures: Sequence[float], steps: int = 3, frames: int = 16) -> int:
-        """Find `discard_frames` by changing the exposure to and fro under a steady light.
+        """Measure `discard_frames` by alternating between two exposures under steady light.
 
-        exposures: two, in seconds, of which neither is too dark or clipped. steps: how often
-        each is set. frames: that are looked at after each. The result is in force from now on.
+        The result is used from now on.
+
+        exposures: two, in seconds, of which neither gives dark or clipped frames. steps: how often
+        each is set. frames: number of frames that are evaluated after each change.
         """
         command, latency = "measure the latency", 0
         waiting = self.discard_frames
@@ -186,11 +206,11 @@ class UVCCamera:
         return latency
 
     def make_safe(self) -> None:
-        """Stop the stream; the next command starts it again."""
+        """Stop the camera's stream; the next command starts it again."""
         self._connection.stop()
 
     def unplugged_reason(self) -> str | None:
-        """Why it counts as unplugged, empty while it is there; see Device."""
+        """Return why the UVC camera counts as unplugged, empty while it is connected."""
         return self._connection.unplugged_reason()
 
     def __enter__(self) -> Self:
@@ -201,7 +221,10 @@ class UVCCamera:
         self._connection.stop()
 
     def _mean_levels(self, command: str, count: int) -> list[tuple[int, float]]:
-        """Mean numbers of the next frames, and how many came since the exposure was set."""
+        """Return the mean levels of the camera's next frames, to measure its latency.
+
+        Each comes with the number of frames since the exposure was set.
+        """
         stream, number = self._connection.ensure_stream(command), 0
         levels: list[tuple[int, float]] = []
         while len(levels) < count:
@@ -214,7 +237,7 @@ class UVCCamera:
         return levels
 
     def _next_valid_frame(self, stream: Stream, cancelled: Callable[[], bool]) -> StreamFrame:
-        """The first frame that must be what was asked for."""
+        """Return the camera's first frame with the current exposure that began after the call."""
         called, number, now = time.monotonic(), stream.frame_count, self._in_force
         late = called + now.exposure + self.frame_time + CALL_TIMEOUT
         while time.monotonic() < late:
@@ -227,7 +250,7 @@ class UVCCamera:
         raise self._connection.end_with_error("capture", "no frame of the new exposure came")
 
     def _require_frame_interval(self, stream: Stream, shot: StreamFrame) -> None:
-        """DeviceError if frames come so fast that none can be exposed for as long as was set."""
+        """Raise DeviceError if the camera's frames come faster than the exposure allows."""
         gap = self._in_force.too_short_interval(stream, shot)
         if gap:
             raise self._connection.refuse(
@@ -239,7 +262,7 @@ class UVCCamera:
             )
 
     def _next_shot(self, stream: Stream, after: int, cancelled: Callable[[], bool]) -> StreamFrame:
-        """The next frame; DeviceError if there is none for a second, or if it's cancelled."""
+        """Return the stream's next frame; DeviceError if none comes for a second, or on cancel."""
         began = time.monotonic()
         while True:
             if cancelled():
@@ -250,18 +273,20 @@ class UVCCamera:
                 raise self._connection.end_with_error("capture", str(stopped)) from None
             if shot is not None:
                 return shot
-            if time.monotonic() - max(began, stream.last_frame_at) > self._period + _STALL_MARGIN:
+            # The stream counts as stopped 0.8 s after the frame should have come.
+            if time.monotonic() - max(began, stream.last_frame_at) > self._period + 0.8:
                 raise self._connection.end_with_error("capture", "the stream has stopped")
 
     def _set(self, command: str, stream: Stream, units: int) -> None:
-        seconds = self._period + _SET_TIMEOUT_MARGIN
+        # Setting an exposure may take 1.5 s beyond the frame that is being taken.
+        seconds = self._period + 1.5
         actual = self._connection.ask(
             command, stream, lambda capture: set_exposure_units(capture, units), seconds
         )
         self._in_force = self._in_force.with_exposure(units, actual * self._mode.unit)
 
     def _restore_exposure(self, command: str, stream: Stream) -> None:
-        """The exposure that was set last, or at first the camera's own, if that is in the range."""
+        """Set the last exposure again on a new stream; at first the camera's own, in the range."""
         low, high = (round(limit / self._mode.unit) for limit in self._range)
         units = self._in_force.units or round(
             self._connection.ask(command, stream, read_exposure_units)
@@ -270,7 +295,7 @@ class UVCCamera:
 
 
 def _range(exposure_range_ms: Sequence[float]) -> tuple[float, float]:
-    """In seconds; ValueError if it is none."""
+    """Convert an exposure range to seconds; ValueError if it isn't a range."""
     try:
         low, high = (float(limit) for limit in exposure_range_ms)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""The connection to a UVC camera: a stream that is begun again where it has ended."""
+"""Hold the connection to a UVC camera, and restart its stream when it has ended."""
 
 from __future__ import annotations
 
@@ -18,19 +18,20 @@ from drivers.uvc.stream import Stream, StreamStopped
 T = TypeVar("T")
 
 CALL_TIMEOUT = 5.0
-"""Seconds for a call to the camera, its opening included."""
+"""Seconds for a call to the camera, including its opening; chosen."""
 
 _STOP_TIMEOUT = 2.0
-"""Seconds for a stream to end."""
+"""Seconds within which a stream must have ended; chosen."""
 
 _CABLE = "Check its cable, and that no other program uses it"
 
 
 class CameraConnection:
-    """To one camera. model: its name in errors until it tells one itself.
+    """Hold the connection to one UVC camera.
 
-    on_new_stream: called with every new stream, whose camera is as it was when it was plugged in.
-    description: what the camera was when it was opened first.
+    model: the name in errors until the camera's own is known. on_new_stream: called with every
+    new stream, on which the camera has its default settings. description: what the camera
+    reported about itself when it was first opened.
     """
 
     def __init__(
@@ -43,7 +44,7 @@ class CameraConnection:
         self.stream: Stream | None = None
         self.description: dict[str, str] = {}
         self._model, self._mode, self._source, self._begun = model, mode, source, on_new_stream
-        # One that was given up, which may hold the camera still.
+        # A stream that was abandoned because it hung; it may still occupy the camera.
         self._abandoned_stream: Stream | None = None
         self._had_device_file = False
 
@@ -52,7 +53,7 @@ class CameraConnection:
         return self.description.get("name", "") or self._model
 
     def ensure_stream(self, command: str) -> Stream:
-        """The stream, begun again if it has ended: then it must be the same camera."""
+        """Return the camera's stream; if it has ended, restart it and check the identity."""
         stream = self.stream
         if stream is not None and not stream.end_reason:
             return stream
@@ -76,7 +77,7 @@ class CameraConnection:
     def ask(
         self, command: str, stream: Stream, work: Callable[[Any], T], seconds: float = CALL_TIMEOUT
     ) -> T:
-        """Have something done with the VideoCapture of a stream that ensure_stream() gave."""
+        """Run `work` on the VideoCapture of the camera's stream, between two frames."""
         try:
             return stream.run_between_frames(work, seconds)
         except StreamStopped as stopped:
@@ -85,14 +86,14 @@ class CameraConnection:
             raise self.end_with_error(command, f"{type(error).__name__}: {error}") from error
 
     def end_with_error(self, command: str, why: str) -> DeviceError:
-        """What is wrong with a stream, which is ended: the next command begins another."""
+        """End the camera's stream and return its error; the next command starts another stream."""
         self.stop(0.0)
         if self.unplugged_reason():
             return self.refuse(command, "it was unplugged", "Plug it in again")
         return self.refuse(command, why, _CABLE)
 
     def unplugged_reason(self) -> str | None:
-        """Why the camera counts as unplugged, empty while it is there, None if nobody knows."""
+        """Return why the camera counts as unplugged, empty while connected, None if unknown."""
         if not self._had_device_file:
             return None
         path = device_path(self._mode.device)

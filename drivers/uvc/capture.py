@@ -1,4 +1,4 @@
-"""A VideoCapture of OpenCV, opened and made to obey; its calls belong into one thread."""
+"""Open and configure an OpenCV VideoCapture of a UVC camera; all calls must be in one thread."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from drivers.uvc.pixel_decoding import FULL_SCALES, is_decoded
 from drivers.uvc.stream import StreamStopped
 
 CaptureFactory = Callable[[str | int], Any]
-"""Opens a device: gives what behaves as cv2.VideoCapture does."""
+"""Function that opens a device and returns an object like cv2.VideoCapture."""
 
 _EXPOSURE_MANUAL = 1.0
-"""V4L2_EXPOSURE_MANUAL"""
+"""V4L2_EXPOSURE_MANUAL of the kernel's V4L2 camera controls."""
 
 
 @dataclass(frozen=True)
 class CaptureMode:
-    """How a camera is to run. unit: of its exposures, in seconds."""
+    """Describe the mode in which a UVC camera runs. unit: its unit of exposure in seconds."""
 
     device: str | int
     width: int
@@ -58,12 +58,15 @@ class CaptureMode:
 
 
 def device_path(device: str | int) -> Path:
-    """Where the system shows it."""
+    """Return the path of a video device's file."""
     return Path(f"/dev/video{device}" if isinstance(device, int) else device)
 
 
 def resolve_source(source: str | CaptureFactory) -> CaptureFactory:
-    """What opens a device: OpenCV, or another by its name "module:name"; ValueError if none."""
+    """Return the function that opens a camera: OpenCV's by default, or that named "module:name".
+
+    ValueError if there is no such function.
+    """
     if callable(source):
         return source
     if not source:
@@ -78,7 +81,7 @@ def resolve_source(source: str | CaptureFactory) -> CaptureFactory:
 
 
 def _open_v4l2(device: str | int) -> Any:
-    # Else a stream that has stopped is waited for for ten seconds; read when cv2 is loaded.
+    # OpenCV would wait ten seconds for a stream that has stopped. It reads this when it is loaded.
     os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
     import cv2
 
@@ -91,7 +94,7 @@ def _open_v4l2(device: str | int) -> Any:
 
 
 def open_capture(mode: CaptureMode, source: CaptureFactory) -> Any:
-    """An open VideoCapture that runs as it should; StreamStopped says what it doesn't do."""
+    """Open a VideoCapture and apply the camera's mode; StreamStopped if the camera refuses it."""
     capture = source(mode.device)
     try:
         if not capture.isOpened():
@@ -125,7 +128,7 @@ def _set_format(capture: Any, mode: CaptureMode) -> None:
 
 
 def _disable_automatics(capture: Any, mode: CaptureMode) -> None:
-    """All that would change pictures by itself."""
+    """Turn off the camera's automatic exposure, white balance and focus, and set its gain."""
     import cv2
 
     capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _EXPOSURE_MANUAL)
@@ -134,7 +137,7 @@ def _disable_automatics(capture: Any, mode: CaptureMode) -> None:
         ("white balance", cv2.CAP_PROP_AUTO_WB),
         ("focus", cv2.CAP_PROP_AUTOFOCUS),
     ):
-        # What a camera hasn't got can't be set, and reads as 0 or -1.
+        # A control that the camera lacks can't be set and reads as 0 or -1.
         capture.set(number, 0.0)
         if capture.get(number) == 1:
             raise StreamStopped(f"its automatic {name} can't be switched off")
@@ -154,7 +157,7 @@ def _require_manual(capture: Any) -> None:
 
 
 def read_exposure_units(capture: Any) -> float:
-    """Its exposure in its own units, as it reads."""
+    """Read the camera's exposure in its own units."""
     import cv2
 
     units = float(capture.get(cv2.CAP_PROP_EXPOSURE))
@@ -164,7 +167,7 @@ def read_exposure_units(capture: Any) -> float:
 
 
 def set_exposure_units(capture: Any, units: int) -> float:
-    """Set its exposure in its own units; what it then reads."""
+    """Set the camera's exposure in its own units; return what it then reads."""
     import cv2
 
     if not capture.set(cv2.CAP_PROP_EXPOSURE, float(units)):
@@ -174,7 +177,7 @@ def set_exposure_units(capture: Any, units: int) -> float:
 
 
 def describe_camera(capture: Any, device: str | int) -> dict[str, str]:
-    """Who the camera is, as the system and OpenCV tell."""
+    """Describe the camera: device file, backend, name and serial number, as far as known."""
     path = device_path(device).resolve()
     told = {"device": str(path), "backend": str(capture.getBackendName())}
     if not re.fullmatch(r"video\d+", path.name):

@@ -1,4 +1,4 @@
-"""Which frames of a stream are of the exposure that is set, and of now."""
+"""Decide which frames of a UVC camera's stream have the current exposure and are recent."""
 
 from __future__ import annotations
 
@@ -7,16 +7,13 @@ from dataclasses import dataclass
 
 from drivers.uvc.stream import QUEUE_LENGTH, Stream, StreamFrame
 
-_MIN_INTERVAL_RATIO = 0.7
-"""Of an exposure that the time between two frames must be, at least."""
-
 
 @dataclass(frozen=True)
 class ExposureInForce:
-    """An exposure in seconds, its number in the camera's units, and since when it is set.
+    """Hold the camera's exposure in seconds and in its own units, and when it was set.
 
-    previous_exposure: the exposure before it. set_at: by time.monotonic(); what was begun earlier
-    may have been exposed for either time.
+    previous_exposure: the exposure before it. set_at: time.monotonic() of the change; frames that
+    began earlier may have either exposure.
     """
 
     units: int = 0
@@ -25,31 +22,32 @@ class ExposureInForce:
     set_at: float = 0.0
 
     def with_exposure(self, units: int, exposure: float) -> ExposureInForce:
-        """Another exposure, which is set from now on."""
+        """Return the state after the camera was set to a new exposure, in force from now on."""
         return ExposureInForce(units, exposure, self.exposure, time.monotonic())
 
     def is_in_frame(self, stream: Stream, shot: StreamFrame, discard_frames: int) -> bool:
-        """Whether more than `discard_frames` frames were begun since it was set, up to this one.
+        """Return whether a camera frame certainly has this exposure.
 
-        A frame's time is that of its end at the latest, so it was begun an exposure and a
-        frame's time before at the earliest. One without a time of its own may have waited in
-        the system's queue.
+        More than `discard_frames` frames must have begun since it was set, including this one. A
+        frame's time stamp is at its end at the latest. It began at most an exposure and a frame
+        time before that. A frame without the camera's time stamp may also have waited in the
+        system's queue.
         """
         margin = self._frame_time(stream) + max(self.previous_exposure, self.exposure)
         most = discard_frames + (0 if shot.stamped else QUEUE_LENGTH)
         return stream.count_frames_since(self.set_at + margin, shot.number) > most
 
     def is_begun_after(self, time_: float, stream: Stream, shot: StreamFrame) -> bool:
-        """Whether a frame must have been begun after `time_`."""
+        """Return whether a camera frame's exposure certainly began after `time_`."""
         margin = self._frame_time(stream) + self.exposure
         return stream.count_frames_since(time_ + margin, shot.number) > (
             0 if shot.stamped else QUEUE_LENGTH
         )
 
     def too_short_interval(self, stream: Stream, shot: StreamFrame) -> float:
-        """The time between frames, if that is too short for the exposure; else 0."""
+        """Return the camera's frame interval in s if it is shorter than the exposure; else 0."""
         gap = stream.interval_before(shot.number)
-        return gap if shot.stamped and gap < _MIN_INTERVAL_RATIO * self.exposure else 0.0
+        return gap if shot.stamped and gap < 0.7 * self.exposure else 0.0
 
     def _frame_time(self, stream: Stream) -> float:
         return max(stream.period, self.exposure)

@@ -1,4 +1,4 @@
-"""How many frames a camera gives before a new exposure shows in them."""
+"""Find how many frames a UVC camera still delivers with the old exposure after a change."""
 
 from __future__ import annotations
 
@@ -6,16 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-_LEVEL_TOLERANCE = 0.1
-"""Share of a step within which a level has arrived."""
-
 
 def count_old_frames(before: float, levels: Sequence[tuple[int, float]]) -> int:
-    """The frames that still have the old exposure.
+    """Count the frames that still have the old exposure after a change.
 
-    before: mean number of pictures of the old exposure. levels: of pictures after the change,
-    in order: how many frames came in between, and the mean number. ValueError if the pictures
-    don't change clearly, or not in time.
+    before: mean digital number of pictures with the old exposure. levels: for each picture after
+    the change, in order: how many frames came since the change, and its mean digital number.
+    ValueError if the pictures don't change clearly, or not in time.
     """
     if len(levels) < 8:
         raise ValueError(f"{len(levels)} pictures are too few")
@@ -26,7 +23,8 @@ def count_old_frames(before: float, levels: Sequence[tuple[int, float]]) -> int:
             f"pictures of {before:.0f} became pictures of {after:.0f}; give two exposures that "
             "differ more, neither of them too dark or clipped"
         )
-    late = [index for index, level in levels if abs(level - after) > _LEVEL_TOLERANCE * abs(step)]
+    # A picture has the new exposure if its level is within a tenth of the step from the last.
+    late = [index for index, level in levels if abs(level - after) > 0.1 * abs(step)]
     latency = late[-1] + 1 if late else 0
     if latency > levels[len(levels) // 2][0]:
         raise ValueError("the pictures don't settle; see that the light is steady")

@@ -1,4 +1,4 @@
-"""What comes from a UVC camera as numbers of its pixels: uint16, one a pixel."""
+"""Decode a UVC camera's frames into one uint16 number per pixel."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ FULL_SCALES = {
     "GRBG": 255,
     "RGGB": 255,
 }
-"""Pixel formats by V4L2's four letters, and the number at which a pixel is full. The last four
-are raw mosaics of colour filters; YUYV and MJPG give the luminance."""
+"""Full-scale digital number of each pixel format, by V4L2's four letters. The last four are raw
+mosaics of colour filters; YUYV and MJPG give the luminance."""
 
 _BYTES = {"YUYV": 2, "Y10 ": 2, "Y12 ": 2, "Y16 ": 2}
 
 
 def is_decoded(pixel_format: str) -> bool:
-    """Whether OpenCV is to decode it; else its bytes come as they are."""
+    """Return whether OpenCV decodes this pixel format; otherwise the raw bytes are used."""
     return pixel_format == "MJPG"
 
 
 def decode_pixels(image: Any, pixel_format: str, shape: tuple[int, int]) -> NDArray[np.uint16]:
-    """A picture's numbers, (rows, columns); ValueError if its bytes don't make up one."""
+    """Decode a camera frame to digital numbers (rows, columns); ValueError on a wrong size."""
     if is_decoded(pixel_format):
         return _luminance(image, shape)
     data = np.ascontiguousarray(image).view(np.uint8).reshape(-1)

@@ -1,8 +1,8 @@
-"""The stream of a camera that OpenCV reads, in a thread of its own.
+"""Read a UVC camera's stream through OpenCV in a separate thread.
 
-A VideoCapture may be used by one thread only, and its calls may hang for ten seconds; so all of
-them are made here, and whoever waits for them waits no longer than it wants to. The thread takes
-every frame as it comes, so that few wait in the queue of the system's driver (V4L2: four).
+A VideoCapture may be used by one thread only, and its calls may hang for ten seconds. All of them
+are therefore made in this thread, and callers wait only as long as their own timeout. The thread
+reads every frame as it comes, so that few frames wait in the system's queue (V4L2: four).
 """
 
 from __future__ import annotations
@@ -20,19 +20,16 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-POS_MSEC = 0
-"""cv2.CAP_PROP_POS_MSEC: with V4L2 the frame's time by time.monotonic(), in milliseconds."""
-
 QUEUE_LENGTH = 4
-"""Frames that V4L2 may hold ready, as OpenCV asks it to."""
-
-_MAX_HISTORY = 1000
-"""Frame times that are kept, for a look back."""
+"""Number of frames that V4L2 may hold in its queue, as OpenCV requests."""
 
 
 @dataclass(frozen=True)
 class StreamFrame:
-    """A frame as it came: when, by time.monotonic(), and whether the camera itself said so."""
+    """Hold a frame of the stream, with its time.monotonic().
+
+    stamped: whether the time is the camera driver's own stamp, and not that of its arrival.
+    """
 
     number: int
     time: float
@@ -41,13 +38,15 @@ class StreamFrame:
 
 
 class StreamStopped(Exception):
-    """The stream has ended, in words."""
+    """Report why the camera's stream has ended."""
 
 
 class Stream:
-    """Frames of an opened VideoCapture, from start() to stop().
+    """Read a camera's frames from a VideoCapture in a thread, until stop() is called.
 
-    open_capture: opens one, in the thread. Frames that nobody waits for are taken and forgotten.
+    Frames that no caller waits for are read and discarded.
+
+    open_capture: opens the VideoCapture; it is called in the thread.
     """
 
     def __init__(self, open_capture: Callable[[], Any]) -> None:
@@ -56,36 +55,39 @@ class Stream:
         self._changed = threading.Condition()
         self._shot: StreamFrame | None = None
         self.end_reason = ""
-        """Why it has ended; empty while it goes on."""
+        """Why the stream has ended; empty while it runs."""
         self._stopping = False
         self._wanted = 0
         self.frame_count = 0
         self.missing_count = 0
-        """Frames that are missing, as the times of the others tell."""
-        self._times: deque[tuple[int, float]] = deque(maxlen=_MAX_HISTORY)
+        """Number of missing frames, by the gaps between the times of the others."""
+        self._times: deque[tuple[int, float]] = deque(maxlen=1000)
         self._last = 0.0
         self.period = 0.0
-        """Seconds from frame to frame, as they come; 0 before there are two."""
+        """Measured seconds from frame to frame; 0 before there are two."""
         self.last_frame_at = time.monotonic()
         """When the last frame came, by time.monotonic()."""
         self._thread = threading.Thread(target=self._run, name="UVC stream", daemon=True)
         self._thread.start()
 
     def count_frames_since(self, time_: float, number: int) -> int:
-        """How many frames have times after `time_`, up to the one of that number."""
+        """Count the camera stream's frames with times after `time_`, up to frame `number`."""
         with self._changed:
             return sum(1 for count, at in self._times if at > time_ and count <= number)
 
     def interval_before(self, number: int) -> float:
-        """Seconds from the frame before to the one of that number; infinite where unknown."""
+        """Return the seconds from the stream's previous frame to frame `number`.
+
+        Infinite if one of their times is unknown.
+        """
         with self._changed:
             times = dict(self._times)
         return times.get(number, math.inf) - times.get(number - 1, -math.inf)
 
     def run_between_frames(self, work: Callable[[Any], T], seconds: float) -> T:
-        """Have something done with the VideoCapture between two frames.
+        """Run `work` on the VideoCapture between two frames of the stream; return its result.
 
-        StreamStopped if the stream has ended or doesn't come to it in time.
+        StreamStopped if the stream has ended or doesn't run it in time.
         """
         done: Future[T] = Future()
         self._jobs.put((work, done))
@@ -101,7 +103,7 @@ class Stream:
         raise StreamStopped(self.end_reason)
 
     def next_shot(self, after: int, seconds: float) -> StreamFrame | None:
-        """The first frame of a number greater than `after` that comes; None if none does.
+        """Wait for the stream's first frame with a number above `after`; None if none comes.
 
         StreamStopped if the stream has ended.
         """
@@ -121,7 +123,7 @@ class Stream:
         return self._shot is not None and self._shot.number > after
 
     def stop(self, seconds: float) -> bool:
-        """End the stream and close the camera; whether that was done in time."""
+        """End the stream and close the camera; return whether that was done in time."""
         self._stopping = True
         self._thread.join(seconds)
         return not self._thread.is_alive()
@@ -157,12 +159,13 @@ class Stream:
                 done.set_exception(error)
 
     def _grab_frame(self, capture: Any) -> None:
-        """One frame: decoded only if somebody wants it."""
+        """Read one frame from the camera; decode it only if a caller waits for it."""
         if not capture.grab():
             raise StreamStopped("the stream broke off")
         now = time.monotonic()
-        stamp = float(capture.get(POS_MSEC) or 0.0) * 1e-3
-        # Some drivers stamp nothing, or by another clock.
+        # Property 0 is cv2.CAP_PROP_POS_MSEC: with V4L2 the frame's time.monotonic() in ms.
+        stamp = float(capture.get(0) or 0.0) * 1e-3
+        # Some drivers set no time stamp, or use another clock.
         stamped = self._last < stamp <= now and now - stamp < 60
         at = stamp if stamped else now
         self.last_frame_at = now
@@ -184,6 +187,6 @@ class Stream:
             return
         if self.period and gap > 1.5 * self.period:
             self.missing_count += round(gap / self.period) - 1
-        # Slowly upwards, for a gap is no period; a shorter one is believed sooner.
+        # The period grows slowly, because a longer gap may be a lost frame, and shrinks faster.
         share = 0.05 if gap > self.period else 0.3
         self.period = gap if not self.period else self.period + share * (gap - self.period)

@@ -1,4 +1,4 @@
-"""The VariSpec liquid-crystal tunable filter of CRi and PerkinElmer."""
+"""Drive the VariSpec liquid-crystal tunable filter of CRi and PerkinElmer."""
 
 from drivers.varispec.filter import VariSpec
 

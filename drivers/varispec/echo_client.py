@@ -1,9 +1,10 @@
-"""A conversation with a VariSpec: every character is echoed, every set is asked about."""
+"""Exchange commands with a VariSpec, which echoes every character; ask for errors after each."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.errors import DeviceError
@@ -20,50 +21,65 @@ from drivers.varispec.protocol import (
 
 T = TypeVar("T")
 
-REPLY_TIMEOUT = 0.8
-"""Seconds for one answer; electronics with RS-232 take 0.3 s for a new wavelength."""
 
-_IMMEDIATE_TIMEOUT = 0.3
-"""Seconds for the answer to a character that is answered at once."""
+@dataclass(frozen=True)
+class EchoTiming:
+    """Tune the timeouts of the conversation with a VariSpec; times are in seconds.
 
-_ABORT_TIME = 0.02
-"""Seconds, at most, from an escape character until the filter is idle."""
+    Attributes
+    ----------
+    reply_timeout : float
+        Time for one answer. Electronics with RS-232 take 0.3 s for a new wavelength.
+    immediate_timeout : float
+        Time for the answer to a character that the filter answers at once. Chosen.
+    abort_time : float
+        Longest time from an escape character until the filter is idle.
+    quiet : float
+        Time without a byte after which the line counts as empty. Chosen.
+    attempts : int
+        Attempts at a command, the first included. Chosen.
+    min_retry_time : float
+        Time that must be left for another attempt. Chosen.
+    """
 
-_QUIET = 0.07
-"""Seconds without a byte after which nothing more is on its way."""
+    reply_timeout: float = 0.8
+    immediate_timeout: float = 0.3
+    abort_time: float = 0.02
+    quiet: float = 0.07
+    attempts: int = 3
+    min_retry_time: float = 0.8
 
-_ATTEMPTS = 3
-_MIN_RETRY_TIME = 0.8
-"""Seconds that must be left for another attempt."""
+
+_TIMING = EchoTiming()
 
 _NOISE = "Keep the cable away from motors and supplies; check port and baud rate"
 
 
 class FilterRefusal(DeviceError):
-    """The filter itself says no: asking again would not help."""
+    """Report that the tunable filter itself refused a command, so that a retry is useless."""
 
 
 class VariSpecClient:
-    """Commands and answers over a line, strictly read. terminator: "\\r" or "\\n"."""
+    """Exchange commands with a VariSpec and check every answer. terminator: "\\r" or "\\n"."""
 
     def __init__(self, line: SerialLine, terminator: str) -> None:
         self.line = line
         self._end = terminator.encode("ascii")
         self.failures = 0
-        """Answers that didn't come or weren't what they should be, since it was opened."""
+        """Number of missing or wrong answers since the filter was opened."""
 
     def call_with_retry(self, resynchronise: Callable[[], object], work: Callable[[], T]) -> T:
-        """Do something; once or twice again where the line failed and time is left.
+        """Return the result of `work`; retry if the line to the VariSpec failed and time is left.
 
-        resynchronise: brings the line into step where it isn't.
+        resynchronise: called before an attempt if commands and answers are out of step.
         """
-        for _ in range(_ATTEMPTS - 1):
+        for _ in range(_TIMING.attempts - 1):
             try:
                 return self._once(resynchronise, work)
             except FilterRefusal:
                 raise
             except DeviceError:
-                if self.line.is_cancelled or self.line.time_left < _MIN_RETRY_TIME:
+                if self.line.is_cancelled or self.line.time_left < _TIMING.min_retry_time:
                     raise
         return self._once(resynchronise, work)
 
@@ -77,18 +93,18 @@ class VariSpecClient:
             raise
 
     def send(self, text: str, command: str) -> None:
-        """Send a command; it must be echoed as it was sent."""
+        """Send a command to the VariSpec and check its echo."""
         sent = text.encode("ascii") + self._end
         self.line.write(sent, command)
-        self._expect_echo(sent, command, REPLY_TIMEOUT)
+        self._expect_echo(sent, command, _TIMING.reply_timeout)
 
     def ask(self, text: str, pattern: re.Pattern[str], command: str) -> re.Match[str]:
-        """The answer to a query, which must be as the manual says."""
+        """Send a query to the VariSpec; return the answer, which must match `pattern`."""
         self.send(text, command)
         return self.read_reply(pattern, command)
 
     def read_reply(self, pattern: re.Pattern[str], command: str) -> re.Match[str]:
-        answer = self.line.read_until(self._end, command, REPLY_TIMEOUT)
+        answer = self.line.read_until(self._end, command, _TIMING.reply_timeout)
         found = pattern.fullmatch(answer[: -len(self._end)].decode("latin-1").strip(" "))
         if not found:
             raise self.line.error(command, f"it answers {answer!r}", _NOISE)
@@ -98,12 +114,12 @@ class VariSpecClient:
         return int(self.ask(f"{letter} ?", integer_reply_pattern(letter), command)[1])
 
     def send_and_check(self, text: str, command: str) -> None:
-        """Send a command that isn't answered, and ask whether it was understood."""
+        """Send a command that the VariSpec doesn't answer, and ask whether it caused an error."""
         self.send(text, command)
         self.require_no_error(command)
 
     def require_no_error(self, command: str) -> None:
-        """Refusal, in words, if an error is pending, which is then cleared."""
+        """Raise FilterRefusal if the VariSpec reports an error, and clear that error."""
         code = self.query_integer("R", command)
         if not code:
             return
@@ -117,17 +133,17 @@ class VariSpecClient:
         self.send("R 1", command)
 
     def sleep(self, serial: str) -> None:
-        """Send the filter to sleep, which it does if it doesn't answer any more."""
+        """Send the tunable filter to sleep, and check that it no longer answers."""
         self.send(f"S {int(serial)}", "sleep")
         clock = self.line.clock
-        clock.wait_until(clock.now() + _ABORT_TIME, lambda: self.line.is_cancelled)
+        clock.wait_until(clock.now() + _TIMING.abort_time, lambda: self.line.is_cancelled)
         self.line.write(STATUS, "sleep")
-        self._expect_echo(STATUS, "sleep", _IMMEDIATE_TIMEOUT)
-        if self.line.drain(_QUIET, 0.5, "sleep"):
+        self._expect_echo(STATUS, "sleep", _TIMING.immediate_timeout)
+        if self.line.drain(_TIMING.quiet, 0.5, "sleep"):
             raise self.line.error("sleep", "it still answers")
 
     def is_busy(self, command: str) -> bool:
-        """Whether commands are still being carried out; idle only if it says so twice."""
+        """Return whether the VariSpec is busy; it counts as idle only if it says so twice."""
         return any(self._query_immediate(BUSY, b"<>", command) == b"<" for _ in range(2))
 
     def read_status(self, command: str) -> Status:
@@ -145,7 +161,7 @@ class VariSpecClient:
         command: str,
         matches: Callable[[T, T], bool] = lambda one, other: one == other,
     ) -> T:
-        """An answer that was given three times on end: noise makes a wrong one, but not thrice."""
+        """Return an answer that the VariSpec gave three times in a row, which rules out noise."""
         told = [ask()]
         for _ in range(6):
             told.append(ask())
@@ -155,16 +171,16 @@ class VariSpecClient:
         raise self.line.error(command, f"its answers differ: {shown}", _NOISE)
 
     def abort(self, command: str) -> None:
-        """Abort what goes on, and forget all that is still on its way."""
+        """Abort the VariSpec's running command, and discard answers that are in transit."""
         self.line.write(ESCAPE, command)
         clock = self.line.clock
-        clock.wait_until(clock.now() + _ABORT_TIME, lambda: False)
-        self.line.drain(_QUIET, 0.5, command)
+        clock.wait_until(clock.now() + _TIMING.abort_time, lambda: False)
+        self.line.drain(_TIMING.quiet, 0.5, command)
 
     def _query_immediate(self, character: bytes, allowed: bytes, command: str) -> bytes:
         self.line.write(character, command)
-        self._expect_echo(character, command, _IMMEDIATE_TIMEOUT)
-        answer = self.line.read(1, command, _IMMEDIATE_TIMEOUT)
+        self._expect_echo(character, command, _TIMING.immediate_timeout)
+        answer = self.line.read(1, command, _TIMING.immediate_timeout)
         if allowed and answer not in allowed:
             raise self.line.error(command, f"it answers {answer!r} to {character!r}", _NOISE)
         return answer

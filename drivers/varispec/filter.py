@@ -1,4 +1,4 @@
-"""A VariSpec as a spectral filter."""
+"""Drive a VariSpec liquid-crystal tunable filter."""
 
 from __future__ import annotations
 
@@ -24,27 +24,45 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-_TEMPERATURE_MAX_AGE = 600.0
-"""Seconds after which the temperature is read again when it is tuned."""
-
 
 class VariSpec:
-    """A VariSpec tunable filter on a serial port (its USB units are such ports, too).
+    """Tune a VariSpec filter on a serial port (its USB units appear as serial ports, too).
 
-    port: "/dev/ttyUSB0", "COM3" or a URL of pyserial. baudrate: 9600, 19200 or 115200.
-    settling_ms: response time (to 95 %) as specified for the model, 50 for VIS and 150 for NIR;
-    longer by itself where the optics are colder than 20 degrees Celsius. bandwidth_nm: full
-    width at half maximum, which the filter can't tell. recalibrate: what is done on opening
-    beyond what must be: "if needed" nothing, "correct" for the temperature, "always" initialise
-    (30 s). exercise: whether the liquid crystals are exercised (12 s) where they weren't.
-    palette_nm: wavelengths that are calculated on opening, for quick tuning of units with
-    RS-232. serial: that the filter must have, and by which it is awakened. terminator: "\\r",
-    or "\\n" for units with RS-232 that are set so.
+    Opening takes up to a minute if the filter must be initialised. If `progress` was set before,
+    it is called with the name of the step and the share that is done. While the filter is open,
+    the driver never initialises it on its own, because frames before and after could not be
+    compared. Source: VariSpec user manual 1.37.
 
-    Opening takes up to a minute where the filter must be initialised; `progress`, where it is
-    set before, is told what is done and the share that is done. Never is it initialised by
-    itself while it is open: frames before and after could not be compared. Source: VariSpec
-    user manual 1.37.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock.
+    port : str
+        "/dev/ttyUSB0", "COM3" or a URL of pyserial.
+    baudrate : int
+        9600, 19200 or 115200.
+    settling_ms : float
+        Response time to 95 % in milliseconds as specified for the model: 50 for VIS and 150 for
+        NIR. The driver lengthens it if the optics are colder than 20 degrees Celsius.
+    bandwidth_nm : float
+        Full width at half maximum in nanometres, which the filter can't report.
+    recalibrate : {"if needed", "correct", "always"}
+        What is done on opening besides what is necessary: nothing, a correction for the
+        temperature, or an initialisation (30 s).
+    exercise : bool
+        Whether the liquid crystals are exercised on opening (12 s) if they haven't been.
+    palette_nm : sequence of float
+        Wavelengths in nanometres, 128 at most, that are calculated on opening, so that units with
+        RS-232 tune quickly.
+    serial : str
+        Serial number that the filter must have, and by which it is awakened; any if empty.
+    terminator : str
+        End of a line, "\\r", or "\\n" for units with RS-232 that are configured so.
+
+    Raises
+    ------
+    ValueError
+        If an option is invalid.
     """
 
     reply_time = 3.0
@@ -105,11 +123,11 @@ class VariSpec:
         self._line.close()
 
     def kill(self) -> None:
-        """End the call that goes on, from any thread; the filter can't be used any more."""
+        """Cancel the filter's running call, from any thread; it can't be used afterwards."""
         self._line.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Why it counts as unplugged, empty while it is there; see Device."""
+        """Return why the tunable filter counts as unplugged, empty while it is connected."""
         return self._line.unplugged_reason()
 
     @property
@@ -130,30 +148,31 @@ class VariSpec:
 
     @property
     def wavelength(self) -> float:
-        """What the filter says it is tuned to, in metres."""
+        """Read the wavelength in metres to which the filter is tuned."""
         return _metres(self._run("read the wavelength", self._tuning.read))
 
     @property
     def temperature(self) -> float:
-        """Of the liquid crystals, in degrees Celsius."""
+        """Read the temperature of the filter's liquid crystals in degrees Celsius."""
         return self._run("read the temperature", self._read_temperature)
 
     @property
     def palette(self) -> tuple[float, ...]:
-        """The wavelengths that the filter has calculated, in metres."""
-        # Over RS-232 a full one takes longer than anything else.
+        """Read the filter's palette: the wavelengths in metres that it has calculated."""
+        # Over RS-232, reading a full palette takes longer than any other call.
         self.alive_at = time.monotonic()
         told = self._run("read the palette", self._palette.read, self.reply_time + 5.0)
         return tuple(map(_metres, told))
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Tune; wavelengths in metres, which the filter takes to 0.01 nm."""
+        """Tune the filter to a wavelength in metres, which it rounds to 0.01 nm."""
         nm = round(wavelength * 1e9, 2)
         command = f"tune to {nm:.2f} nm"
         self._require_in_range(nm, command)
 
         def tune() -> None:
-            if self._clock.now() - self._temperature_read_at > _TEMPERATURE_MAX_AGE:
+            # The settling depends on the temperature, which is read again after ten minutes.
+            if self._clock.now() - self._temperature_read_at > 600.0:
                 self._read_temperature()
             self._tuning.tune(nm, self._palette.find(nm), command)
 
@@ -161,9 +180,9 @@ class VariSpec:
         return self._setting(wavelength)
 
     def define_palette(self, wavelengths: Sequence[float]) -> tuple[float, ...]:
-        """Have the filter calculate wavelengths (metres) in advance; what it then holds.
+        """Have the filter calculate wavelengths (in metres) in advance; return its palette.
 
-        set_wavelength() uses those. Takes up to half a second a wavelength.
+        set_wavelength() then uses them. This takes up to half a second per wavelength.
         """
         given = [round(wavelength * 1e9, 2) for wavelength in wavelengths]
         for nm in given:
@@ -182,16 +201,17 @@ class VariSpec:
         self._run("clear the palette", self._palette.clear)
 
     def choose(self, element: int) -> Setting[float]:
-        """Tune to an element of the palette, counted from 0."""
+        """Tune the filter to an element of its palette, counted from 0."""
         command = f"tune to element {element} of the palette"
 
         nm = self._run(command, lambda: self._tuning.choose(element, command))
         return self._setting(_metres(nm))
 
     def refresh(self, *, completely: bool = True) -> None:
-        """Initialise again (30 s), or only correct for the temperature (no time to speak of).
+        """Initialise the filter again (30 s), or only correct it for the temperature (quick).
 
-        Not between pictures that are to be compared. 30 s more if its plug was just out.
+        Don't call this between frames that are to be compared. It takes 30 s more if the filter
+        was just plugged in again.
         """
         self._synchronise("initialise")
         self._startup.initialise(completely)
@@ -199,14 +219,14 @@ class VariSpec:
         self.set_wavelength(_metres(self._tuning.nm or self._known_version.shortest))
 
     def exercise(self, cycles: int = 3) -> None:
-        """Exercise the liquid crystals, 12 s a cycle; 3 are enough, says the manual."""
+        """Exercise the liquid crystals, 12 s per cycle; the manual says that 3 are enough."""
         if cycles not in range(1, 256):
             raise ValueError(f"cycles is {cycles!r}; it must be from 1 to 255")
         self._synchronise("exercise")
         self._startup.exercise(cycles)
 
     def sleep(self) -> None:
-        """The filter then answers nothing until it is awakened."""
+        """Send the filter to sleep; it answers nothing until it is awakened."""
         self._run("sleep", lambda: self._client.sleep(self._known_version.serial))
 
     def awaken(self) -> None:
@@ -214,7 +234,7 @@ class VariSpec:
         self._run("awaken", lambda: None)
 
     def health(self) -> dict[str, str]:
-        """What the filter tells about itself, and what should be done about it."""
+        """Read the filter's state, and say what should be done about it."""
         with self._line.within(self._call_timeout):
             status = self._run(
                 "read the status", lambda: self._client.read_status("read the status")
@@ -252,7 +272,7 @@ class VariSpec:
             )
 
     def _run(self, command: str, work: Callable[[], T], seconds: float = _call_timeout) -> T:
-        """Do something in step; once or twice again, if the line is noisy and time is left."""
+        """Run `work` with the VariSpec synchronised; retry up to twice if the line is noisy."""
         told = self._known_version
 
         def rest() -> None:
@@ -263,7 +283,7 @@ class VariSpec:
             return self._client.call_with_retry(rest, work)
 
     def _synchronise(self, command: str) -> None:
-        """In step, with nothing going on, before something that lasts."""
+        """Synchronise with the idle VariSpec before a long operation."""
         _ = self._known_version
         self._startup.wait_if_plugged_in_again(command)
         self._run(command, lambda: None)
@@ -288,5 +308,8 @@ class VariSpec:
 
 
 def _metres(nm: float) -> float:
-    """Exactly what round(nm * 100) / 1e11 is, so that equal wavelengths are equal in files."""
+    """Convert a filter's wavelength from nm to m, rounded so that equal ones compare equal.
+
+    The result is exactly round(nm * 100) / 1e11.
+    """
     return round(nm * 100) / 1e11

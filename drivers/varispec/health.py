@@ -1,4 +1,4 @@
-"""A VariSpec's state in words, and what should be done about it."""
+"""Describe a VariSpec's state, and say what should be done about it."""
 
 from __future__ import annotations
 
@@ -7,22 +7,14 @@ from dataclasses import dataclass
 from drivers.varispec.protocol import Status, Version
 from drivers.varispec.settling import COLDEST, WARMEST
 
-_MAX_TEMPERATURE_CHANGE = 3.0
-"""Degrees Celsius by which the optics may change until they should be initialised again."""
-
-_MAX_AGE = 8 * 3600.0
-"""Seconds after which they should be."""
-
-_INFRARED, _SLOW = 850.0, 0.15
-"""Models that reach so far (nm) are specified with this response time (s)."""
-
 
 @dataclass(frozen=True)
 class VariSpecHealth:
-    """What is known. temperatures: now and when it was initialised, in degrees Celsius.
+    """Hold what is known of a VariSpec's state.
 
-    age: seconds since then; initialisation: whether that was seen. settling: seconds, as specified
-    and as it is now. failures: answers that failed.
+    temperature, initialised_temperature: degrees Celsius, now and at the initialisation. age:
+    seconds since the initialisation. initialisation: how it was initialised. specified, settling:
+    settling in seconds, as specified and at the present temperature. failures: failed answers.
     """
 
     version: Version
@@ -54,11 +46,13 @@ class VariSpecHealth:
     def _advice(self) -> list[str]:
         advice = []
         change = abs(self.temperature - self.initialised_temperature)
-        if not self.status.initialised or self.age > _MAX_AGE or change > _MAX_TEMPERATURE_CHANGE:
+        # It should be initialised again after eight hours, or a change of 3 degrees.
+        if not self.status.initialised or self.age > 8 * 3600.0 or change > 3.0:
             on = f"{change:.1f} °C and {self.age / 3600:.1f} h on"
             advice.append(f"initialise it: refresh(). It is {on}")
         if not COLDEST <= self.temperature <= WARMEST:
             advice.append(f"it works from {COLDEST:g} to {WARMEST:g} °C")
-        if self.version.longest >= _INFRARED and self.specified < _SLOW:
+        # Models that reach 850 nm are specified with a response time of 0.15 s.
+        if self.version.longest >= 850.0 and self.specified < 0.15:
             advice.append("infrared models settle in 150 ms: set settling_ms")
         return advice

@@ -1,4 +1,4 @@
-"""A VariSpec's options, checked before anything is opened."""
+"""Check the options of a VariSpec filter before it is opened."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ from drivers.varispec.protocol import PALETTE_SIZE
 
 RECALIBRATE = ("if needed", "correct", "always")
 
-_BAUD_RATES = (9600, 19200, 115200)
-
 
 @dataclass(frozen=True)
 class VariSpecOptions:
-    """What VariSpec() takes; see there."""
+    """Hold the options of VariSpec, which explains them; ValueError for an invalid one."""
 
     port: str
     baudrate: int
@@ -32,7 +30,7 @@ class VariSpecOptions:
     def __post_init__(self) -> None:
         if not isinstance(self.port, str) or not self.port.strip():
             raise ValueError(f'port is {self.port!r}; name a port, "/dev/ttyUSB0" for example')
-        _require_one_of("baudrate", self.baudrate, _BAUD_RATES)
+        _require_one_of("baudrate", self.baudrate, (9600, 19200, 115200))
         require_within("settling_ms", self.settling_ms, 0, 10_000)
         require_within("bandwidth_nm", self.bandwidth_nm, 0.01, 200)
         _require_one_of("recalibrate", self.recalibrate, RECALIBRATE)
@@ -47,7 +45,7 @@ class VariSpecOptions:
 
 
 def as_tuple(name: str, values: Any) -> tuple[Any, ...]:
-    """ValueError where an option isn't a list."""
+    """Convert a VariSpec option from a list to a tuple; ValueError if it isn't a list."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Sequence):
         raise ValueError(f"{name} is {values!r}; give a list of numbers")
     return tuple(values)

@@ -1,4 +1,4 @@
-"""A VariSpec's palette: wavelengths whose drive levels it calculates in advance."""
+"""Define and read a VariSpec's palette: wavelengths whose drive levels it precalculates."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from drivers.varispec.protocol import ELEMENT_REPLY, PALETTE_SIZE
 
 
 class Palette:
-    """What the filter was told to hold, and what it says that it holds. Nanometres."""
+    """Define and read the filter's palette. Wavelengths are in nanometres."""
 
     def __init__(self, talk: VariSpecClient) -> None:
         self._talk = talk
@@ -17,7 +17,7 @@ class Palette:
         self._defined.clear()
 
     def find(self, nm: float) -> int | None:
-        """The element of a wavelength that was defined here."""
+        """Return the palette's element of a wavelength; None if it wasn't defined here."""
         return self._defined.get(nm)
 
     def clear(self) -> None:
@@ -29,7 +29,7 @@ class Palette:
         self._defined[nm] = element
 
     def read(self) -> tuple[float, ...]:
-        """One answer is enough where it is what was defined here."""
+        """Read the palette, repeatedly unless it equals what was defined here."""
         held = self._read_once()
         if held and held == tuple(self._defined):
             return held

@@ -1,6 +1,7 @@
-"""What a VariSpec's bytes mean: VariSpec user manual 1.37, "Controlling VariSpec Filters".
+"""Define a VariSpec's commands, answers and errors (user manual 1.37, "Controlling VariSpec
+Filters").
 
-Wavelengths are in nanometres here, as on the wire, with its resolution of 0.01 nm.
+Wavelengths are in nanometres, as on the wire, with a resolution of 0.01 nm.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 ESCAPE, BUSY, STATUS = b"\x1b", b"!", b"@"
 
 PALETTE_SIZE = 128
-"""Elements of the palette at most."""
+"""Largest number of elements of the palette, by the manual."""
 
 ERRORS = {
     1: "syntax error",
@@ -47,13 +48,13 @@ ELEMENT_REPLY = re.compile(r"[dD] *(\d{1,4}(?:\.\d{1,3})?)")
 
 
 def integer_reply_pattern(letter: str) -> re.Pattern[str]:
-    """What a query of a whole number is answered with."""
+    """Return the pattern of a VariSpec's answer to a query for a whole number."""
     return re.compile(rf"[{letter.lower()}{letter.upper()}] *(\d{{1,5}})")
 
 
 @dataclass(frozen=True)
 class Version:
-    """Who a filter is. shortest, longest: nanometres."""
+    """Identify a VariSpec filter. shortest, longest: its wavelength range in nanometres."""
 
     firmware: str
     shortest: float
@@ -63,7 +64,7 @@ class Version:
 
 @dataclass(frozen=True)
 class Status:
-    """What the character that answers @ tells, bit by bit."""
+    """Hold the bits of a VariSpec's status byte, its answer to "@"."""
 
     initialised: bool
     exercised: bool
@@ -84,14 +85,14 @@ class Status:
 
 
 def parse_status(byte: int) -> Status | None:
-    """None if it is no status: bit 7 and bit 4 are always 0, bit 6 is always 1."""
+    """Decode a VariSpec's status byte; None unless bits 7 and 4 are 0 and bit 6 is 1."""
     if byte & 0b11010000 != 0b01000000:
         return None
     return Status(*(bool(byte >> place & 1) for place in (0, 1, 2, 3, 5)))
 
 
 def explain_error(code: int) -> tuple[str, str]:
-    """An error code in words, and what to do about it."""
+    """Explain a VariSpec's error code, and return what to do about it."""
     words = ERRORS.get(code, "an error that the manual doesn't know")
     remedy = REMEDIES.get(code, "Try again; if it comes again, switch the filter off and on")
     return f"error {code}: {words}", remedy

@@ -1,4 +1,4 @@
-"""How long a VariSpec's liquid crystals need, by their temperature."""
+"""Compute how a VariSpec's settling depends on the temperature of its liquid crystals."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ COLDEST, WARMEST = 10.0, 40.0
 """Operating temperatures of the optics in degrees Celsius, as specified."""
 
 _NOMINAL = 20.0
-"""Degrees Celsius from which on the specified response time holds."""
+"""Degrees Celsius above which the specified response time holds."""
 
 _ACTIVATION = math.log(2.0) / (1 / (_NOMINAL + ZERO_CELSIUS) - 1 / (35.0 + ZERO_CELSIUS))
-"""Kelvin. At 35 degrees the viscosity is half of what it is at 20."""
+"""Activation temperature in kelvin: at 35 degrees Celsius the viscosity is half that at 20."""
 
 
 def settling_factor(temperature: float) -> float:
-    """By how much settling takes longer than specified, at degrees Celsius.
+    """Return the ratio of a VariSpec's settling to the specified one, at degrees Celsius.
 
-    The response time goes with the viscosity of the liquid crystals, which halves from 20 to
-    35 degrees (VariSpec user manual 1.37, "Response Time versus Temperature"), taken as
-    Arrhenius' law between and beyond. The specified time counts as that at 20 degrees, below
-    which the manual says it is longer; that it is shorter above is not made use of.
+    The response time is proportional to the viscosity of the liquid crystals, which halves from
+    20 to 35 degrees (VariSpec user manual 1.37, "Response Time versus Temperature"). Between and
+    beyond these temperatures, Arrhenius' law is used. The specified time is taken as that at 20
+    degrees, below which the manual says it is longer. The shorter time above is not used.
     """
     cold = 1 / (max(temperature, -ZERO_CELSIUS + 1.0) + ZERO_CELSIUS) - 1 / (
         _NOMINAL + ZERO_CELSIUS

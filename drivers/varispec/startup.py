@@ -1,33 +1,51 @@
-"""How a VariSpec is found, brought to rest and initialised."""
+"""Find a VariSpec filter, synchronise with it and initialise it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from drivers.errors import DeviceError
 from drivers.varispec.echo_client import FilterRefusal, VariSpecClient
 from drivers.varispec.options import VariSpecOptions
 from drivers.varispec.protocol import TEMPERATURE_REPLY, VERSION_REPLY, Status, Version
 
-_OPEN_TIMEOUT = 57.0
-"""Seconds in which it is open or has failed; whoever opens a device waits for a minute."""
 
-_INITIALISATION_TIME = 30.0
-_EXERCISE_TIME = 12.0
-"""Seconds that initialising and one exercise take about, says the manual."""
+@dataclass(frozen=True)
+class StartupTiming:
+    """Tune how long a VariSpec's initialisation and exercise are waited for; times in seconds.
 
-_TIME_FACTOR = 1.5
-"""By how much that may be exceeded."""
+    Attributes
+    ----------
+    open_timeout : float
+        Time within which opening succeeds or fails; the bench waits for a minute.
+    initialisation : float
+        Approximate time of an initialisation, from the manual.
+    exercise : float
+        Approximate time of one exercise cycle, from the manual.
+    time_factor : float
+        Factor by which those times may be exceeded. Chosen.
+    calculation : float
+        Time for which electronics with RS-232 may be busy with a wavelength.
+    poll_interval : float
+        Time between two queries of whether the filter is idle. Chosen.
+    """
 
-_POWER_UP_TIME = _INITIALISATION_TIME * _TIME_FACTOR
-"""Seconds since it was plugged in, within which it may still be initialising itself."""
+    open_timeout: float = 57.0
+    initialisation: float = 30.0
+    exercise: float = 12.0
+    time_factor: float = 1.5
+    calculation: float = 0.5
+    poll_interval: float = 0.5
 
-_CALCULATION_TIME = 0.5
-"""Seconds that electronics with RS-232 may be busy with a wavelength."""
+    @property
+    def power_up(self) -> float:
+        """Return the time after plugging in within which a VariSpec may initialise itself."""
+        return self.initialisation * self.time_factor
 
-_POLL_INTERVAL = 0.5
-"""Seconds between two questions whether it is done."""
+
+_TIMING = StartupTiming()
 
 _ASLEEP = (
     "Check power, cable, port and baud rate. If it was sent to sleep, give its serial number in "
@@ -36,7 +54,10 @@ _ASLEEP = (
 
 
 class VariSpecStartup:
-    """report: is told what is done and the share that is done."""
+    """Find, check and initialise a VariSpec filter.
+
+    report: called with the name of the present step and the share that is done.
+    """
 
     def __init__(
         self, talk: VariSpecClient, options: VariSpecOptions, report: Callable[[str, float], None]
@@ -44,15 +65,15 @@ class VariSpecStartup:
         self._talk, self._line, self._options = talk, talk.line, options
         self._report = report
         self.temperature = 0.0
-        """Degrees Celsius when it was initialised, or first seen."""
+        """Degrees Celsius when the filter was initialised, or first read."""
         self._plugged_at = -math.inf
         self.initialised_at = 0.0
         self.initialisation = ""
 
     def begin(self) -> Version:
-        """Find the filter and make it ready; DeviceError within a minute."""
+        """Find the VariSpec and prepare it for tuning; DeviceError within a minute."""
         options = self._options
-        with self._line.within(_OPEN_TIMEOUT):
+        with self._line.within(_TIMING.open_timeout):
             self._line.reopen("open")
             self._plugged_at = -math.inf
             self._wait_for_power_up()
@@ -75,18 +96,18 @@ class VariSpecStartup:
         return told
 
     def wait_if_plugged_in_again(self, command: str) -> None:
-        """For calls that may last: let it finish what it does since its plug was out."""
+        """Let a VariSpec that was just plugged in finish its own initialisation."""
         if not self._line.is_open:
             self._line.open(command)
-        elif self._line.clock.now() - self._plugged_at > _POWER_UP_TIME:
+        elif self._line.clock.now() - self._plugged_at > _TIMING.power_up:
             return
         self._wait_for_power_up()
         self._plugged_at = -math.inf
 
     def resynchronise(self, command: str, known: Version | None) -> Status:
-        """Abort, forget what is on its way, and look whether it is still the same filter.
+        """Abort the VariSpec's command, discard late answers, and check that it is the same filter.
 
-        Whatever a power failure resets is set again; it may be uninitialised then.
+        Modes that a power failure resets are set again; the filter may then be uninitialised.
         """
         talk = self._talk
         self._wait_out_power_up(command)
@@ -108,10 +129,10 @@ class VariSpecStartup:
         return status
 
     def initialise(self, completely: bool) -> None:
-        """Initialise, or only correct for the temperature."""
+        """Initialise the VariSpec, or only correct it for the temperature."""
         talk, command = self._talk, "initialise" if completely else "correct for the temperature"
         talk.call_with_retry(self._find, lambda: talk.send(f"I {completely:d}", command))
-        self._wait_until_idle("initialising", command, _INITIALISATION_TIME)
+        self._wait_until_idle("initialising", command, _TIMING.initialisation)
         talk.call_with_retry(self._find, lambda: self._require_initialised(command))
         self._record_initialisation(
             "initialised" if completely else "corrected for the temperature"
@@ -120,7 +141,7 @@ class VariSpecStartup:
     def exercise(self, cycles: int) -> None:
         talk = self._talk
         talk.call_with_retry(self._find, lambda: talk.send(f"E {cycles}", "exercise"))
-        self._wait_until_idle("exercising", "exercise", cycles * _EXERCISE_TIME)
+        self._wait_until_idle("exercising", "exercise", cycles * _TIMING.exercise)
         talk.call_with_retry(self._find, lambda: talk.require_no_error("exercise"))
 
     def read_temperature(self, command: str) -> float:
@@ -162,26 +183,29 @@ class VariSpecStartup:
         return self._talk.read_status(command)
 
     def _wait_for_power_up(self) -> None:
-        """A filter that was just switched on initialises itself; to abort that costs time."""
+        """Wait while a filter that was just switched on initialises itself.
+
+        Aborting that would only cost time.
+        """
         self._line.drain(0.07, 1.0, "open")
         try:
             busy = self._talk.is_busy("open")
         except DeviceError:
             return
         if busy:
-            self._wait_until_idle("waiting for its power-up", "open", _INITIALISATION_TIME)
+            self._wait_until_idle("waiting for its power-up", "open", _TIMING.initialisation)
 
     def _wait_out_power_up(self, command: str) -> None:
-        """A plug that was out was its power, too: what it then does must not be aborted."""
+        """Avoid aborting the initialisation of a filter that was unplugged and lost its power."""
         now = self._line.clock.now
         if not self._line.is_open:
             self._line.open(command)
             self._plugged_at = now()
             self._line.drain(0.07, 0.5, command)
-        if now() - self._plugged_at > _POWER_UP_TIME:
+        if now() - self._plugged_at > _TIMING.power_up:
             return
         clock = self._line.clock
-        late = now() + _CALCULATION_TIME
+        late = now() + _TIMING.calculation
         try:
             while (busy := self._talk.is_busy(command)) and now() < late:
                 clock.wait_until(now() + 0.05, lambda: self._line.is_cancelled)
@@ -204,10 +228,10 @@ class VariSpecStartup:
             )
 
     def _wait_until_idle(self, what: str, command: str, seconds: float) -> None:
-        """Ask whether it is done, until it is; an answer that noise spoils is asked for again."""
+        """Query the VariSpec until it is idle; repeat queries whose answers are garbled."""
         clock = self._line.clock
         began = clock.now()
-        late = began + min(seconds * _TIME_FACTOR + 5.0, self._line.time_left - 1.0)
+        late = began + min(seconds * _TIMING.time_factor + 5.0, self._line.time_left - 1.0)
         while clock.now() < late:
             self._report(what, min((clock.now() - began) / max(seconds, 1e-3), 0.99))
             try:
@@ -218,7 +242,7 @@ class VariSpecStartup:
                 if not self._line.is_open or self._line.is_cancelled:
                     raise
                 self._line.drain(0.07, 1.0, command)
-            clock.wait_until(clock.now() + _POLL_INTERVAL, lambda: self._line.is_cancelled)
+            clock.wait_until(clock.now() + _TIMING.poll_interval, lambda: self._line.is_cancelled)
         raise self._line.error(
             command,
             f"it is still busy after {clock.now() - began:.0f} s",

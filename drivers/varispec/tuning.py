@@ -1,31 +1,32 @@
-"""Tuning a VariSpec, and knowing what it is tuned to. Nanometres."""
+"""Tune a VariSpec, and read the wavelength to which it is tuned, in nanometres."""
 
 from __future__ import annotations
 
 from drivers.varispec.echo_client import FilterRefusal, VariSpecClient
 from drivers.varispec.protocol import WAVELENGTH_REPLY
 
-_RESOLUTION = 0.006
-"""Wavelengths that differ by less are the same: the filter takes 0.01 nm."""
-
 
 class Tuning:
-    """nm: the wavelength that the filter last confirmed, 0 before it has."""
+    """Tune a VariSpec filter and read its wavelength.
+
+    nm: the wavelength in nanometres that the filter last confirmed; 0 before the first.
+    """
 
     def __init__(self, talk: VariSpecClient) -> None:
         self._talk = talk
         self.nm = 0.0
 
     def tune(self, nm: float, element: int | None, command: str) -> None:
-        """To a wavelength, by the element of the palette that holds it where one does."""
+        """Tune the filter to a wavelength, through the palette's element that holds it, if any."""
         self._talk.send_and_check(f"W {nm:.2f}" if element is None else f"P {element}", command)
         actual = self._ask(command)
-        if abs(actual - nm) > _RESOLUTION:
+        # The filter's resolution is 0.01 nm, so a smaller difference than 0.006 nm is rounding.
+        if abs(actual - nm) > 0.006:
             raise self._talk.line.error(command, f"it is tuned to {actual:.2f} nm instead")
         self.nm = nm
 
     def choose(self, element: int, command: str) -> float:
-        """To an element of the palette; its wavelength."""
+        """Tune the filter to an element of the palette; return its wavelength in nanometres."""
         self._talk.send_and_check(f"P {element:d}", command)
         if self._talk.query_integer("P", command) != element:
             raise self._talk.line.error(command, "it chose another element")
@@ -33,7 +34,7 @@ class Tuning:
         return self.nm
 
     def read(self) -> float:
-        """What it says; one answer is enough where it is what it last confirmed."""
+        """Read the filter's wavelength in nanometres, repeatedly unless it is as last confirmed."""
         command = "read the wavelength"
         told = self._ask(command)
         if told == self.nm:
@@ -44,7 +45,7 @@ class Tuning:
         answer = self._talk.ask("W ?", WAVELENGTH_REPLY, command)
         if answer[1] is not None:
             return float(answer[1])
-        # The star may be noise; a status that says so thrice is not.
+        # The answer "W*" may be noise, so the status decides, which is read three times.
         if not self._talk.read_status(command).initialised:
             raise FilterRefusal(
                 self._talk.line.model,

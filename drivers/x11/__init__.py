@@ -1,8 +1,8 @@
-"""A small client of an X server: what is plugged in, and what stands on the screen.
+"""Connect to an X server: list its screens, and read the pixels that a screen shows.
 
-It speaks the core protocol and the extensions that it needs through libxcb, which Qt's own
-X11 plugin needs, too; it loads no Qt and waits for no answer for ever. Requests are laid out
-as in the X.Org documents "X Window System Protocol", "RandR", "Present" and "DAMAGE".
+The package speaks X11's core protocol and some extensions through libxcb, which Qt's X11 plugin
+needs, too. It loads no Qt, and every wait has a timeout. Requests are laid out as in the X.Org
+documents "X Window System Protocol", "RandR", "Present" and "DAMAGE".
 """
 
 from __future__ import annotations

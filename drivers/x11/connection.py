@@ -1,4 +1,4 @@
-"""A connection to an X server: requests, replies and events as bytes."""
+"""Connect to an X server, and exchange requests, replies and events as bytes."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from typing import Self
 from drivers.x11 import libxcb
 
 REPLY_TIMEOUT = 2.0
-"""Seconds after which a server that doesn't answer is taken for a hung one."""
+"""Seconds after which an X server that doesn't answer counts as hung; chosen."""
 
 _CONNECTION_ERRORS = {
     5: "{!r} is no name of a display, which is such as ':0'",
     6: "the X server at {!r} has no screen of that number",
 }
-"""XCB_CONN_CLOSED_PARSE_ERR and XCB_CONN_CLOSED_INVALID_SCREEN of xcb.h."""
+"""Messages for XCB_CONN_CLOSED_PARSE_ERR and XCB_CONN_CLOSED_INVALID_SCREEN of xcb.h."""
 
 _ERROR_NAMES = {
     1: "bad request",
@@ -35,19 +35,19 @@ _ERROR_NAMES = {
 
 
 class XError(Exception):
-    """What an X server, or its absence, has to say."""
+    """Report an X server's error, or that there is no X server."""
 
 
 class XServerGone(XError):
-    """The server has ended, or the connection to it: it never answers there again."""
+    """Report that the X server or the connection to it has ended for good."""
 
 
 @dataclass(frozen=True)
 class ServerSetup:
-    """What a server tells of itself when it is greeted, for one of its screens.
+    """Describe an X server and one of its screens, from the setup of the connection.
 
-    masks: of red, green and blue in a pixel. bits_per_pixel: bits per pixel that a picture of the
-    root window takes, by its depth.
+    masks: bits of red, green and blue in a pixel. bits_per_pixel: bits that a picture takes per
+    pixel, by its depth.
     """
 
     vendor: str
@@ -59,9 +59,17 @@ class ServerSetup:
 
 
 class XConnection:
-    """An X server that is asked; XError if there is none, or it doesn't answer.
+    """Hold a connection to an X server, and send it requests.
 
-    display: as in DISPLAY, such as ":0" or ":0.1".
+    Parameters
+    ----------
+    display : str
+        The X server, as in DISPLAY, such as ":0" or ":0.1".
+
+    Raises
+    ------
+    XError
+        If libxcb isn't installed, there is no such server, or it doesn't answer in time.
     """
 
     def __init__(self, display: str) -> None:
@@ -97,21 +105,24 @@ class XConnection:
             self._at = None
 
     def fileno(self) -> int:
-        """What becomes readable when events come."""
+        """Return the file descriptor that becomes readable when X events arrive."""
         return int(libxcb.load_library().xcb_get_file_descriptor(self._require_open()))
 
     def new_id(self) -> int:
         return int(libxcb.load_library().xcb_generate_id(self._require_open()))
 
     def send_request(self, opcode: int, body: bytes) -> None:
-        """Send a request that has no reply; its errors come among the events."""
+        """Send an X request that has no reply; its errors arrive among the events."""
         with self._lock:
             if not libxcb.send(self._require_open(), opcode, body, has_reply=False):
                 raise self._gone_error()
             libxcb.load_library().xcb_flush(self._require_open())
 
     def query(self, opcode: int, body: bytes) -> bytes:
-        """The reply to a request. body: from the opcode's place on; its length is filled in."""
+        """Send an X request and return its reply.
+
+        body: the request from its opcode on; its length is filled in.
+        """
         with self._lock:
             return self._query_unlocked(self._require_open(), opcode, body)
 
@@ -138,14 +149,14 @@ class XConnection:
             readable.poll(left * 1e3)
 
     def events(self) -> Iterator[bytes]:
-        """What has arrived, without waiting; XError if the server has gone."""
+        """Yield the X events that have arrived, without waiting; XError if the server has ended."""
         while (event := libxcb.next_event(self._require_open())) is not None:
             yield event
         if libxcb.load_library().xcb_connection_has_error(self._require_open()):
             raise self._gone_error()
 
     def extension(self, name: str) -> tuple[int, int]:
-        """Its major opcode and first event; XError if the server hasn't got it."""
+        """Return an X extension's major opcode and first event; XError if the server lacks it."""
         if name not in self._opcodes:
             word = name.encode()
             reply = self.query(98, struct.pack("<BxHHxx", 98, 0, len(word)) + word)
@@ -164,14 +175,14 @@ class XConnection:
     def query_extension(
         self, name: str, minor: int, layout: str = "", *values: int | bytes
     ) -> bytes:
-        """The reply to an extension's request."""
+        """Send a request of an X extension and return its reply."""
         major, _ = self.extension(name)
         return self.query(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
 
     def send_extension_request(
         self, name: str, minor: int, layout: str = "", *values: int | bytes
     ) -> None:
-        """Send an extension's request that has no reply."""
+        """Send a request of an X extension that has no reply."""
         major, _ = self.extension(name)
         self.send_request(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
 
@@ -190,12 +201,12 @@ class XConnection:
 
 
 def _connect(display: str, screen: ctypes.c_int) -> int:
-    """The library's connection, good or bad; XError if the server doesn't say a word."""
+    """Return libxcb's connection, usable or failed; XError if the X server doesn't answer."""
     made: queue.SimpleQueue[int] = queue.SimpleQueue()
     unwanted = threading.Event()
 
     def forget() -> None:
-        """Let go of what came too late; who of both takes it does."""
+        """Close an X connection that came too late; either thread may do this."""
         with contextlib.suppress(queue.Empty):
             libxcb.load_library().xcb_disconnect(made.get_nowait())
 
@@ -204,7 +215,7 @@ def _connect(display: str, screen: ctypes.c_int) -> int:
         if unwanted.is_set():
             forget()
 
-    # The library waits for a greeting for ever: then the thread does, and nobody else.
+    # libxcb waits for the server without a timeout, so it is called in a separate thread.
     threading.Thread(target=connect, name=f"connect to {display}", daemon=True).start()
     try:
         return made.get(timeout=REPLY_TIMEOUT)
@@ -215,7 +226,7 @@ def _connect(display: str, screen: ctypes.c_int) -> int:
 
 
 def _read_setup(address: int, number: int) -> ServerSetup:
-    """Read the server's greeting; see "Connection Setup" of the protocol."""
+    """Decode the X server's setup; see "Connection Setup" of the protocol."""
     words = struct.unpack("<H", ctypes.string_at(address + 6, 2))[0]
     told = ctypes.string_at(address, 8 + 4 * words)
     vendor_length, formats, order = struct.unpack_from("<H3xBB", told, 24)
@@ -231,7 +242,7 @@ def _read_setup(address: int, number: int) -> ServerSetup:
 
 
 def _parse_screen(told: bytes, at: int) -> tuple[int, dict[int, tuple[int, int, int]]]:
-    """Where the next screen begins, and the colour masks of this one's visuals."""
+    """Return the offset of the setup's next screen, and the colour masks of this one's visuals."""
     masks = {}
     depths, at = told[at + 39], at + 40
     for _ in range(depths):

@@ -1,4 +1,4 @@
-"""libxcb, as far as it is needed, by ctypes."""
+"""Call libxcb, the X11 client library, through ctypes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 
 class ProtocolRequest(ctypes.Structure):
-    """xcb_protocol_request_t of xcbext.h; without `ext`, `opcode` is the major opcode."""
+    """Lay out libxcb's xcb_protocol_request_t; without `ext`, `opcode` is the major opcode."""
 
     _fields_ = (
         ("count", c_size_t),
@@ -21,18 +21,18 @@ class ProtocolRequest(ctypes.Structure):
 
 
 class IoVector(ctypes.Structure):
-    """struct iovec."""
+    """Lay out C's struct iovec, in which libxcb takes the bytes of a request."""
 
     _fields_ = (("base", c_void_p), ("length", c_size_t))
 
 
-CHECKED = 1
-"""XCB_REQUEST_CHECKED: an error comes with the reply and not among the events."""
+GENERIC_EVENT = 35
+"""Code of X11's GenericEvent, which extensions use for events of their own."""
 
 
 @functools.cache
 def load_library() -> Any:
-    """OSError where libxcb isn't installed."""
+    """Load libxcb and declare its functions; OSError if it isn't installed."""
     xcb = ctypes.CDLL("libxcb.so.1")
     for name, result, given in (
         ("xcb_connect", c_void_p, (c_char_p, POINTER(c_int))),
@@ -60,7 +60,7 @@ def _free() -> Any:
 
 
 def copy_and_free(address: int, length: int) -> bytes:
-    """A copy of what the library allocated, which is freed."""
+    """Copy memory that libxcb allocated, and free it."""
     try:
         return ctypes.string_at(address, length)
     finally:
@@ -68,20 +68,22 @@ def copy_and_free(address: int, length: int) -> bytes:
 
 
 def send(connection: int, opcode: int, body: bytes, has_reply: bool) -> int:
-    """Send a request; its length is filled in. Its sequence number, 0 if it can't be sent."""
+    """Send an X request with its length filled in; return its sequence number, 0 on failure."""
     padded = ctypes.create_string_buffer(body + bytes(-len(body) % 4))
-    # The library uses the two vectors before the first.
+    # libxcb uses two vectors in front of the first one itself.
     vectors = (IoVector * 3)()
     vectors[2] = IoVector(ctypes.cast(padded, c_void_p), len(body) + -len(body) % 4)
     protocol = ProtocolRequest(1, None, opcode, not has_reply)
     where = ctypes.addressof(vectors) + 2 * ctypes.sizeof(IoVector)
+    # With XCB_REQUEST_CHECKED, an error comes with the reply and not among the events.
+    checked = 1
     return int(
-        load_library().xcb_send_request(connection, CHECKED * has_reply, where, byref(protocol))
+        load_library().xcb_send_request(connection, checked * has_reply, where, byref(protocol))
     )
 
 
 def reply_or_error(connection: int, sequence: int) -> tuple[bool, bytes, int]:
-    """Whether a request is done, its reply, and the code of its error or 0."""
+    """Return whether an X request is done, its reply, and its error code (0 without error)."""
     reply, error = c_void_p(), c_void_p()
     done = load_library().xcb_poll_for_reply(connection, sequence, byref(reply), byref(error))
     if error.value:
@@ -93,7 +95,7 @@ def reply_or_error(connection: int, sequence: int) -> tuple[bool, bytes, int]:
 
 
 def round_trip(connection: int) -> None:
-    """Return when the server has done all that was sent, by anybody, on this connection."""
+    """Wait until the X server has processed everything that was sent on this connection."""
     get_input_focus = 43
     sequence = send(connection, get_input_focus, struct.pack("<BxH", get_input_focus, 0), True)
     error = c_void_p()
@@ -104,11 +106,13 @@ def round_trip(connection: int) -> None:
 
 
 def next_event(connection: int) -> bytes | None:
-    """The next event that has arrived, without waiting."""
+    """Return the next X event that has arrived, without waiting; None if there is none."""
     event = load_library().xcb_poll_for_event(connection)
     if not event:
         return None
-    length = 36  # the library puts the full sequence number behind the first 32 bytes
-    if ctypes.string_at(event, 1)[0] & 0x7F == 35:  # a generic event may be longer
+    # libxcb appends the full sequence number after the first 32 bytes.
+    length = 36
+    # Generic events may be longer.
+    if ctypes.string_at(event, 1)[0] & 0x7F == GENERIC_EVENT:
         length += 4 * c_uint32.from_address(event + 4).value
     return copy_and_free(event, length)

@@ -1,12 +1,14 @@
-"""The screens of an X server: what is plugged in, where it lies and what becomes of its pixels.
+"""List the screens of an X server with their monitors, positions, sizes and distortions.
 
-By RandR 1.5. What the server keeps is asked for, and no monitor is probed: that takes long.
+The RandR extension 1.5 is used. The server's stored state is read without probing the monitors,
+which would take long.
 """
 
 from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, replace
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +16,35 @@ from numpy.typing import NDArray
 from drivers.x11.connection import XConnection, XError
 from drivers.x11.edid import Monitor, read_edid
 
-_CHANGES = 1 | 2 | 4
-"""Screen, CRTC and output changes."""
 
-_UNSCALED = (0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 0x10000)
-_UPRIGHT = 1
-_DISCONNECTED = 1
-_ANY = 0
+class _RandrRequest(IntEnum):
+    """Name the requests of the RandR extension by their minor opcodes."""
+
+    QUERY_VERSION = 0
+    SELECT_INPUT = 4
+    GET_OUTPUT_INFO = 9
+    GET_OUTPUT_PROPERTY = 15
+    GET_CRTC_INFO = 20
+    GET_CRTC_GAMMA = 23
+    GET_SCREEN_RESOURCES_CURRENT = 25
+    GET_CRTC_TRANSFORM = 27
+    GET_OUTPUT_PRIMARY = 31
+
+
+class _Connection(IntEnum):
+    """Name the states of an output's connection in RandR."""
+
+    CONNECTED = 0
+    DISCONNECTED = 1
 
 
 @dataclass(frozen=True)
 class Output:
-    """A connector with a lit screen: x, y, width, height in pixels of the X screen.
+    """Describe an X server's connector with a lit screen.
 
-    refresh: hertz, 0 where the server doesn't know. distortion: what the graphics card does
-    to its pixels (scaling, turning), in words; empty if it sends them as they are. crtc:
-    the server's number of the part that scans the picture out.
+    x, y, width, height: pixels of the X screen. refresh: hertz, 0 if the server doesn't know it.
+    distortion: how the graphics card changes the pixels (scaling, rotation); empty if it doesn't.
+    number, crtc: the server's numbers of the output and of the part that scans the picture out.
     """
 
     name: str
@@ -49,7 +64,7 @@ class Output:
         return self.x, self.y, self.width, self.height
 
     def overlaps(self, other: Output) -> bool:
-        """Whether some pixels are shown by both."""
+        """Return whether some pixels of the X screen are shown by both outputs."""
         return (
             self.x < other.x + other.width
             and other.x < self.x + self.width
@@ -65,34 +80,42 @@ class Output:
 
 
 def list_outputs(x: XConnection) -> list[Output]:
-    """The screens that are lit now, in the server's order. XError if it has no RandR."""
-    x.query_extension("RANDR", 0, "II", 1, 5)
+    """List the screens that are lit now, in the X server's order; XError if it lacks RandR."""
+    x.query_extension("RANDR", _RandrRequest.QUERY_VERSION, "II", 1, 5)
     root = x.setup.root
-    told = x.query_extension("RANDR", 25, "I", root)
+    told = x.query_extension("RANDR", _RandrRequest.GET_SCREEN_RESOURCES_CURRENT, "I", root)
     _, stamp, crtcs, count, modes = struct.unpack_from("<IIHHH", told, 8)
     at = 32 + 4 * crtcs
     numbers = struct.unpack_from(f"<{count}I", told, at)
     rates = _parse_modes(told, at + 4 * count, modes)
-    (primary,) = struct.unpack_from("<I", x.query_extension("RANDR", 31, "I", root), 8)
+    answer = x.query_extension("RANDR", _RandrRequest.GET_OUTPUT_PRIMARY, "I", root)
+    (primary,) = struct.unpack_from("<I", answer, 8)
     edid = x.atom("EDID")
     found = (_read_output(x, number, stamp, rates, number == primary, edid) for number in numbers)
     lit = [output for output in found if output is not None]
     if lit and not any(output.primary for output in lit):
-        # Where a desktop begins: the screen that it takes for its first.
+        # Without a primary screen, desktops use the top left one as their first.
         first = min(lit, key=lambda output: (output.x, output.y))
         return [replace(output, primary=output is first) for output in lit]
     return lit
 
 
 def watch_changes(x: XConnection) -> None:
-    """Have the server tell, as events, when screens come, go or change."""
-    x.send_extension_request("RANDR", 4, "IHxx", x.setup.root, _CHANGES)
+    """Have the X server send events when screens are plugged in or out, or change."""
+    screen_crtc_and_output_changes = 1 | 2 | 4
+    x.send_extension_request(
+        "RANDR",
+        _RandrRequest.SELECT_INPUT,
+        "IHxx",
+        x.setup.root,
+        screen_crtc_and_output_changes,
+    )
 
 
 def has_been_lost(x: XConnection, output: Output) -> bool:
-    """Whether a screen was dark or unplugged since this was asked, even if it is back.
+    """Return whether a screen was dark or unplugged since the last call, even if it is back.
 
-    x: told by `watch_changes` to watch, and used for nothing else.
+    x: a connection on which `watch_changes` was called, and which nothing else uses.
     """
     _, first = x.extension("RANDR")
     lost = False
@@ -104,27 +127,29 @@ def has_been_lost(x: XConnection, output: Output) -> bool:
             lost |= crtc == output.crtc and not mode
         elif event[1] == 1:
             number, crtc = struct.unpack_from("<II", event, 16)
-            gone = not crtc or event[30] == _DISCONNECTED
+            gone = not crtc or event[30] == _Connection.DISCONNECTED
             lost |= number == output.number and gone
     return lost
 
 
 def read_gamma_ramp(x: XConnection, crtc: int) -> NDArray[np.uint16]:
-    """What the graphics card makes of grey levels: (3, n) of 0 to 65535; n is 0 without one."""
-    told = x.query_extension("RANDR", 23, "I", crtc)
+    """Read a graphics card's gamma ramp: (3, n) of 0 to 65535, where n is 0 without a ramp."""
+    told = x.query_extension("RANDR", _RandrRequest.GET_CRTC_GAMMA, "I", crtc)
     (size,) = struct.unpack_from("<H", told, 8)
     return np.frombuffer(told, "<u2", 3 * size, 32).reshape(3, size).astype(np.uint16)
 
 
 def _parse_modes(told: bytes, at: int, count: int) -> dict[int, tuple[int, int, float]]:
-    """Width, height and refresh rate of each mode."""
+    """Decode RandR's modes: width, height and refresh rate of each."""
     found = {}
     for _ in range(count):
         number, width, height, dots = struct.unpack_from("<IHHI", told, at)
         (columns,), (rows,) = (struct.unpack_from("<H", told, at + i) for i in (16, 24))
         (flags,) = struct.unpack_from("<I", told, at + 28)
-        fields = 2.0 if flags & 0x10 else 1.0  # interlaced
-        lines = rows * (2 if flags & 0x20 else 1)  # each shown twice
+        # Flag 0x10 is an interlaced mode, with two fields per frame.
+        fields = 2.0 if flags & 0x10 else 1.0
+        # Flag 0x20 is double scan, which shows each line twice.
+        lines = rows * (2 if flags & 0x20 else 1)
         found[number] = (width, height, fields * dots / max(1, columns * lines))
         at += 32
     return found
@@ -138,14 +163,14 @@ def _read_output(
     primary: bool,
     edid: int,
 ) -> Output | None:
-    told = x.query_extension("RANDR", 9, "II", number, stamp)
+    told = x.query_extension("RANDR", _RandrRequest.GET_OUTPUT_INFO, "II", number, stamp)
     (crtc,) = struct.unpack_from("<I", told, 12)
-    if not crtc or told[24] == _DISCONNECTED:
+    if not crtc or told[24] == _Connection.DISCONNECTED:
         return None
     crtcs, many, _, clones, length = struct.unpack_from("<HHHHH", told, 26)
     at = 36 + 4 * (crtcs + many + clones)
     name = told[at : at + length].decode("latin-1")
-    seen = x.query_extension("RANDR", 20, "II", crtc, stamp)
+    seen = x.query_extension("RANDR", _RandrRequest.GET_CRTC_INFO, "II", crtc, stamp)
     left, top, width, height, mode, turned = struct.unpack_from("<hhHHIH", seen, 12)
     if not mode:
         return None
@@ -158,20 +183,35 @@ def _read_output(
 def _describe_distortion(
     x: XConnection, crtc: int, mode: tuple[int, int], size: tuple[int, int], rotation: int
 ) -> str:
-    if rotation != _UPRIGHT:
+    upright = 1
+    if rotation != upright:
         return "it is turned or mirrored"
     if mode != size:
         return f"{size[0]}x{size[1]} pixels are scaled to {mode[0]}x{mode[1]}"
-    told = x.query_extension("RANDR", 27, "I", crtc)
-    if struct.unpack_from("<9i", told, 48) != _UNSCALED:
+    told = x.query_extension("RANDR", _RandrRequest.GET_CRTC_TRANSFORM, "I", crtc)
+    # RandR gives the matrix row by row, in fixed point with 16 binary places.
+    identity = (0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 0x10000)
+    if struct.unpack_from("<9i", told, 48) != identity:
         return "its pixels are scaled or shifted by a transform"
     return ""
 
 
 def _read_property(x: XConnection, output: int, name: int) -> bytes:
-    """An output's property; empty if it hasn't got it."""
+    """Read a property of an output through RandR; empty if it lacks the property."""
+    any_type = 0
     try:
-        told = x.query_extension("RANDR", 15, "IIIIIBB2x", output, name, _ANY, 0, 128, 0, 0)
+        told = x.query_extension(
+            "RANDR",
+            _RandrRequest.GET_OUTPUT_PROPERTY,
+            "IIIIIBB2x",
+            output,
+            name,
+            any_type,
+            0,
+            128,
+            0,
+            0,
+        )
     except XError:
         return b""
     (count,) = struct.unpack_from("<I", told, 16)

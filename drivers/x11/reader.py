@@ -1,4 +1,4 @@
-"""What really stands on an X screen, read by whoever wants to know: no Qt, no window."""
+"""Read the pixels that an X screen shows, from any process, without Qt or a window."""
 
 from __future__ import annotations
 
@@ -12,16 +12,25 @@ from numpy.typing import NDArray
 from drivers.x11.connection import XConnection, XError
 from drivers.x11.shared_memory import XSharedMemory
 
-_RGB = (0xFF0000, 0x00FF00, 0x0000FF)
-
 
 class ScreenReader:
-    """Reads a rectangle of an X screen's pixels, from any process that may connect to it.
+    """Read a rectangle of an X screen's pixels, from any process that may connect to it.
 
-    display: as in DISPLAY. region: x, y, width and height in pixels; None is the whole
-    screen. XError if there is no server, the region lies outside or the screen isn't one of
-    8 bits a colour. What lies behind the server's memory (gamma ramps, scaling by the
-    graphics card, the cable) isn't seen.
+    The pixels are those in the server's memory: gamma ramps, scaling by the graphics card and
+    faults of the cable aren't visible.
+
+    Parameters
+    ----------
+    display : str
+        The X server, as in DISPLAY.
+    region : tuple of int, optional
+        x, y, width and height in pixels; the whole screen by default.
+
+    Raises
+    ------
+    XError
+        If there is no server, the region isn't on the screen, or the screen doesn't have 8 bits
+        per colour.
     """
 
     def __init__(self, display: str, region: tuple[int, int, int, int] | None = None) -> None:
@@ -32,7 +41,7 @@ class ScreenReader:
             setup = self._x.setup
             self._region = region or (0, 0, *self._size())
             if (
-                setup.masks != _RGB
+                setup.masks != (0xFF0000, 0x00FF00, 0x0000FF)
                 or not setup.little_endian
                 or setup.bits_per_pixel[setup.depth] != 32
             ):
@@ -54,24 +63,24 @@ class ScreenReader:
         self.close()
 
     def close(self) -> None:
-        """May be called twice."""
+        """Close the X connection and the shared memory; may be called twice."""
         self._x.close()
         if self._memory is not None:
             self._memory.close()
             self._memory = None
 
     def colours(self) -> NDArray[np.uint8]:
-        """Pixels now: (rows, columns, 3), red, green and blue."""
+        """Read the screen's pixels now: (rows, columns, 3), red, green and blue."""
         return np.ascontiguousarray(self.pixels()[..., 2::-1])
 
     def grey(self) -> NDArray[np.uint8]:
-        """Pixels now: (rows, columns), the green, which is the others on a screen of greys."""
+        """Read the screen's green pixel values now, (rows, columns); for grey, all are equal."""
         return np.ascontiguousarray(self.pixels()[..., 1])
 
     def pixels(self, top: int = 0, rows: int | None = None) -> NDArray[np.uint8]:
-        """Some rows now: (rows, columns, 4), blue, green, red and what fills up.
+        """Read some rows of the screen now: (rows, columns, 4), blue, green, red and padding.
 
-        Valid until the next call.
+        The array is valid until the next call.
         """
         x, y, width, height = self._region
         y, height = y + top, height - top if rows is None else rows
@@ -84,10 +93,11 @@ class ScreenReader:
         return pixels.reshape(height, width, 4)
 
     def has_changed(self) -> bool:
-        """Whether anything was drawn on the screen since the last time it was asked.
+        """Return whether anything was drawn on the screen since the last call.
 
-        True at first. Nothing is missed: what is drawn between this and reading the pixels
-        is told the next time. Always true where the server has no DAMAGE extension.
+        The first call returns True. No change is missed: what is drawn between this call and
+        reading the pixels is reported by the next call. Always True if the server lacks the
+        DAMAGE extension.
         """
         if not self._damage:
             return True
@@ -99,7 +109,7 @@ class ScreenReader:
         return bool(told) or not before
 
     def _size(self) -> tuple[int, int]:
-        """Columns and rows: they may have changed since the server greeted us."""
+        """Return the screen's columns and rows, which may have changed since the connection."""
         root = struct.pack("<BBHI", 14, 0, 0, self._x.setup.root)
         columns, rows = struct.unpack_from("<HH", self._x.query(14, root), 16)
         return columns, rows
@@ -117,13 +127,13 @@ class ScreenReader:
         if self._x.has("DAMAGE"):
             self._x.query_extension("DAMAGE", 0, "II", 1, 1)
             self._damage = self._x.new_id()
-            # Told once, until the damage is taken away (level 3, "non-empty").
+            # Level 3, "non-empty": one event is sent until the damage is subtracted.
             self._x.send_extension_request(
                 "DAMAGE", 1, "IIB3x", self._damage, self._x.setup.root, 3
             )
 
     def _attach_shared_memory(self) -> XSharedMemory | None:
-        """Memory for the picture: some ten times as fast, but only on the same machine."""
+        """Share memory with the X server, about ten times as fast, but only on this machine."""
         with contextlib.suppress(XError):
             return XSharedMemory(self._x, 4 * self._region[2] * self._region[3])
         return None

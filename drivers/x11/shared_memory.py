@@ -1,4 +1,4 @@
-"""Memory that an X server on this machine writes pictures into (System V, as MIT-SHM wants)."""
+"""Share System V memory with an X server on this machine, by its MIT-SHM extension."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from drivers.x11.connection import XConnection, XError
 
-_PRIVATE, _CREATE, _REMOVE = 0, 0o1000, 0
-
 
 class XSharedMemory:
-    """Bytes shared with a server. XError if it can't see them: it may be another machine's."""
+    """Share bytes with an X server; XError if it can't, as on another machine."""
 
     def __init__(self, x: XConnection, size: int) -> None:
         self._x, self.segment = x, x.new_id()
@@ -23,7 +21,9 @@ class XSharedMemory:
         libc.shmat.restype, libc.shmat.argtypes = c_void_p, (c_int, c_void_p, c_int)
         self._detach = libc.shmdt
         self._detach.argtypes = (c_void_p,)
-        number = libc.shmget(_PRIVATE, size, _CREATE | 0o600)
+        # These are constants of Linux' sys/ipc.h.
+        ipc_private, ipc_creat, ipc_rmid = 0, 0o1000, 0
+        number = libc.shmget(ipc_private, size, ipc_creat | 0o600)
         if number < 0:
             raise XError("no shared memory can be had")
         self._at = libc.shmat(number, None, 0)
@@ -38,17 +38,17 @@ class XSharedMemory:
                 self.close()
                 raise
         finally:
-            # It lives until both have let go, so that nobody who is killed leaves any behind.
-            libc.shmctl(number, _REMOVE, None)
+            # The segment exists until both processes have detached it, even if one is killed.
+            libc.shmctl(number, ipc_rmid, None)
         memory = (ctypes.c_ubyte * size).from_address(self._at)
         self.bytes: NDArray[np.uint8] = np.ctypeslib.as_array(memory)
 
     def close(self) -> None:
-        """After it, `bytes` must not be touched any more."""
+        """Detach the shared memory; `bytes` must not be used afterwards."""
         self._detach(self._at)
 
     def _is_visible_to_server(self) -> bool:
-        """Whether the server has the memory: it refuses to read a pixel into it if not."""
+        """Return whether the X server can access the memory, by having it write one pixel."""
         try:
             self.fetch(0, 0, 1, 1)
         except XError:
@@ -56,7 +56,7 @@ class XSharedMemory:
         return True
 
     def fetch(self, x: int, y: int, width: int, height: int) -> None:
-        """Have the server write a rectangle of its root window's pixels here."""
+        """Have the X server write a rectangle of its root window's pixels to this memory."""
         whole, pixmap = 0xFFFFFFFF, 2
         layout, root = "IhhHHIB3xII", self._x.setup.root
         given = (root, x, y, width, height, whole, pixmap, self.segment, 0)

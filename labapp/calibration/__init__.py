@@ -1,7 +1,7 @@
-"""Calibration of a bench, virtual or real: what to show, how to run it, what it says.
+"""Calibrate a bench, virtual or real: design the plan, run it, fit its record, report the results.
 
-A calibration is an ordinary plan whose patterns lie beside it as pictures, run like any other,
-and fits of its record. `plan_design` makes plan and patterns; `exposure_search` finds the exposure;
-`calibration_frames` reads the record; `fitting` fits; `result_report` and `overview_figure` say how
-it went; `labapp.bench.calibration_validity` says whether a calibration still holds.
+A calibration is an ordinary plan with its patterns as picture files, run like any other plan; its
+record is then fitted. `plan_design` makes plan and patterns; `exposure_search` finds the exposure;
+`calibration_frames` reads the record; `fitting` fits it; `result_report` and `overview_figure`
+present the results. `labapp.bench.calibration_validity` checks whether a calibration still holds.
 """

@@ -1,4 +1,4 @@
-"""A calibration from trial to file: plans, runs and fits, on one bench."""
+"""Run a complete calibration on one bench: trial exposures, plan, run, fits and files."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ PLAN_FILE, RECORD_FILE, CALIBRATION_FILE, PICTURE_FILE = (
 )
 
 _MOST_TRIALS = 4
-"""Rounds of trial exposures at a wavelength."""
+"""Most rounds of trial exposures at a wavelength; chosen."""
 
 _TRIAL_SHARE, _RUN_SHARE = 0.1, 0.8
-"""Of a calibration's progress, from its beginning to the end of the trials and of the run."""
+"""Shares of a calibration's progress that are reached after the trials and after the run."""
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """What a calibration left: its fits, and the file's content."""
+    """Hold a calibration's fits and the content of its file."""
 
     fits: CalibrationFits
     file: CalibrationFile
@@ -65,7 +65,7 @@ def calibrate(
     progress: Progress | None = None,
     ask: AskOperator | None = None,
 ) -> CalibrationResult:
-    """Find the exposure, take every frame, fit, and write all of it to a folder.
+    """Calibrate a bench: find the exposure, take all frames, fit, and write everything to a folder.
 
     The folder gets plan.toml, patterns/, run.h5, calibration.json and calibration.png.
     UserError says what is wrong at the bench; Cancelled if the progress was cancelled.
@@ -76,7 +76,7 @@ def calibrate(
     )
     request = complete_request(request, bench)
     make_folder(folder)
-    # As well calibrated as it is: the steadier the gratings.
+    # The bench's calibration is used if it has one, because it improves the gratings.
     camera = bench.description
     exposures = []
     count = len(request.wavelengths_nm)
@@ -104,7 +104,7 @@ def write_calibration_plan(
     exposures: tuple[CalibrationExposures, ...],
     folder: Path,
 ) -> PlanFile:
-    """Design, and write plan and pictures to a folder."""
+    """Design a calibration, and write its plan and patterns to a folder."""
     made = plan_design.design_calibration(camera, request, exposures)
     shown = plan_design.render_patterns(camera, made)
     plan = plan_design.build_plan(made, shown, PATTERN_FOLDER)
@@ -115,7 +115,7 @@ def write_calibration_plan(
 def prepare_plan_only(
     bench: Bench, request: CalibrationRequest, folder: Path, *, force: bool = False
 ) -> PlanFile:
-    """Plan and pictures for a run later on; UserError without an exposure."""
+    """Write a calibration's plan and patterns for a later run; UserError without an exposure."""
     require_free_names(folder, (PLAN_FILE,), force=force)
     if request.exposure_ms is None:
         raise UserError(
@@ -130,7 +130,7 @@ def prepare_plan_only(
 
 
 def fit_and_write(record: Path, progress: Progress | None = None) -> CalibrationResult:
-    """Fit a record, and write calibration.json and calibration.png beside it."""
+    """Fit a calibration's record, and write calibration.json and calibration.png beside it."""
     from labapp.calibration.overview_figure import draw_overview
     from labapp.common.figure_png import figure_to_png
 
@@ -145,9 +145,10 @@ def fit_and_write(record: Path, progress: Progress | None = None) -> Calibration
 
 
 def complete_request(request: CalibrationRequest, bench: Bench) -> CalibrationRequest:
-    """With what the bench knows: the star of a scene, and whether there is a dark target.
+    """Complete a calibration request with the star's size and distance from the bench's scene.
 
-    UserError if the bench lacks the star, or its size isn't known.
+    UserError if the bench lacks the star or the dark target, or if the wavefront is requested and
+    the star's size or distance isn't known.
     """
     table = require_star_target(bench, request.star, request.dark)
     known: dict[str, float] = {}
@@ -180,7 +181,7 @@ def _find_exposures(
     progress: Progress,
     ask: AskOperator | None,
 ) -> CalibrationExposures:
-    """By trial, unless it was given."""
+    """Find a calibration's exposures by trial, unless the request gives one."""
     if request.exposure_ms is not None:
         return _requested_exposures(camera, request, nm)
     trials: list[TrialFrame] = []

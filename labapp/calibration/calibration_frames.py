@@ -1,4 +1,4 @@
-"""The frames of a calibration's record, as its fits want them."""
+"""Read the frames of a calibration's record in the form that the fits need."""
 
 from __future__ import annotations
 
@@ -21,15 +21,12 @@ from optics.camera import Camera
 
 Array = NDArray[np.float64]
 
-_HOT = 8.0
-"""Standard deviations of read noise by which a pixel in a dark frame is hot."""
-
 
 @dataclass(frozen=True)
 class CalibrationFrames:
-    """A record and the design that it was made by.
+    """Read a calibration's frames from its record, by the design that the plan carries.
 
-    camera: as it was known when the record was made.
+    camera: the description of the camera when the record was made.
     """
 
     record: Record
@@ -38,7 +35,7 @@ class CalibrationFrames:
 
     @staticmethod
     def of(record: Record) -> CalibrationFrames:
-        """UserError if the record isn't one of a calibration, or isn't whole."""
+        """Wrap a calibration's record; UserError if it isn't one, or isn't complete."""
         text = record.plan.metadata.get(names.DESIGN_KEY)
         if not isinstance(text, str):
             raise UserError(
@@ -54,7 +51,7 @@ class CalibrationFrames:
         return CalibrationFrames(record, design, record.bench.build_camera())
 
     def raw_frames(self, pattern: str, wavelength_nm: float) -> NDArray[np.uint16]:
-        """All frames of a pattern at a wavelength, (frames, rows, columns)."""
+        """Return the record's frames of a pattern at a wavelength, (frames, rows, columns)."""
         indices = self._at(wavelength_nm, target=self.design.request.star, pattern=pattern)
         if not indices:
             raise UserError(
@@ -64,7 +61,7 @@ class CalibrationFrames:
         return np.stack([self.record.image(index) for index in indices])
 
     def sweep_frames(self, wavelength_nm: float) -> list[NDArray[np.uint16]]:
-        """The frames of the sweep, in the order of the design's levels."""
+        """Return the frames of the grey-level sweep, in the order of the design's levels."""
         levels = zip(self.design.low, self.design.high, strict=True)
         return [
             self.raw_frames(names.stripes_pattern_name(low, high), wavelength_nm)[0]
@@ -72,7 +69,7 @@ class CalibrationFrames:
         ]
 
     def mean_dark_frame(self, wavelength_nm: float, exposure_ms: float) -> Array:
-        """The mean dark frame of an exposure; the sensor's black level where there is none."""
+        """Average an exposure's dark frames; without any, use black level and dark current."""
         dark = self.design.request.dark
         exposure = round(exposure_ms * 1e3) / 1e6
         indices = self._at(wavelength_nm, target=dark, exposure_asked=exposure)
@@ -83,24 +80,30 @@ class CalibrationFrames:
         return np.mean([self.record.image(index) for index in indices], axis=0)
 
     def mean_light(self, pattern: str, wavelength_nm: float, dark: Array) -> tuple[Array, Array]:
-        """A pattern's mean picture less its dark, and the variance of that, (rows, columns)."""
+        """Average a calibration pattern's frames and subtract the dark frame.
+
+        Return the mean and its variance, both (rows, columns).
+        """
         frames = self.raw_frames(pattern, wavelength_nm).astype(np.float64)
         sensor = self.camera.sensor
         variance = frame_variance(frames, sensor).mean(axis=0) / len(frames)
         return frames.mean(axis=0) - dark, variance + frame_variance(dark, sensor) / 2
 
     def clipped_pixels(self, pattern: str, wavelength_nm: float) -> NDArray[np.bool_]:
-        """Pixels at full scale in one of a pattern's frames, (rows, columns)."""
+        """Mark the pixels that are at full scale in any of a pattern's frames, (rows, columns)."""
         brightest = self.raw_frames(pattern, wavelength_nm).max(axis=0)
         return brightest >= self.camera.sensor.full_scale
 
     def hot_pixels(self, dark: Array) -> NDArray[np.bool_]:
-        """Pixels that are bright without light."""
+        """Mark the hot pixels of a dark frame.
+
+        They exceed its median by more than 8 times the read noise and 1 DN.
+        """
         sensor = self.camera.sensor
-        return dark - np.median(dark) > _HOT * sensor.read_noise / sensor.gain + 1
+        return dark - np.median(dark) > 8.0 * sensor.read_noise / sensor.gain + 1
 
     def _at(self, wavelength_nm: float, **wanted: Any) -> list[int]:
-        """Stored frames at a wavelength, which plans round to whole picometres."""
+        """Select frames of the record at a wavelength, which plans round to whole picometres."""
         away = np.abs(self._wavelengths - wavelength_nm * 1e-9)
         return [index for index in self.record.select(**wanted) if away[index] < 1e-12]
 
@@ -110,7 +113,7 @@ class CalibrationFrames:
 
 
 def validate_design(text: str, source: str) -> CalibrationDesign:
-    """UserError if the text isn't a design."""
+    """Parse a calibration's design from JSON; UserError if the text isn't a design."""
     try:
         data = json.loads(text)
     except ValueError as error:

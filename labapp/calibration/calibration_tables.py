@@ -1,4 +1,4 @@
-"""From fits to the calibration file, with all that tells later whether it still holds."""
+"""Build the calibration file from the fits, with the facts that show later if it still holds."""
 
 from __future__ import annotations
 
@@ -21,12 +21,9 @@ from optics.calibration.registration import Registration
 from optics.calibration.wavefront import WavefrontFit
 from optics.calibration.zeroth_order import ZerothOrder
 
-_DIGITS = 4
-"""Of phases in radians: a tenth of a milliradian."""
-
 
 def build_calibration_file(fits: CalibrationFits) -> CalibrationFile:
-    """The file's content; date, devices and bench are the record's."""
+    """Build a calibration file's content; date, devices and bench come from the record."""
     with Record(fits.path) as record:
         bench = record.bench.model_dump(mode="json")
         trials = sum(exposures.trials for exposures in fits.design.exposures)
@@ -81,10 +78,12 @@ def _registration_table(nm: float, found: Registration, fits: CalibrationFits) -
 def _response_table(
     nm: float, regions: list[RegionFit], fits: CalibrationFits
 ) -> MeasuredResponseTable:
+    # Phases are rounded to a tenth of a milliradian.
+    digits = 4
     curves = tuple(
         CurveTable(
-            phase_rad=tuple(round(float(p), _DIGITS) for p in region.fit.phase),
-            sigma_rad=tuple(round(float(s), _DIGITS) for s in region.fit.sigma),
+            phase_rad=tuple(round(float(p), digits) for p in region.fit.phase),
+            sigma_rad=tuple(round(float(s), digits) for s in region.fit.sigma),
             residual=region.fit.residual,
             chi2=region.fit.chi2,
             blur_px=region.fit.blur,
@@ -117,7 +116,7 @@ def _wavefront_table(found: WavefrontFit, nm: float) -> WavefrontTable:
 
 
 def _zeroth_table(nm: float, found: ZerothOrder) -> ZerothOrderTable:
-    # A share of nothing may come out a little below it.
+    # Noise can make the estimate of a small share slightly negative.
     share = min(max(found.share, 0.0), 1.0)
     return ZerothOrderTable(
         wavelength_nm=nm, share=share, sigma=found.sigma, frames=len(found.by_frame)

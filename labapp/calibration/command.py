@@ -1,4 +1,4 @@
-"""`labapp calibrate`: from a bench, or a record that is there already, to a calibration file."""
+"""Run `labapp calibrate`: make a calibration file from a bench or from an existing record."""
 
 from __future__ import annotations
 
@@ -30,7 +30,11 @@ from labapp.runs.run_commands import ExecutionOptions, interactive_progress
 
 @dataclass(frozen=True)
 class CalibrateOptions:
-    """The command line's words. regions: as in "2x2". only: parts, or none for all."""
+    """Hold the options of `labapp calibrate`.
+
+    regions: rows and columns of the panel's regions, such as "2x2". only: the parts to measure;
+    all if empty.
+    """
 
     wavelengths_nm: tuple[float, ...]
     regions: str
@@ -43,7 +47,7 @@ class CalibrateOptions:
     star_m: float | None
 
     def request(self) -> CalibrationRequest:
-        """UserError names the option that is wrong."""
+        """Convert the command's options to a calibration request; UserError names a wrong one."""
         rows, _, columns = self.regions.partition("x")
         if not (rows.isdigit() and columns.isdigit()):
             raise UserError(f"--regions {self.regions}: give rows x columns, as in 2x2.")
@@ -68,7 +72,7 @@ class CalibrateOptions:
 def calibrate_bench(
     options: CalibrateOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
 ) -> None:
-    """Calibrate, tell how it went, and where everything is."""
+    """Calibrate a bench, and print the results and the files' paths."""
     request = options.request()
     require_free_names(
         folder, (PLAN_FILE, RECORD_FILE, CALIBRATION_FILE, PICTURE_FILE), force=execution.force
@@ -84,7 +88,7 @@ def calibrate_bench(
 def write_plan_only(
     options: CalibrateOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
 ) -> None:
-    """Plan and patterns in a folder, for `labapp run`."""
+    """Write a calibration's plan and patterns to a folder, for `labapp run`."""
     request = options.request()
     require_free_names(folder, (PLAN_FILE,), force=execution.force)
     with open_bench(files) as bench:
@@ -98,7 +102,7 @@ def write_plan_only(
 
 
 def refit_record(record: Path, execution: ExecutionOptions) -> None:
-    """Fit a record that is there already; the file and the picture go beside it."""
+    """Fit an existing calibration record, and write the file and the picture beside it."""
     require_free_names(record.parent, (CALIBRATION_FILE, PICTURE_FILE), force=execution.force)
     with terminal_progress() as progress:
         found = fit_and_write(record, progress)

@@ -1,4 +1,4 @@
-"""The exposure at which the neutral star is bright and not clipped, found by a few trials."""
+"""Search by trial frames for the exposure at which the neutral star is bright but unclipped."""
 
 from __future__ import annotations
 
@@ -16,37 +16,58 @@ from labapp.files.plan_file import PlanFile
 from optics.calibration.spots import frame_variance, without_hot_pixels
 from optics.camera import Camera, Sensor
 
-_FIRST_MS = 2.0
-_BRACKET_RATIO = 16.0
-"""Between the exposures of a trial: a frame measures a range of some fifty."""
 
-_STAR_LEVEL, _SWEEP_LEVEL = 0.6, 0.5
-"""Of the range from black to full scale, that the brightest pixel shall reach."""
+@dataclass(frozen=True)
+class ExposureSearchSettings:
+    """Tune the search for a calibration's exposures.
 
-_CLIPPING_LEVEL = 0.97
-"""Of that range, from which a star's pixel counts as clipped."""
+    Levels are shares of the range from black level to full scale.
 
-_STAR_RADIUS = 8
-"""Pixels around the brightest one that the star's light falls on."""
+    Attributes
+    ----------
+    first_ms : float
+        Middle exposure of the first trial in milliseconds. Chosen.
+    bracket_ratio : float
+        Ratio between the exposures of a trial. One frame covers a range of about 50.
+    star_level : float
+        Level that the brightest pixel of the neutral star shall reach. Chosen.
+    sweep_level : float
+        Level that the brightest pixel of the sweep's spots shall reach. Chosen.
+    clipping_level : float
+        Level above which a pixel of the star counts as clipped. Chosen.
+    star_radius : int
+        Distance in pixels from the brightest pixel within which the star's light falls. Chosen.
+    min_peak_snr : float
+        Least ratio of the brightest pixel to its noise for which an exposure is derived. Chosen.
+    """
 
-_MIN_PEAK_SNR = 20.0
-"""Times its noise that the brightest pixel must have, to set an exposure by."""
+    first_ms: float = 2.0
+    bracket_ratio: float = 16.0
+    star_level: float = 0.6
+    sweep_level: float = 0.5
+    clipping_level: float = 0.97
+    star_radius: int = 8
+    min_peak_snr: float = 20.0
+
+
+_SETTINGS = ExposureSearchSettings()
 
 _FIRST_ORDER = 4 / math.pi**2
-"""Of the light of stripes, in either first order."""
+"""Share of the light of binary stripes that goes into either first order."""
 
 
 @dataclass(frozen=True)
 class TrialFrame:
-    """A frame of the neutral star. exposure: seconds."""
+    """Hold a trial frame of the neutral star. exposure: seconds."""
 
     exposure: float
     image: NDArray[np.uint16]
 
 
 def first_bracket(camera: Camera) -> tuple[float, ...]:
-    """Exposures of a first trial in seconds, within the sensor's range."""
-    return _bracket(camera.sensor, [_FIRST_MS * 1e-3 * _BRACKET_RATIO**k for k in (-1, 0, 1)])
+    """Return the exposures of the first trial in seconds, within the sensor's range."""
+    middle, ratio = _SETTINGS.first_ms * 1e-3, _SETTINGS.bracket_ratio
+    return _bracket(camera.sensor, [middle * ratio**k for k in (-1, 0, 1)])
 
 
 def _bracket(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
@@ -57,7 +78,7 @@ def _bracket(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
 def trial_plan(
     request: CalibrationRequest, wavelength_nm: float, exposures: tuple[float, ...]
 ) -> PlanFile:
-    """The neutral star at one wavelength, at several exposures in seconds."""
+    """Return a plan that takes the neutral star at one wavelength and several exposures in s."""
     block = {
         "targets": [request.star],
         "patterns": [names.NEUTRAL_NAME],
@@ -76,8 +97,10 @@ def trial_plan(
 
 @dataclass(frozen=True)
 class StarExposure:
-    """exposure: seconds at which the neutral star is well exposed. width: the square root of its
-    light over its brightest pixel, in pixels: how wide it is."""
+    """Hold the exposure in seconds at which the neutral star is well exposed, and its width.
+
+    width: in pixels, the square root of the star's light over that of its brightest pixel.
+    """
 
     exposure: float
     width: float
@@ -86,7 +109,7 @@ class StarExposure:
 def evaluate_trials(
     trials: Sequence[TrialFrame], camera: Camera
 ) -> StarExposure | tuple[float, ...]:
-    """What the trials tell, or the exposures in seconds that must be tried next.
+    """Derive the star's exposure from trial frames, or return the exposures in s to try next.
 
     UserError if the star is too bright or too dim for the camera.
     """
@@ -95,29 +118,32 @@ def evaluate_trials(
     longer = None
     for trial in sorted(trials, key=lambda trial: -trial.exposure):
         peak, noise, width = _measure_star(trial.image, sensor)
-        if peak >= _CLIPPING_LEVEL * room:
+        if peak >= _SETTINGS.clipping_level * room:
             longer = trial.exposure
-        elif peak >= _MIN_PEAK_SNR * noise:
-            return StarExposure(
-                _clamp_exposure(trial.exposure * _STAR_LEVEL * room / peak, sensor), width
-            )
+        elif peak >= _SETTINGS.min_peak_snr * noise:
+            exposure = trial.exposure * _SETTINGS.star_level * room / peak
+            return StarExposure(_clamp_exposure(exposure, sensor), width)
         elif longer is not None:
             return _bracket(sensor, [math.sqrt(longer * trial.exposure)])
         else:
-            return _extend_bracket(trial.exposure, _BRACKET_RATIO, sensor)
-    return _extend_bracket(min(trial.exposure for trial in trials), 1 / _BRACKET_RATIO, sensor)
+            return _extend_bracket(trial.exposure, _SETTINGS.bracket_ratio, sensor)
+    shortest = min(trial.exposure for trial in trials)
+    return _extend_bracket(shortest, 1 / _SETTINGS.bracket_ratio, sensor)
 
 
 def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, float, float]:
-    """The star's brightest pixel above the background, the noise, and the star's width; hot
-    pixels left out."""
+    """Return the star's brightest pixel above the background, the noise, and the star's width.
+
+    Hot pixels are left out.
+    """
     frame = image.astype(np.float64)
     variance = frame_variance(frame, sensor)
     light = without_hot_pixels(frame - np.median(frame), variance)
     y, x = np.unravel_index(int(np.argmax(light)), light.shape)
+    radius = _SETTINGS.star_radius
     part = light[
-        max(y - _STAR_RADIUS, 0) : y + _STAR_RADIUS + 1,
-        max(x - _STAR_RADIUS, 0) : x + _STAR_RADIUS + 1,
+        max(y - radius, 0) : y + radius + 1,
+        max(x - radius, 0) : x + radius + 1,
     ]
     peak = float(light[y, x])
     width = math.sqrt(max(float(part.sum()) / peak, 1.0)) if peak > 0 else 1.0
@@ -125,7 +151,7 @@ def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, flo
 
 
 def _extend_bracket(exposure: float, step: float, sensor: Sensor) -> tuple[float, ...]:
-    """The next exposures on one side; UserError at the end of the camera's range."""
+    """Return the next longer or shorter trial exposures; UserError at the camera's limit."""
     further = _bracket(sensor, [exposure * step, exposure * step**2])
     if further[0] == exposure or further[-1] == exposure:
         trouble, remedy = ("dim", "Brighten") if step > 1 else ("bright", "Dim")
@@ -149,10 +175,10 @@ def derive_exposures(
     found: StarExposure,
     trials: int,
 ) -> CalibrationExposures:
-    """From the neutral star to the regions' spots.
+    """Derive the exposures of a calibration's frames from that of the neutral star.
 
-    A region's spot has its share of the light in its own first order, and is wider than the star
-    by the region's own diffraction.
+    In the sweep, a region's spot has that region's share of the light, in one first order, and is
+    wider than the star by the diffraction at the region.
     """
     panel, sensor = camera.panel, camera.sensor
     scale = wavelength_nm * 1e-9 * camera.ray_matrix_b / sensor.pitch
@@ -164,7 +190,8 @@ def derive_exposures(
     ]
     light = _FIRST_ORDER / math.prod(request.regions)
     dimmer = light * max(found.width**2, 1.0) / max(wide[0] * wide[1], 1.0)
-    sweep = _clamp_exposure(found.exposure * _SWEEP_LEVEL / _STAR_LEVEL / min(dimmer, 1.0), sensor)
+    wanted = found.exposure * _SETTINGS.sweep_level / _SETTINGS.star_level / min(dimmer, 1.0)
+    sweep = _clamp_exposure(wanted, sensor)
     return CalibrationExposures(
         wavelength_nm=wavelength_nm,
         full_ms=_milliseconds(found.exposure),
@@ -174,12 +201,12 @@ def derive_exposures(
 
 
 def nominal_star_width(camera: Camera, wavelength_nm: float) -> float:
-    """The same from the camera's description: the pupil's diffraction and a pixel."""
+    """Estimate the star's width in pixels from the camera's diffraction and the pixel size."""
     scale = wavelength_nm * 1e-9 * camera.ray_matrix_b / camera.sensor.pitch
     lines = [scale / (n * camera.panel.pitch) for n in camera.panel.shape]
     return math.sqrt(math.prod(math.hypot(line, 1.0) for line in lines))
 
 
 def _milliseconds(seconds: float) -> float:
-    """Whole microseconds, as cameras count."""
+    """Convert an exposure from s to ms, rounded to whole microseconds as cameras count."""
     return round(seconds * 1e6) / 1e3

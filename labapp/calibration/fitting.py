@@ -1,4 +1,4 @@
-"""From a record to a calibration: every fit of a design, in the order in which they build up."""
+"""Fit a calibration's record: registration, phase response, zeroth order, wavefront, in order."""
 
 from __future__ import annotations
 
@@ -32,19 +32,10 @@ from optics.slm import Modulator, PhaseResponse, grey_to_phase
 
 Array = NDArray[np.float64]
 
-_PHASE_SEARCH_FACTOR = 1.7
-"""Times the described range up to which steps of the phase are looked for."""
-
-_CENTRE = 12
-"""Pixels around the zeroth order that aren't searched for steered spots."""
-
-_WINDOW = 24
-"""Pixels from the star's middle to the edge of its pictures for the wavefront, at the most."""
-
 
 @dataclass(frozen=True, eq=False)
 class RegionFit:
-    """One region's sweep and what was fitted to it."""
+    """Hold the grey-level sweep of one panel region and the phase response fitted to it."""
 
     sweep: Sweep
     fit: ResponseFit
@@ -53,7 +44,10 @@ class RegionFit:
 
 @dataclass(eq=False)
 class CalibrationFits:
-    """All that a record tells; what wasn't asked for is empty. By wavelength in nm."""
+    """Hold all fits of a calibration's record, by wavelength in nm.
+
+    Parts that weren't requested are empty.
+    """
 
     path: Path
     design: CalibrationDesign
@@ -66,7 +60,7 @@ class CalibrationFits:
 
     @property
     def calibrated_camera(self) -> Camera:
-        """The camera with the response and the zeroth order that were found."""
+        """Return the camera with the fitted phase response and unmodulated light."""
         panel = self.camera.panel
         if self.responses:
             curves = [[one.fit.phase for one in regions] for regions in self.responses.values()]
@@ -81,17 +75,17 @@ class CalibrationFits:
 
     @property
     def coupling_length(self) -> float:
-        """Metres by which neighbours blur the phase, as seen; as described where it wasn't."""
+        """Return the panel's coupling in metres, as fitted, or as described without a fit."""
         seen = [region.fit.blur for regions in self.responses.values() for region in regions]
         panel = self.camera.panel
         return min(float(np.median(seen)), 1.0) * panel.pitch if seen else panel.coupling
 
 
 def fit_calibration(path: Path, progress: Progress | None = None) -> CalibrationFits:
-    """Every fit that a record was taken for.
+    """Run every fit for which a calibration's record was taken.
 
-    UserError if it is no record of a calibration, lacks frames, or a fit can't be trusted; it
-    says what to do at the bench.
+    UserError if it isn't a calibration's record, lacks frames, or a fit can't be trusted; it says
+    what to do at the bench.
     """
     progress = progress or Progress()
     with Record(path) as record:
@@ -112,7 +106,7 @@ def fit_calibration(path: Path, progress: Progress | None = None) -> Calibration
 
 @contextmanager
 def _raise_user_errors(path: Path, what: str) -> Iterator[None]:
-    """Turn a fit's ValueError into words that name the record and the fit."""
+    """Turn a fit's ValueError into a UserError that names the record and the fit."""
     try:
         yield
     except ValueError as error:
@@ -136,7 +130,7 @@ def _fit_wavelength(
 
 
 def _fit_registration(frames: CalibrationFrames, nm: float) -> Registration:
-    """From the spots of the compass' gratings, seen beside the neutral star."""
+    """Fit the registration to the spots of the steering gratings and the neutral star."""
     dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
     neutral, variance = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
     hot = frames.hot_pixels(dark)
@@ -148,7 +142,8 @@ def _fit_registration(frames: CalibrationFrames, nm: float) -> Registration:
         )
     centre = find_spot(np.where(hot, 0.0, neutral), variance)
     y, x = np.ogrid[: neutral.shape[0], : neutral.shape[1]]
-    near = np.hypot(y - centre.y, x - centre.x) < _CENTRE
+    # Steered spots aren't searched within 12 pixels of the zeroth order.
+    near = np.hypot(y - centre.y, x - centre.x) < 12
     spots = [centre]
     for number in range(len(frames.design.compass)):
         steered, noise = frames.mean_light(names.steering_pattern_name(nm, number), nm, dark)
@@ -184,9 +179,8 @@ def _fit_responses(
     for number, (light, vector, part) in enumerate(zip(gathered, vectors, parts, strict=True)):
         progress.report(number / len(vectors), f"response, {nm:g} nm, region {number + 1}")
         ok = ~light.clipped
-        law = StripeLaw(
-            upper[part], vector, panel.active_side / panel.pitch, _PHASE_SEARCH_FACTOR * reach
-        )
+        # Steps of the phase are searched up to 1.7 times the described range.
+        law = StripeLaw(upper[part], vector, panel.active_side / panel.pitch, 1.7 * reach)
         sweep = Sweep(low[ok], high[ok], light.light[ok], light.noise[ok], law)
         fit = fit_response(sweep, panel.levels, reach)
         found.append(RegionFit(sweep, fit, int(light.clipped.sum())))
@@ -194,10 +188,14 @@ def _fit_responses(
 
 
 def _fit_zeroth_order(frames: CalibrationFrames, nm: float, fits: CalibrationFits) -> ZerothOrder:
-    """What the compass' gratings leave in the centre, but for what they were seen to show."""
+    """Measure the unmodulated light: what the steering gratings leave in the zeroth order.
+
+    The light that the gratings themselves leave there is computed from the fitted response, and
+    subtracted.
+    """
     dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
     neutral, _ = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
-    # The edges of a blazed grating's waves are where neighbours matter most.
+    # The coupling is included, because it matters most at the jumps of a blazed grating.
     panel = replace(
         fits.calibrated_camera.panel,
         illumination=None,
@@ -254,9 +252,13 @@ def _fit_wavefront(frames: CalibrationFrames, fits: CalibrationFits, progress: P
 def _window(
     centre: tuple[float, float], shape: tuple[int, int]
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """First pixel and shape of a window around the star, inside of the frame."""
-    low = [max(round(c) - _WINDOW, 0) for c in centre]
-    high = [min(round(c) + _WINDOW + 1, n) for c, n in zip(centre, shape, strict=True)]
+    """Return first pixel and shape of the window around the star for the wavefront's fit.
+
+    The window reaches 24 pixels from the star's middle, at most to the edge of the frame.
+    """
+    reach = 24
+    low = [max(round(c) - reach, 0) for c in centre]
+    high = [min(round(c) + reach + 1, n) for c, n in zip(centre, shape, strict=True)]
     return (low[0], low[1]), (high[0] - low[0], high[1] - low[1])
 
 

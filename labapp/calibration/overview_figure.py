@@ -1,4 +1,4 @@
-"""A calibration on one page: spots and their map, curves with residuals, wavefront."""
+"""Draw a calibration on one page: registration, phase responses with residuals, wavefront."""
 
 from __future__ import annotations
 
@@ -18,17 +18,9 @@ from labapp.runs.record.reader import Record
 from optics.pupil import pupil_amplitude
 from optics.slm import grey_to_phase
 
-_DARKEST_SHARE = 1e-3
-"""Of the brightest pixel, from which spots are drawn."""
-
-_ARROW_SCALE = 200.0
-"""Times that the registration's residuals are drawn larger."""
-
-_MOST_CURVES = 12
-
 
 def draw_overview(fits: CalibrationFits, file: CalibrationFile) -> Figure:
-    """Registration and sweep of every wavelength, a row each, and the wavefront below."""
+    """Draw a calibration: a row per wavelength for registration and sweep, and the wavefront."""
     rows = len(fits.registrations) + (fits.wavefront is not None)
     figure = Figure(figsize=(17, 5.2 * rows + 0.6), dpi=100, layout="constrained")
     simulated = [name for name, device in file.devices.items() if device.simulated]
@@ -53,7 +45,8 @@ def _wavelength_row(
 ) -> None:
     grid = figure.add_gridspec(2, 3, width_ratios=[1.15, 1, 1], height_ratios=[3, 1])
     _draw_spots(figure.add_subplot(grid[:, 0]), fits, frames, nm)
-    regions = fits.responses.get(nm, [])[:_MOST_CURVES]
+    # At most twelve regions are drawn.
+    regions = fits.responses.get(nm, [])[:12]
     if regions:
         _draw_curves(figure.add_subplot(grid[:, 1]), fits, regions, nm)
         upper = figure.add_subplot(grid[0, 2])
@@ -61,7 +54,7 @@ def _wavelength_row(
 
 
 def _draw_spots(axes: Axes, fits: CalibrationFits, frames: CalibrationFrames, nm: float) -> None:
-    """All steered spots in one picture, the map's grid over it, and how far they miss it."""
+    """Draw all steered spots in one picture, with the registration's grid and residuals."""
     found, design = fits.registrations[nm], fits.design
     dark = frames.mean_dark_frame(nm, design.exposures_at(nm).full_ms)
     shown = [
@@ -69,10 +62,10 @@ def _draw_spots(axes: Axes, fits: CalibrationFits, frames: CalibrationFrames, nm
         *(names.steering_pattern_name(nm, k) for k in range(len(design.compass))),
     ]
     seen = np.max([frames.mean_light(name, nm, dark)[0] for name in shown], axis=0)
-    # Spots of a few pixels would be lost in a picture of the whole frame.
+    # Spots of a few pixels are enlarged, because they would be invisible in the whole frame.
     seen = ndimage.grey_dilation(np.where(frames.hot_pixels(dark), 0.0, seen), (3, 3))
     peak = float(seen.max())
-    logarithm = np.log10(np.clip(seen / peak, _DARKEST_SHARE, 1))
+    logarithm = np.log10(np.clip(seen / peak, 1e-3, 1))
     axes.imshow(logarithm, cmap="magma", interpolation="nearest")
     reach = max(math.hypot(*vector) for vector in design.compass)
     lines = np.linspace(-reach, reach, 9)
@@ -82,7 +75,9 @@ def _draw_spots(axes: Axes, fits: CalibrationFits, frames: CalibrationFrames, nm
             axes.plot(line[:, 1], line[:, 0], color="white", alpha=0.25, linewidth=0.6)
     vectors = np.array([(0.0, 0.0), *design.compass])
     places = found.to_pixels(vectors)
-    away = found.residuals * _ARROW_SCALE
+    # The arrows show the registration's residuals, enlarged.
+    arrow_scale = 200.0
+    away = found.residuals * arrow_scale
     good = found.inliers
     axes.plot(places[good, 1], places[good, 0], "o", mfc="none", mec="cyan", ms=9, label="fitted")
     if not good.all():
@@ -103,7 +98,7 @@ def _draw_spots(axes: Axes, fits: CalibrationFits, frames: CalibrationFrames, nm
     parts = found.parts
     axes.set_title(
         f"{nm:g} nm: flip {parts.flip}, {math.degrees(parts.rotation):+.2f}°; residual "
-        f"{found.residual:.3f} px (arrows x{_ARROW_SCALE:g}),\nuncertainty in the corners "
+        f"{found.residual:.3f} px (arrows x{arrow_scale:g}),\nuncertainty in the corners "
         f"{found.field_uncertainty(frames.camera.sensor.shape):.3f} px",
         fontsize=10,
     )
@@ -130,7 +125,7 @@ def _draw_curves(axes: Axes, fits: CalibrationFits, regions: list[RegionFit], nm
 
 
 def _draw_light(axes: Axes, below: Axes, regions: list[RegionFit]) -> None:
-    """Light in the first orders against the step that was fitted, and what is left over."""
+    """Draw the first orders' light against the fitted phase step, and the residuals below."""
     for number, region in enumerate(regions):
         sweep, fit = region.sweep, region.fit
         step = fit.phase[sweep.high] - fit.phase[sweep.low]

@@ -1,4 +1,4 @@
-"""What a calibration shows: gratings that steer, stripes of two levels, known defocus."""
+"""Design a calibration's plan: steering gratings, stripes of two grey levels, known defocus."""
 
 from __future__ import annotations
 
@@ -26,31 +26,16 @@ from optics.slm import max_phase, phase_to_grey
 
 Patterns = dict[str, NDArray[np.uint8]]
 
-_BLUR = 5.0
-"""Sensor pixels by which star, lens and filter widen a spot, at the most."""
-
-_DEFOCUS = (-1.5, 1.5)
-"""Waves, edge to centre of the open pupil."""
-
-_STRIDE = 0.382
-"""Of a sweep, from one level to the next that is shown: a lamp that drifts is seen as scatter,
-not as phase."""
-
-_END_DENSITY = 0.35
-"""By how much a sweep's levels are denser at the ends."""
-
-_NEUTRALS, _DARKS = 2, 2
-
 
 def design_calibration(
     camera: Camera, request: CalibrationRequest, exposures: tuple[CalibrationExposures, ...]
 ) -> CalibrationDesign:
-    """The gratings and levels that a camera's panel and sensor allow.
+    """Choose a calibration's gratings and grey levels for a camera's panel and sensor.
 
     UserError if the regions' spots can't be told apart on the sensor.
     """
     panel, sensor, z = camera.panel, camera.sensor, camera.ray_matrix_b
-    # The longest wavelength reaches farthest, and the shortest has the widest sweep.
+    # The longest wavelength is steered farthest, and the shortest has the widest phase range.
     longest_nm, shortest_nm = max(request.wavelengths_nm), min(request.wavelengths_nm)
     scale = longest_nm * 1e-9 * z
     longest = max_grating_frequency(sensor.shape, sensor.pitch, panel.pitch, scale)
@@ -58,11 +43,13 @@ def design_calibration(
         request=request,
         exposures=exposures,
         compass=_pairs(registration_vectors(longest)),
-        defocus_waves=_DEFOCUS if request.includes("wavefront") else (),
+        # Waves of defocus from edge to centre of the open pupil.
+        defocus_waves=(-1.5, 1.5) if request.includes("wavefront") else (),
     )
     if not request.includes("response"):
         return made
-    blur = _BLUR * sensor.pitch * panel.pitch / (shortest_nm * 1e-9 * z)
+    # Star, lens and filter widen a spot by 5 sensor pixels at most.
+    blur = 5.0 * sensor.pitch * panel.pitch / (shortest_nm * 1e-9 * z)
     try:
         vectors = region_vectors(panel.shape, request.regions, longest, blur)
     except ValueError as error:
@@ -72,19 +59,22 @@ def design_calibration(
 
 
 def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Levels of a sweep's two stripes, frame by frame in the order in which they are shown.
+    """Choose the grey levels of a sweep's two stripes, frame by frame in the order of display.
 
-    The upper ones are spread over all levels, more densely towards the ends, where a curve is
-    held on one side only; the last one comes twice. The lower ones are the first level, and in
-    every other frame about a quarter of a wave above it, by the expected reach in radians.
+    The upper levels cover the whole range, more densely towards the ends, where a curve is
+    supported on one side only; the last one comes twice. The lower level is 0, and in every other
+    frame about a quarter of a wave above it, by the expected phase range `reach` in radians.
     """
     top = levels - 1
     x = np.linspace(0, 1, frames - 1)
-    spread = top * (x - _END_DENSITY * np.sin(2 * math.pi * x) / (2 * math.pi))
+    # At the ends, the spacing of the levels is 35 % below the mean.
+    spread = top * (x - 0.35 * np.sin(2 * math.pi * x) / (2 * math.pi))
     high = np.append(spread.round().astype(int), top)
     quarter = max(1, round(top * (math.pi / 2) / reach))
     low = np.where(np.arange(frames) % 2 == 1, quarter, 0)
-    stride = round(_STRIDE * frames)
+    # Neighbouring levels are shown far apart in time, so that a drift of the lamp appears as
+    # scatter and not as a phase.
+    stride = round(0.382 * frames)
     while math.gcd(stride, frames) > 1:
         stride += 1
     order = (np.arange(frames) * stride) % frames
@@ -92,7 +82,7 @@ def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...
 
 
 def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
-    """Grey levels of every pattern of a design, by name, (rows, columns)."""
+    """Compute the grey levels (rows, columns) of every pattern of a calibration's design."""
     panel = camera.panel
     shown: Patterns = {names.NEUTRAL_NAME: np.zeros(panel.shape, dtype=np.uint8)}
     for nm in design.request.wavelengths_nm:
@@ -112,11 +102,14 @@ def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
 
 
 def _defocus_pattern(camera: Camera, waves: float, wavelength: float) -> NDArray[np.uint8]:
-    """In as many whole waves as the panel has, so that it jumps as rarely as can be."""
+    """Compute a defocus pattern, wrapped at as many whole waves as the panel's range holds.
+
+    This makes the number of phase jumps as small as possible.
+    """
     y, x = camera.panel.plane.mesh()
     phase = 2 * math.pi * waves * (y**2 + x**2) / open_pupil_radius(camera) ** 2
     orders = max(1, int(max_phase(camera.panel, wavelength) / (2 * math.pi)))
-    # Without need to wrap where the range is enough.
+    # Starting at zero avoids wrapping if the panel's range suffices.
     shown = phase - phase.min()
     return phase_to_grey(camera.panel, shown, wavelength, orders).numpy()
 
@@ -124,7 +117,10 @@ def _defocus_pattern(camera: Camera, waves: float, wavelength: float) -> NDArray
 def build_plan(
     design: CalibrationDesign, patterns: Mapping[str, NDArray[np.uint8]], folder: str
 ) -> PlanFile:
-    """The plan that takes a design's frames. folder: of the pictures, beside the plan."""
+    """Build the plan that takes a calibration's frames.
+
+    folder: the folder with the patterns' picture files, beside the plan.
+    """
     request = design.request
     blocks = []
     for nm in request.wavelengths_nm:
@@ -139,9 +135,9 @@ def build_plan(
         neutral, full_ms = [names.NEUTRAL_NAME], exposures.full_ms
         if request.dark:
             both = (full_ms, exposures.sweep_ms) if sweep else (full_ms,)
-            darks = _block(request.dark, neutral, nm, *both, repeats=_DARKS)
+            darks = _block(request.dark, neutral, nm, *both, repeats=2)
             blocks.append(darks | {"role": "dark"})
-        blocks.append(_block(request.star, neutral, nm, full_ms, repeats=_NEUTRALS))
+        blocks.append(_block(request.star, neutral, nm, full_ms, repeats=2))
         blocks.append(_block(request.star, full, nm, full_ms))
         if sweep:
             blocks.append(_block(request.star, sweep, nm, exposures.sweep_ms))

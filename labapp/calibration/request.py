@@ -1,4 +1,4 @@
-"""What a calibration is asked to find, and the design that its plan carries."""
+"""Define a calibration's request, and the design that its plan carries."""
 
 from __future__ import annotations
 
@@ -13,26 +13,25 @@ Part = Literal["registration", "response", "wavefront", "zeroth"]
 
 PARTS: tuple[Part, ...] = ("registration", "response", "wavefront", "zeroth")
 
-MIN_LEVELS, DEFAULT_LEVELS = 16, 40
-
 Vector = tuple[float, float]
 
 DESIGN_KEY = "calibration_design"
-"""Of a plan's metadata, under which its design is kept as JSON."""
+"""Key of a plan's metadata under which the calibration's design is stored as JSON."""
 
 
 class CalibrationRequest(FileModel):
-    """What a person wants. regions: (rows, columns) of the panel. levels: frames of the sweep.
+    """Hold what a user asks a calibration to measure.
 
-    star, dark: names of the targets; dark may be "" where the lamp can't be covered, and the
-    sensor's black level then stands in. star_diameter_um, star_distance_m: of the pinhole; only
-    the wavefront needs them. exposure_ms: of the neutral star, unclipped; found by trial if None.
+    regions: (rows, columns) into which the panel is divided. levels: frames of the sweep. star,
+    dark: names of the targets. dark may be "" if the lamp can't be covered; the sensor's black
+    level is then used. star_diameter_um, star_distance_m: of the pinhole; only the wavefront
+    needs them. exposure_ms: of the neutral star, unclipped; found by trial if None.
     """
 
     wavelengths_nm: Annotated[tuple[Positive, ...], Field(min_length=1)]
     regions: tuple[Annotated[int, Field(ge=1, le=16)], Annotated[int, Field(ge=1, le=16)]] = (2, 2)
     parts: Annotated[tuple[Part, ...], Field(min_length=1)] = PARTS
-    levels: Annotated[int, Field(ge=MIN_LEVELS, le=256)] = DEFAULT_LEVELS
+    levels: Annotated[int, Field(ge=16, le=256)] = 40
     star: str = "star"
     dark: str = "dark"
     star_diameter_um: Positive | None = None
@@ -44,8 +43,11 @@ class CalibrationRequest(FileModel):
 
 
 class CalibrationExposures(FileModel):
-    """Seconds at a wavelength: full, of a neutral star; sweep, of the regions' spots. trials:
-    frames that were spent to find them."""
+    """Hold a calibration's exposures at one wavelength, in milliseconds.
+
+    full_ms: for the neutral star. sweep_ms: for the regions' spots. trials: number of trial
+    frames that were taken to find them.
+    """
 
     wavelength_nm: Positive
     full_ms: Positive
@@ -54,12 +56,12 @@ class CalibrationExposures(FileModel):
 
 
 class CalibrationDesign(FileModel):
-    """Everything that the fits must know of what was shown; a plan carries it as metadata.
+    """Hold what the fits of a calibration must know of its patterns; the plan's metadata has it.
 
-    compass: vectors of the registration's gratings, cycles per panel pixel, (y, x). vectors: of
-    the regions' gratings, row by row. low, high: grey levels of the sweep's stripes, frame by
-    frame in the order in which they were taken. defocus_waves: of the diversity patterns, edge
-    to centre of the open pupil.
+    compass: grating vectors of the registration's steering gratings, (y, x) in cycles per panel
+    pixel. vectors: the same of the regions' gratings, row by row. low, high: grey levels of the
+    sweep's stripes, in the order of the frames. defocus_waves: waves of the defocus patterns,
+    from edge to centre of the open pupil.
     """
 
     request: CalibrationRequest
@@ -72,7 +74,7 @@ class CalibrationDesign(FileModel):
 
     @property
     def reference_nm(self) -> float:
-        """The wavelength at which the wavefront is measured: the middle one."""
+        """Return the wavelength in nm at which the wavefront is measured: the middle one."""
         return sorted(self.request.wavelengths_nm)[len(self.request.wavelengths_nm) // 2]
 
     def exposures_at(self, wavelength_nm: float) -> CalibrationExposures:
@@ -80,7 +82,7 @@ class CalibrationDesign(FileModel):
 
 
 NEUTRAL_NAME = "neutral"
-"""Of the patterns; they and the names below are alike in plan and record."""
+"""Name of the neutral pattern. Plan and record use the same names, as below."""
 
 
 def steering_pattern_name(wavelength_nm: float, number: int) -> str:

@@ -1,9 +1,10 @@
-"""What a calibration found, in words that a person at a dark bench can act on."""
+"""Report a calibration's results as tables, and advise what to do at the bench."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +19,45 @@ from labapp.files.calibration_file import (
     ZerothOrderTable,
 )
 
-_MIN_RIVAL_MARGIN = 10.0
-"""Of the information criterion, by which another count of waves must be worse."""
 
-_FINE_PHASE, _FINE_PIXELS = 0.05, 0.2
-"""Radians and pixels of uncertainty beyond which the words say what to do."""
+@dataclass(frozen=True)
+class CalibrationAdviceLimits:
+    """Set the limits beyond which a calibration's report gives advice. All are chosen.
 
-_HEAVY_BLUR = 1.0
-_MAX_SHIFT_PX = 1.0
-_MUCH_UNMODULATED = 0.15
-_CLEAR_FOCUS = 3.0
+    Attributes
+    ----------
+    rival_margin : float
+        Least difference of the information criterion to a fit with another number of waves.
+    phase_sigma : float
+        Largest uncertainty of the phase response in radians.
+    registration_px : float
+        Largest uncertainty of the registration in pixels.
+    blur_px : float
+        Largest blur of the phase by neighbouring pixels, in panel pixels.
+    shift_px : float
+        Largest shift of the steered spots beside the zeroth order's map, in pixels.
+    unmodulated : float
+        Largest share of unmodulated light.
+    focus_sigmas : float
+        Focus error, in its standard deviations, from which it counts as real.
+    """
+
+    rival_margin: float = 10.0
+    phase_sigma: float = 0.05
+    registration_px: float = 0.2
+    blur_px: float = 1.0
+    shift_px: float = 1.0
+    unmodulated: float = 0.15
+    focus_sigmas: float = 3.0
+
+
+_LIMITS = CalibrationAdviceLimits()
 
 Row = list[str]
 
 
 def result_data(result: CalibrationResult, folder: Path) -> dict[str, Any]:
-    """The results as plain data, without the curves themselves."""
+    """Return a calibration's results as plain data, without the phase curves themselves."""
     file = result.file
     kept = {"phase_rad", "sigma_rad"}
     responses = [
@@ -57,7 +81,7 @@ def result_data(result: CalibrationResult, folder: Path) -> dict[str, Any]:
 
 
 def print_tables(result: CalibrationResult, folder: Path) -> None:
-    """The results with their uncertainties, what to do about them, and how to use them."""
+    """Print a calibration's results with uncertainties, the advice, and how to use the file."""
     file = result.file
     print_table("Calibration", ["what", "found", "how well", "from"], result_rows(file))
     for line in advice(result):
@@ -146,7 +170,7 @@ def _wavefront_rows(one: WavefrontTable) -> list[Row]:
 
 
 def advice(result: CalibrationResult) -> list[str]:
-    """What a person should look at or do; empty if all is well."""
+    """Return advice on what to check or change at the bench; empty if the calibration is good."""
     fits, file = result.fits, result.file
     return [
         *_registration_advice(file.registrations),
@@ -164,12 +188,12 @@ def _registration_advice(tables: Sequence[RegistrationTable]) -> list[str]:
                 f"{one.outliers} of {one.outliers + one.spots} spots at {one.wavelength_nm:g} nm "
                 "were no spots of the panel: look for reflections and stray light."
             )
-        if one.uncertainty_px > _FINE_PIXELS:
+        if one.uncertainty_px > _LIMITS.registration_px:
             said.append(
                 f"the registration is known to {one.uncertainty_px:.2f} px only: focus the star, "
                 "expose it longer (--exposure-ms), or use a smaller pinhole."
             )
-        if max(abs(s) for s in one.shift_px) > _MAX_SHIFT_PX:
+        if max(abs(s) for s in one.shift_px) > _LIMITS.shift_px:
             said.append(
                 f"steered spots lay {one.shift_px[0]:+.1f}, {one.shift_px[1]:+.1f} px (y, x) "
                 "beside the zeroth order's map: the response differs over the panel. Calibrate "
@@ -184,16 +208,16 @@ def _response_advice(result: CalibrationResult) -> list[str]:
         for number, region in enumerate(regions):
             where = f"region {number + 1} at {nm:g} nm"
             fit = region.fit
-            if fit.rival_margin < _MIN_RIVAL_MARGIN:
+            if fit.rival_margin < _LIMITS.rival_margin:
                 said.append(
                     f"{where}: the count of waves is in doubt; sweep more levels (--levels)."
                 )
-            if float(fit.sigma.max()) > _FINE_PHASE:
+            if float(fit.sigma.max()) > _LIMITS.phase_sigma:
                 said.append(
                     f"{where}: the phase is known to {fit.sigma.max():.2f} rad only; brighten the "
                     "lamp, or choose fewer regions, so that their spots are brighter."
                 )
-            if fit.blur > _HEAVY_BLUR:
+            if fit.blur > _LIMITS.blur_px:
                 said.append(
                     f"{where}: neighbours blur the phase over {fit.blur:.1f} pixels; expect weak "
                     "steep gratings, and check that the display isn't scaled."
@@ -211,12 +235,12 @@ def _zeroth_advice(tables: Sequence[ZerothOrderTable]) -> list[str]:
         f"{100 * one.share:.0f} % of the light at {one.wavelength_nm:g} nm ignores the pattern: "
         "turn the polariser until the middle of a steered star is darkest."
         for one in tables
-        if one.share > _MUCH_UNMODULATED
+        if one.share > _LIMITS.unmodulated
     ]
 
 
 def _focus_advice(one: WavefrontTable, lever: float) -> list[str]:
-    if abs(one.focus_dioptres) < _CLEAR_FOCUS * one.focus_sigma_dioptres:
+    if abs(one.focus_dioptres) < _LIMITS.focus_sigmas * one.focus_sigma_dioptres:
         return []
     shift = one.focus_dioptres * lever**2
     side = "away from" if shift > 0 else "towards"

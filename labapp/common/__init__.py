@@ -1,1 +1,1 @@
-"""What every room uses: errors and tables for a person, memory, times."""
+"""Share helpers among the packages of labapp: errors, terminal output, memory, machine speed."""

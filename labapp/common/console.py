@@ -1,4 +1,4 @@
-"""What a person sees in a terminal: progress with time left, tables, errors."""
+"""Print progress, tables, messages and errors in the terminal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ err = Console(stderr=True, highlight=False)
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """Print a table; columns whose heading ends in a blank are numbers, to the right."""
+    """Print a table; columns whose heading ends in a blank are aligned to the right."""
     out.print(title, style="bold", markup=False)
     made = Table(box=SIMPLE_HEAD, pad_edge=False)
     for name in columns:
@@ -34,23 +34,23 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
 
 
 def print_json(data: Any) -> None:
-    """Plain JSON on standard output, for programs."""
+    """Print data as plain JSON on standard output, for programs."""
     print(json.dumps(data, indent=2, allow_nan=False))
 
 
 def print_message(text: str) -> None:
-    """A line for the person on standard error, so that standard output stays data."""
+    """Print a message on standard error, so that standard output holds only data."""
     err.print(text, markup=False, soft_wrap=True)
 
 
 def print_error(text: str) -> None:
-    """An error in one or two lines, unwrapped so that it can be searched and copied."""
+    """Print an error on standard error, unwrapped so that it can be searched and copied."""
     err.print(text, style="bold red", markup=False, soft_wrap=True)
 
 
 @contextmanager
 def terminal_progress() -> Iterator[Progress]:
-    """A progress that a terminal shows and Ctrl-C cancels; twice Ctrl-C stops at once."""
+    """Show progress in the terminal; Ctrl-C cancels, and a second Ctrl-C stops at once."""
     from rich.progress import (
         BarColumn,
         TaskProgressColumn,
@@ -78,7 +78,10 @@ def terminal_progress() -> Iterator[Progress]:
 
 
 def _redirect_terminal_to_null() -> None:
-    """Whoever writes to one that is gone fails; the bench must be left safe all the same."""
+    """Redirect the output of a closed terminal to /dev/null.
+
+    Writing to a closed terminal fails, which would prevent the bench from being left safe.
+    """
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (1, 2):
         if os.isatty(stream):
@@ -88,7 +91,7 @@ def _redirect_terminal_to_null() -> None:
 
 @contextmanager
 def _cancel_on_signals(progress: Progress) -> Iterator[None]:
-    """While the block runs, Ctrl-C, a polite kill and a closed terminal ask it to stop."""
+    """Cancel the progress on Ctrl-C, SIGTERM or a closed terminal while the block runs."""
 
     def stop(number: int, frame: Any) -> None:
         if number == signal.SIGHUP:
@@ -104,7 +107,7 @@ def _cancel_on_signals(progress: Progress) -> Iterator[None]:
 
 @contextmanager
 def handle_stop_signals(stop: Callable[[int, Any], None]) -> Iterator[None]:
-    """While the block runs, `stop` handles Ctrl-C, a polite kill and a closed terminal."""
+    """Call `stop` on Ctrl-C, SIGTERM or a closed terminal while the block runs."""
     wishes = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.signal(number, stop) for number in wishes}
     try:

@@ -1,4 +1,4 @@
-"""What went wrong, said to a person."""
+"""Define the error that is shown to users, and suggest spellings."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Iterable
 
 
 class UserError(Exception):
-    """One or two lines that say what is wrong and what to do about it."""
+    """Tell the user in one or two lines what is wrong and what to do about it."""
 
 
 def suggest_spelling(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
-    """Ask whether the known word that is most like one was meant; empty if none is like it.
+    """Return "Did you mean …?" with the known word most similar to `word`; empty without one.
 
-    likeness: of two words, from 0 for any to 1 for the same.
+    likeness: least similarity, from 0 (any word) to 1 (the same word).
     """
     near = difflib.get_close_matches(word, list(known), 1, likeness)
     return f"Did you mean {near[0]!r}? " if near else ""

@@ -1,4 +1,4 @@
-"""From a figure to the bytes of a picture's file."""
+"""Encode a Matplotlib figure as a PNG file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 
 def figure_to_png(figure: Figure) -> bytes:
-    """A figure as a PNG file."""
+    """Return the bytes of a PNG file of a figure."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=figure.dpi)
     return buffer.getvalue()

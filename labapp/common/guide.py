@@ -1,7 +1,8 @@
-"""The guide: pages of Markdown in labapp/docs, a topic each, for terminal and window.
+"""Find the pages of the user guide, Markdown files in labapp/docs, for terminal and window.
 
-A page begins with its title and a paragraph whose first sentence says what the page is about: that
-is the topic's line in lists. A page is added by adding its file. Nothing heavy is imported.
+A page begins with its title and a paragraph. The paragraph's first sentence says what the page is
+about and is shown in lists of topics. A new file in the folder is a new page. The module imports
+nothing that loads slowly.
 """
 
 from __future__ import annotations
@@ -20,14 +21,15 @@ _ORDER = (
     "virtual-bench", "effects", "equations", "glossary", "figures", "architecture", "walks",
     "extend", "decisions",
 )  # fmt: skip
-"""From first steps to the inside. A page comes where the longest of these words begins its name."""
+"""Order of the pages, from first steps to internals. A page is placed by the beginning of its
+name; all other pages come last."""
 
 _LINK = re.compile(r"\[([^\]]+)\]\(([\w-]+)\.md\)")
 
 
 @dataclass(frozen=True)
 class Topic:
-    """A page of the guide. name: what a person asks for; summary: a sentence."""
+    """Describe a page of the user guide. name: the word that users type; summary: a sentence."""
 
     name: str
     title: str
@@ -36,19 +38,19 @@ class Topic:
 
     @property
     def text(self) -> str:
-        """The page as Markdown."""
+        """Return the guide page as Markdown."""
         return self.path.read_text(encoding="utf-8")
 
 
 def list_topics() -> list[Topic]:
-    """All pages, in the order in which they are best read."""
+    """List all pages of the guide in the recommended reading order."""
     return sorted(map(_read_topic, PAGES.glob("*.md")), key=lambda one: (_rank(one.name), one.name))
 
 
 def find_topic(name: str) -> Topic:
-    """The page on a topic; UserError suggests the nearest.
+    """Find the guide's page on a topic; otherwise UserError suggests the most similar topic.
 
-    Capitals, blanks and a file's ending don't matter.
+    Capitals, blanks and the ending ".md" don't matter.
     """
     wanted = name.strip().lower().removesuffix(".md").replace(" ", "-").replace("_", "-")
     topics = {one.name: one for one in list_topics()}
@@ -63,7 +65,7 @@ def find_topic(name: str) -> Topic:
 
 
 def terminal_text(topic: Topic) -> str:
-    """A page as Markdown whose links to other pages are the commands that show them."""
+    """Return a guide page as Markdown with each link replaced by the command that shows it."""
     return _LINK.sub(r"\1 (`labapp help \2`)", topic.text)
 
 
@@ -75,6 +77,6 @@ def _read_topic(path: Path) -> Topic:
 
 
 def _rank(name: str) -> int:
-    """Of a page in the order; what isn't told there comes last."""
+    """Return a guide page's place in the reading order; unlisted pages come last."""
     fits = [k for k, word in enumerate(_ORDER) if name == word or name.startswith(f"{word}-")]
     return fits[0] if fits else len(_ORDER)

@@ -1,4 +1,4 @@
-"""`list`: every list of a command line is printed alike, or is JSON."""
+"""Print the lists of the command line in one layout, or as JSON."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from labapp.common.console import out, print_json
 
 @dataclass(frozen=True)
 class ListEntry:
-    """One of a list: its name, and what it is in a sentence.
+    """Describe one entry of a printed list by its name and one sentence.
 
-    keys: what can be set of it, each with `key`, `default` and `what`. lines: what else a person
-    is told. facts: what else a program is told.
+    keys: its settings, each with `key`, `default` and `what`. lines: further lines for users.
+    facts: further data for programs.
     """
 
     name: str
@@ -31,9 +31,9 @@ def print_list(
     common_keys: Sequence[Mapping[str, str]] = (),
     example: str,
 ) -> None:
-    """Print a list: for programs with all there is, for a person without keys that are shared.
+    """Print a list as JSON with all data, or as text in which common keys appear once.
 
-    common_keys: keys that most have, told once. example: a command that uses what is listed.
+    common_keys: keys that most entries have. example: a command that uses an entry.
     """
     if as_json:
         print_json([_data(one) for one in entries])

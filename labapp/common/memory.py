@@ -1,34 +1,42 @@
-"""How the process deals with memory that it has done with."""
+"""Control whether the process keeps freed memory or returns it to the operating system."""
 
 from __future__ import annotations
 
 import ctypes
+from enum import IntEnum
 
-_TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
-"""Of glibc's mallopt()."""
+
+class _Mallopt(IntEnum):
+    """Name the parameters of glibc's mallopt()."""
+
+    TRIM_THRESHOLD = -1
+    MMAP_MAX = -4
+    ARENA_MAX = -8
+
 
 _KEPT_BYTES = (1 << 31) - 1
+"""Free bytes above which glibc trims the heap: the largest number that mallopt() takes."""
 
 
 def keep_freed_memory() -> None:
-    """Have large arrays take the memory of those before them.
+    """Have new large arrays reuse the memory of freed ones.
 
-    glibc would give each back to the system, which clears every page of the next one: pictures of
-    some megapixels were measured to take two to three times as long. Other C libraries have their
-    own ways, and are left alone. All threads share one heap, so that what one has freed serves
-    the others; glibc doesn't give the end of a thread's own heap back either.
+    By default, glibc returns it to the system, which clears every page of the next array: work on
+    pictures of some megapixels was measured to take two to three times as long. Other C libraries
+    are left as they are. All threads share one heap, so that memory freed by one thread serves
+    the others; glibc doesn't return the end of a thread's own heap either.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
-        mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
-        mallopt(_MMAP_MAX, 0)
-        mallopt(_ARENA_MAX, 1)
+        mallopt(_Mallopt.TRIM_THRESHOLD, _KEPT_BYTES)
+        mallopt(_Mallopt.MMAP_MAX, 0)
+        mallopt(_Mallopt.ARENA_MAX, 1)
 
 
 def give_back_freed_memory() -> None:
-    """Give the system back what was freed, when a bench has closed and nothing follows soon.
+    """Return freed memory to the operating system, after a bench was closed.
 
-    glibc keeps hundreds of megabytes of it otherwise, below the last thing that stays.
+    Otherwise glibc keeps hundreds of megabytes below the last allocation that is still in use.
     """
     malloc_trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if malloc_trim is not None:

@@ -1,4 +1,4 @@
-"""How fast this machine is: fitted to the methods themselves, once, and kept."""
+"""Measure this machine's speed by timing the methods of optics, and keep it in a file."""
 
 from __future__ import annotations
 
@@ -28,15 +28,18 @@ from optics.sensor import PixelIntegration
 from optics.threads import single_threaded
 
 _REPEATS = 5
+"""Timed calls of each benchmark job; chosen."""
+
 _SLOWNESS = np.linspace(1.2, 3.0, 19)
+"""Candidate ratios of double to single precision's time."""
 
 _BUSY = 0.5
-"""Load for each processor from which others' work slows what is measured beside it."""
+"""Load per processor above which other processes slow the benchmark; chosen."""
 
 
 @dataclass(frozen=True)
 class BenchmarkJob:
-    """A piece of work whose price is a sum over the speeds, and the call that does it."""
+    """Describe a benchmark of the machine speed: a call, and its cost as a sum over the speeds."""
 
     name: str
     cost: Callable[[MachineSpeed], float]
@@ -44,9 +47,9 @@ class BenchmarkJob:
 
 
 def machine_speed(progress: Progress | None = None) -> MachineSpeed:
-    """This machine's speed: as kept, or else measured in a few seconds, and kept.
+    """Return this machine's speed from the file; otherwise measure it in a few seconds.
 
-    What was measured beside others' work is measured anew once there is half as much of it.
+    A speed that was measured on a busy machine is measured again once the load has halved.
     """
     kept, load = _read(), _load_per_processor()
     if kept is not None and not (kept[1] > _BUSY and load < kept[1] / 2):
@@ -57,18 +60,18 @@ def machine_speed(progress: Progress | None = None) -> MachineSpeed:
 
 
 def _load_per_processor() -> float:
-    """Processes that wanted to run in the last minute, for each processor."""
+    """Return the machine's load over the last minute, divided by the number of processors."""
     return os.getloadavg()[0] / (os.cpu_count() or 1)
 
 
 def speed_file_path() -> Path:
-    """The file that the speed is kept in; $XDG_CACHE_HOME moves it."""
+    """Return the path of the file with the machine speed; $XDG_CACHE_HOME moves it."""
     cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(cache) / "labapp" / "speed.json"
 
 
 def _machine_fingerprint() -> dict[str, str]:
-    """What makes kept speeds worthless when it changes."""
+    """Identify machine and library versions; a stored speed is invalid after any change."""
     return {
         "machine": platform.processor() or platform.machine(),
         "node": platform.node(),
@@ -80,7 +83,7 @@ def _machine_fingerprint() -> dict[str, str]:
 
 
 def _read() -> tuple[MachineSpeed, float] | None:
-    """The kept speed, and the load beside which it was measured; None if there is none."""
+    """Read the stored machine speed, and the load during its measurement; None without one."""
     try:
         found = json.loads(speed_file_path().read_text())
         names = {field.name for field in fields(MachineSpeed)}
@@ -93,9 +96,9 @@ def _read() -> tuple[MachineSpeed, float] | None:
 
 
 def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
-    """Write the speed to its file; where it can't be written, it is measured anew next time.
+    """Write the machine speed to its file; if that fails, it is measured again next time.
 
-    load: beside which it was measured, for each processor.
+    load: load per processor during the measurement.
     """
     kept = {"circumstances": _machine_fingerprint(), "load": load, "seconds": asdict(speed)}
     text = json.dumps(kept, indent=2)
@@ -107,7 +110,7 @@ def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
 
 
 def benchmark_jobs() -> list[BenchmarkJob]:
-    """Every method at two sizes or more, some milliseconds each."""
+    """Return benchmark jobs of every method at two sizes or more, some milliseconds each."""
     found: list[BenchmarkJob] = []
     rng = np.random.default_rng(0)
     for side, window, pitch in ((700, 200, 3e-6), (2000, 300, 2.5e-6), (300, 400, 3e-6)):
@@ -119,7 +122,7 @@ def benchmark_jobs() -> list[BenchmarkJob]:
             for transform in valid_transforms(geometry, dtype, 1e-4):
                 name = f"{transform.name}, {side}² to {window}², {dtype}"
                 found.append(BenchmarkJob(name, transform.cpu_seconds, partial(transform, field)))
-    # 8 µm x 3 µm / 1024: one over the step is a whole number.
+    # A scale of 1024 × 8 µm × 3 µm makes the inverse of the step a whole number.
     geometry = FourierGeometry(
         Plane((700, 700), (8e-6, 8e-6)), Plane((200, 200), (3e-6, 3e-6)), 1024 * 2.4e-11
     )
@@ -169,8 +172,11 @@ def _axial_jobs() -> list[BenchmarkJob]:
 
 @single_threaded
 def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[BenchmarkJob, float]]:
-    """Each job with its processor time: the least of interleaved calls, for others' work beside
-    it can only add (Chen and Revels, "Robust benchmarking in noisy environments", 2016)."""
+    """Time each benchmark job in processor seconds: the minimum over interleaved calls.
+
+    Other processes can only add to a time (Chen and Revels, "Robust benchmarking in noisy
+    environments", 2016).
+    """
     seconds: dict[int, list[float]] = {number: [] for number in range(len(jobs))}
     for repeat in range(_REPEATS + 1):
         for number, job in enumerate(jobs):
@@ -178,14 +184,14 @@ def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[Benchm
             progress.report(done, "measuring how fast this machine is")
             started = time.process_time()
             job.call()
-            # The first call makes what the others reuse.
+            # The first call isn't counted, because it prepares what the others reuse.
             if repeat:
                 seconds[number].append(time.process_time() - started)
     return [(job, min(seconds[number])) for number, job in enumerate(jobs)]
 
 
 def fit_speed(timings: list[tuple[BenchmarkJob, float]]) -> MachineSpeed:
-    """The speeds, none negative, whose prices come closest to the times, relatively."""
+    """Fit non-negative machine speeds to benchmark times, by least squares of relative errors."""
     names = [field.name for field in fields(MachineSpeed) if field.name != "double"]
     nothing = replace(MachineSpeed(), **dict.fromkeys(names, 0.0))
     best, least = MachineSpeed(), float("inf")

@@ -1,4 +1,4 @@
-"""Seconds that each stage of a longer work took."""
+"""Measure the time that each stage of a computation takes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 
 class Stopwatch:
-    """Wall-clock seconds by stage, in the order in which the stages were first entered."""
+    """Sum wall-clock seconds by stage, in the order in which the stages were first entered."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""How many threads the libraries that multiply may use."""
+"""Limit the number of threads of the numerical libraries."""
 
 from __future__ import annotations
 
@@ -6,6 +6,6 @@ import os
 
 
 def use_one_thread() -> None:
-    """Compute on one: libraries read this once, when they are loaded, so call it before."""
+    """Limit OpenMP and BLAS to one thread; call this before they are loaded and read it."""
     for library in ("OMP", "OPENBLAS", "MKL", "NUMEXPR"):
         os.environ[f"{library}_NUM_THREADS"] = "1"

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -289,7 +290,7 @@ def test_the_screen_is_neutral_when_its_owner_was_killed(bench):
 
 
 def test_a_window_that_hangs_is_an_error_in_time_and_comes_back(bench, rng, monkeypatch):
-    monkeypatch.setattr(driver, "_CALL_TIMEOUT", REPLYING)
+    monkeypatch.setattr(driver, "_TIMEOUTS", replace(driver._TIMEOUTS, call=REPLYING))
     with opened(bench) as slm:
         slm.show("noise", noise(rng))
         be_patient(monkeypatch)

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -152,7 +153,7 @@ def test_a_closed_panel_says_so(server):
 
 def test_a_server_that_hangs_or_goes_is_an_error_in_time(rng, monkeypatch):
     """Under watch: a call that takes longer than its documented time leaves a dead device."""
-    monkeypatch.setattr(driver, "_CALL_TIMEOUT", REPLYING)
+    monkeypatch.setattr(driver, "_TIMEOUTS", replace(driver._TIMEOUTS, call=REPLYING))
     with xvfb(160, 120) as own, SupervisedDevice("slm", lambda: make(own)) as slm:
         slm.show("noise", noise(rng))
         os.kill(own.process, signal.SIGSTOP)

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from drivers.screen import driver
 from simulator import screens
 from simulator.screens import NoXServer, XServer
 
-REPLYING = driver._CALL_TIMEOUT
+REPLYING = driver._TIMEOUTS.call
 """Seconds that a panel's window is given in use."""
 
 PATIENCE = 60
@@ -30,8 +31,7 @@ def wait_for(seen: Callable[[], object], what: str) -> None:
 
 def be_patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give a panel's windows the time that they may need on a busy machine."""
-    for name in ("_CALL_TIMEOUT", "_REOPEN_TIMEOUT"):
-        monkeypatch.setattr(driver, name, 40.0)
+    monkeypatch.setattr(driver, "_TIMEOUTS", replace(driver._TIMEOUTS, call=40.0, reopen=40.0))
 
 
 @contextmanager

@@ -1,6 +1,6 @@
-"""What lives in Aravis' process.
+"""Run in Aravis' child process: control of a camera, its features and its frame stream.
 
-With Python's standard library, gi and `drivers.hosted`, so that the system's Python can run it:
-its modules know each other only by relative imports. Whoever started the process decides what
-frames are good for; here is only what the library does.
+The code needs only Python's standard library, gi and `drivers.hosted`, so that the system's
+Python can run it; its modules import each other relatively for the same reason. It only passes on
+what the library does; the parent process decides which frames are accepted.
 """

@@ -1,35 +1,55 @@
-"""An open camera of Aravis: found, opened, watched, and closed."""
+"""Find, open, monitor and close a camera through Aravis."""
 
 from __future__ import annotations
 
 import contextlib
 import threading
 import time
+from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
-_POLL_INTERVAL = 0.2
-"""Seconds between looks at whether the camera still obeys us."""
 
-_SILENCE_LIMIT = 0.8
-"""Seconds without a word from the camera after which it counts as lost."""
+class _GigeRegister(IntEnum):
+    """Name GigE Vision's bootstrap registers by their addresses."""
 
-_CONTROL_PRIVILEGE = 0x0A00
-"""GigE Vision's register that says who controls the camera; 0 if nobody does."""
+    HEARTBEAT = 0x0938
+    """Milliseconds after which the camera forgets a silent controller."""
 
-_HEARTBEAT = 0x0938
-"""GigE Vision's register: milliseconds after which the camera forgets a silent controller."""
+    CONTROL_PRIVILEGE = 0x0A00
+    """Which application controls the camera; 0 if none does."""
 
-_HEARTBEAT_MS = 1500
-"""Milliseconds after which a camera may be opened again whose controller has died."""
+
+@dataclass(frozen=True)
+class ControlTiming:
+    """Tune how quickly a lost camera is noticed.
+
+    Attributes
+    ----------
+    poll_interval : float
+        Seconds between checks of whether this process still controls the camera. Chosen.
+    silence_limit : float
+        Seconds without an answer from the camera after which it counts as lost. Chosen.
+    heartbeat_ms : int
+        Milliseconds after the death of its controller until a camera may be opened again. Chosen.
+    """
+
+    poll_interval: float = 0.2
+    silence_limit: float = 0.8
+    heartbeat_ms: int = 1500
+
+
+_TIMING = ControlTiming()
 
 HELD_BY_OTHER = "somebody else has it open"
-"""Why a camera can't be opened that answers, but doesn't obey."""
+"""Reply for a camera that answers, but is controlled by another program."""
 
 
 class CameraControl:
-    """One camera, and whether it still obeys us. aravis: the library.
+    """Open one camera, and monitor whether this process still controls it. aravis: the library.
 
-    camera, device: Aravis' own, once it is open. lost: why it is lost; empty while it isn't.
+    camera, device: Aravis' objects of the open camera. lost: why the camera is lost; empty while
+    it isn't.
     """
 
     def __init__(self, aravis: Any) -> None:
@@ -55,7 +75,7 @@ class CameraControl:
         ]
 
     def open(self, address: str) -> None:
-        """By its id, serial number, IP or USB address; the first one that is found if empty."""
+        """Open a camera by its id, serial number, IP or USB address; the first found if empty."""
         if address and address.count(".") != 3:
             for one in self.find():
                 if address in (one["serial"], one["address"], one["id"]):
@@ -66,7 +86,7 @@ class CameraControl:
         if camera.is_gv_device():
             if not device.is_controller():
                 raise RuntimeError(HELD_BY_OTHER)
-            device.write_register(_HEARTBEAT, _HEARTBEAT_MS)
+            device.write_register(_GigeRegister.HEARTBEAT, _TIMING.heartbeat_ms)
         self._last_reply_at = time.monotonic()
         self.camera, self.device = camera, device
         device.connect("control-lost", self._control_lost)
@@ -79,30 +99,27 @@ class CameraControl:
         while not self.lost:
             with contextlib.suppress(Exception):
                 self.check_control()
-            time.sleep(_POLL_INTERVAL)
+            time.sleep(_TIMING.poll_interval)
 
     def check_control(self) -> None:
-        """Whether the camera is there, and still obeys us."""
+        """Read a camera register; note a lost camera if this process no longer controls it."""
         if self.camera is None:
             return
         gige = self.camera.is_gv_device()
-        answer = self.device.read_register(_CONTROL_PRIVILEGE if gige else 0)
+        answer = self.device.read_register(_GigeRegister.CONTROL_PRIVILEGE if gige else 0)
         self._last_reply_at = time.monotonic()
         if gige and not answer & 3:
             self._control_lost(self.device)
 
     def lost_reason(self) -> str:
-        """Why it counts as lost; empty while it doesn't."""
-        if (
-            not self.lost
-            and self.camera
-            and time.monotonic() - self._last_reply_at > _SILENCE_LIMIT
-        ):
-            self.lost = f"no word from it for {_SILENCE_LIMIT:g} s"
+        """Return why the camera counts as lost; empty while it doesn't."""
+        limit = _TIMING.silence_limit
+        if not self.lost and self.camera and time.monotonic() - self._last_reply_at > limit:
+            self.lost = f"no word from it for {limit:g} s"
         return self.lost
 
     def close(self) -> None:
-        """Let others have the camera."""
+        """Give up control of the camera, so that other programs can open it."""
         if self.camera is not None:
             with contextlib.suppress(Exception):
                 self.device.leave_control()

@@ -1,4 +1,4 @@
-"""What a camera of Aravis is, can do and tells, and how it is set."""
+"""Read and set the GenICam features of a camera through Aravis."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _AUTOMATIC = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto", 
 
 
 class CameraFeatures:
-    """Of an open camera. What sets something gives back what the camera has made of it."""
+    """Read and set the features of an open camera; setters return what the camera reads back."""
 
     def __init__(self, owner: CameraControl) -> None:
         self._owner = owner
 
     def facts(self) -> dict[str, Any]:
-        """What it is, what it can do, and how it is set."""
+        """Return the camera's identity, its ranges and its available formats and triggers."""
         c = self._owner.camera
         facts: dict[str, Any] = {
             "vendor": c.get_vendor_name(),
@@ -46,7 +46,7 @@ class CameraFeatures:
         return facts
 
     def turn_off_automatic(self) -> list[str]:
-        """Turn off what the camera would change by itself; what couldn't be turned off."""
+        """Turn off the camera's automatic features; return those that couldn't be turned off."""
         device, stubborn = self._owner.device, []
         for name in _AUTOMATIC:
             if not self._has(name):
@@ -85,7 +85,7 @@ class CameraFeatures:
         return _pair(self._owner.camera.get_binning())
 
     def set_region(self, x: int, y: int, width: int, height: int) -> list[int]:
-        """The whole sensor if width or height is 0."""
+        """Set the camera's region; the whole sensor if width or height is 0."""
         c = self._owner.camera
         with contextlib.suppress(Exception):
             c.set_region(0, 0, -1, -1)
@@ -101,7 +101,7 @@ class CameraFeatures:
         return float(self._owner.camera.get_frame_rate())
 
     def set_trigger(self, source: str) -> str:
-        """Wait for a trigger from there; go on by itself if empty."""
+        """Set the camera's trigger source; let the camera run freely if it is empty."""
         if source:
             self._owner.camera.set_trigger(source)
             return str(self._owner.camera.get_trigger_source())
@@ -109,7 +109,7 @@ class CameraFeatures:
         return ""
 
     def set_packet_size(self, size: int) -> int:
-        """Bytes of a packet; negotiated if 0. 0 where there are no packets."""
+        """Set the packet size in bytes, or negotiate it if 0; return it, 0 without packets."""
         if not self._owner.camera.is_gv_device():
             return 0
         if size:

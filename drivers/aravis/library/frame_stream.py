@@ -1,4 +1,4 @@
-"""Frames of a camera of Aravis, in memory that another process sees, too."""
+"""Receive an Aravis camera's frames in memory that is shared with the parent process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .features import region_list
 
 
 class FrameStream:
-    """Of an open camera. memory: a descriptor of what they lie in."""
+    """Stream frames of an open camera into shared memory. memory: its file descriptor."""
 
     def __init__(self, owner: CameraControl, memory: int) -> None:
         self._owner, self._memory = owner, memory
@@ -29,7 +29,7 @@ class FrameStream:
         self._size.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]
 
     def set_chunks(self) -> bool:
-        """Have each frame tell its own exposure; whether it will."""
+        """Have the camera report the exposure of each frame; return whether it will."""
         try:
             self._owner.camera.set_chunks("ExposureTime")
             self._parser = self._owner.camera.create_chunk_parser()
@@ -38,7 +38,7 @@ class FrameStream:
         return self._parser is not None
 
     def start(self, buffers: int) -> dict[str, int]:
-        """Begin with an empty queue at a port of its own: what is on its way never arrives."""
+        """Start a frame stream on a new port, so that frames in transit never arrive in it."""
         self.stop()
         size = int(self._owner.camera.get_payload())
         slot = -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
@@ -72,13 +72,13 @@ class FrameStream:
             self._buffers.clear()
 
     def trigger(self) -> float:
-        """The time.monotonic() before the camera was told."""
+        """Trigger a camera frame by software; return the time.monotonic() just before."""
         began = time.monotonic()
         self._owner.camera.software_trigger()
         return began
 
     def drain(self) -> list[int]:
-        """Throw away what waits; the frames' numbers."""
+        """Discard the camera frames that wait in the stream's queue; return their numbers."""
         ids = []
         while (buffer := self._stream.try_pop_buffer()) is not None:
             ids.append(buffer.get_frame_id())
@@ -86,7 +86,10 @@ class FrameStream:
         return ids
 
     def pop(self, seconds: float, back: int = -1) -> dict[str, Any] | None:
-        """The next frame, None if there is none in time. back: the place of one that was read."""
+        """Return a note on the camera stream's next frame; None if none comes in time.
+
+        back: the place of a frame that was read, whose buffer is returned to the stream.
+        """
         if back >= 0:
             self._stream.push_buffer(self._buffers[back])
         buffer = self._stream.timeout_pop_buffer(int(seconds * 1e6))
@@ -113,7 +116,7 @@ class FrameStream:
         return note
 
     def counts(self) -> dict[str, int]:
-        """What the library has counted of its streams."""
+        """Return the frame statistics that Aravis has counted over all streams."""
         counts, stream = dict(self._totals), self._stream
         if stream is None:
             return counts

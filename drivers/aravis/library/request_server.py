@@ -1,4 +1,4 @@
-"""The life of Aravis' process: it answers requests one by one."""
+"""Serve the parent's requests to a camera in Aravis' child process, one by one."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from .features import CameraFeatures
 from .frame_stream import FrameStream
 
 _CHECK_CONTROL_AFTER = ("set_exposure", "set_gain", "trigger", "exposure", "start")
-"""After these it is looked whether the camera still obeys us."""
+"""Requests after which the server checks that this process still controls the camera."""
 
 
 class _RequestServer:
-    """Takes requests one by one; says at once if the camera is lost, while one lasts or not.
+    """Answer requests one by one, and report a lost camera at once, even during a request.
 
-    A request is named as the method that answers it: of the camera, its settings or its frames.
+    A request has the name of the method that answers it: of CameraControl, CameraFeatures or
+    FrameStream.
     """
 
     def __init__(self, line: MessageSocket, camera: CameraControl, frames: FrameStream) -> None:
@@ -40,12 +41,15 @@ class _RequestServer:
                 self._send(capture_result(self._execute, request.name, request.arguments))
 
     def _execute(self, name: str, given: Sequence[Any]) -> Any:
-        """The answer. ConnectionError if the camera is lost, RuntimeError if it says no."""
+        """Return Aravis' answer to a request.
+
+        ConnectionError if the camera is lost, RuntimeError if the library refuses the request.
+        """
         self._require_camera()
         try:
             answer = self._method(name)(*given)
             if name in _CHECK_CONTROL_AFTER:
-                # A camera that obeys somebody else may have been set anew by them.
+                # Another program that controls the camera may have changed its settings.
                 self._camera.check_control()
         except Exception as error:
             self._require_camera()
@@ -72,7 +76,7 @@ class _RequestServer:
                 self._line.send(answer)
 
     def _report_loss(self) -> None:
-        """Once, asked or not: whoever asks next takes it for the answer, which it is."""
+        """Send the camera's loss once; it also serves as the answer to a pending request."""
         with self._lock:
             if not self._loss_reported:
                 self._loss_reported, self._reply_pending = True, False
@@ -87,7 +91,7 @@ class _RequestServer:
 
 
 def main(line: MessageSocket) -> None:
-    """Serve until nobody asks any more. Frames lie in the line's memory."""
+    """Serve requests to the camera until the parent hangs up; frames go to the line's memory."""
     import gi
 
     gi.require_version("Aravis", "0.8")
