@@ -33,7 +33,10 @@ def require_photograph_ending(path: Path) -> None:
 
 
 def weights_output_path(path: Path, *, force: bool) -> Path:
-    """Return the output file of a neural network's weights; raise UserError if it can't be."""
+    """Return the output file of a neural network's weights.
+
+    Raises UserError if it can't be written.
+    """
     if path.suffix != ".npz":
         raise UserError(f"--out {path}: weights are written as .npz. Name such a file.")
     require_all_writable((path,), force=force)
