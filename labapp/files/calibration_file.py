@@ -24,9 +24,6 @@ Count = Annotated[int, Field(ge=0)]
 Pair = tuple[Finite, Finite]
 Triple = tuple[Finite, Finite, Finite]
 
-_FLATNESS_CELLS = 240
-"""Along a panel's longer side: polynomials of the fourth degree are smoother than that."""
-
 
 class DeviceIdentityTable(FileModel):
     """The identity of a device that a calibration was made with."""
@@ -183,9 +180,8 @@ class WavefrontTable(FileModel):
 
     def build(self, panel: Panel) -> PanelMap:
         """Return the wavefront as optical path on cells that cover the panel."""
-        cells = tuple(
-            max(1, round(n * min(1, _FLATNESS_CELLS / max(panel.shape)))) for n in panel.shape
-        )
+        # 240 cells along the panel's longer side resolve polynomials of the fourth degree.
+        cells = tuple(max(1, round(n * min(1, 240 / max(panel.shape)))) for n in panel.shape)
         pitch = tuple(n * panel.pitch / c for n, c in zip(panel.shape, cells, strict=True))
         # The centre of the middle cell, relative to the panel pixel n // 2, which is the origin.
         centre = tuple(

@@ -9,9 +9,6 @@ from labapp.common.errors import UserError
 
 _PART = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 
-_MAX_LISTED_RANGES = 12
-"""Ranges that are written out; what comes after them is counted."""
-
 
 def read_frame_list(text: str, frames: int) -> list[int]:
     """Return the frame indices of a list such as "0-9,12", sorted, each once.
@@ -41,6 +38,6 @@ def format_frame_list(frames: Iterable[int]) -> str:
             ranges[-1] = ranges[-1][0], index
         else:
             ranges.append((index, index))
-    shown = ", ".join(f"{a}-{b}" if b > a else f"{a}" for a, b in ranges[:_MAX_LISTED_RANGES])
-    more = sum(b - a + 1 for a, b in ranges[_MAX_LISTED_RANGES:])
+    shown = ", ".join(f"{a}-{b}" if b > a else f"{a}" for a, b in ranges[:12])
+    more = sum(b - a + 1 for a, b in ranges[12:])
     return f"{shown} and {more} more" if more else shown

@@ -45,7 +45,7 @@ class GreyPattern(Table):
 
 
 class ConstantPattern(GreyPattern):
-    """One grey level everywhere; a neutral pattern."""
+    """A neutral pattern: one grey level everywhere."""
 
     title: ClassVar = "Neutral"
     kind: Literal["constant"]

@@ -37,7 +37,7 @@ class LutTable(FileModel):
 
 
 class LutFile(LutTable):
-    """A LutTable in a TOML or JSON file of its own."""
+    """A phase response of the panel in a TOML or JSON file of its own."""
 
     version: int = Field(ge=1, le=1)
 

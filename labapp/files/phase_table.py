@@ -88,7 +88,7 @@ class LensPattern(FormulaPattern):
 
 
 class AxiconPattern(FormulaPattern):
-    """A cone that sends a point to a ring of a radius on the sensor."""
+    """An axicon, a cone of phase whose PSF is a ring on the sensor."""
 
     title: ClassVar = "Axicon"
     summary_template: ClassVar = "axicon {radius_um:g} µm"
@@ -200,7 +200,7 @@ class BlazePattern(FormulaPattern):
 
 
 class BinaryPattern(FormulaPattern):
-    """Stripes of two phases: half a wave splits the light in two."""
+    """A binary grating of two phases; a step of half a wave splits the light in two."""
 
     summary_template: ClassVar = "binary {period_px:g} px, {step_rad:.3g} rad"
     kind: Literal["binary"]
@@ -258,7 +258,7 @@ class PatchesPattern(FormulaPattern):
 
 
 class ZernikePattern(FormulaPattern):
-    """Aberrations by their Zernike polynomials; negative ones undo the lens' own."""
+    """Aberrations as Zernike polynomials, which can cancel those of the lens."""
 
     title: ClassVar = "Aberrations"
     kind: Literal["zernike"]

@@ -19,14 +19,7 @@ from labapp.files.writing import encode_image
 
 Light = NDArray[np.float32]
 
-_RUN = 3
-"""Pixels in a row at a picture's highest level that are a sign of a full well."""
-
-_SPIKE = 2.0
-"""Of a full well's level in the histogram, over the level below."""
-
 _TIFF = (".tif", ".tiff")
-_BANDS = (1, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +44,8 @@ class InputPhotograph:
     def saturation_level(self) -> float | None:
         """Return the level at which the sensor's wells were full; None if there is no sign of it.
 
-        Full wells show as neighbouring pixels at the picture's highest level, which are also more
-        numerous than the pixels of the level below.
+        Full wells show as 3 neighbouring pixels at the picture's highest level, if it also has at
+        least twice as many pixels as the level below.
         """
         levels = np.where(np.isfinite(self.levels), self.levels, -np.inf)
         top = levels.max()
@@ -61,7 +54,7 @@ class InputPhotograph:
             return None
         if np.array_equal(levels, np.rint(levels)):
             below = int((levels == top - 1).sum())
-            if int(at.sum()) < _SPIKE * below:
+            if int(at.sum()) < 2.0 * below:
                 return None
         return float(top)
 
@@ -120,12 +113,12 @@ _SRGB_TO_LINEAR = srgb_to_linear(np.linspace(0, 1, 256)).astype(np.float32)
 
 
 def _has_run(at: NDArray[np.bool_]) -> bool:
-    """Whether _RUN pixels of a row are set side by side."""
-    side = at.shape[-1] - _RUN + 1
+    """Return whether 3 neighbouring pixels of a row are set, as a sign of full wells."""
+    side = at.shape[-1] - 2
     if side < 1:
         return False
     run = at[..., :side].copy()
-    for step in range(1, _RUN):
+    for step in (1, 2):
         run &= at[..., step : step + side]
     return bool(run.any())
 
@@ -184,7 +177,7 @@ def _bands(path: Path, values: NDArray[Any]) -> NDArray[Any]:
     """Return a photograph (rows, columns) or (rows, columns, bands) with its bands first."""
     if values.ndim == 2:
         bands = values[None]
-    elif values.ndim == 3 and values.shape[-1] in _BANDS:
+    elif values.ndim == 3 and values.shape[-1] in (1, 3):
         bands = np.moveaxis(values, -1, 0)
     else:
         raise UserError(

@@ -68,7 +68,7 @@ class StrokedTarget(TargetShape):
 
 
 class RingTarget(StrokedTarget):
-    """A ring."""
+    """A ring as a PSF."""
 
     shape: Literal["ring"]
 
@@ -122,7 +122,7 @@ class ShrinkingSpiralTarget(SpiralTargetBase):
 
 
 class HeartTarget(StrokedTarget):
-    """A heart, upright."""
+    """An upright heart as a PSF."""
 
     title: ClassVar = "Heart"
     shape: Literal["heart"]
@@ -136,7 +136,7 @@ class InfinityTarget(StrokedTarget):
 
 
 class EyeTarget(StrokedTarget):
-    """An eye with its iris and pupil."""
+    """An eye with iris and pupil as a PSF."""
 
     title: ClassVar = "Eye"
     shape: Literal["eye"]
@@ -182,7 +182,7 @@ class DotsTarget(TargetShape):
 
 
 class LettersTarget(TargetShape):
-    """A line of text."""
+    """A line of text as a PSF."""
 
     title: ClassVar = "Letters"
     summary_template: ClassVar = "letters {text} {height_um:g}/{width_um:g} µm"

@@ -113,7 +113,7 @@ class SensorView:
         fy = torch.fft.fftfreq(shape[0], dtype=torch.float64)[:, None]
         fx = torch.fft.rfftfreq(shape[1], dtype=torch.float64)[None, :]
         step = np.linalg.inv(self._step)
-        # Cycles per sensor pixel.
+        # gy and gx are in cycles per sensor pixel.
         gy, gx = fy * step[0, 0] + fx * step[1, 0], fy * step[0, 1] + fx * step[1, 1]
         argument = math.pi * self.star_diameter * torch.hypot(gy, gx)
         safe = torch.where(argument > 0, argument, 1.0)

@@ -13,7 +13,7 @@ from labapp.files.reading import read_file
 
 
 def list_plans(*, as_json: bool) -> None:
-    """Print the plans that come with the application."""
+    """Print the plans that come with the application, with what each needs of a bench."""
     listed = [_plan_entry(name, _describe(path)) for name, path in bundled_plans().items()]
     example = "labapp run coded-snapshot --out run.h5\nWhat one takes: labapp plan check NAME"
     print_list(listed, as_json=as_json, example=example)

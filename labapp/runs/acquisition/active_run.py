@@ -38,9 +38,20 @@ OnFrame = Callable[[Shot, Frame], None]
 class RunOutcome:
     """How a run ended.
 
-    `missing` holds the indices of planned frames that aren't in the record. expected_seconds and
-    elapsed_seconds are in the bench's time, without pauses and prompts. `device_error` is the
-    error of the device that ended the run, if one did.
+    Parameters
+    ----------
+    path : Path
+        File of the record.
+    state : State
+        COMPLETE, CANCELLED or FAILED.
+    missing : list of int
+        Indices of planned frames that aren't in the record.
+    message : str
+        Reason for the state; may be empty.
+    expected_seconds, elapsed_seconds : float
+        Expected and elapsed seconds of the bench's time, without pauses and prompts.
+    device_error : DeviceError, optional
+        Error of the device that ended the run, if one did.
     """
 
     path: Path

@@ -1,4 +1,4 @@
-"""The names of the files that an export writes."""
+"""Name the files that an export writes."""
 
 from __future__ import annotations
 
