@@ -1,1 +1,1 @@
-"""The files that people write: bench, plan and scene."""
+"""Read and write the application's files: bench, plan, scene, calibration, design and tables."""

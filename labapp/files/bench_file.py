@@ -1,4 +1,4 @@
-"""The bench file: which devices, bound to which description of a camera."""
+"""The bench file: its devices, and the description of the camera that they make up."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from optics.camera import Camera
 
 
 class DeviceTable(FileModel):
-    """A device: the name of its entry point, and the options that it is opened with.
+    """A device in a bench file: the entry point of its driver, and the driver's options.
 
-    own_process: whether its driver runs in a process of its own, which can be killed when
-    a library hangs. simulated: whether what is behind its wire is, as `labapp virtual-bench
-    serve` says of what it serves; the driver can't know.
+    With own_process, the driver runs in a process of its own, which can be killed when a library
+    hangs. simulated says that a real driver talks to a simulated instrument, which the driver
+    itself can't know; `labapp virtual-bench serve` sets it for the instruments that it serves.
     """
 
     driver: str
@@ -31,14 +31,17 @@ class DeviceTable(FileModel):
 
     @property
     def is_exclusive(self) -> bool:
-        """Whether only one application can have it: neither made up nor a person."""
+        """Whether only one application at a time can open the device.
+
+        Simulated devices, and targets that a person changes by hand, can be shared.
+        """
         return not self.is_simulated and self.driver != "manual-targets"
 
 
 class DevicesTable(FileModel):
-    """The devices by the names that the bench has for them.
+    """The devices of a bench file by their roles.
 
-    A run takes all but the spectroradiometer, which stands beside, and not on every bench.
+    A run uses all devices but the spectroradiometer, which is optional.
     """
 
     slm: DeviceTable
@@ -49,13 +52,13 @@ class DevicesTable(FileModel):
 
     @property
     def tables(self) -> dict[str, DeviceTable]:
-        """All that there are."""
+        """All devices that the bench file has, by role."""
         named = {name: getattr(self, name) for name in DevicesTable.model_fields}
         return {name: table for name, table in named.items() if table is not None}
 
     @property
     def run_devices(self) -> dict[str, DeviceTable]:
-        """Those that every run needs."""
+        """The devices that every run needs, by role."""
         return {name: table for name, table in self.tables.items() if name != "spectroradiometer"}
 
 
@@ -66,29 +69,30 @@ class BenchFile(CameraFile):
 
     @property
     def is_virtual(self) -> bool:
-        """Whether a device is simulated, so that there must be a scene before it."""
+        """Whether any device of the bench is simulated, so that it needs a scene."""
         return any(table.is_simulated for table in self.devices.tables.values())
 
     @property
     def is_real(self) -> bool:
-        """Whether a device of its runs is real, so that their time is the wall's."""
+        """Whether any device of a run is real, so that the run's clock is the wall clock."""
         return not all(table.is_simulated for table in self.devices.run_devices.values())
 
 
 def read_bench(path: Path) -> BenchFile:
-    """A bench file; see resolve_included_files() for the files that it may name, and for errors."""
+    """Read a bench file; resolve_included_files() tells which files it may include, and errors."""
     return resolve_included_files(read_file(path, dict[str, Any]), path, BenchFile)
 
 
 def read_camera_file(path: Path) -> CameraFile:
-    """A camera file, or a bench file. As read_bench()."""
+    """Read a camera file, or a bench file, in the same way as read_bench()."""
     data = read_file(path, dict[str, Any])
     return resolve_included_files(data, path, BenchFile if "devices" in data else CameraFile)
 
 
 def read_camera(path: Path | None) -> Camera:
-    """The camera of a camera file or a bench file, calibrated; None: of the virtual bench.
+    """Return the calibrated camera of a camera file or a bench file.
 
-    UserError as read_bench(), and for a calibration of another panel.
+    If `path` is None, the camera is that of the bundled virtual bench. Raises the UserErrors of
+    read_bench(), and another if the calibration belongs to another panel.
     """
     return read_camera_file(bundled_path("bench.toml") if path is None else path).build_camera()

@@ -1,4 +1,4 @@
-"""The calibration file: what was fitted on a bench, how well, and on which bench."""
+"""The calibration file: the fitted quantities of a bench, their uncertainties, and the bench."""
 
 from __future__ import annotations
 
@@ -24,12 +24,9 @@ Count = Annotated[int, Field(ge=0)]
 Pair = tuple[Finite, Finite]
 Triple = tuple[Finite, Finite, Finite]
 
-_FLATNESS_CELLS = 240
-"""Along a panel's longer side: polynomials of the fourth degree are smoother than that."""
-
 
 class DeviceIdentityTable(FileModel):
-    """Which device it was."""
+    """The identity of a device that a calibration was made with."""
 
     model: str
     serial: str
@@ -37,14 +34,27 @@ class DeviceIdentityTable(FileModel):
 
 
 class RegistrationTable(FileModel):
-    """From panel to sensor: pixel = centre_px + matrix_px @ (cycles per panel pixel), (y, x).
+    """Registration of panel and sensor in a calibration file, with its uncertainty.
 
-    covariance_px2: of centre and matrix, the same for y and x. uncertainty_px: standard
-    deviation in the corner of the frame where it is largest. residual_px: root mean square
-    distance of the spots. shift_px: of all steered spots, before the response was known.
-    flip, rotation_deg, shear: the matrix taken apart; the mirror comes first, the turn last.
-    image_distance_mm: the lever of the panel's slopes on the sensor, from lens to sensor where
-    the panel stands at the lens.
+    The sensor pixel (y, x) of a grating on the panel is
+    centre_px + matrix_px @ (cycles per panel pixel).
+
+    Attributes
+    ----------
+    covariance_px2 : (3, 3)
+        Covariance of one row of centre and matrix, pixels². It is the same for y and x.
+    uncertainty_px : float
+        Standard deviation of a registered position, in the corner of the frame where it is
+        largest.
+    residual_px : float
+        Root mean square distance of the measured spots from the fit.
+    shift_px : (y, x)
+        Common shift of all steered spots, before the phase response was known.
+    flip, rotation_deg, shear
+        The matrix as a mirror, followed by a shear and a rotation.
+    image_distance_mm : float
+        Element B of the ray matrix: the shift on the sensor for a unit slope at the panel. It is
+        the distance from lens to sensor if the panel stands at the lens.
     """
 
     wavelength_nm: Positive
@@ -62,7 +72,7 @@ class RegistrationTable(FileModel):
     image_distance_mm: Positive
 
     def build(self) -> Registration:
-        """Its single residuals aren't kept."""
+        """Return the registration, without the residuals of the spots: the file has only rms."""
         return Registration(
             self.wavelength_nm * 1e-9,
             self.centre_px,
@@ -75,12 +85,24 @@ class RegistrationTable(FileModel):
 
 
 class CurveTable(FileModel):
-    """One region's phase, level by level, less that of level 0.
+    """Phase response of one region of the panel in a calibration file.
 
-    sigma_rad: standard deviation, level by level. residual: root mean square of the light's
-    misfit, as a share of its swing. chi2: mean squared misfit in units of its noise. blur_px:
-    by neighbours. ripple: of the phase within a frame and the filter's band, as a share of it.
-    outliers: frames that were left out.
+    Attributes
+    ----------
+    phase_rad : tuple of float
+        Phase of every grey level, less that of level 0.
+    sigma_rad : tuple of float
+        Standard deviation of every phase.
+    residual : float
+        Root mean square misfit of the measured light, as a share of its modulation.
+    chi2 : float
+        Mean squared misfit in units of the noise's variance.
+    blur_px : float
+        Blur of the phase by neighbouring pixels, panel pixels.
+    ripple : float
+        Ripple of the phase within a frame and the filter's band, as a share of the phase.
+    frames, outliers : int
+        Number of measured frames, and number of those that the fit left out.
     """
 
     phase_rad: Annotated[tuple[Finite, ...], Field(min_length=2)]
@@ -102,7 +124,7 @@ class CurveTable(FileModel):
 
 
 class MeasuredResponseTable(FileModel):
-    """The phase response at a wavelength; curves of the regions, row by row."""
+    """Phase response of the panel at a wavelength, with a curve for each region, row by row."""
 
     wavelength_nm: Positive
     regions: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]]
@@ -120,16 +142,28 @@ class MeasuredResponseTable(FileModel):
 
     @property
     def phases(self) -> Any:
-        """(rows, columns, levels), radians."""
+        """Phases of all regions and grey levels, (rows, columns, levels), radians."""
         return np.array([curve.phase_rad for curve in self.curves]).reshape(*self.regions, -1)
 
 
 class WavefrontTable(FileModel):
-    """Optical path besides the pattern: Zernike polynomials over a disc about the pupil.
+    """Wavefront in a calibration file: optical path besides the pattern, as Zernike polynomials.
 
-    terms: (n, m). path_nm: of each, root mean square over the disc; covariance_nm2: of them.
-    radius_mm: of the disc, on the panel. rms_nm, sigma_nm: over the open pupil, less mean and
-    tilt. focus_dioptres: how far the star is out of focus, with its standard deviation.
+    Attributes
+    ----------
+    terms : tuple of (n, m)
+        Indices of the Zernike polynomials, over a disc around the pupil.
+    path_nm, covariance_nm2
+        Optical path of each polynomial, root mean square over the disc, and their covariance.
+    radius_mm : float
+        Radius of the disc on the panel.
+    rms_nm, sigma_nm : float
+        Root mean square of the wavefront over the open pupil, without mean and tilt, and its
+        standard deviation.
+    focus_dioptres, focus_sigma_dioptres : float
+        Vergence error of the star, and its standard deviation.
+    residual, chi2 : float
+        Misfit of the measured light, as in CurveTable.
     """
 
     wavelength_nm: Positive
@@ -145,12 +179,11 @@ class WavefrontTable(FileModel):
     chi2: Amount
 
     def build(self, panel: Panel) -> PanelMap:
-        """On cells that cover the panel."""
-        cells = tuple(
-            max(1, round(n * min(1, _FLATNESS_CELLS / max(panel.shape)))) for n in panel.shape
-        )
+        """Return the wavefront as optical path on cells that cover the panel."""
+        # 240 cells along the panel's longer side resolve polynomials of the fourth degree.
+        cells = tuple(max(1, round(n * min(1, 240 / max(panel.shape)))) for n in panel.shape)
         pitch = tuple(n * panel.pitch / c for n, c in zip(panel.shape, cells, strict=True))
-        # A cell's centre, from the pixel that is the panel's origin.
+        # The centre of the middle cell, relative to the panel pixel n // 2, which is the origin.
         centre = tuple(
             ((c // 2 + 0.5) * n / c - 0.5 - n // 2) * panel.pitch
             for n, c in zip(panel.shape, cells, strict=True)
@@ -161,7 +194,7 @@ class WavefrontTable(FileModel):
 
 
 class ZerothOrderTable(FileModel):
-    """Share of the light that stays in the centre whatever the pattern."""
+    """Share of the light that stays in the zeroth order whatever the pattern."""
 
     wavelength_nm: Positive
     share: Share
@@ -170,11 +203,11 @@ class ZerothOrderTable(FileModel):
 
 
 class CalibrationFile(FileModel):
-    """What was fitted on a bench, with everything that tells whether it still holds.
+    """A calibration file: fitted quantities, and the bench that they were measured on.
 
-    bench: its name. record: of the frames. frames: how many there were, trials included.
-    devices, panel, lens, sensor, polarisation: what it was made with, and how the bench file
-    described it.
+    record is the file of the frames, and frames their number, trials included. devices, panel,
+    lens, sensor and polarisation say how the bench file described the bench at that time, so that
+    a later change of the bench can be noticed.
     """
 
     version: Literal[1]
@@ -195,11 +228,14 @@ class CalibrationFile(FileModel):
 
     @property
     def wavelengths(self) -> list[float]:
-        """At which the response is known, metres, sorted."""
+        """Wavelengths at which the phase response was measured, in metres, sorted."""
         return sorted(table.wavelength_nm * 1e-9 for table in self.responses)
 
     def apply_to(self, camera: Camera) -> Camera:
-        """The camera as it was found to be. ValueError for another panel's calibration."""
+        """Return the camera with what was measured in place of its description.
+
+        Raises ValueError if the calibration belongs to another panel.
+        """
         panel = camera.panel
         change: dict[str, Any] = {}
         if self.responses:
@@ -213,7 +249,7 @@ class CalibrationFile(FileModel):
         if self.zeroth:
             weights = [max(table.sigma, 1e-4) ** -2 for table in self.zeroth]
             shares = [table.share for table in self.zeroth]
-            # What was seen to stay in the centre holds the cover glass's reflection.
+            # The measured share of the zeroth order includes the cover glass's reflection.
             change |= {
                 "unmodulated": float(np.average(shares, weights=weights)),
                 "front_reflection": 0.0,
@@ -226,6 +262,6 @@ _ROW = re.compile(rf"\[\s*{_NUMBER}(?:,\s*{_NUMBER})*\s*\]")
 
 
 def calibration_to_json(calibration: CalibrationFile) -> bytes:
-    """The file's text: a key a line, and rows of numbers on one line."""
+    """Return the text of a calibration file: one key per line, and rows of numbers on one line."""
     text = json.dumps(calibration.model_dump(mode="json"), indent=1)
     return _ROW.sub(lambda row: " ".join(row[0].split()), text).encode() + b"\n"

@@ -1,4 +1,4 @@
-"""The camera file: panel, lens and sensor as they are described, without devices."""
+"""The camera file: a description of panel, lens and sensor, without devices."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ from optics.stop.aperture import Circle, Stop, regular_polygon
 
 
 class LensTable(FileModel):
-    """The lens with its stop; what has a default is off by it, optics.camera.Lens says more.
+    """The lens and its stop in a camera file.
 
-    separation_mm: from the panel to the lens. blades: straight ones of the stop, 0 for a round
-    one. obscuration: radius of a central disc that hides the stop, in stop radii. aberrations:
-    [n, m, nm of optical path, root mean square] of Zernike polynomials.
+    The defaults switch a feature off; optics.camera.Lens describes all of them. separation_mm is
+    the distance from the panel to the lens. blades is the number of straight blades of the stop,
+    0 for a round stop. obscuration is the radius of a central disc that hides the stop, in stop
+    radii. aberrations are Zernike polynomials [n, m, nm of optical path, root mean square].
     """
 
     focal_length_mm: Positive
@@ -64,13 +65,13 @@ class LensTable(FileModel):
 
 
 class CameraFile(FileModel):
-    """A camera as it is described.
+    """A camera file: the description of panel, lens and sensor, and their calibration.
 
-    transmission: share of the light that passes everything but the panel, and but what is in
-    `polarisation` where there is such a table; the panel's unmodulated share is given, or
-    follows from that table. calibration: a file that `labapp calibrate` wrote, or what is in
-    it; what it found counts more than the description. glare: share of the light that veils
-    the picture evenly.
+    transmission is the share of the light that passes everything except the panel and the
+    elements in `polarisation`. The panel's unmodulated share is either given or follows from
+    `polarisation`. calibration is the name of a file that `labapp calibrate` wrote, or its
+    contents; its measurements replace the description. glare is the share of the light that
+    veils the picture evenly.
     """
 
     version: Literal[1]
@@ -101,25 +102,31 @@ class CameraFile(FileModel):
 
     @property
     def active_calibration(self) -> CalibrationFile | None:
-        """The calibration that counts; UserError if its file can't be read."""
+        """The camera's calibration, read from its file if need be; None if there is none.
+
+        Raises UserError if the file can't be read.
+        """
         if isinstance(self.calibration, str):
             return read_file(Path(self.calibration), CalibrationFile)
         return self.calibration
 
     @property
     def interference(self) -> float | None:
-        """Strength of the interference of modulated and unmodulated light, which the sum in
-        intensity leaves out (see optics.polarisation.PathEffect); None if it isn't known."""
+        """Strength of the interference of modulated and unmodulated light; None if unknown.
+
+        The sum of their irradiances leaves this interference out; see
+        optics.polarisation.PathEffect.
+        """
         if self.polarisation is None:
             return None
         return float(self.polarisation.build().effect().interference.abs())
 
     def without_calibration(self) -> Self:
-        """The camera as it is described."""
+        """Return the camera file as it is described, without its calibration."""
         return self.model_copy(update={"calibration": None})
 
     def build_camera(self) -> Camera:
-        """The camera as it is described, and calibrated; UserError if the two don't fit."""
+        """Return the calibrated camera; raise UserError if the calibration is of another panel."""
         described = self._build_nominal_camera()
         calibration = self.active_calibration
         if calibration is None:
@@ -139,7 +146,7 @@ class CameraFile(FileModel):
         return Camera(panel, lens, sensor, transmission, separation, self.glare)
 
     def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:
-        """The panel with what it can't turn, and the transmission of all the rest."""
+        """Return the panel with its unmodulated share, and the transmission of everything else."""
         if self.polarisation is None:
             return panel, self.transmission
         effect = self.polarisation.build().effect()
@@ -151,21 +158,20 @@ C = TypeVar("C", bound=CameraFile)
 
 
 def resolve_included_files(data: dict[str, Any], path: Path, model: type[C]) -> C:
-    """A file's plain data with all that its panel's, sensor's and calibration's files hold.
+    """Return a camera or bench file with the contents of the files that it includes.
 
     Panel and sensor may be files of their own, as in `panel = { file = "mine.toml" }`, or names
-    of bundled ones (see labapp.files.panel_file and sensor_file); keys beside `file` count more
-    than the file's.
-    Files are looked for beside the one that names them; the answer holds what is in them, or
-    absolute paths of pictures, so that a record of it can be read again. UserError names file,
-    key, value and rule.
+    of bundled ones (see labapp.files.panel_file and sensor_file). Keys beside `file` override
+    those of the included file. Files are searched for in the folder of the file that names them.
+    Large pictures are kept as absolute paths, so that a record of the result can be read again.
+    Raises UserError with file, key, value and rule.
     """
     folder = path.resolve().parent
     source = str(path)
     whole = with_sensor(with_panel(data, folder, source), folder, source)
     file = validate(whole, model, source)
     if not file.sensor.has_all_curves:
-        # With their curves in it, it is looked at as a whole.
+        # The sensor can be validated as a whole only when its curves have been read.
         curves = file.sensor.resolve_files(folder).model_dump()
         file = validate(whole | {"sensor": curves}, model, source)
     found: dict[str, Any] = {"panel": file.panel.resolve_files(folder)}

@@ -1,4 +1,4 @@
-"""What can be printed or stand on a sheet: charts, patches, bricks. Sizes are at the object."""
+"""Tables of a scene's charts, patches and toy bricks. Sizes are those of the object."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ from simulator.scene.sheets import PaintedPicture
 
 
 class _PlacedObject(FileModel):
-    """offset_mm: [y, x] from the axis to its middle, as in the upright picture."""
+    """A scene's object beside the axis.
+
+    offset_mm is the vector [y, x] from the axis to its middle, as in the upright picture.
+    """
 
     offset_mm: tuple[Finite, Finite] = (0.0, 0.0)
 
@@ -28,12 +31,12 @@ class _PlacedObject(FileModel):
         return self.offset_mm[0] * 1e-3, self.offset_mm[1] * 1e-3
 
     def content_and_outline(self) -> tuple[tuple[PaintedPicture, ...], Drawable]:
-        """What is on it, and what it hides of what is behind it."""
+        """Return the painted pictures on the object, and the outline that hides what is behind."""
         raise NotImplementedError
 
 
 class _PrintedChart(_PlacedObject):
-    """A chart in two tones: reflectances of its ink and its paper."""
+    """A test chart in two tones; dark and bright are the reflectances of ink and paper."""
 
     dark: Share = 0.05
     bright: Share = 0.9
@@ -52,9 +55,9 @@ class _PrintedChart(_PlacedObject):
 
 
 class SlantedEdge(_PrintedChart):
-    """An edge that leans by an angle, for measuring the modulation transfer.
+    """A slanted-edge chart, for measuring the MTF.
 
-    size_mm: of the square sheet. horizontal: the edge is level, dark above.
+    size_mm is the side of the square sheet. With horizontal, the edge is level and dark above.
     """
 
     kind: Literal["slanted-edge"]
@@ -74,7 +77,7 @@ class SlantedEdge(_PrintedChart):
 
 
 class SiemensStar(_PrintedChart):
-    """A star of dark spokes as wide as the gaps between them."""
+    """A Siemens star, whose dark spokes are as wide as the gaps between them."""
 
     kind: Literal["siemens"]
     diameter_mm: Positive
@@ -91,7 +94,7 @@ class SiemensStar(_PrintedChart):
 
 
 class UsafChart(_PrintedChart):
-    """The USAF's chart of 1951; groups: the first and the last that are on it."""
+    """The USAF 1951 resolution chart; groups are the first and the last group on it."""
 
     kind: Literal["usaf"]
     groups: tuple[int, int] = (-2, 1)
@@ -115,7 +118,7 @@ class ColorChecker(_PlacedObject):
 
 
 class Brick(_PlacedObject):
-    """The front of a toy brick. size_mm: [height, width] of its body."""
+    """The front of a toy brick; size_mm is [height, width] of its body without the studs."""
 
     kind: Literal["brick"]
     size_mm: tuple[Positive, Positive] = (9.6, 31.8)
@@ -129,7 +132,7 @@ class Brick(_PlacedObject):
 
 
 class Patch(_PlacedObject):
-    """Even colour: a rectangle, or without an end. size_mm: [height, width]."""
+    """A rectangle of one reflectance, size_mm = [height, width]; without size_mm it is endless."""
 
     kind: Literal["patch"]
     size_mm: tuple[Positive, Positive] | None = None

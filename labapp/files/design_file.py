@@ -1,4 +1,4 @@
-"""Design files: a pattern with everything that it was made from, in one HDF5 file.
+"""Design files: one HDF5 file of a pattern, its predicted PSF, and everything it was made from.
 
 /entry  (NXentry)        title, definition "labapp_design", start_time
     settings             the pattern as a plan file writes it, and the seed (JSON)
@@ -8,15 +8,15 @@
     pattern/ (NXcollection)
         grey             (frames, rows, columns) uint8: what the SLM shows
         phase            (frames, rows, columns) float32, radians; absent for grey levels
-        orders           whole waves of the panel's range that the phase is shown in
-        frame_time       seconds that a frame of a video stands
+        orders           number of whole waves of the panel's range that the phase uses
+        frame_time       seconds for which a frame of a video is shown
         pixel_pitch      metres
     psf/     (NXdata)    predicted (moment, y, x): share of the light on each sensor pixel
     target/  (NXdata)    image (moment, y, x), sum one; absent where there is none
     quality/ (NXcollection)
         efficiency, contrast, nrmse    by moment
         method, iterations, cpu_seconds
-        seen_nrmse                     by picture of a bench's camera, if pictures corrected it
+        seen_nrmse                     by picture of the bench's camera; of refined designs only
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _GREY = "entry/pattern/grey"
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Pictures with the positions of their samples: y and x in metres."""
+    """Pictures of a design file with the positions of their samples, y and x in metres."""
 
     images: NDArray[Any]
     y: NDArray[np.float64]
@@ -61,7 +61,7 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class DesignContents:
-    """What a design file holds; see the module's text for shapes and units."""
+    """The contents of a design file; the module's docstring gives shapes and units."""
 
     title: str
     settings: Mapping[str, Any]
@@ -78,7 +78,7 @@ class DesignContents:
 
 
 def write_design(path: Path, contents: DesignContents) -> None:
-    """A file that takes its name only when it is whole; UserError if it can't be written."""
+    """Write a design file atomically; raise UserError if it can't be written."""
     draft = path.with_name(f".{path.name}.new")
     try:
         with h5py.File(draft, "w") as file:
@@ -91,7 +91,10 @@ def write_design(path: Path, contents: DesignContents) -> None:
 
 
 def read_design_frame(path: Path, frame: int) -> NDArray[np.uint8]:
-    """Grey levels of one frame, (rows, columns); UserError if there is none."""
+    """Return the grey levels of one frame of a design file, (rows, columns).
+
+    Raises UserError if there is no such frame.
+    """
     with _open_design(path) as file:
         grey = file[_GREY]
         if frame >= len(grey):
@@ -100,7 +103,7 @@ def read_design_frame(path: Path, frame: int) -> NDArray[np.uint8]:
 
 
 def read_design(path: Path) -> DesignContents:
-    """Everything that is in a design file; UserError if it is none, or damaged."""
+    """Read a whole design file; raise UserError if it is another kind of file or damaged."""
     with _open_design(path) as file:
         entry = file["entry"]
         pattern = entry["pattern"]
@@ -124,7 +127,7 @@ def read_design(path: Path) -> DesignContents:
 
 @contextmanager
 def _open_design(path: Path) -> Iterator[h5py.File]:
-    """A design file, for reading; what fails in the block is a UserError."""
+    """Open a design file for reading; turn failures within the block into UserErrors."""
     try:
         with h5py.File(path, "r") as file:
             if _GREY not in file or _text(file, "entry/definition") != DEFINITION:
@@ -145,7 +148,7 @@ def _read_grid(group: h5py.Group, signal: str) -> Grid:
 
 
 def _decode_value(value: Any) -> Any:
-    """As it was written: text, a number, or a list of them."""
+    """Return an HDF5 value of the design file as Python text, number or list."""
     return value.decode() if isinstance(value, bytes) else value.tolist()
 
 
@@ -170,7 +173,8 @@ def _write_contents(file: h5py.File, contents: DesignContents) -> None:
         entry[name] = np.bytes_(text.encode())
     _number(entry, "wavelength", contents.wavelength, "m")
     pattern = nexus.create_group(entry, "pattern", "NXcollection")
-    # Frames can be read one by one. Phases don't get smaller by much.
+    # Chunks of one frame let frames be read one by one. Phases aren't compressed, because that
+    # hardly makes them smaller.
     one = (1, *contents.grey.shape[1:])
     pattern.create_dataset(
         "grey", data=contents.grey, chunks=one, compression="gzip", compression_opts=1

@@ -1,4 +1,4 @@
-"""The fault file: what shall go wrong on a virtual bench, and when."""
+"""The fault file: a script of faults of a virtual bench."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from simulator.faults import Fault, Kind, Role
 
 
 class FaultTable(FileModel):
-    """One fault; see simulator.faults.Fault.
+    """One fault in a fault file; see simulator.faults.Fault.
 
-    frame: index of the planned frame from which on it strikes, at the device's next call.
-    times: calls that it strikes. seconds: how much longer a slow call takes, or how long a
+    The fault happens at the device's first call from planned frame number `frame` on, and at
+    `times` calls in all. seconds is the extra duration of a slow call, or the time for which a
     device stays disconnected, in bench time.
     """
 
@@ -33,7 +33,7 @@ class FaultFile(FileModel):
 
 
 def read_faults(path: Path) -> tuple[Fault, ...]:
-    """The faults of a file; UserError names what is wrong with it."""
+    """Read the faults of a fault file; raise UserError if the file is wrong."""
     tables = read_file(path, FaultFile).fault
     faults = []
     for number, table in enumerate(tables):

@@ -1,4 +1,4 @@
-"""Files that come with the application, by name; and a user's own, by their paths."""
+"""Look up bundled plans, scenes, panels and sensors by name, and a user's own files by path."""
 
 from __future__ import annotations
 
@@ -9,28 +9,36 @@ from labapp.files.reading import bundled_path
 
 
 def bundled_plans() -> dict[str, Path]:
-    """The plans that come with the application, by name."""
+    """Return the paths of the plans that come with the application, by name."""
     return _bundled_files("plans")
 
 
 def bundled_scenes() -> dict[str, Path]:
-    """The scenes that come with the application, by name."""
+    """Return the paths of the scenes that come with the application, by name."""
     return _bundled_files("scenes")
 
 
 def find_plan(name: Path | str) -> Path:
-    """The plan file of a path, or of a ready plan's name; UserError lists the names."""
+    """Return the path of a plan file, given its path or the name of a bundled plan.
+
+    Raises UserError, which lists the bundled names.
+    """
     return _find_file(name, "plan", bundled_plans())
 
 
 def find_scene(name: Path | str) -> Path:
-    """The scene file of a path, or of a ready scene's name; UserError lists the names."""
+    """Return the path of a scene file, given its path or the name of a bundled scene.
+
+    Raises UserError, which lists the bundled names.
+    """
     return _find_file(name, "scene", bundled_scenes())
 
 
 def find_part_file(kind: str, file: str, folder: Path) -> Path:
-    """The file of a bench's part, which is a "panel" or a "sensor": of one that is bundled by its
-    name, or else looked for in `folder`. UserError lists the names."""
+    """Return the path of a panel or sensor file, given a bundled name or a path in `folder`.
+
+    kind is "panel" or "sensor". Raises UserError, which lists the bundled names.
+    """
     ready = _bundled_files(f"{kind}s")
     path = ready.get(file, folder / file)
     if not path.exists():
@@ -42,18 +50,18 @@ def find_part_file(kind: str, file: str, folder: Path) -> Path:
 
 
 def bundled_parts(kind: str) -> list[str]:
-    """The names of the panels or sensors that come with the application."""
+    """Return the names of the panels or sensors that come with the application."""
     return list(_bundled_files(f"{kind}s"))
 
 
 def require_file(path: Path) -> None:
-    """UserError where there is no file of that name."""
+    """Raise UserError if there is no file at a path."""
     if not path.is_file():
         raise UserError(f"{path}: there is no such file. Check the path.")
 
 
 def require_readable(path: Path) -> None:
-    """UserError for a file that can't be opened."""
+    """Raise UserError if a file can't be opened for reading."""
     if not path.exists():
         raise UserError(f"{path}: cannot be read: there is no such file. Check the path.")
     try:
@@ -68,7 +76,7 @@ def _bundled_files(folder: str) -> dict[str, Path]:
 
 def _find_file(name: Path | str, kind: str, paths_by_name: dict[str, Path]) -> Path:
     path = Path(name)
-    # A folder of that name is the place of somebody's records, and no plan.
+    # A folder may have the name of a bundled plan, for instance if it holds the plan's records.
     if path.is_file():
         return path
     if str(name) in paths_by_name:

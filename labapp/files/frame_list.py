@@ -1,4 +1,4 @@
-"""Lists of frames as people write and read them: 0-9,12."""
+"""Lists of frame numbers as text, such as "0-9,12"."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from labapp.common.errors import UserError
 
 _PART = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 
-_MAX_LISTED_RANGES = 12
-"""Ranges that are written out; what comes after them is counted."""
-
 
 def read_frame_list(text: str, frames: int) -> list[int]:
-    """The indices of a list such as "0-9,12", rising, each once.
+    """Return the frame indices of a list such as "0-9,12", sorted, each once.
 
-    UserError if it isn't such a list, or names a frame beyond the record's `frames`.
+    frames is the number of frames of the record. Raises UserError if the text isn't such a list,
+    or names a frame beyond the last one.
     """
     found: set[int] = set()
     for part in text.split(","):
@@ -33,13 +31,13 @@ def read_frame_list(text: str, frames: int) -> list[int]:
 
 
 def format_frame_list(frames: Iterable[int]) -> str:
-    """Indices as a short list, "0-9, 12"; of very many ranges the first, and a count."""
+    """Format frame indices as a short list, "0-9, 12"; after 12 ranges, only count the rest."""
     ranges: list[tuple[int, int]] = []
     for index in sorted(set(frames)):
         if ranges and index == ranges[-1][1] + 1:
             ranges[-1] = ranges[-1][0], index
         else:
             ranges.append((index, index))
-    shown = ", ".join(f"{a}-{b}" if b > a else f"{a}" for a, b in ranges[:_MAX_LISTED_RANGES])
-    more = sum(b - a + 1 for a, b in ranges[_MAX_LISTED_RANGES:])
+    shown = ", ".join(f"{a}-{b}" if b > a else f"{a}" for a, b in ranges[:12])
+    more = sum(b - a + 1 for a, b in ranges[12:])
     return f"{shown} and {more} more" if more else shown

@@ -1,4 +1,4 @@
-"""The patterns of a plan file that are grey levels: keys and units, and the levels themselves."""
+"""Tables of a plan file for patterns that are given as grey levels, not as phases."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ Grey = Annotated[int, Ge(0), Le(255)]
 
 
 class GreyPattern(Table):
-    """A pattern of grey levels, whatever phase they make."""
+    """A pattern of a plan file that is given as grey levels, whatever phases they make."""
 
     @property
     def depends_on_seed(self) -> bool:
-        """Whether another seed makes another pattern."""
+        """Whether the pattern depends on the plan's seed."""
         return False
 
     @property
     def label(self) -> str:
-        """What it is called on the screen and in records."""
+        """The pattern's description on the screen and in records."""
         raise NotImplementedError
 
     def with_least_work(self) -> GreyPattern:
-        """The same with as little work as shows whether it can be computed."""
+        """Return the pattern with as little work as shows whether it can be computed."""
         return self
 
     def grey_levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
-        """Grey levels on the camera's panel, (rows, columns); UserError if they can't be shown.
+        """Return the pattern's grey levels on the camera's panel, (rows, columns).
 
-        folder: where picture files are looked for.
+        Picture files are read from `folder`. Raises UserError if the panel can't show them.
         """
         raise NotImplementedError
 
 
 class ConstantPattern(GreyPattern):
-    """One grey level everywhere; a neutral pattern."""
+    """A neutral pattern: one grey level everywhere."""
 
     title: ClassVar = "Neutral"
     kind: Literal["constant"]
@@ -62,7 +62,7 @@ class ConstantPattern(GreyPattern):
 
 
 class GratingPattern(GreyPattern):
-    """Stripes of two grey levels, equally wide; the light in the centre tells their phase step."""
+    """Equally wide stripes of two grey levels, whose zeroth order tells the phase between them."""
 
     kind: Literal["grating"]
     period_px: Annotated[int, Ge(2), Le(4096), MultipleOf(2), Key("of both stripes")] = 16
@@ -114,7 +114,10 @@ class ImagePattern(GreyPattern):
 
 
 def read_grey_pattern(path: Path, panel: Panel) -> NDArray[np.uint8]:
-    """Grey levels of a picture, (rows, columns); UserError if the panel can't show them."""
+    """Read a picture as grey levels of a pattern, (rows, columns).
+
+    Raises UserError if the panel can't show them.
+    """
     from labapp.files.reading import read_grey
 
     return _require_panel_fit(panel, read_grey(path), path)
@@ -131,4 +134,4 @@ def _require_panel_fit(panel: Panel, grey: NDArray[np.uint8], path: Path) -> NDA
 
 
 GREY_PATTERNS: tuple[type[GreyPattern], ...] = (ConstantPattern, GratingPattern, ImagePattern)
-"""All that there are, in the order in which they are listed."""
+"""All kinds of grey-level patterns, in the order in which they are listed."""

@@ -1,4 +1,4 @@
-"""KEY=VALUE on a command line: a table's keys, and what a person is told of them."""
+"""Parse KEY=VALUE arguments of the command line, and describe the keys of a table."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from labapp.files.table import Key, unit_of
 def parse_key_values(
     arguments: Sequence[str], model: type[Any], exclude: Collection[str] = ()
 ) -> dict[str, Any]:
-    """Values by key, read as TOML unless the key is for text; they aren't validated yet.
+    """Parse KEY=VALUE arguments as TOML values by key, without validation.
 
-    exclude: keys that nobody gives. UserError for what is no KEY=VALUE.
+    Values of text keys are kept as they are. Keys in `exclude` aren't offered in errors. Raises
+    UserError for an argument that isn't KEY=VALUE.
     """
     fields, values = _fields(model), dict[str, Any]()
     for one in arguments:
@@ -34,7 +35,7 @@ def parse_key_values(
 
 
 def describe_keys(model: type[Any], exclude: Collection[str] = ()) -> list[dict[str, Any]]:
-    """Each key with its default, and its unit and meaning, as words."""
+    """Return each key of a table with its default, unit and meaning, as text."""
     return [
         {"key": key, "default": _default(field), "what": _describe_key(key, field)}
         for key, field in _fields(model).items()
@@ -43,7 +44,7 @@ def describe_keys(model: type[Any], exclude: Collection[str] = ()) -> list[dict[
 
 
 def _fields(model: type[Any]) -> Mapping[str, FieldInfo]:
-    """The entries of a model, or of a dataclass."""
+    """Return the fields of a pydantic model or a dataclass by name."""
     if issubclass(model, BaseModel):
         return model.model_fields
     hints = get_type_hints(model, include_extras=True)

@@ -28,18 +28,21 @@ Temperature = Annotated[float, Field(ge=1000, allow_inf_nan=False)]
 
 @dataclass(frozen=True)
 class Lamp:
-    """spectrum: relative, 1 at its visible peak; None is the same at all wavelengths. waveform:
-    None where the light is steady."""
+    """A lamp of a scene.
+
+    spectrum is relative, 1 at its visible peak; None is the same at all wavelengths. waveform is
+    the lamp's flicker; None if the light is steady.
+    """
 
     spectrum: Spectrum | None
     waveform: Waveform | None = None
 
 
 class FlickerTable(FileModel):
-    """How the light changes with time, once a period.
+    """A lamp's flicker: a periodic change of its light with time.
 
-    depth: the largest deviation from the mean, as a share of it. duty: share of a period that
-    a square wave is bright.
+    depth is the largest deviation from the mean, as a share of the mean. duty is the share of a
+    period for which a square wave is bright.
     """
 
     shape: Literal["sine", "square", "filament"] = "filament"
@@ -60,12 +63,12 @@ class _LampTableBase(FileModel):
         raise NotImplementedError
 
     def build(self) -> Lamp:
-        """UserError if a table can't be read."""
+        """Return the lamp; raise UserError if its table of a spectrum can't be read."""
         return Lamp(self.spectrum(), self.flicker.build() if self.flicker else None)
 
 
 class HalogenTable(_LampTableBase):
-    """A photographic halogen lamp, by its colour temperature."""
+    """A photographic halogen lamp of a colour temperature in kelvin."""
 
     kind: Literal["halogen"]
     temperature_k: Temperature = HALOGEN_TEMPERATURE
@@ -83,7 +86,7 @@ class BlackbodyTable(_LampTableBase):
 
 
 class BroadbandTable(_LampTableBase):
-    """The same at all wavelengths from the first to the last."""
+    """A lamp of constant spectral radiance between two wavelengths."""
 
     kind: Literal["broadband"]
     range_nm: tuple[Positive, Positive] = (300.0, 1100.0)
@@ -100,7 +103,7 @@ class BroadbandTable(_LampTableBase):
 
 
 class MonochromaticTable(_LampTableBase):
-    """A line. width_nm: full, at half maximum."""
+    """A lamp of one spectral line; width_nm is its full width at half maximum."""
 
     kind: Literal["monochromatic"]
     wavelength_nm: Positive

@@ -1,4 +1,4 @@
-"""A panel's response to grey levels: a vendor's table, or a measurement."""
+"""The phase response of a panel as a look-up table, from a vendor or a measurement."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from optics.slm import Panel, PhaseResponse
 
 
 class LutTable(FileModel):
-    """Phases in units of pi, level by level, at wavelengths in nm.
+    """Phases of the panel's grey levels in units of pi, at wavelengths in nm.
 
-    phase_pi: for every wavelength the phases of all levels, or rows of columns of regions of
-    them. Regions are equally large and cover the panel.
+    phase_pi holds, for every wavelength, the phases of all levels, or nested lists [rows][columns]
+    of such curves. These belong to regions of equal size that cover the panel.
     """
 
     wavelengths_nm: Annotated[list[Positive], Field(min_length=1)]
     phase_pi: list[Any]
 
     def build(self, panel: Panel) -> PhaseResponse:
-        """ValueError for phases that are no numbers, or none of this panel."""
+        """Return the phase response; raise ValueError if the phases don't fit the panel."""
         try:
             phases = np.array(self.phase_pi, dtype=np.float64) * np.pi
         except (TypeError, ValueError):
@@ -37,18 +37,19 @@ class LutTable(FileModel):
 
 
 class LutFile(LutTable):
-    """A LutTable in a TOML or JSON file of its own."""
+    """A phase response of the panel in a TOML or JSON file of its own."""
 
     version: int = Field(ge=1, le=1)
 
 
 def read_lut(path: Path, levels: int) -> LutTable:
-    """The response in a file; UserError names the file, and the line where it has lines.
+    """Read a panel's phase response from a file.
 
-    TOML and JSON files hold a LutFile. Others hold text: a first line of `grey` and wavelengths
-    in nm, then lines of a level and its phases in units of pi, parted by commas, semicolons or
-    blanks. Levels between those that are given are interpolated linearly; the first and the
-    last level must be there. `#` begins a comment.
+    TOML and JSON files hold a LutFile. Other files are text: the first line is `grey` and the
+    wavelengths in nm, and each further line is a level and its phases in units of pi, separated
+    by commas, semicolons or blanks. Missing levels are interpolated linearly, but the first and
+    the last level must be given. `#` begins a comment. Raises UserError with the file and, in
+    text files, the line.
     """
     if path.suffix.lower() in (".toml", ".json"):
         return LutTable(**read_file(path, LutFile).model_dump(exclude={"version"}))

@@ -1,4 +1,4 @@
-"""Pictures of what differs from place to place on a panel: its flatness, the light on it."""
+"""Pictures of quantities that vary over a panel: its flatness, and its illumination."""
 
 from __future__ import annotations
 
@@ -19,17 +19,20 @@ from optics.slm import PanelMap
 
 
 class MapTable(FileModel):
-    """A picture that covers the panel, as coarse or as fine as it is: 8- or 16-bit or float PNG
-    or TIFF, or NumPy's .npy. Its values are as they are in the file, not sRGB."""
+    """A picture file that covers the panel, of any resolution.
+
+    It is an 8-bit, 16-bit or floating-point PNG or TIFF, or a NumPy .npy. Its values are used as
+    they are in the file, not decoded from sRGB.
+    """
 
     file: str
 
     def with_absolute_path(self, folder: Path) -> MapTable:
-        """With an absolute path, looked for in `folder`."""
+        """Return the table with an absolute path, relative to `folder`."""
         return self.model_copy(update={"file": str(folder / self.file)})
 
     def build(self) -> PanelMap:
-        """UserError if the file can't be read, or holds no map."""
+        """Return the map of the panel; raise UserError if the file can't be read or is no map."""
         return self._map(_values(Path(self.file)))
 
     def _map(self, values: NDArray[np.float64]) -> PanelMap:
@@ -40,12 +43,12 @@ class MapTable(FileModel):
 
 
 class FlatnessTable(MapTable):
-    """Optical path that light gets besides the pattern.
+    """A picture of the panel's flatness: optical path that light gets besides the pattern.
 
-    nm_per_grey: of path, for 1 of the file's values; negative for a vendor's correction
-    picture, which is to be added to patterns. wrapped_nm: the path at which the picture begins
-    anew, the vendor's wavelength; it is unwrapped, which needs neighbours that differ by less
-    than half of it.
+    nm_per_grey is the optical path for a step of 1 in the file's values. It is negative for a
+    vendor's correction picture, which is meant to be added to patterns. wrapped_nm is the path at
+    which the picture wraps around, which is the vendor's wavelength. The picture is unwrapped;
+    for that, neighbours must differ by less than half of wrapped_nm.
     """
 
     nm_per_grey: Finite

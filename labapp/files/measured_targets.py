@@ -1,4 +1,4 @@
-"""Tables of a scene's targets that need more than a picture: cubes, reliefs, displays."""
+"""Tables of a scene's targets of measured data: multispectral cubes, reliefs and displays."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ from simulator.scene import Cube, Display, Relief, Target, display_primaries, di
 
 
 class CubeTable(PictureTargetTable):
-    """A multispectral picture: numbers (rows, columns, bands), as .npy, .npz, .mat or .h5.
+    """A multispectral picture in a scene: an array (rows, columns, bands).
 
-    variable: its name in a file of several. wavelengths_nm: of the bands, rising; or the first
-    and the last of evenly spaced ones. white: the file's value of a white that reflects all.
-    tol: relative error at which spectra count as mixtures of fewer ones.
+    The array's file is .npy, .npz, .mat or .h5.
+    variable is the array's name in a file of several. wavelengths_nm are those of the bands,
+    rising, or the first and the last of evenly spaced bands. white is the file's value of a
+    surface that reflects all light. tol is the relative error that is allowed when the spectra
+    are approximated as mixtures of fewer spectra.
     """
 
     kind: Literal["cube"]
@@ -57,12 +59,13 @@ class CubeTable(PictureTargetTable):
 
 
 class ReliefTable(PictureTargetTable):
-    """A photograph with the distance of every pixel, in layers.
+    """A photograph of a scene with a distance for every pixel, divided into depth layers.
 
-    depth: a file of metres; or disparity: a file of pixels between a stereo pair's pictures,
-    with the pair's baseline_mm, focal_px, and offset_px that is to be added. per_value: what 1
-    of the file's values means, in metres or pixels. 0 and NaN are unknown. levels: layers, at
-    even steps of one over the distance.
+    The distances come from `depth`, a file in metres, or from `disparity`, a file of pixel shifts
+    between the pictures of a stereo pair with baseline_mm, focal_px, and offset_px, which is added
+    to the shifts. per_value is the size of a step of 1 in the file, in metres or pixels. Values of
+    0 and NaN mean that the distance is unknown. levels is the number of depth layers, which are
+    evenly spaced in the inverse of the distance.
     """
 
     kind: Literal["relief"]
@@ -107,11 +110,12 @@ class ReliefTable(PictureTargetTable):
 
 
 class DisplayTable(IlluminatedTargetTable):
-    """A display that shows a picture (thesis §6.4), a pixel of it on each of its own.
+    """A display in a scene that shows a picture (thesis §6.4), one pixel on each of its own.
 
-    pixel_um: of its pixels, with three stripes beside each other. fill: side of a stripe's
-    window over its room. primaries_nm: [wavelength, full width at half maximum] of red, green
-    and blue. radiance: of a stripe that is fully on, at its primary's peak.
+    pixel_um is the pitch of the display's pixels, each of which has three stripes side by side.
+    fill is the side of a stripe's window over the stripe's pitch. primaries_nm are [wavelength,
+    full width at half maximum] of red, green and blue. radiance is that of a stripe that is fully
+    on, at its primary's peak.
     """
 
     kind: Literal["display"]

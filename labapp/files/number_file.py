@@ -1,4 +1,4 @@
-"""Arrays of numbers from files: NumPy's, MATLAB's, HDF5, and grey pictures."""
+"""Read arrays of numbers from NumPy, MATLAB and HDF5 files, and from grey pictures."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from labapp.files.reading import decode_image
 
 
 def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]:
-    """The numbers of a file, float64, of any shape.
+    """Read the numbers of a file as float64, of any shape.
 
-    variable: its name in a file of several (.npz, .mat, .h5); the only one by default.
-    UserError if there is no such file or variable, or no numbers in it.
+    variable is the array's name in a .npz, .mat or .h5 file; it may be left out if there is only
+    one. Raises UserError if there is no such file or variable, or if it isn't real numbers.
     """
     require_readable(path)
     kind = path.suffix.lower()
@@ -56,7 +56,7 @@ def _matlab(path: Path) -> dict[str, NDArray[Any]]:
     except MatReadError as error:
         raise ValueError(str(error)) from error
     except NotImplementedError:
-        # Version 7.3 is HDF5, with the axes in the opposite order.
+        # MATLAB files of version 7.3 are HDF5, with the axes in the opposite order.
         return {name: value.T for name, value in _hdf5(path).items()}
     return {name: value for name, value in found.items() if not name.startswith("__")}
 

@@ -1,6 +1,6 @@
-"""Where answers go: endings that are known, what lies beside, and whether all may be written.
+"""The paths of a command's output files, and whether they have known endings and may be written.
 
-A command asks it before it loads what computes the answer.
+Commands check their output paths before they load the slow modules that compute the results.
 """
 
 from __future__ import annotations
@@ -22,18 +22,21 @@ _TIFF = (".tif", ".tiff")
 
 
 def is_design(path: Path) -> bool:
-    """Whether a file's name says that it is a design file."""
+    """Whether a file name has the ending of a design file."""
     return path.suffix.lower() in _DESIGN_ENDINGS
 
 
 def require_photograph_ending(path: Path) -> None:
-    """UserError for the name of a file that no photograph is written to."""
+    """Raise UserError if a path doesn't have the ending of a photograph that can be written."""
     if path.suffix.lower() not in (".npy", ".png", *_TIFF):
         raise UserError(f"{path}: the ending says the kind; choose .tiff, .npy or .png.")
 
 
 def weights_output_path(path: Path, *, force: bool) -> Path:
-    """The file of a network's weights."""
+    """Return the output file of a neural network's weights.
+
+    Raises UserError if it can't be written.
+    """
     if path.suffix != ".npz":
         raise UserError(f"--out {path}: weights are written as .npz. Name such a file.")
     require_all_writable((path,), force=force)
@@ -41,7 +44,11 @@ def weights_output_path(path: Path, *, force: bool) -> Path:
 
 
 def run_output_paths(plans: Sequence[Path], record: Path, *, force: bool) -> list[Path]:
-    """The records of plans: of one a file, of several or in a folder one named after each."""
+    """Return the record files of plans to be run.
+
+    A single plan is recorded in the file `record`. If there are several plans, or `record` is a
+    folder, each plan has a record in that folder, named after the plan.
+    """
     if len(plans) == 1 and not record.is_dir():
         require_all_writable((record,), force=force)
         return [record]
@@ -51,7 +58,7 @@ def run_output_paths(plans: Sequence[Path], record: Path, *, force: bool) -> lis
 
 
 def psf_output_paths(path: Path, *, force: bool) -> tuple[Path, Path]:
-    """The file of a PSF, and of the picture beside it: the same, where it is a picture."""
+    """Return the output file of a PSF, and of its picture; they are the same for a .png."""
     _require_one_of(path, _PSF_ENDINGS)
     picture = path.with_suffix(".png")
     require_all_writable(dict.fromkeys((path, picture)), force=force)
@@ -59,7 +66,7 @@ def psf_output_paths(path: Path, *, force: bool) -> tuple[Path, Path]:
 
 
 def beam_output_path(path: Path, *, force: bool) -> Path:
-    """The file of a picture along the axis."""
+    """Return the output file of a picture of the beam along the axis."""
     if path.suffix.lower() != ".png":
         raise UserError(f"{path}: the ending must be .png.")
     require_all_writable((path,), force=force)
@@ -67,7 +74,10 @@ def beam_output_path(path: Path, *, force: bool) -> Path:
 
 
 def pattern_output_paths(path: Path, frames: int, *, force: bool) -> tuple[list[Path], Path]:
-    """The files of a pattern's frames, numbered pictures or one design file, and of its PSF."""
+    """Return the output files of a pattern's frames, and of the picture of its PSF.
+
+    The frames are numbered pictures, or one design file.
+    """
     _require_one_of(path, _PATTERN_ENDINGS)
     files = [path]
     if frames > 1 and not is_design(path):
@@ -79,7 +89,7 @@ def pattern_output_paths(path: Path, frames: int, *, force: bool) -> tuple[list[
 
 
 def frames_output_path(path: Path, frames: int, *, force: bool) -> tuple[Path, str]:
-    """The file of simulated frames, and its kind: png, tiff or h5."""
+    """Return the output file of simulated frames, and its kind: png, tiff or h5."""
     if frames < 1:
         raise UserError(f"--frames {frames}: ask for one at least.")
     ending = path.suffix.lower()
@@ -101,10 +111,10 @@ def restoration_output_paths(
     blind: bool,
     force: bool,
 ) -> tuple[Path, Path, Path | None]:
-    """The files of a restored photograph, of before and after, and of a PSF that nobody knew.
+    """Return the output files of a restoration: photograph, comparison picture, estimated PSF.
 
-    source: the photograph, beside which they are unless they are named. inputs: other files that
-    are read, and mustn't be replaced.
+    The PSF has a file only in a blind deconvolution. Files that aren't named are placed beside
+    `source`, the photograph. `inputs` are other input files, which may not be replaced.
     """
     data = data or source.with_name(f"{source.stem}_restored.tiff")
     picture = picture or data.with_name(f"{data.stem}_before_after.png")

@@ -1,4 +1,4 @@
-"""The panel: in a bench file, or in a file of its own that benches share."""
+"""The SLM's panel in a bench file, or in a file of its own that several benches share."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ Count = Annotated[int, Field(ge=1, le=100_000)]
 
 
 class PanelTable(FileModel):
-    """The modulator. max_phase_pi: wavelength in nm to highest phase in units of pi.
+    """The SLM's panel in a bench or camera file.
 
-    unmodulated: None where it follows from the camera's polarisation. What else has a default
-    is off by it; optics.slm.Panel says what it is. lut: a file of phases, see read_lut(), which
-    is read into `response`.
+    max_phase_pi maps a wavelength in nm to the highest phase in units of pi. unmodulated is None
+    if it follows from the camera's polarisation. The other defaults switch a feature off;
+    optics.slm.Panel describes all of them. lut is a file of phases, which read_lut() reads into
+    `response`.
     """
 
     model: str
@@ -58,7 +59,7 @@ class PanelTable(FileModel):
         return self
 
     def build(self) -> Panel:
-        """UserError if a file can't be read, or doesn't fit the panel."""
+        """Return the panel; raise UserError if a file can't be read, or doesn't fit the panel."""
         table = self.resolve_files(Path()) if self.lut is not None else self
         maps = {
             name: getattr(self, name).build()
@@ -94,9 +95,9 @@ class PanelTable(FileModel):
         return replace(panel, response=self.response.build(panel))
 
     def resolve_files(self, folder: Path) -> PanelTable:
-        """The panel with all that its files hold, or their absolute paths if they are large.
+        """Return the panel with the contents of its files, or absolute paths of pictures.
 
-        Files are looked for in `folder`. UserError if the table of levels can't be read.
+        Paths are relative to `folder`. Raises UserError if the file of phases can't be read.
         """
         change: dict[str, Any] = {}
         if self.lut is not None:
@@ -114,15 +115,15 @@ class PanelTable(FileModel):
 
 
 class PanelFile(PanelTable):
-    """A panel in a file of its own."""
+    """A panel file, which several benches can share."""
 
     version: Literal[1]
 
 
 def read_panel(file: str, folder: Path) -> PanelTable:
-    """A panel by the name of one that is bundled, or by its file, looked for in `folder`.
+    """Read a panel file, given a bundled name or a path relative to `folder`.
 
-    UserError names file, key, value and rule.
+    Raises UserError with file, key, value and rule.
     """
     path = find_part_file("panel", file, folder)
     data = read_file(path, PanelFile).model_dump(exclude={"version"})
@@ -130,10 +131,10 @@ def read_panel(file: str, folder: Path) -> PanelTable:
 
 
 def with_panel(data: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
-    """A bench's plain data with all of the panel in it, if it names a panel's file.
+    """Return the plain data of a bench file with its panel file included, if it names one.
 
-    Keys beside `file` count more than the file's, and so does a table `polarisation` with what
-    follows from it. source: what errors name.
+    Keys beside `file` override those of the panel file. A table `polarisation` overrides the
+    panel file's unmodulated share. `source` is the name of the bench file in errors.
     """
     panel = data.get("panel")
     if not isinstance(panel, dict) or "file" not in panel:

@@ -1,4 +1,4 @@
-"""The patterns of a plan file: what the SLM shall show, as data."""
+"""The patterns of a plan file, and the union of all their kinds."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ RetrievalMethod = Literal[
     "responding",
     "descent",
 ]
-"""Of phase retrieval, as optics.retrieval has them."""
+"""Names of the methods of phase retrieval in optics.retrieval."""
 
 
 def _tagged_union(tables: Iterable[Any], tag: str) -> Any:
-    """The type of whatever is one of the tables, which its tag tells."""
+    """Return the union type of several tables, which pydantic tells apart by a key `tag`."""
     return Annotated[reduce(operator.or_, tables), Field(discriminator=tag)]
 
 
@@ -46,7 +46,7 @@ else:
 class PSFPattern(PhasePattern):
     """A pattern whose PSF has a target's shape, by phase retrieval.
 
-    Frames of a video know of each other: it is their mean that has the shape.
+    The frames of a video are retrieved together, so that the mean of their PSFs has the shape.
     """
 
     smooth: ClassVar[bool] = False
@@ -81,7 +81,7 @@ class SumPattern(PhasePattern):
     @model_validator(mode="before")
     @classmethod
     def _inherit_wavelength(cls, table: Any) -> Any:
-        """A part that doesn't say its wavelength is for the sum's."""
+        """Give the sum's wavelength to those parts that don't have their own."""
         if not (isinstance(table, dict) and "wavelength_nm" in table and "parts" in table):
             return table
         shared = {"wavelength_nm": table["wavelength_nm"]}
@@ -125,15 +125,16 @@ else:
 
 _stills: tuple[type[GreyPattern | PhasePattern], ...] = (*GREY_PATTERNS, *PHASE_PATTERNS)
 STILL_PATTERNS = {tag_value(one, "kind"): one for one in _stills}
-"""All kinds by their names: whoever lists, reads or shows patterns takes them from here."""
+"""All kinds of still patterns by their names, for listing, reading and showing them."""
 
 
 class VideoPattern(FileModel):
     """Frames that the SLM shows one after the other, again and again (thesis section 3.5).
 
-    frames: names of the plan's still patterns; or pattern: one still pattern, computed
-    `count` times, frame k from the plan's seed + k, so that its random starts differ. Frames
-    of a psf are retrieved together, and a shape that changes with time has its moments in turn.
+    A video has either `frames`, names of the plan's still patterns, or one still `pattern`, which
+    is computed `count` times. Frame k is then computed with the plan's seed + k, so that the
+    random starts differ. The frames of a pattern of kind `psf` are retrieved together. If its
+    target changes with time, equal groups of frames show the moments in turn.
     """
 
     kind: Literal["video"]
@@ -156,16 +157,16 @@ class VideoPattern(FileModel):
 
     @property
     def length(self) -> int:
-        """Number of frames."""
+        """Number of frames of the video."""
         return len(self.frames) or self.count or 0
 
     @property
     def label(self) -> str:
-        """What it is called on the screen and in records."""
+        """The video's description on the screen and in records."""
         return f"video of {self.length}" + (f" x {self.pattern.label}" if self.pattern else "")
 
     def with_least_work(self) -> VideoPattern:
-        """The same with as little work as shows whether it can be computed."""
+        """Return the video with as little work as shows whether it can be computed."""
         if self.pattern is None:
             return self
         return self.model_copy(update={"pattern": self.pattern.with_least_work(), "count": 2})
@@ -178,5 +179,5 @@ else:
 
 
 def pattern_data(spec: StillPattern | VideoPattern) -> dict[str, Any]:
-    """A pattern as a plan file writes it, as plain data."""
+    """Return a pattern's table in a plan file, as plain data."""
     return TypeAdapter(type(spec)).dump_python(spec, mode="json")

@@ -1,7 +1,7 @@
-"""The patterns of a plan file that are formulas: keys and units, and the phase they stand for.
+"""Tables of a plan file for patterns whose phase is given by a formula.
 
-What computes a phase is imported when one is asked for, so that plans are read and kinds are
-listed without it.
+The modules that compute a phase are imported only when one is computed, so that reading plans and
+listing the kinds of patterns stay fast.
 """
 
 from __future__ import annotations
@@ -25,39 +25,45 @@ Iterations = Annotated[int, Ge(1), Le(10_000)]
 
 
 class PhasePattern(Table):
-    """Waves that a pattern is made for; how many of the panel's whole waves it may use."""
+    """A pattern of a plan file that is given as a phase at a wavelength.
+
+    orders is the number of whole waves of the panel's range that it may use.
+    """
 
     smooth: ClassVar[bool] = True
-    """Whether its slope counts when it is added to others."""
+    """Whether the phase is smooth, so that its slope is limited when patterns are added."""
 
     wavelength_nm: Annotated[Positive, Key("that it is made for")] = 550
     orders: Annotated[int, Ge(1), Le(16), Key("whole waves of the panel's range to use")] = 1
 
     @property
     def wavelength(self) -> float:
-        """In metres."""
+        """Wavelength that the pattern is made for, in metres."""
         return self.wavelength_nm * 1e-9
 
     @property
     def depends_on_seed(self) -> bool:
-        """Whether another seed makes another pattern."""
+        """Whether the pattern depends on the plan's seed."""
         return False
 
     @property
     def label(self) -> str:
-        """What it is called on the screen and in records: what it is, and its sizes."""
+        """The pattern's description on the screen and in records: its kind and sizes."""
         return f"{self.summary} for {self.wavelength_nm:g} nm"
 
     def with_least_work(self) -> PhasePattern:
-        """The same with as little work as shows whether it can be computed."""
+        """Return the pattern with as little work as shows whether it can be computed."""
         return self
 
 
 class FormulaPattern(PhasePattern):
-    """A pattern whose phase is known at once."""
+    """A pattern whose phase is given by a formula, without iterations."""
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
-        """Radians on the camera's panel, (rows, columns); ValueError if it can't be shown."""
+        """Return the pattern's phase on the camera's panel, (rows, columns), radians.
+
+        Raises ValueError if the panel can't show it.
+        """
         raise NotImplementedError
 
 
@@ -82,7 +88,7 @@ class LensPattern(FormulaPattern):
 
 
 class AxiconPattern(FormulaPattern):
-    """A cone that sends a point to a ring of a radius on the sensor."""
+    """An axicon, a cone of phase whose PSF is a ring on the sensor."""
 
     title: ClassVar = "Axicon"
     summary_template: ClassVar = "axicon {radius_um:g} µm"
@@ -156,7 +162,7 @@ class LogarithmicPattern(FormulaPattern):
 
 
 class BlazePattern(FormulaPattern):
-    """A blazed grating: all light goes to one side, by a shift or by the grating's period."""
+    """A blazed grating, which sends all light to one side; give the shift or the period."""
 
     title: ClassVar = "Blazed grating"
     kind: Literal["blaze"]
@@ -194,7 +200,7 @@ class BlazePattern(FormulaPattern):
 
 
 class BinaryPattern(FormulaPattern):
-    """Stripes of two phases: half a wave splits the light in two."""
+    """A binary grating of two phases; a step of half a wave splits the light in two."""
 
     summary_template: ClassVar = "binary {period_px:g} px, {step_rad:.3g} rad"
     kind: Literal["binary"]
@@ -211,7 +217,7 @@ class BinaryPattern(FormulaPattern):
 
 
 class SinePattern(FormulaPattern):
-    """A wave of phase: low with a long period, high with a short one (thesis section 6.4)."""
+    """A sine wave of phase, of low or high spatial frequency (thesis section 6.4)."""
 
     title: ClassVar = "Sine"
     summary_template: ClassVar = "sine {period_px:g} px, {amplitude_rad:.3g} rad"
@@ -252,7 +258,7 @@ class PatchesPattern(FormulaPattern):
 
 
 class ZernikePattern(FormulaPattern):
-    """Aberrations by their Zernike polynomials; negative ones undo the lens' own."""
+    """Aberrations as Zernike polynomials, which can cancel those of the lens."""
 
     title: ClassVar = "Aberrations"
     kind: Literal["zernike"]
@@ -282,7 +288,7 @@ class ZernikePattern(FormulaPattern):
 
 
 class RingPattern(PhasePattern):
-    """A pattern whose PSF is a ring, by Gerchberg-Saxton. Sizes on the sensor."""
+    """A pattern whose PSF is a ring, by the Gerchberg-Saxton method. Sizes are on the sensor."""
 
     title: ClassVar = "Ring"
     smooth: ClassVar[bool] = False
@@ -308,7 +314,7 @@ class RingPattern(PhasePattern):
 
 
 FORMULA_PATTERNS = tuple(FormulaPattern.__subclasses__())
-"""All of this file, in its order: a formula is listed, read, shown and offered from here."""
+"""All formula patterns, in the order in which they are listed and offered."""
 
 
 def _metres(millimetres: float | None) -> float | None:
@@ -316,7 +322,7 @@ def _metres(millimetres: float | None) -> float | None:
 
 
 def _illuminated_radius(camera: Camera) -> float:
-    """Metres on the panel, of the disc whose light passes the stop."""
+    """Return the radius in metres of the disc on the panel whose light passes the stop."""
     from optics.stop_shadow import with_stop_shadow_on_panel
 
     corner = math.hypot(*camera.panel.shape) * camera.panel.pitch / 2

@@ -1,4 +1,4 @@
-"""Photographs to be restored: levels as files hold them, and the light that they stand for."""
+"""Read and write the photographs of a restoration: their levels, and the light they stand for."""
 
 from __future__ import annotations
 
@@ -19,21 +19,15 @@ from labapp.files.writing import encode_image
 
 Light = NDArray[np.float32]
 
-_RUN = 3
-"""Pixels in a row at a picture's highest level that are a sign of a full well."""
-
-_SPIKE = 2.0
-"""Of a full well's level in the histogram, over the level below."""
-
 _TIFF = (".tif", ".tiff")
-_BANDS = (1, 3)
 
 
 @dataclass(frozen=True, eq=False)
 class InputPhotograph:
-    """A photograph, (bands, rows, columns); a colour one is red, green and blue.
+    """A photograph that was read from a file, (bands, rows, columns).
 
-    levels: as in the file. is_srgb: whether they are sRGB's 8 bits, and not linear.
+    The bands of a colour photograph are red, green and blue. `levels` are the file's values.
+    `is_srgb` says that they are 8-bit sRGB values; otherwise they are linear.
     """
 
     path: Path
@@ -42,14 +36,17 @@ class InputPhotograph:
 
     @property
     def light(self) -> Light:
-        """Linear; white is 1 where the levels are coded, else in the file's levels."""
+        """The photograph as linear light: white is 1 for sRGB, else the unit is the file's."""
         if not self.is_srgb:
             return self.levels.astype(np.float32)
         return _SRGB_TO_LINEAR[self.levels]
 
     def saturation_level(self) -> float | None:
-        """The level at which the camera was full, if the picture shows one: pixels at its highest
-        level lie side by side, and are more than those of the level below."""
+        """Return the level at which the sensor's wells were full; None if there is no sign of it.
+
+        Full wells show as 3 neighbouring pixels at the picture's highest level, if it also has at
+        least twice as many pixels as the level below.
+        """
         levels = np.where(np.isfinite(self.levels), self.levels, -np.inf)
         top = levels.max()
         at = levels == top
@@ -57,7 +54,7 @@ class InputPhotograph:
             return None
         if np.array_equal(levels, np.rint(levels)):
             below = int((levels == top - 1).sum())
-            if int(at.sum()) < _SPIKE * below:
+            if int(at.sum()) < 2.0 * below:
                 return None
         return float(top)
 
@@ -65,10 +62,10 @@ class InputPhotograph:
 def read_photograph(
     path: Path, *, linear: bool | None = None, frame: int | None = None
 ) -> InputPhotograph:
-    """A JPEG, PNG, TIFF or NumPy array, grey or colour.
+    """Read a photograph from a JPEG, PNG, TIFF or .npy file, grey or colour.
 
-    linear: whether levels are proportional to light; None: all are but 8-bit pictures. frame: of a
-    TIFF of several. UserError says what is wrong with a file.
+    `linear` says whether levels are proportional to light; by default, they are in all but 8-bit
+    pictures. `frame` selects a page of a TIFF of several. Raises UserError if the file is wrong.
     """
     require_readable(path)
     if path.suffix.lower() == ".npy":
@@ -82,10 +79,11 @@ def read_photograph(
 
 
 def encode_photograph(path: Path, light: Light, in_srgb: bool, white_level: float) -> bytes:
-    """A picture's file, by its ending: floating-point light in .npy and .tiff; levels in .png.
+    """Return the bytes of a photograph's file: floating-point light in .npy and .tiff, or a .png.
 
-    light: (bands, rows, columns). A .png has 8 bits of sRGB where the picture it came from did,
-    else 16 linear ones; `white_level` is the light of its highest level.
+    light is (bands, rows, columns). A .png holds 8-bit sRGB values if `in_srgb`, which is meant
+    for results of such a picture, else 16-bit linear values. `white_level` is the light of its
+    highest level.
     """
     ending = path.suffix.lower()
     shown = light[0] if len(light) == 1 else np.moveaxis(light, 0, -1)
@@ -100,7 +98,7 @@ def encode_photograph(path: Path, light: Light, in_srgb: bool, white_level: floa
 
 
 def encode_srgb(light: NDArray[Any]) -> NDArray[np.uint8]:
-    """Light, white at 1, as sRGB's 8 bits (IEC 61966-2-1)."""
+    """Encode linear light, white at 1, as 8-bit sRGB values (IEC 61966-2-1)."""
     light = np.clip(np.nan_to_num(light), 0, 1)
     levels = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     return np.rint(255 * levels).astype(np.uint8)
@@ -111,16 +109,16 @@ def _encode_16_bit(light: NDArray[Any]) -> NDArray[np.uint16]:
 
 
 _SRGB_TO_LINEAR = srgb_to_linear(np.linspace(0, 1, 256)).astype(np.float32)
-"""Light of each of 8 bits' levels."""
+"""Linear light of each 8-bit sRGB level."""
 
 
 def _has_run(at: NDArray[np.bool_]) -> bool:
-    """Whether _RUN pixels of a row are set side by side."""
-    side = at.shape[-1] - _RUN + 1
+    """Return whether 3 neighbouring pixels of a row are set, as a sign of full wells."""
+    side = at.shape[-1] - 2
     if side < 1:
         return False
     run = at[..., :side].copy()
-    for step in range(1, _RUN):
+    for step in (1, 2):
         run &= at[..., step : step + side]
     return bool(run.any())
 
@@ -156,7 +154,7 @@ def _read_image(path: Path, frame: int | None) -> NDArray[Any]:
 
 
 def _page(path: Path, frame: int | None) -> int | None:
-    """Which picture of a file to take; None for the only one."""
+    """Return the page of a TIFF file to read; None if it has only one."""
     count = _pages(path)
     if count > 1 and frame is None:
         raise UserError(f"{path}: holds {count} pictures. Name one: --frame 0 to {count - 1}.")
@@ -176,10 +174,10 @@ def _pages(path: Path) -> int:
 
 
 def _bands(path: Path, values: NDArray[Any]) -> NDArray[Any]:
-    """(rows, columns) or (rows, columns, bands), bands first."""
+    """Return a photograph (rows, columns) or (rows, columns, bands) with its bands first."""
     if values.ndim == 2:
         bands = values[None]
-    elif values.ndim == 3 and values.shape[-1] in _BANDS:
+    elif values.ndim == 3 and values.shape[-1] in (1, 3):
         bands = np.moveaxis(values, -1, 0)
     else:
         raise UserError(

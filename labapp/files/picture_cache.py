@@ -1,4 +1,4 @@
-"""Pictures that a scene needs, read once."""
+"""A cache of the pictures of a scene, so that each file is read once."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from labapp.files.reading import read_picture
 
 _pictures: WeakValueDictionary[tuple[str, int], NDArray[np.float32]] = WeakValueDictionary()
-"""By file and the time of its last change; each lasts while a target is a print of it."""
+"""Pictures by file and time of its last change; each is kept while a target refers to it."""
 
 
 def cached_picture(file: str) -> NDArray[np.float32]:
-    """Linear red, green and blue, read once, though many targets may be prints of it; again
-    when the file has changed."""
+    """Return a picture file as linear red, green and blue; read it again only if it has changed.
+
+    Targets of the same picture share one array.
+    """
     which = (file, _modification_time(file))
     found = _pictures.get(which)
     if found is None:

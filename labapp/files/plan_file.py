@@ -1,4 +1,4 @@
-"""The plan file: what is to be acquired, as data."""
+"""The plan file: targets, patterns, wavelengths and exposures of an acquisition."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ Count = Annotated[int, Field(ge=1, le=10_000)]
 Axis = Literal["target", "pattern", "wavelength", "exposure", "repeat"]
 
 AXES: tuple[Axis, ...] = ("target", "pattern", "wavelength", "exposure", "repeat")
-"""The axes of a block, the slowest to change first unless the block orders them otherwise."""
+"""The axes of an acquisition block in their usual order, the slowest to change first."""
 
 Role = Literal["light", "dark", "flat", "neutral"]
 
 
 class PlannedTarget(FileModel):
-    """What a plan calls a target, and how it gets before the camera.
+    """A target as a plan file names it, and how it is placed before the camera.
 
-    place: its name on the bench; the plan's own if left out. prompt: what a person is asked
-    to do first; the run waits for the answer. distance_m: kept for whoever evaluates.
+    place is the target's name on the bench, by default the plan's name. prompt is what a person
+    is asked to do before the target is placed; the run waits for the answer. distance_m is only
+    recorded, for the evaluation.
     """
 
     place: str | None = None
@@ -37,12 +38,13 @@ class PlannedTarget(FileModel):
 
 
 class InterleavedFrames(FileModel):
-    """Calibration frames between the frames of a block.
+    """Calibration frames between the frames of an acquisition block.
 
-    Before every `every` frames (absent: before the first one only) come `frames` frames of
-    each setting that those need: dark, of every exposure; flat, of every wavelength and
-    exposure; neutral, of every target, wavelength and exposure. target: "dark" and "flat"
-    unless another is named; neutral frames are of the block's own.
+    They are taken before every group of `every` frames, or before the first frame only if `every`
+    is absent. Each needed setting is taken `frames` times. Dark frames are needed for every
+    exposure of the group, flat frames for every wavelength and exposure, neutral frames for every
+    target, wavelength and exposure. target is "dark" or "flat" unless it is given; neutral
+    frames have the block's own targets.
     """
 
     role: Literal["dark", "flat", "neutral"]
@@ -59,13 +61,22 @@ class InterleavedFrames(FileModel):
 
 
 class Acquisition(FileModel):
-    """One block: targets x patterns x wavelengths x exposures x repeats.
+    """One block of a plan: targets x patterns x wavelengths x exposures x repeats.
 
-    slots: of a filter wheel, from 1, instead of wavelengths. periods: exposures as whole
-    periods of the block's phase videos, instead of milliseconds. order: axes, the slowest
-    first; those left out follow in their usual order. together: groups of axes of the same
-    length that step together. any_exposure: a phase video may be cut within its period.
-    role: what the block's frames are for, if not pictures of something.
+    Attributes
+    ----------
+    slots : tuple of int
+        Slots of a filter wheel, from 1, instead of wavelengths.
+    periods : tuple of int
+        Exposures as whole periods of the block's videos, instead of milliseconds.
+    order : tuple of axis names
+        Order of the axes, the slowest first. Axes that are left out follow in their usual order.
+    together : tuple of groups of axis names
+        Axes of the same length that step together, instead of in all combinations.
+    any_exposure : bool
+        Whether an exposure may end within the period of a video.
+    role : str
+        "light" for pictures of a target, else the kind of calibration frame.
     """
 
     targets: Names
@@ -105,7 +116,7 @@ class Acquisition(FileModel):
         return self
 
     def length(self, axis: Axis) -> int:
-        """How many values an axis has."""
+        """Return the number of values of an axis of the block."""
         values = {
             "target": self.targets,
             "pattern": self.patterns,
@@ -117,11 +128,11 @@ class Acquisition(FileModel):
 
 
 class Retry(FileModel):
-    """What happens when a device fails: so many attempts a frame, so far apart, and then.
+    """How a run reacts to a failing device: `attempts` per frame, `wait_s` apart, then `then`.
 
-    From the second failure on the device is opened again; one that can tell that it was
-    unplugged is waited for before that, up to a minute. then: the run fails, and can be
-    resumed; or it pauses until somebody has mended the cause.
+    From the second failure on, the device is opened again. If the device reports that it was
+    unplugged, the run first waits up to a minute for it to come back. After the last attempt, the
+    run fails and can be resumed later ("fail"), or pauses until somebody lets it go on ("pause").
     """
 
     attempts: Annotated[int, Field(ge=1, le=100)] = 3
@@ -130,15 +141,16 @@ class Retry(FileModel):
 
 
 class Reconstruction(FileModel):
-    """Which targets and patterns play which part when the pictures are undone.
+    """The plan's targets and patterns that a reconstruction of its photograph uses.
 
-    wavelength_nm is needed only if the plan has several. iterations: of Richardson-Lucy, at most;
-    it ends where no more than noise is left unexplained.
+    dark, star and photograph are targets; neutral and coded are patterns. wavelength_nm is needed
+    only if the plan has several. iterations is the largest number of Richardson-Lucy iterations,
+    which end earlier when the residual is down to the noise.
     """
 
     @property
     def wavelength(self) -> float | None:
-        """In metres."""
+        """Wavelength of the reconstructed frames in metres; None for the plan's only one."""
         return None if self.wavelength_nm is None else self.wavelength_nm * 1e-9
 
     dark: str = "dark"
@@ -152,10 +164,10 @@ class Reconstruction(FileModel):
 
 
 class PlanFile(FileModel):
-    """An acquisition plan; the same plan runs from window, command line and Python.
+    """A plan of an acquisition, which can be run from the window, the command line and Python.
 
-    targets: by the plan's own names, where the bench's aren't enough. hooks: names of
-    entry points in the group "labapp.hooks". metadata: whatever shall be kept with the data.
+    targets is needed only for targets whose names or prompts differ from the bench's. hooks are
+    names of entry points in the group "labapp.hooks". metadata is kept with the data.
     """
 
     version: Literal[1]
@@ -189,7 +201,7 @@ class PlanFile(FileModel):
         return self
 
     def videos(self, block: Acquisition) -> dict[str, VideoPattern]:
-        """The phase videos among a block's patterns, by name."""
+        """Return the videos among the patterns of a block, by name."""
         found = {name: self.patterns[name] for name in block.patterns}
         return {name: one for name, one in found.items() if isinstance(one, VideoPattern)}
 
@@ -201,7 +213,7 @@ class PlanFile(FileModel):
 
 @dataclass(frozen=True)
 class NamedPlan:
-    """A plan, the name or path that somebody gave for it, and its file."""
+    """A plan with its file's path, and the name or path that the user gave."""
 
     name: Path
     path: Path
@@ -209,6 +221,6 @@ class NamedPlan:
 
 
 def read_plan(name: Path) -> NamedPlan:
-    """The plan of a file, or a ready one by its name; UserError says what is wrong."""
+    """Read a plan, given its path or the name of a bundled plan; raise UserError if it is wrong."""
     path = find_plan(name)
     return NamedPlan(name, path, read_file(path, PlanFile))

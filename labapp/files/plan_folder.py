@@ -1,4 +1,4 @@
-"""A calibration's plan on disk: a TOML file, and its patterns as pictures beside it."""
+"""Write a plan that the application made: a TOML file, and its patterns as pictures beside it."""
 
 from __future__ import annotations
 
@@ -16,11 +16,14 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.writing import encode_image, make_folder, write_atomically
 
 PATTERN_FOLDER = "patterns"
-"""The folder of the pictures, beside the plan."""
+"""Name of the folder of the patterns' pictures, beside the plan file."""
 
 
 def write_plan(folder: Path, plan: PlanFile, patterns: Mapping[str, NDArray[np.uint8]]) -> Path:
-    """Write patterns/*.png and plan.toml; the path of the plan. UserError if it can't be."""
+    """Write plan.toml and patterns/*.png into a folder; return the path of the plan.
+
+    Raises UserError if they can't be written.
+    """
     pictures = folder / PATTERN_FOLDER
     make_folder(pictures)
     path = folder / "plan.toml"
@@ -39,7 +42,7 @@ def write_plan(folder: Path, plan: PlanFile, patterns: Mapping[str, NDArray[np.u
 
 
 def as_toml(data: Mapping[str, Any]) -> str:
-    """A file's plain data as TOML: keys first, then tables, then lists of tables."""
+    """Return plain data as the text of a TOML file: keys, then tables, then lists of tables."""
     plain = {k: v for k, v in data.items() if not isinstance(v, dict) and not _tables(v)}
     lines = [f"{key} = {_value(value)}" for key, value in plain.items()]
     for key, value in data.items():
@@ -67,5 +70,5 @@ def _value(value: Any) -> str:
         return "[" + ", ".join(_value(item) for item in value) + "]"
     if isinstance(value, float) and not math.isfinite(value):
         return repr(value)
-    # TOML's strings, other numbers and truth are JSON's.
+    # TOML writes strings, finite numbers and booleans as JSON does.
     return json.dumps(value, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""The table [polarisation]: what stands in the light's way to the panel and back."""
+"""The table [polarisation] of a camera file: polarising elements before and after the panel."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from optics.polarisation import BeamSplitter, PolarisedPath, Polariser, SourcePo
 
 
 class PolarisedLightTable(FileModel):
-    """Of the object: natural light by default. degree: of linear polarisation."""
+    """Polarisation of the object's light; degree is that of linear polarisation, 0 by default."""
 
     degree: Share = 0.0
     angle_deg: Finite = 0.0
@@ -23,8 +23,12 @@ class PolarisedLightTable(FileModel):
 
 
 class PolariserTable(FileModel):
-    """angle_deg: from the panel's modulated axis. extinction: power along its axis over power
-    across it, as in 1000 for 1000:1; inf is ideal. transmission: along its axis."""
+    """A polariser in the path to or from the panel.
+
+    angle_deg is measured from the panel's modulated axis. extinction is the power along the
+    polariser's axis over the power across it, for example 1000 for 1000:1; inf is ideal.
+    transmission is that along the axis.
+    """
 
     angle_deg: Finite = 0.0
     extinction: Annotated[float, Field(ge=1)] = math.inf
@@ -35,8 +39,12 @@ class PolariserTable(FileModel):
 
 
 class SplitterTable(FileModel):
-    """A cube that light passes to the panel and back. transmitted, reflected: shares of p and
-    s light. angle_deg: from the panel's modulated axis to p. first: its way to the panel."""
+    """A beam splitter cube, which light passes on its way to the panel and back.
+
+    transmitted and reflected are shares of p and s light. angle_deg is the angle from the panel's
+    modulated axis to the p direction. first says whether the light is transmitted or reflected on
+    its way to the panel.
+    """
 
     transmitted: tuple[Share, Share] = (0.5, 0.5)
     reflected: tuple[Share, Share] = (0.5, 0.5)
@@ -53,9 +61,9 @@ class SplitterTable(FileModel):
 
 
 class PolarisationTable(FileModel):
-    """Elements in the order of the light; what isn't given isn't there.
+    """The polarising elements of a camera in the order of the light; elements left out are absent.
 
-    The panel's unmodulated share and a part of the camera's transmission follow from it.
+    The panel's unmodulated share and a part of the camera's transmission follow from them.
     """
 
     light: PolarisedLightTable = PolarisedLightTable()

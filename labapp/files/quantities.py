@@ -1,4 +1,4 @@
-"""Numbers of files and requests, by what they may be."""
+"""Types of numbers in files and requests, with their allowed ranges."""
 
 from __future__ import annotations
 

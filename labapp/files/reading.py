@@ -1,4 +1,4 @@
-"""Reading TOML, JSON and pictures, with errors that name file, key, value and remedy."""
+"""Read TOML, JSON and picture files, with errors that name file, key, value and remedy."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ M = TypeVar("M")
 
 
 class FileModel(BaseModel):
-    """A table of a file: unknown keys are errors, and nothing changes after reading."""
+    """Base of all tables in the application's files; unknown keys are errors, values are frozen."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
 
 def bundled_path(name: str) -> Path:
-    """The path of a file that comes with the application."""
+    """Return the path of a data file that comes with the application."""
     return Path(str(resources.files("labapp") / "data" / name))
 
 
 def read_bytes(path: Path) -> bytes:
-    """What is in a file; UserError if it can't be read."""
+    """Return the bytes of a file; raise UserError if it can't be read."""
     try:
         return path.read_bytes()
     except OSError as error:
@@ -39,9 +39,9 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path, expected_content: str) -> str:
-    """The text of a file.
+    """Return the text of a UTF-8 file; raise UserError if it can't be read or isn't text.
 
-    expected_content: what to give, for the UserError about a file without text.
+    `expected_content` is what the error asks the user to give instead.
     """
     try:
         return read_bytes(path).decode("utf-8-sig")
@@ -50,9 +50,9 @@ def read_text(path: Path, expected_content: str) -> str:
 
 
 def read_file(path: Path, model: type[M]) -> M:
-    """A validated model from a TOML file, or a JSON file by its name.
+    """Read a TOML file, or a JSON file if it ends in .json, and validate it as a model.
 
-    UserError names file, key, value and rule.
+    Raises UserError with file, key, value and rule.
     """
     text = read_text(path, "a TOML or JSON file")
     try:
@@ -67,7 +67,7 @@ def read_file(path: Path, model: type[M]) -> M:
 
 
 def validate(data: dict[str, Any], model: type[M], source: str) -> M:
-    """A model, or a table, from plain data; `source` names the file in errors."""
+    """Validate the plain data of a file as a model; `source` names the file in UserErrors."""
     try:
         return TypeAdapter(model).validate_python(data)
     except ValidationError as error:
@@ -75,7 +75,7 @@ def validate(data: dict[str, Any], model: type[M], source: str) -> M:
 
 
 def format_validation_error(error: ValidationError, source: str) -> str:
-    """The first problems of a validation, one a line."""
+    """Return the first two problems of a file's validation as text, one per line."""
     problems = _innermost_problems(error)
     lines = [f"{source}: {_format_problem(dict(p))}" for p in problems[:2]]
     if len(problems) > 2:
@@ -84,7 +84,7 @@ def format_validation_error(error: ValidationError, source: str) -> str:
 
 
 def _innermost_problems(error: ValidationError) -> list[Any]:
-    """Without the complaint about a table that comes from one about something in it."""
+    """Return a validation's problems without those of tables that have a problem within them."""
     problems = error.errors()
     places = [problem["loc"] for problem in problems]
 
@@ -103,29 +103,29 @@ def _format_problem(problem: dict[str, Any]) -> str:
     message = problem["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     if isinstance(problem["input"], dict):
-        # A whole table tells nobody what is wrong in it.
+        # The message leaves out the value of a whole table, which is long and tells little.
         return f"key {key!r}: {message}." if key else f"{message}."
     return f"key {key!r} is {problem['input']!r}: {message}."
 
 
 def read_picture(path: Path) -> NDArray[np.float32]:
-    """A photograph as linear red, green and blue, (rows, columns, 3), 1 = white.
+    """Read a picture as linear red, green and blue, (rows, columns, 3), 1 = white.
 
     8- and 16-bit files hold sRGB values (IEC 61966-2-1), which are made linear.
-    UserError if the file can't be read as a picture.
+    Raises UserError if the file can't be read as a picture.
     """
     import numpy as np
 
     values = _require_image(path, colour=True)
     encoded = np.linspace(0, 1, np.iinfo(values.dtype).max + 1)
-    # One look-up a value: a photograph of 24 megapixels shall not need gigabytes.
+    # A look-up table of all levels keeps the memory for a photograph of 24 megapixels small.
     return srgb_to_linear(encoded).astype(np.float32)[values[..., ::-1]]
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
-    """A grey picture as it is, (rows, columns) uint8, for showing on a panel.
+    """Read a picture file as grey levels for the panel, (rows, columns) uint8, unchanged.
 
-    UserError if the file is no picture, or isn't 8-bit.
+    Raises UserError if the file is no picture, or isn't 8-bit.
     """
     values = _require_image(path, colour=False)
     if values.dtype != "uint8":
@@ -143,7 +143,7 @@ def _require_image(path: Path, *, colour: bool) -> NDArray[Any]:
 
 
 def decode_image(path: Path, *, colour: bool) -> NDArray[Any] | None:
-    """A picture's values as they are in its file, in OpenCV's order; None for no picture."""
+    """Return a picture file's values in OpenCV's channel order; None if it is no picture."""
     import cv2
     import numpy as np
 
@@ -153,7 +153,7 @@ def decode_image(path: Path, *, colour: bool) -> NDArray[Any] | None:
 
 
 def srgb_to_linear(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Light from sRGB's values (IEC 61966-2-1), both from 0 to 1."""
+    """Convert sRGB values to linear light (IEC 61966-2-1), both from 0 to 1."""
     import numpy as np
 
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

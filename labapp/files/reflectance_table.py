@@ -1,4 +1,4 @@
-"""What a surface reflects: a name, a number, a colour, or a measured spectrum."""
+"""Reflectances in a scene file: a name, a number, a colour, or a measured spectrum."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ PAINTS: dict[str, tuple[float, float, float]] = {
     "yellow": (0.85, 0.62, 0.03),
     "orange": (0.80, 0.26, 0.02),
 }
-"""Linear red, green and blue of toys' plastic, about."""
+"""Approximate linear red, green and blue of toy plastic, by name."""
 
 
 def _validate_reflectance(value: Any) -> Any:
-    """Before its kind is found out: an error about each kind that it isn't helps nobody."""
+    """Check a reflectance before pydantic tries each kind, to give one error instead of four."""
     shares = value if isinstance(value, list | tuple) else [value]
     if isinstance(value, str):
         if value not in PAINTS:
@@ -49,11 +49,11 @@ class SpectrumTable(FileModel):
 Reflectance = Annotated[
     float | tuple[float, float, float] | str | SpectrumTable, BeforeValidator(_validate_reflectance)
 ]
-"""Of all wavelengths alike; of linear red, green and blue; by name; or measured."""
+"""A constant reflectance; one for linear red, green and blue; a name; or a measured spectrum."""
 
 
 def reflectance_spectrum(surface: Reflectance) -> Spectrum:
-    """As a spectrum; UserError if a table can't be read."""
+    """Return a reflectance as a spectrum; raise UserError if its file can't be read."""
     if isinstance(surface, SpectrumTable):
         return extend_to_silicon_range(read_spectrum(Path(surface.file), surface.column))
     if isinstance(surface, str):
@@ -64,11 +64,11 @@ def reflectance_spectrum(surface: Reflectance) -> Spectrum:
 
 
 def mallett_basis() -> Basis:
-    """The reflectances of sRGB's primaries by Mallett and Yuksel (2019)."""
+    """Return the reflectance spectra of sRGB's primaries by Mallett and Yuksel (2019)."""
     table = bundled_spectra("mallett2019")
     return basis_of(table["red"], table["green"], table["blue"])
 
 
 def reflectance_basis(spectra: Literal["mallett", "primaries"]) -> Basis:
-    """How a photograph's colours become reflectances."""
+    """Return the basis that converts a photograph's colours to reflectance spectra."""
     return mallett_basis() if spectra == "mallett" else primaries()

@@ -1,4 +1,4 @@
-"""The scene file: what stands before the camera of a virtual bench."""
+"""The scene file: targets and lamps before the camera of a virtual bench."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ TargetTable = Annotated[
 ]
 
 _VERSION_1_KINDS = (DarkTable, StarTable, FlatTable, PhotographTable)
-"""Kinds that the first version of the format has."""
+"""Kinds of targets in version 1 of the scene file."""
 
 
 class SceneFile(FileModel):
-    """Named targets and lamps, and how exactly they are simulated.
+    """A scene file: targets and lamps by name, and the tolerance of their simulation.
 
-    tol: relative error of the picture that effects may be left out for. effects: those that are
-    on, off, or at a level of theirs, whatever their size. truth: what the bench really is, where
-    that differs from the bench file.
+    The simulator leaves out effects as long as the relative error of the picture stays below tol.
+    effects forces single effects to be on, off, or at a named level, whatever their size. truth
+    holds the properties of the virtual bench that differ from its bench file.
     """
 
     version: Literal[1, 2]
@@ -86,7 +86,7 @@ class SceneFile(FileModel):
             raise ValueError(f"{what} needs version = 2")
 
     def build(self) -> Scene:
-        """The scene; UserError if a file can't be read, or doesn't hold what it should."""
+        """Return the simulator's scene; raise UserError if one of its files is wrong."""
         lamps = {name: light.build() for name, light in self.lights.items()}
         built = {}
         for name, table in self.targets.items():
@@ -98,15 +98,15 @@ class SceneFile(FileModel):
 
     @property
     def input_files(self) -> list[Path]:
-        """The files that the scene needs: pictures, and tables of numbers."""
+        """Paths of the picture and data files that the scene needs."""
         return referenced_files(self)
 
     def with_files_in(self, folder: Path) -> SceneFile:
-        """The scene with absolute paths of its files, looked for in `folder`."""
+        """Return the scene file with absolute paths of its files, relative to `folder`."""
         return with_absolute_paths(self, folder)
 
     def with_photographs(self, changes: dict[str, str]) -> SceneFile:
-        """The scene with keys of all its photographs changed."""
+        """Return the scene file with changed keys in the tables of all photographs."""
         tables = {
             name: table.model_copy(update=changes) if isinstance(table, PhotographTable) else table
             for name, table in self.targets.items()

@@ -1,4 +1,4 @@
-"""Tables of a scene's targets. Radiances are W / (sr m² nm), at the light's visible peak."""
+"""Tables of a scene's targets. Radiances are in W / (sr m² nm), at the light's visible peak."""
 
 from __future__ import annotations
 
@@ -24,16 +24,17 @@ Lamps = Mapping[str, Lamp]
 
 
 class MotionTable(FileModel):
-    """velocity_mm_s: [y, x] across the axis at the object, upright as in the picture."""
+    """A target's motion: velocity [y, x] across the axis, upright as in the picture."""
 
     velocity_mm_s: tuple[Finite, Finite]
 
 
 class IlluminatedTargetTable(FileModel):
-    """What all targets but the dark have.
+    """Base of all targets of a scene that give light.
 
-    light: a lamp of the table [lights]; none shines alike at all wavelengths. polarised_deg: the
-    plane in which all of the target's light swings, from x towards y; none is unpolarised.
+    light names a lamp of the table [lights]; without it, the light is the same at all wavelengths.
+    polarised_deg is the direction of linear polarisation, from x towards y; without it, the light
+    is unpolarised.
     """
 
     radiance: Positive
@@ -42,7 +43,7 @@ class IlluminatedTargetTable(FileModel):
     polarised_deg: Finite | None = None
 
     def light_arguments(self, lamps: Lamps) -> dict[str, Any]:
-        """What a target is made with besides its picture."""
+        """Return the arguments of a simulated target that describe its light and motion."""
         lamp = lamps[self.light] if self.light is not None else Lamp(None)
         velocity = self.motion.velocity_mm_s if self.motion else (0.0, 0.0)
         angle = self.polarised_deg
@@ -63,7 +64,7 @@ class DarkTable(FileModel):
 
 
 class StarTable(IlluminatedTargetTable):
-    """A lit pinhole. offset_um: [y, x] from the axis to it, as in the upright picture."""
+    """An artificial star; offset_um is [y, x] from the axis, as in the upright picture."""
 
     kind: Literal["star"]
     diameter_um: Positive
@@ -81,7 +82,7 @@ class StarTable(IlluminatedTargetTable):
 
 
 class PinholeTable(IlluminatedTargetTable):
-    """A hole that is lit from behind, of a millimetre (thesis §5.6)."""
+    """A hole of about a millimetre that is lit from behind (thesis §5.6)."""
 
     kind: Literal["pinhole"]
     diameter_mm: Positive = 1.0
@@ -99,7 +100,7 @@ class PinholeTable(IlluminatedTargetTable):
 
 
 class FlatTable(IlluminatedTargetTable):
-    """An evenly lit field without an end."""
+    """An evenly lit target that fills the whole field of view."""
 
     kind: Literal["flat"]
     distance_m: Distance
@@ -109,9 +110,11 @@ class FlatTable(IlluminatedTargetTable):
 
 
 class PictureTargetTable(IlluminatedTargetTable):
-    """A picture of pixels. cover: side of the picture over side of the frame, where it just
-    covers it. height_mm: at the object, which counts instead of it where it is given.
-    offset_mm: [y, x] from the axis to its middle. credit: who made it; reports say it.
+    """Base of the targets of a scene that are made from a picture file.
+
+    cover is the size of the picture relative to the size at which it just covers the frame.
+    height_mm, at the object, overrides it. offset_mm is [y, x] from the axis to the picture's
+    middle. credit is the picture's author, whom reports name.
     """
 
     file: str
@@ -131,10 +134,10 @@ class PictureTargetTable(IlluminatedTargetTable):
 
 
 class PhotographTable(PictureTargetTable):
-    """A print of a picture file.
+    """A print of a picture file, as a target of a scene.
 
-    spectra: "mallett" for smooth reflectances of its colours, "primaries" for lines between
-    610, 540 and 450 nm, which its red, green and blue stand for.
+    spectra is "mallett" for smooth reflectances of the picture's colours. With "primaries", red,
+    green and blue are the reflectances at 610, 540 and 450 nm, with straight lines between.
     """
 
     kind: Literal["photograph"]
@@ -151,7 +154,7 @@ class PhotographTable(PictureTargetTable):
 
 
 class _ChartTarget(IlluminatedTargetTable):
-    """A chart that stands alone."""
+    """A target of a scene that is a single chart."""
 
     distance_m: Distance
 
@@ -178,14 +181,14 @@ class ColorCheckerTable(_ChartTarget, ColorChecker):
 
 
 class LayerTable(FileModel):
-    """What stands at one distance, and hides what is behind it."""
+    """An object of a layered scene at one distance, which hides the objects behind it."""
 
     distance_m: Distance
     picture: Annotated[Chart, Field(discriminator="kind")]
 
 
 class LayersTable(IlluminatedTargetTable):
-    """Things at distances, the nearest first."""
+    """A target of a scene that is made of objects at several distances, the nearest first."""
 
     kind: Literal["layers"]
     layers: Annotated[list[LayerTable], Field(min_length=1, max_length=64)]

@@ -1,4 +1,4 @@
-"""The sensor: in a bench or camera file, or in a file of its own that benches share."""
+"""The sensor in a bench or camera file, or in a file of its own that several benches share."""
 
 from __future__ import annotations
 
@@ -24,13 +24,16 @@ InlineCurve = dict[Nanometres, Annotated[float, Field(ge=0, le=1)]]
 
 
 class CurveFile(FileModel):
-    """A column of a CSV file: wavelengths in nm, and electrons per photon."""
+    """A curve of quantum efficiency in a CSV file: wavelengths in nm, and electrons per photon."""
 
     file: str
     column: str | None = None
 
     def read_curve(self, folder: Path) -> InlineCurve:
-        """The curve itself, looked for in `folder`. UserError names file, line and value."""
+        """Read the curve of quantum efficiency from its file in `folder`.
+
+        Raises UserError with file, line and value.
+        """
         path = folder / self.file
         curve = read_spectrum(path, self.column)
         if curve.peak > 1:
@@ -47,8 +50,11 @@ Curve = InlineCurve | CurveFile
 
 
 class ColourTable(FileModel):
-    """Filters on the pixels. pattern: rows of letters, that repeat over the sensor from its
-    first pixel on. efficiency: of each letter's pixels, filters included, by wavelength."""
+    """Colour filters on a sensor's pixels.
+
+    pattern is a list of rows of letters, which repeats over the sensor from its first pixel on.
+    efficiency is the quantum efficiency of each letter's pixels by wavelength, filter included.
+    """
 
     pattern: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1)]
     efficiency: dict[str, Curve]
@@ -64,11 +70,11 @@ class ColourTable(FileModel):
 
 
 class SensorTable(FileModel):
-    """The sensor, in the quantities of EMVA 1288.
+    """The sensor in a camera file, by the quantities of EMVA 1288.
 
-    quantum_efficiency: a share, the same at all wavelengths; or shares by wavelength in nm,
-    linear between them and nothing beyond; or a file of them. A colour sensor has a table
-    `colour` instead. What has a default is off by it; optics.camera.Sensor says what it is.
+    quantum_efficiency is a number for all wavelengths, or a table of shares by wavelength in nm,
+    linear between them and 0 beyond, or a file of such a table. A colour sensor has a table
+    `colour` instead. The defaults switch a feature off; optics.camera.Sensor describes all of them.
     """
 
     model: str
@@ -109,7 +115,7 @@ class SensorTable(FileModel):
 
     @property
     def has_all_curves(self) -> bool:
-        """Whether all curves are in it, and none in a file of its own."""
+        """Whether all curves of quantum efficiency are in the table, and none in another file."""
         curves = [
             self.quantum_efficiency,
             *(self.colour.efficiency.values() if self.colour else ()),
@@ -117,8 +123,10 @@ class SensorTable(FileModel):
         return not any(isinstance(one, CurveFile) for one in curves)
 
     def resolve_files(self, folder: Path) -> Self:
-        """The sensor with all that its files hold, looked for in `folder`. UserError names file,
-        line and value."""
+        """Return the sensor with its curves read from their files in `folder`.
+
+        Raises UserError with file, line and value.
+        """
         efficiency = self.quantum_efficiency
         if isinstance(efficiency, CurveFile):
             efficiency = efficiency.read_curve(folder)
@@ -126,7 +134,7 @@ class SensorTable(FileModel):
         return self.model_copy(update={"quantum_efficiency": efficiency, "colour": colour})
 
     def build(self) -> Sensor:
-        """ValueError for what no sensor can be; curves must have been found before."""
+        """Return the sensor; raise ValueError for impossible values or a curve that wasn't read."""
         efficiency = self.quantum_efficiency
         even = efficiency if isinstance(efficiency, float) else None
         curve = _spectrum(efficiency) if isinstance(efficiency, dict | CurveFile) else None
@@ -141,7 +149,7 @@ class SensorTable(FileModel):
             read_noise=self.read_noise_electrons,
             dark_current=self.dark_current_electrons_per_s,
             black_level=self.black_level_dn,
-            # Who asks for one number of a curve gets its peak.
+            # The peak of the curve is the single number that stands for it.
             quantum_efficiency=even or max([curve.peak] if curve else peaks),
             exposure_range=(self.shortest_exposure_us * 1e-6, self.longest_exposure_s),
             spectral_efficiency=curve,
@@ -159,15 +167,15 @@ class SensorTable(FileModel):
 
 
 class SensorFile(SensorTable):
-    """A sensor in a file of its own."""
+    """A sensor file, which several benches can share."""
 
     version: Literal[1]
 
 
 def read_sensor(file: str, folder: Path) -> SensorTable:
-    """A sensor by the name of one that is bundled, or by its file, looked for in `folder`.
+    """Read a sensor file, given a bundled name or a path relative to `folder`.
 
-    UserError names file, key, value and rule.
+    Raises UserError with file, key, value and rule.
     """
     path = find_part_file("sensor", file, folder)
     found = read_file(path, SensorFile).resolve_files(path.parent)
@@ -175,10 +183,10 @@ def read_sensor(file: str, folder: Path) -> SensorTable:
 
 
 def with_sensor(data: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
-    """A bench's plain data with all of the sensor in it, if it names a sensor's file.
+    """Return the plain data of a bench file with its sensor file included, if it names one.
 
-    Keys beside `file` count more than the file's; an efficiency of one kind takes the place of
-    the other. source: what errors name.
+    Keys beside `file` override those of the sensor file; quantum_efficiency and colour replace
+    each other. `source` is the name of the bench file in errors.
     """
     sensor = data.get("sensor")
     if not isinstance(sensor, dict) or "file" not in sensor:

@@ -1,4 +1,4 @@
-"""Spectra from text files: wavelengths in nm, and a column for each spectrum."""
+"""Read spectra from CSV files: wavelengths in nm, and a column for each spectrum."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from optics.light.spectrum import Spectrum
 
 
 def read_spectrum(path: Path, column: str | None = None) -> Spectrum:
-    """One spectrum of a file; column: its name, which is needed where there are several.
+    """Read one spectrum of a CSV file; `column` must be given if there are several.
 
-    UserError names file, line and value.
+    Raises UserError with file, line and value.
     """
     spectra = read_spectra(path)
     if column is None and len(spectra) == 1:
@@ -27,11 +27,11 @@ def read_spectrum(path: Path, column: str | None = None) -> Spectrum:
 
 
 def read_spectra(path: Path) -> dict[str, Spectrum]:
-    """All spectra of a CSV file, by the names in its first line.
+    """Read all spectra of a CSV file, by the names in its first line.
 
-    Lines from # on are remarks. The first column is wavelengths in nm, rising; the first line
-    may be left out, and the columns then are called 1, 2 and so on.
-    UserError names file, line and value.
+    Text after # is a comment. The first column holds wavelengths in nm, rising. The line of names
+    may be left out; the columns are then called 1, 2 and so on.
+    Raises UserError with file, line and value.
     """
     names: list[str] = []
     rows: list[list[float]] = []
@@ -68,5 +68,5 @@ def read_spectra(path: Path) -> dict[str, Spectrum]:
 
 @lru_cache(maxsize=16)
 def bundled_spectra(name: str) -> dict[str, Spectrum]:
-    """Of a table that comes with the application; not to be changed."""
+    """Read a table of spectra that comes with the application; the result must not be changed."""
     return read_spectra(bundled_path("spectra") / f"{name}.csv")

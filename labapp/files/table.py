@@ -1,7 +1,7 @@
-"""Tables of a plan file as plain dataclasses, whose keys say what they are.
+"""Tables of a plan file as plain dataclasses, whose keys carry descriptions.
 
-pydantic reads and checks them like its own models, but nothing needs it to list them: so a window
-and a command line offer them at once.
+pydantic reads and validates them like its own models. The tables can be listed without importing
+pydantic, so that the window and the command line offer them without delay.
 """
 
 from __future__ import annotations
@@ -31,11 +31,18 @@ Count = Annotated[int, Ge(1), Le(100_000)]
 
 @dataclass(frozen=True)
 class Key:
-    """What a person is told of a key, and its field on a form.
+    """Description of a key of a plan's table, and its field on a form of the window.
 
-    description: what it is; its unit is what its name ends in. label: on the form, where a key
-    without one isn't; a file's is the hint. initial: what stands there in the beginning. low, high:
-    limits of a number.
+    Attributes
+    ----------
+    description : str
+        Meaning of the key. Its unit follows from the ending of its name.
+    label : str
+        Label on the form. Keys without a label aren't on the form. For a file, it is the hint.
+    initial : object
+        Initial value on the form.
+    low, high : float
+        Limits of a number on the form.
     """
 
     description: str = ""
@@ -47,12 +54,12 @@ class Key:
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
 class Table:
-    """A dataclass whose entries are given by name and never change.
+    """Base of the tables of a plan file: a frozen dataclass with keyword arguments.
 
-    Unknown keys are errors, as are numbers that aren't finite; what else can't be, its
-    `__post_init__` says by a ValueError. title: what a form calls it; without one it isn't on
-    forms. summary_template: what it is and how large, with keys in braces, where that is always
-    said alike.
+    Unknown keys and numbers that aren't finite are errors. `__post_init__` raises ValueError for
+    other impossible values. title is the table's name on forms; a table without it isn't on
+    forms. summary_template is a short text with keys in braces, for tables whose summary always
+    has the same form.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -65,18 +72,18 @@ class Table:
 
     @property
     def summary(self) -> str:
-        """What it is and how large, in a few words."""
+        """A few words on the table's kind and sizes."""
         return self.summary_template.format(**vars(self))
 
 
 def tag_value(table: type[Table], key: str) -> str:
-    """The value that a key of a table always has: what it is known by."""
+    """Return the only value that a key of a table can have, which identifies its kind."""
     name: str = get_args(get_type_hints(table)[key])[0]
     return name
 
 
 def keys_of(table: type[Any]) -> Iterator[tuple[str, type[Any], Key]]:
-    """Name, type and Key of what a table has a Key for, in their order."""
+    """Yield name, type and Key of a table's fields that have a Key, in their order."""
     hints = get_type_hints(table, include_extras=True)
     for one in fields(table):
         kind, *rest = get_args(hints[one.name]) or (hints[one.name],)
@@ -87,5 +94,5 @@ def keys_of(table: type[Any]) -> Iterator[tuple[str, type[Any], Key]]:
 
 
 def unit_of(key: str) -> str:
-    """The unit that a key's name ends in; empty where it has none."""
+    """Return the unit in which a key's name ends; empty if it has none."""
     return next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")

@@ -1,4 +1,4 @@
-"""Files that tables name, wherever in them they stand."""
+"""Find the paths of files in the tables of a scene file, and make them absolute."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from labapp.files.reading import FileModel
 M = TypeVar("M", bound=FileModel)
 
 PATH_KEYS = frozenset({"file", "disparity", "depth"})
-"""Names of the keys whose values are paths."""
+"""Names of the keys in a scene's tables whose values are paths."""
 
 
 def with_absolute_paths(table: M, folder: Path) -> M:
-    """The table with absolute paths of its files, looked for in `folder`."""
+    """Return a table, and those within it, with absolute paths of files, relative to `folder`."""
     changes = {
         name: _make_absolute(name, getattr(table, name), folder)
         for name in type(table).model_fields
@@ -24,7 +24,7 @@ def with_absolute_paths(table: M, folder: Path) -> M:
 
 
 def referenced_files(table: FileModel) -> list[Path]:
-    """All files that a table and those in it name, each once, sorted."""
+    """Return all files that a table, and those within it, name, each once, sorted."""
     return sorted(set(_collect_paths("", table)))
 
 

@@ -1,7 +1,7 @@
-"""The PSF shapes of a plan file: keys and units, and what they draw.
+"""Tables of a plan file for the target shapes of PSFs.
 
-What draws is imported when a drawing is asked for, so that plans are read and shapes are listed
-without it.
+The modules that draw a shape are imported only when one is drawn, so that reading plans and
+listing the shapes stay fast.
 """
 
 from __future__ import annotations
@@ -27,29 +27,30 @@ Width = Annotated[
 
 
 class TargetShape(Table):
-    """A PSF shape."""
+    """A target of phase retrieval in a plan file: the requested shape of a PSF."""
 
     def require_frames(self, frames: int) -> None:
-        """ValueError if a video of so many frames can't show it."""
+        """Raise ValueError if a video of this many frames can't show the target."""
 
     def with_least_work(self) -> TargetShape:
-        """The same, at as few moments as show whether it can be drawn."""
+        """Return the target with as few moments as show whether it can be drawn."""
         return self
 
     def video_drawings(self, frames: int, folder: Path) -> list[Drawing]:
-        """Its pictures during a video, as many as divide the frames; of most shapes, one.
+        """Return the target's drawings at the moments of a video; most shapes have only one.
 
-        folder: where picture files lie. ValueError for sizes that can't be.
+        The number of moments divides `frames`. Picture files are read from `folder`. Raises
+        ValueError for impossible sizes.
         """
         return [self.draw(folder)]
 
     def draw(self, folder: Path) -> Drawing:
-        """A shape that stands still."""
+        """Return the drawing of a target that doesn't change with time."""
         raise NotImplementedError
 
 
 class StrokedTarget(TargetShape):
-    """What is drawn within a circle, with a stroke; by the function of its shape's name."""
+    """Base of the targets that are drawn with a stroke within a circle."""
 
     summary_template: ClassVar = "{shape} {radius_um:g}/{width_um:g} µm"
     radius_um: Radius = 100.0
@@ -67,20 +68,20 @@ class StrokedTarget(TargetShape):
 
 
 class RingTarget(StrokedTarget):
-    """A ring."""
+    """A ring as a PSF."""
 
     shape: Literal["ring"]
 
 
 class SpiralTargetBase(StrokedTarget):
-    """What every spiral has."""
+    """Base of the spiral targets."""
 
     turns: Annotated[float, Gt(0), Le(50), Key("from the axis outwards")] = 3.0
     hole: Annotated[float, Ge(0), Lt(1), Key("share of the radius left out")] = 0.36
 
 
 class SpiralTarget(SpiralTargetBase):
-    """The thesis' spiral (Fig. 3.3): its distance from the axis grows as the angle squared."""
+    """The spiral of the thesis (Fig. 3.3), whose radius grows with the square of the angle."""
 
     title: ClassVar = "Spiral"
     shape: Literal["spiral"]
@@ -92,7 +93,7 @@ class SpiralTarget(SpiralTargetBase):
 
 
 class ShrinkingSpiralTarget(SpiralTargetBase):
-    """A spiral that shrinks with time (thesis Fig. 3.4); for videos."""
+    """A spiral that shrinks with time (thesis Fig. 3.4), for videos."""
 
     shape: Literal["shrinking-spiral"]
     smallest: Annotated[float, Gt(0), Le(1), Key("share of the radius at the last moment")] = 0.4
@@ -121,21 +122,21 @@ class ShrinkingSpiralTarget(SpiralTargetBase):
 
 
 class HeartTarget(StrokedTarget):
-    """A heart, upright."""
+    """An upright heart as a PSF."""
 
     title: ClassVar = "Heart"
     shape: Literal["heart"]
 
 
 class InfinityTarget(StrokedTarget):
-    """The symbol of infinity, lying."""
+    """The infinity symbol."""
 
     title: ClassVar = "Infinity"
     shape: Literal["infinity"]
 
 
 class EyeTarget(StrokedTarget):
-    """An eye with its iris and pupil."""
+    """An eye with iris and pupil as a PSF."""
 
     title: ClassVar = "Eye"
     shape: Literal["eye"]
@@ -181,7 +182,7 @@ class DotsTarget(TargetShape):
 
 
 class LettersTarget(TargetShape):
-    """A line of text."""
+    """A line of text as a PSF."""
 
     title: ClassVar = "Letters"
     summary_template: ClassVar = "letters {text} {height_um:g}/{width_um:g} µm"
@@ -199,7 +200,7 @@ class LettersTarget(TargetShape):
 
 
 class LogoTarget(TargetShape):
-    """A grey picture: bright is light."""
+    """A grey picture, in which bright means light."""
 
     title: ClassVar = "Logo from a picture"
     shape: Literal["logo"]
@@ -222,7 +223,7 @@ class LogoTarget(TargetShape):
 
 
 class DispersionTarget(TargetShape):
-    """A row of dots, as a prism makes it of so many wavelengths (thesis Fig. 4.11)."""
+    """A row of dots, one for each wavelength, as a prism would make it (thesis Fig. 4.11)."""
 
     shape: Literal["dispersion"]
     wavelengths_nm: Annotated[tuple[Positive, ...], MinLen(1), MaxLen(1000), Key("one dot each")]
@@ -259,4 +260,4 @@ TARGET_SHAPES: tuple[type[TargetShape], ...] = (
     LogoTarget,
     DispersionTarget,
 )
-"""All that there are, in the order in which they are listed."""
+"""All target shapes, in the order in which they are listed."""

@@ -1,4 +1,4 @@
-"""Tables of numbers in text files, as vendors and spreadsheets write them."""
+"""Read tables of numbers in text files, as vendors and spreadsheets write them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from labapp.files.reading import read_text
 
 
 def table_lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Numbered lines that say something, in cells, which semicolons part, or else commas, or
-    else blanks. Lines from # on are remarks. UserError for a file without text.
+    """Return the lines of a text table with their numbers, split into cells.
+
+    The separator is a semicolon if there is any in the file, else a comma, else blanks. Text after
+    # is a comment, and empty lines are left out. Raises UserError if the file isn't text.
     """
     text = read_text(path, "a table as CSV")
     plain = ((k, line.split("#", 1)[0].strip()) for k, line in enumerate(text.splitlines(), 1))
@@ -26,7 +28,7 @@ def table_lines(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def parse_numbers(cells: list[str]) -> list[float] | None:
-    """The numbers in cells; None if one holds something else."""
+    """Return the numbers in a text table's cells; None if a cell holds something else."""
     try:
         return [float(cell) for cell in cells]
     except ValueError:

@@ -1,7 +1,7 @@
-"""A scene's table [truth]: what a virtual bench really is, where its bench file is wrong.
+"""A scene's table [truth]: properties of a virtual bench that differ from its bench file.
 
-The application knows the bench file alone, as it does of a real bench: what is here has to be
-found out by calibrating.
+The application reads only the bench file, as with a real bench. A calibration has to measure the
+differences.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ def _require_zernike_term(term: tuple[int, int, float]) -> tuple[int, int, float
 
 
 Zernike = Annotated[tuple[int, int, Finite], AfterValidator(_require_zernike_term)]
-"""[n, m, nm of optical path, root mean square]."""
+"""A Zernike polynomial: [n, m, nm of optical path, root mean square]."""
 
 
 class TrueResponseTable(FileModel):
-    """range (x^gamma + wiggle sin 2 pi x), at x from 0 to 1 over the grey levels; or a table.
+    """True phase response of a virtual bench's panel.
 
-    shares: of the highest phase, of every grey level.
+    The response is range (x^gamma + wiggle sin 2 pi x), where x is the grey level from 0 to 1.
+    Alternatively, shares gives the phase of every grey level as a share of the highest phase.
     """
 
     gamma: Positive = 1.0
@@ -48,7 +49,7 @@ class TrueResponseTable(FileModel):
     def _validate_response(self) -> TrueResponseTable:
         if self.shares is not None and self.model_fields_set != {"shares"}:
             raise ValueError("give either shares, or gamma, wiggle and range")
-        # It must rise, and says so now.
+        # Building the response checks that it rises.
         self.build(256)
         return self
 
@@ -59,16 +60,16 @@ class TrueResponseTable(FileModel):
 
 
 class IlluminationTable(FileModel):
-    """A Gaussian beam: its radius to 1/e², and [y, x] of its centre on the panel."""
+    """True illumination of the panel: a Gaussian beam of 1/e² radius, centred at [y, x]."""
 
     radius_mm: Positive
     centre_mm: tuple[Finite, Finite] = (0.0, 0.0)
 
 
 class TruePanelTable(FileModel):
-    """What the modulator really is; what isn't given is as described.
+    """True properties of a virtual bench's panel; those left out are as in the bench file.
 
-    flatness: Zernike polynomials over the circle around the panel.
+    flatness is a list of Zernike polynomials over the circle around the panel.
     """
 
     fill_factor: Annotated[float, Field(gt=0, le=1)] | None = None
@@ -104,7 +105,7 @@ class TruePanelTable(FileModel):
 
 
 class TrueLensTable(FileModel):
-    """What the lens really is; what isn't given is as described."""
+    """True properties of a virtual bench's lens; those left out are as in the bench file."""
 
     focal_length_mm: Positive | None = None
     f_number: Positive | None = None
@@ -123,7 +124,7 @@ class TrueLensTable(FileModel):
 
 
 class MountTable(FileModel):
-    """How the panel sits before the sensor: mirrored first, then turned from x towards y."""
+    """Orientation of the panel relative to the sensor: mirrored, then rotated from x towards y."""
 
     rotation_deg: Finite = 0.0
     flip_x: bool = False
@@ -134,14 +135,17 @@ class MountTable(FileModel):
 
 
 class TrueBenchTable(FileModel):
-    """Differences of a virtual bench from its description, part by part."""
+    """The table [truth]: differences of a virtual bench from its bench file, part by part."""
 
     panel: TruePanelTable = TruePanelTable()
     lens: TrueLensTable = TrueLensTable()
     mount: MountTable = MountTable()
 
     def true_camera(self, nominal: Camera) -> Camera:
-        """The camera that there really is; ValueError names the table that doesn't fit it."""
+        """Return the true camera of a virtual bench, given the camera of its bench file.
+
+        Raises ValueError with the table that doesn't fit the camera.
+        """
         panel = _with_table_in_errors("panel", lambda: self.panel.apply(nominal.panel))
         lens = _with_table_in_errors("lens", lambda: self.lens.apply(nominal.lens))
         return replace(nominal, panel=panel, lens=lens)

@@ -1,4 +1,4 @@
-"""Writing files that people asked for: nothing replaced without leave, nothing half-written."""
+"""Write output files atomically, and never replace a file without permission."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def require_writable(path: Path, *, force: bool) -> None:
-    """UserError if a file exists and may not be replaced, or its folder can't be written."""
+    """Raise UserError if a file exists and `force` isn't set, or its folder can't be written to."""
     folder = path.parent
     if path.is_dir():
         raise UserError(f"{path}: is a folder. Name a file in it.")
@@ -28,14 +28,14 @@ def require_writable(path: Path, *, force: bool) -> None:
 
 
 def require_all_writable(paths: Iterable[Path | None], *, force: bool) -> None:
-    """The same of several files, where they are asked for."""
+    """Raise UserError as require_writable() does, for each path that isn't None."""
     for path in paths:
         if path is not None:
             require_writable(path, force=force)
 
 
 def require_free_names(folder: Path, names: Sequence[str], *, force: bool) -> None:
-    """UserError if files would be replaced without leave, or the folder can't be written."""
+    """Raise UserError if a folder can't be written to, or has files that may not be replaced."""
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder}: is a file. Name a folder.")
     if folder.is_dir():
@@ -43,7 +43,7 @@ def require_free_names(folder: Path, names: Sequence[str], *, force: bool) -> No
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those that it lies in, if it isn't there; UserError if that fails."""
+    """Make a folder and its parents if they don't exist; raise UserError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -53,7 +53,7 @@ def make_folder(folder: Path) -> None:
 
 
 def sync_to_disk(path: Path) -> None:
-    """Return when what was written to a file is on the disk."""
+    """Wait until all that was written to a file is on the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -62,8 +62,11 @@ def sync_to_disk(path: Path) -> None:
 
 
 def encode_image(path: Path, picture: NDArray[Any]) -> bytes:
-    """What a picture's file holds, by its ending; values in OpenCV's order, but those of .npy are
-    kept as they are. UserError."""
+    """Return the bytes of a picture file of the kind that the path's ending names.
+
+    The channels are in OpenCV's order, except that .npy keeps the array as it is. Raises UserError
+    if the picture can't be encoded.
+    """
     if path.suffix.lower() == ".npy":
         import numpy as np
 
@@ -79,7 +82,7 @@ def encode_image(path: Path, picture: NDArray[Any]) -> bytes:
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file that takes its name only when it is whole."""
+    """Write a file under a temporary name and rename it when it is complete."""
     draft = path.with_name(f".{path.name}.new")
     try:
         draft.write_bytes(data)

@@ -1,1 +1,1 @@
-"""What light does, as a person asks for it: PSFs, beams, pictures of the simulator."""
+"""Compute PSFs, beams along the axis, and simulated pictures for the command line."""

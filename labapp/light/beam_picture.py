@@ -1,4 +1,4 @@
-"""`labapp beam`: a picture of the light along the axis, from the panel to the sensor."""
+"""The command `labapp beam`: draw the irradiance along the axis, from the panel to the sensor."""
 
 from __future__ import annotations
 
@@ -27,35 +27,52 @@ from optics.progress import Progress
 from optics.slm import grey_to_phase
 from optics.threads import single_threaded
 
-_ACROSS = 481
-"""Samples of a line; odd, so that one of them is in the middle."""
 
-_LOWEST_RATIO = 1e-4
-"""Of the light around the sensor, over the brightest."""
+@dataclass(frozen=True)
+class BeamPictureSettings:
+    """Tune the two pictures of a beam: from panel to sensor, and around the sensor.
 
-_DIMMEST = 1e-2
-"""Of the light on its whole way, over that on the panel: the focus is so much brighter that
-decades below it would show nothing else."""
+    All values are chosen.
 
-_ROOM = 1.15
-"""Of the picture's height over the widest thing in it."""
+    Attributes
+    ----------
+    samples : int
+        Samples across the beam. An odd number has one sample on the axis.
+    lowest_ratio : float
+        Lowest irradiance shown around the sensor, over the highest there.
+    dimmest : float
+        Lowest irradiance shown from panel to sensor, over that on the panel. It isn't relative to
+        the focus, which is so much brighter that nothing else would be seen.
+    room : float
+        Half height of a picture over half the widest object in it.
+    focal_depths : float
+        Depths shown on each side of the sensor, in depths of focus λ N².
+    defocus_margin : float
+        Depths shown on each side of the sensor, at least, over the distance from the sensor to
+        the plane where the object is in focus.
+    beyond : float
+        Depths shown behind the sensor, over the distance from panel to sensor.
+    """
 
-_FOCAL_DEPTHS = 12.0
-"""Of the picture of the focus to either side, in depths of focus λ N²."""
+    samples: int = 481
+    lowest_ratio: float = 1e-4
+    dimmest: float = 1e-2
+    room: float = 1.15
+    focal_depths: float = 12.0
+    defocus_margin: float = 3.0
+    beyond: float = 0.12
 
-_DEFOCUS_MARGIN = 3.0
-"""Of the same, over the way between the sensor and where the object is in focus."""
 
-_BEYOND = 0.12
-"""Share of the way that is shown behind the sensor."""
+_SETTINGS = BeamPictureSettings()
 
 
 @dataclass(frozen=True)
 class BeamRequest:
-    """What the command line asks for; SI units.
+    """The options of `labapp beam`, in SI units.
 
-    pattern: grey levels for the panel; None leaves it neutral. slices: depths in each of the
-    two pictures. field: (y, x) on the sensor.
+    pattern is a file of grey levels for the panel; None leaves the panel neutral. slices is the
+    number of depths in each of the two pictures. field is the position (y, x) of the point's
+    image on the sensor.
     """
 
     camera: Camera
@@ -68,7 +85,10 @@ class BeamRequest:
 
 @dataclass(frozen=True)
 class AxialSection:
-    """Light over some way along the axis: depths and places in metres, (depths, places)."""
+    """Irradiance of a beam in a section along the axis, (depths, places).
+
+    depths from the panel and places across the axis are in metres.
+    """
 
     title: str
     depths: NDArray[np.float64]
@@ -78,7 +98,7 @@ class AxialSection:
 
 @single_threaded
 def draw_beam(request: BeamRequest, path: Path) -> None:
-    """Compute the light along the axis, and write its picture."""
+    """Compute a beam's irradiance along the axis, and write its picture."""
     if not 2 <= request.slices <= 5000:
         raise UserError(f"--slices {request.slices}: give 2 to 5000.")
     phase = _phase(request)
@@ -107,7 +127,7 @@ def _phase(request: BeamRequest) -> torch.Tensor | None:
 
 @dataclass(frozen=True)
 class _SectionBounds:
-    """What a picture shows: depths from the panel, places across; metres."""
+    """The extent of a beam's picture in metres: depths from the panel, middle and half height."""
 
     title: str
     depths: tuple[float, float]
@@ -119,26 +139,35 @@ def _panel_to_sensor_bounds(camera: Camera, field: tuple[float, float]) -> _Sect
     panel, lens = camera.panel, camera.lens
     wide = max(panel.shape[1] * panel.pitch, lens.stop_diameter) / 2
     way = camera.separation + lens.image_distance
-    end = way * (1 + _BEYOND)
+    end = way * (1 + _SETTINGS.beyond)
     return _SectionBounds(
-        "From the panel to the sensor", (end * 1e-4, end), 0.0, _ROOM * wide + abs(field[1])
+        "From the panel to the sensor",
+        (end * 1e-4, end),
+        0.0,
+        _SETTINGS.room * wide + abs(field[1]),
     )
 
 
 def _near_sensor_bounds(request: BeamRequest) -> _SectionBounds:
-    """Around the sensor: some depths of focus, or as far as the object is out of it."""
+    """Return the extent of the picture around the sensor.
+
+    It shows some depths of focus, or more if the object is farther out of focus.
+    """
     camera, lens = request.camera, request.camera.lens
     sensor = camera.separation + lens.image_distance
     vergence = 1 / lens.focal_length - 1 / (request.distance + camera.separation)
     image = camera.separation + 1 / vergence if vergence > 0 else math.inf
     number = lens.image_distance / lens.stop_diameter
-    half = _FOCAL_DEPTHS * request.wavelength * number**2
+    half = _SETTINGS.focal_depths * request.wavelength * number**2
     if math.isfinite(image):
-        half = max(half, _DEFOCUS_MARGIN * abs(image - sensor))
+        half = max(half, _SETTINGS.defocus_margin * abs(image - sensor))
     half = min(half, 0.5 * lens.image_distance)
     wide = max(half / number / 2, 30 * request.wavelength * number)
     return _SectionBounds(
-        "Around the sensor", (sensor - half, sensor + half), request.field[1], _ROOM * wide
+        "Around the sensor",
+        (sensor - half, sensor + half),
+        request.field[1],
+        _SETTINGS.room * wide,
     )
 
 
@@ -146,7 +175,8 @@ def _compute_section(
     request: BeamRequest, phase: torch.Tensor | None, box: _SectionBounds, progress: Progress
 ) -> AxialSection:
     depths = np.linspace(*box.depths, request.slices)
-    across = Plane((1, _ACROSS), (box.half, 2 * box.half / (_ACROSS - 1)), (0.0, box.middle))
+    samples = _SETTINGS.samples
+    across = Plane((1, samples), (box.half, 2 * box.half / (samples - 1)), (0.0, box.middle))
     light = beam_irradiance(
         request.camera,
         phase,
@@ -165,8 +195,8 @@ def _picture(request: BeamRequest, whole: AxialSection, focus: AxialSection) -> 
     figure = Figure(figsize=(14, 8.5), dpi=110, layout="constrained")
     figure.suptitle(_heading(request), fontsize=12)
     top, bottom = figure.subplots(2, 1)
-    _draw(top, whole, 1e3, "mm", _DIMMEST)
-    _draw(bottom, focus, 1e6, "µm", _LOWEST_RATIO * float(focus.light.max()))
+    _draw(top, whole, 1e3, "mm", _SETTINGS.dimmest)
+    _draw(bottom, focus, 1e6, "µm", _SETTINGS.lowest_ratio * float(focus.light.max()))
     _label(top, request, whole)
     sensor = request.camera.separation + request.camera.lens.image_distance
     _mark(bottom, sensor, "sensor")
@@ -188,7 +218,7 @@ def _heading(request: BeamRequest) -> str:
 
 
 def _draw(axes: Axes, stretch: AxialSection, unit: float, name: str, dimmest: float) -> None:
-    dimmest = dimmest or _DIMMEST
+    dimmest = dimmest or _SETTINGS.dimmest
     brightest = max(float(stretch.light.max()), 10 * dimmest)
     shown = np.maximum(stretch.light.T, dimmest)
     image = axes.pcolormesh(
@@ -208,7 +238,7 @@ def _draw(axes: Axes, stretch: AxialSection, unit: float, name: str, dimmest: fl
 
 
 def _label(axes: Axes, request: BeamRequest, stretch: AxialSection) -> None:
-    """Panel, stop and sensor as they stand."""
+    """Draw panel, stop and sensor at their positions."""
     camera = request.camera
     panel, lens = camera.panel, camera.lens
     line = partial(axes.plot, color="deepskyblue", linewidth=3, solid_capstyle="butt")

@@ -1,6 +1,7 @@
-"""What a command line asks of a lens, turned from an option's words into SI units.
+"""Parse the lens options of the command line into SI units.
 
-Words are read before anything is loaded that computes: a typing error is answered at once.
+The options are parsed before the slow modules are loaded, so that a mistyped one is reported at
+once.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LensCase:
-    """A point behind a lens, and the samples its light is wanted on; SI units.
+    """A lens, a point object at a distance, and the samples of the PSF, in SI units.
 
-    camera: that the lens is a part of; None where it stands alone. interference: strength of
-    what a sum in intensity of its modulated and unmodulated light leaves out, see PathEffect;
-    None where nothing is known of their polarisation.
+    camera is the camera of the lens; None if the lens is alone. interference is the strength of
+    the interference of modulated and unmodulated light, which the sum of their irradiances leaves
+    out (see optics.polarisation.PathEffect); None if their polarisation isn't known.
     """
 
     lens: Lens
@@ -36,7 +37,7 @@ class LensCase:
 
     @property
     def pitch(self) -> float:
-        """Of the columns; of both axes, where `is_clear_thin_on_axis`."""
+        """Pitch of the PSF's columns; also of its rows, if `is_clear_thin_on_axis`."""
         return self.pixels.pitch[1]
 
     @property
@@ -45,7 +46,7 @@ class LensCase:
 
     @property
     def is_clear_thin_on_axis(self) -> bool:
-        """Whether it is a clear, thin lens, and a square window of square pixels on its axis."""
+        """Whether the lens is thin with a clear stop, and the PSF's window is a square on axis."""
         (rows, columns), (py, px) = self.pixels.shape, self.pixels.pitch
         square = rows == columns and py == px and not any(self.pixels.centre)
         return self.lens.has_clear_stop and self.lens.has_quadratic_phase and square
@@ -87,7 +88,7 @@ def _unusual_features(lens: Lens) -> list[str]:
 
 
 def lens_option_defaults(camera: Camera) -> dict[str, float | str]:
-    """What a camera says for the options of a lens, by their names and in their units."""
+    """Return the lens options that describe a camera's lens, by their names and in their units."""
     lens = camera.lens
     return {
         "focal_length": lens.focal_length,
@@ -99,10 +100,10 @@ def lens_option_defaults(camera: Camera) -> dict[str, float | str]:
 
 
 def with_panel_in_front(case: LensCase, camera: Camera, given_options: Collection[str]) -> LensCase:
-    """A case whose lens stands behind a camera's panel.
+    """Return the case of a lens behind a camera's panel.
 
-    Stop and aberrations are the camera's where no option of those that were chosen says
-    otherwise; an obscuration is kept when only the opening changes, and the other way round.
+    Opening, obscuration and aberrations are those of the camera, unless one of `given_options`
+    sets them.
     """
     stop, lens = camera.lens.stop, case.lens
     if {"blades", "rectangle"} & set(given_options):
@@ -115,8 +116,11 @@ def with_panel_in_front(case: LensCase, camera: Camera, given_options: Collectio
 
 
 def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
-    """A stop of straight blades (0 for a round one), or a rectangle "HEIGHTxWIDTH" in stop
-    diameters, with a central disc that hides a share of the stop's radius."""
+    """Return the aperture stop that the command line's options describe.
+
+    The stop has straight blades (0 for a round one), or is a rectangle "HEIGHTxWIDTH" in stop
+    diameters. obscuration is the radius of a central disc that hides it, in stop radii.
+    """
     if blades and rectangular:
         raise UserError("--blades and --rectangle: a stop is one or the other.")
     sides = _numbers("--rectangle", rectangular, "x", 2) if rectangular else []
@@ -134,7 +138,7 @@ def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
 
 
 def read_aberrations(texts: Sequence[str]) -> tuple[tuple[int, int, float], ...]:
-    """Each "N,M,NANOMETRES": a Zernike polynomial and its root mean square."""
+    """Parse aberrations "N,M,NANOMETRES": Zernike polynomials with their root mean square."""
     found = []
     for text in texts:
         n, m, nanometres = _numbers("--zernike", text, ",", 3)
@@ -145,13 +149,13 @@ def read_aberrations(texts: Sequence[str]) -> tuple[tuple[int, int, float], ...]
 
 
 def read_centre(text: str) -> tuple[float, float]:
-    """ "Y,X" in micrometres, to metres."""
+    """Parse the window's centre "Y,X" on the sensor, from micrometres to metres."""
     y, x = _numbers("--centre", text, ",", 2)
     return y * 1e-6, x * 1e-6
 
 
 def read_field(text: str) -> tuple[float, float]:
-    """ "Y,X" in millimetres, to metres."""
+    """Parse the position "Y,X" of a point's image on the sensor, from millimetres to metres."""
     y, x = _numbers("--field", text, ",", 2)
     if not (math.isfinite(y) and math.isfinite(x)):
         raise UserError(f"--field {text}: give two finite numbers, in millimetres.")
@@ -169,7 +173,7 @@ def _numbers(option: str, text: str, separator: str, count: int) -> list[float]:
 
 
 def read_window(size: int, pitch: float, centre: str) -> Plane:
-    """A square of pixels around a point of the sensor."""
+    """Return a square window of `size` pixels around a point "Y,X" of the sensor."""
     if size < 1:
         raise UserError(f"--size {size}: a window has at least 1 pixel.")
     place = read_centre(centre)
@@ -179,7 +183,7 @@ def read_window(size: int, pitch: float, centre: str) -> Plane:
 
 
 def read_panel(text: str) -> tuple[tuple[int, int], float]:
-    """ "ROWSxCOLUMNSxMICROMETRES": a panel's pixels, and their pitch in metres."""
+    """Parse a panel "ROWSxCOLUMNSxMICROMETRES" into its shape and its pitch in metres."""
     try:
         rows, columns, pitch = (float(word) for word in text.split("x"))
         if not (min(rows, columns) >= 1 and 0 < pitch < math.inf):

@@ -1,4 +1,4 @@
-"""The PSF that frames on a panel will give, as the camera's description has it."""
+"""Predict the PSF of grey levels on the panel, by the camera's description."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from optics.slm import Modulator
 from optics.stop_shadow import panel_to_focus_distance
 
 Exposure = tuple[int, float, torch.Tensor]
-"""The frame, its share of the whole time, and what the panel does to the light meanwhile."""
+"""A frame's index, its share of the exposure, and the panel's modulation during that share."""
 
 
 def predicted_psf(
@@ -27,10 +27,11 @@ def predicted_psf(
     progress: Progress | None = None,
     moments: int = 1,
 ) -> torch.Tensor:
-    """The share of an in-focus point's light on each pixel, (moments, rows, columns).
+    """Predict the PSF of an in-focus point with grey levels on the panel.
 
-    greys: (frames, rows, columns) of the panel; several are a video that is played again and
-    again, and seen for whole periods. moments: into which the frames are grouped evenly.
+    The result is the share of the point's light on each pixel, (moments, rows, columns). greys
+    are (frames, rows, columns). Several frames are a video that is repeated and exposed for whole
+    periods. They are grouped evenly into `moments`, each with its own PSF.
     """
     operator = PSFOperator(
         camera, panel_to_focus_distance(camera), wavelength, pixels, unmodulated=0.0
@@ -45,7 +46,10 @@ def mean_psf(
     progress: Progress | None = None,
     moments: int = 1,
 ) -> torch.Tensor:
-    """The same by an operator of one's own, planned with unmodulated=0."""
+    """Predict the PSF of grey levels as predicted_psf() does, with a given operator.
+
+    The operator must have been planned with unmodulated=0.
+    """
     each = len(greys) // moments
     exposures = _report_progress(_exposures(modulator, greys), len(greys), progress or Progress())
     parts = []
@@ -56,7 +60,7 @@ def mean_psf(
 
 
 def _exposures(modulator: Modulator, greys: torch.Tensor) -> Iterator[Exposure]:
-    """Of a still pattern, or of one period of a video."""
+    """Yield the exposures of a still pattern, or of one period of a video."""
     if len(greys) == 1:
         for weight, modulation in modulator.still_fields(greys[0]):
             yield 0, weight, modulation

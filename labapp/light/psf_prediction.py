@@ -1,4 +1,4 @@
-"""`labapp psf`: the PSF of a lens, or of a camera with a pattern on the SLM before its lens."""
+"""The command `labapp psf`: the PSF of a lens, or of a camera with a pattern on its SLM."""
 
 from __future__ import annotations
 
@@ -28,17 +28,29 @@ from optics.slm import Modulator, Panel
 from optics.stop_shadow import share_through_stop
 from optics.threads import single_threaded
 
-_NEGLIGIBLE_INTERFERENCE = 1e-9
-"""Strength of an interference below which it is rounding."""
-
 
 @dataclass(frozen=True)
 class PSFRequest:
-    """What the command line asks for.
+    """The options of `labapp psf`.
 
-    points: density at pixel centres, not light on whole pixels. pattern: a picture on the
-    camera's panel. memory: bytes that may be used. field: metres (y, x) on the sensor from the
-    axis to the point's image. sphere: whether the object's wave is an exact sphere.
+    Attributes
+    ----------
+    case : LensCase
+        Lens, object and samples of the PSF.
+    tol : float
+        Relative L2 error that is accepted.
+    points : bool
+        Whether to compute the irradiance at pixel centres instead of the light on whole pixels.
+    method : str or None
+        Name of the method; None for the best one.
+    memory : int
+        Bytes that may be used.
+    pattern : Path or None
+        Picture of grey levels on the camera's panel.
+    field : (y, x)
+        Position of the point's image on the sensor, from the axis, metres.
+    sphere : bool
+        Whether the object's wave is an exact sphere instead of a parabola.
     """
 
     case: LensCase
@@ -52,21 +64,21 @@ class PSFRequest:
 
     @cached_property
     def camera(self) -> Camera | None:
-        """The asked lens behind its panel, or that of the virtual bench for a pattern."""
+        """The camera of the lens; for a pattern without a camera, that of the virtual bench."""
         if self.case.camera is not None or self.pattern is None:
             return self.case.camera
         return replace(read_camera(None), lens=self.case.lens)
 
     @property
     def point_options(self) -> dict[str, Any]:
-        """What is asked of the point besides its distance."""
+        """Options of PSFOperator on the point object, besides its distance."""
         asked = {"field": self.field if any(self.field) else None, "sphere": self.sphere or None}
         return {name: value for name, value in asked.items() if value is not None}
 
 
 @single_threaded
 def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool) -> None:
-    """Compute a PSF, print its account, and write it, and a picture of it beside."""
+    """Compute a PSF, print its account, and write it to a file with a picture beside it."""
     if request.camera is None:
         _require_lens_alone(request)
     grey = None if request.camera is None else _grey(request.pattern, request.camera.panel)
@@ -76,7 +88,7 @@ def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool
     operator, call = _plan(request, grey, speed)
     psf = call()
     planned = time.process_time() - started
-    # The first call also loads and allocates; every further one costs this.
+    # The first call also loads libraries and allocates memory, so the second one is timed.
     started = time.process_time()
     call()
     account = operator.account.with_cpu_spent(time.process_time() - started)
@@ -104,7 +116,7 @@ def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool
 def _plan(
     request: PSFRequest, grey: NDArray[np.uint8] | None, speed: MachineSpeed
 ) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
-    """The operator for the question, planned, and the call that answers it."""
+    """Return the planned PSF operator, and the call that computes the PSF."""
     case, camera = request.case, request.camera
     plan = partial(
         PSFOperator,
@@ -126,7 +138,7 @@ def _plan(
 
 
 def _require_lens_alone(request: PSFRequest) -> None:
-    """A lens by itself looks the same to every point; what depends on it needs a panel."""
+    """Raise UserError for options that have no meaning for a lens without a panel."""
     for name in request.point_options:
         raise UserError(
             f"--{name}: a lens alone gives the same PSF all over the field, and has no panel for "
@@ -135,14 +147,14 @@ def _require_lens_alone(request: PSFRequest) -> None:
 
 
 def _grey(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
-    """A picture for the panel; a neutral one, if there is none."""
+    """Return the panel's grey levels from a picture file; all 0 without one."""
     if pattern is None:
         return np.zeros(panel.shape, dtype=np.uint8)
     return read_grey_pattern(pattern, panel)
 
 
 def _light_budget(request: PSFRequest) -> dict[str, Any]:
-    """What becomes of the light between panel and lens, and what of it isn't computed."""
+    """Return the shares of the light that pass the stop and stay unmodulated, as plain data."""
     camera = request.camera
     if camera is None:
         return {}
@@ -182,16 +194,20 @@ def _light_rows(data: dict[str, Any]) -> list[list[str]]:
     strength = data["interference"]
     if strength is None:
         return rows
+    # Strengths up to 1e-9 are rounding errors.
     left_out = (
         f"{strength:.2g} √(modulated × unmodulated PSF) at most"
-        if strength > _NEGLIGIBLE_INTERFERENCE
+        if strength > 1e-9
         else "none: the two are polarised across each other"
     )
     return [*rows, ["interference left out", left_out]]
 
 
 def _write(path: Path, psf: NDArray[Any]) -> None:
-    """A PSF by the file's ending; a picture shows five decades, brightest pixel white."""
+    """Write a PSF to a file of the kind that its ending names.
+
+    A picture shows five decades below the brightest pixel, which is white.
+    """
     ending = path.suffix.lower()
     if ending == ".png":
         psf = _log_picture(psf)

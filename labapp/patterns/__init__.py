@@ -1,1 +1,1 @@
-"""Patterns: their grey levels on a panel, and their designs."""
+"""Compute the grey levels of a plan's patterns on the SLM's panel, and design patterns."""

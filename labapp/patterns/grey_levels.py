@@ -1,4 +1,4 @@
-"""From a plan's pattern to grey levels on a panel."""
+"""Compute a plan's patterns as grey levels on the SLM's panel."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from optics.targets.target import Renderable
 
 @dataclass(frozen=True)
 class PatternContext:
-    """What patterns are computed with. Chance comes from `seed` alone.
+    """Camera, seed, progress and folder with which patterns are computed.
 
-    folder: where picture files are looked for.
+    `seed` alone determines all random numbers. Picture files are read from `folder`.
     """
 
     camera: Camera
@@ -38,7 +38,7 @@ class PatternContext:
     folder: Path
 
     def part(self, number: int, count: int) -> PatternContext:
-        """For one of several pieces of the work, which take the same time."""
+        """Return the context of one of `count` parts of the work that take the same time."""
         return replace(self, progress=self.progress.part(number / count, (number + 1) / count))
 
     def generator(self, number: int = 0) -> torch.Generator:
@@ -47,7 +47,7 @@ class PatternContext:
 
 @dataclass(frozen=True)
 class RetrievedMoment:
-    """A target on the plane in which it was designed, and the frames that show it."""
+    """The result of phase retrieval for one moment of a target, and the target on its plane."""
 
     target: torch.Tensor
     plane: Plane
@@ -56,7 +56,7 @@ class RetrievedMoment:
 
 @dataclass(frozen=True)
 class PhaseFrame:
-    """Radians on the panel, (rows, columns), and the whole waves that they are to be shown in."""
+    """A frame's phase on the panel, (rows, columns), radians, and the whole waves that it uses."""
 
     phase: torch.Tensor
     orders: int
@@ -65,10 +65,10 @@ class PhaseFrame:
 def compute_pattern(
     spec: StillPattern, camera: Camera, seed: int, progress: Progress, folder: Path
 ) -> NDArray[np.uint8]:
-    """Grey levels of one pattern, (rows, columns) of the panel.
+    """Compute the grey levels of one pattern on the camera's panel, (rows, columns).
 
-    folder: where picture files are looked for. Chance comes from `seed` alone.
-    UserError or ValueError name what can't be shown and what can.
+    Picture files are read from `folder`. `seed` alone determines all random numbers. Raises
+    UserError or ValueError if the panel can't show the pattern.
     """
     (grey,) = grey_frames(spec, 1, PatternContext(camera, seed, progress, folder))
     return grey
@@ -77,12 +77,12 @@ def compute_pattern(
 def compute_patterns(
     specs: Mapping[str, Pattern], camera: Camera, seed: int, progress: Progress, folder: Path
 ) -> dict[str, NDArray[np.uint8]]:
-    """Grey levels of every pattern of a plan; of a video, (frames, rows, columns).
+    """Compute the grey levels of all patterns of a plan; those of a video have a frame axis first.
 
-    UserError names the one that can't be shown.
+    Raises UserError with the name of a pattern that can't be shown.
     """
     shown: dict[str, NDArray[np.uint8]] = {}
-    # Videos last: they may be made of the others.
+    # Videos come last, because they may consist of other patterns of the plan.
     ordered = sorted(specs, key=lambda name: isinstance(specs[name], VideoPattern))
     whole = PatternContext(camera, seed, progress, folder)
     for number, name in enumerate(ordered):
@@ -103,7 +103,10 @@ def compute_patterns(
 def grey_frames(
     spec: StillPattern, count: int, work: PatternContext
 ) -> Iterator[NDArray[np.uint8]]:
-    """Grey levels of a pattern's frames, (rows, columns) each; errors as compute_pattern's."""
+    """Yield the grey levels of a pattern's frames, (rows, columns) each.
+
+    Raises the errors of compute_pattern().
+    """
     if isinstance(spec, GreyPattern):
         for _ in range(count):
             yield spec.grey_levels(work.camera, work.folder)
@@ -113,12 +116,12 @@ def grey_frames(
 
 
 def frame_to_grey(frame: PhaseFrame, camera: Camera, wavelength: float) -> NDArray[np.uint8]:
-    """The grey levels that show a phase at a wavelength in metres."""
+    """Return the grey levels that show a frame's phase at a wavelength in metres."""
     return phase_to_grey(camera.panel, frame.phase, wavelength, frame.orders).numpy()
 
 
 def phase_frames(spec: PhasePattern, count: int, work: PatternContext) -> Iterator[PhaseFrame]:
-    """The phases of a pattern's frames, one after the other: frame k from the seed + k."""
+    """Yield the phases of a pattern's frames; frame k is computed with the seed + k."""
     if isinstance(spec, PSFPattern):
         yield from retrieved_frames(retrieve_psf(spec, count, work), spec)
     elif isinstance(spec, SumPattern):
@@ -134,7 +137,7 @@ def phase_frames(spec: PhasePattern, count: int, work: PatternContext) -> Iterat
 
 
 def retrieve_psf(spec: PSFPattern, count: int, work: PatternContext) -> list[RetrievedMoment]:
-    """The frames of a psf, moment by moment; those of a moment know of each other."""
+    """Retrieve the frames of a psf pattern, moment by moment; those of a moment are joint."""
     moments = spec.target.video_drawings(count, work.folder)
     speed = None if spec.budget_s is None else machine_speed(work.progress.part(0, 0))
     found = []
@@ -158,7 +161,7 @@ def retrieve_psf(spec: PSFPattern, count: int, work: PatternContext) -> list[Ret
 
 
 def retrieved_frames(moments: list[RetrievedMoment], spec: PSFPattern) -> Iterator[PhaseFrame]:
-    """All frames of a retrieved video in turn."""
+    """Yield the phases of all frames of a retrieved video in turn."""
     for moment in moments:
         orders = max(spec.orders, moment.result.orders)
         for phase in moment.result.phases:
@@ -168,7 +171,7 @@ def retrieved_frames(moments: list[RetrievedMoment], spec: PSFPattern) -> Iterat
 def target_on_design_grid(
     drawing: Renderable, camera: Camera, wavelength: float
 ) -> tuple[torch.Tensor, Plane]:
-    """A target on a window of the design grid that holds it, with dark around it."""
+    """Draw a target on a window of the design grid that holds it with a dark border."""
     window = window_for_reach(camera, wavelength, drawing.reach)
     plane = design_plane(camera, wavelength, window)
     return drawing.render(plane), plane
@@ -193,7 +196,11 @@ def _ring(spec: RingPattern, number: int, work: PatternContext) -> torch.Tensor:
 
 
 def _sum_frames(spec: SumPattern, count: int, work: PatternContext) -> Iterator[PhaseFrame]:
-    """Parts that jump are added to the others' sum, whose slope is judged."""
+    """Yield the phases of a sum of patterns.
+
+    Smooth parts are superposed first, because the slope of their sum is checked. Parts with jumps
+    are added to that sum.
+    """
     parts = [
         phase_frames(part, count, replace(work.part(i, len(spec.parts)), seed=_part_seed(work, i)))
         for i, part in enumerate(spec.parts)
@@ -207,5 +214,5 @@ def _sum_frames(spec: SumPattern, count: int, work: PatternContext) -> Iterator[
 
 
 def _part_seed(work: PatternContext, number: int) -> int:
-    """Of a sum's part: two parts of one kind shall not be alike."""
+    """Return the seed of a sum's part, so that two parts of the same kind differ."""
     return int(np.random.SeedSequence([work.seed, number]).generate_state(1)[0])

@@ -1,8 +1,8 @@
-"""Corrections by what the bench's camera sees: `labapp refine`.
+"""`labapp refine`: correct a design by the PSF that the bench's camera measures.
 
-A design file's frames are shown, their PSF is photographed, laid on the design grid, and takes
-the place of the computed one (optics.retrieval.camera_feedback). `start` reads the design;
-`psf_exposure` takes a picture as an ordinary run; `sensor_view` knows where the design grid lies
-on the sensor; `psf_measurement` puts the three together; `result`, `refinement_picture` and
-`refinement_report` are what is left of it.
+The SLM shows the frames of a design file, and the camera photographs their PSF. The picture is
+resampled to the design grid, where it replaces the computed PSF in the iterations
+(optics.retrieval.camera_feedback). `start` reads the design, `psf_exposure` takes a picture as an
+ordinary run, `sensor_view` maps the design grid to the sensor, and `psf_measurement` combines the
+three. `result`, `refinement_picture` and `refinement_report` hold and show the outcome.
 """

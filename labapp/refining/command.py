@@ -1,4 +1,4 @@
-"""`labapp refine`: from a design to one that the bench's own camera has corrected."""
+"""The command `labapp refine`: correct a design by pictures of the bench's own camera."""
 
 from __future__ import annotations
 
@@ -21,9 +21,6 @@ from labapp.runs.run_commands import ExecutionOptions, interactive_progress
 from optics.progress import Progress
 from optics.retrieval import refine
 
-_SHARE = 0.95
-"""Of the time that pictures take; predicting the PSF takes the rest."""
-
 
 def refine_design(
     design: Path,
@@ -33,9 +30,10 @@ def refine_design(
     files: BenchFiles,
     manner: ExecutionOptions,
 ) -> None:
-    """Write the refined design and its picture; say how good every picture of the bench was.
+    """Refine a design file on a bench, write the result and its picture, and print a report.
 
-    runs: the folder of the pictures' records. UserError if something can't be.
+    `runs` is the folder of the pictures' records. Raises UserError if the design, the bench or an
+    output path doesn't allow it.
     """
     if not is_design(path):
         raise UserError(f"{path}: the ending must be .h5.")
@@ -50,13 +48,12 @@ def refine_design(
         open_bench(files, speed=manner.speed) as bench,
         interactive_progress(manner) as (progress, ask),
     ):
-        pictures = progress.part(0, _SHARE)
+        # The pictures take about 95 % of the time; predicting the PSF takes the rest.
+        pictures, predicting = progress.part(0, 0.95), progress.part(0.95, 1)
         result = run_refinement(
             bench, before, design, folder, request, pictures, ask, force=manner.force
         )
-        contents = refined_design_contents(
-            result, design, before, bench.file, progress.part(_SHARE, 1)
-        )
+        contents = refined_design_contents(result, design, before, bench.file, predicting)
         name = bench.file.name
     write_design(path, contents)
     from labapp.refining.refinement_picture import draw_refinement
@@ -77,10 +74,10 @@ def run_refinement(
     *,
     force: bool = False,
 ) -> RefinementResult:
-    """Take the pictures of a design on a bench, each into a record of a folder.
+    """Refine a design by pictures that a bench takes, each into a record in `folder`.
 
-    design: the file's name in errors. UserError says what is wrong; Cancelled if the progress
-    was cancelled. The bench is left safe.
+    `design` is the design file's name in errors. Raises UserError if a picture or the design is
+    wrong, and Cancelled if the progress was cancelled. The bench is left safe.
     """
     start = build_start(contents, design, bench.description)
     request = with_star_size(request, bench)

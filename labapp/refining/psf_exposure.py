@@ -1,4 +1,4 @@
-"""One picture of what the panel shows: an ordinary plan, run into a record, and merged."""
+"""Take one picture of a PSF for a refinement: run a plan into a record, and merge its bracket."""
 
 from __future__ import annotations
 
@@ -21,15 +21,9 @@ from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import require_complete
 from optics.progress import Progress
 
-_DARKS = 2
-"""Dark frames of each exposure."""
-
-_RUN_SHARE = 0.9
-"""Of a picture's progress; merging has the rest."""
-
 
 def picture_name(number: int) -> str:
-    """Of a picture, from 1: its record, its folder, and its pattern in them."""
+    """Return the name of a refinement's picture, from 1, for its record, folder and pattern."""
     return f"picture-{number}"
 
 
@@ -49,15 +43,18 @@ def take_picture(
     progress: Progress,
     ask: AskOperator | None,
 ) -> Bracket:
-    """The merged picture of frames, (frames, rows, columns) grey levels, by electrons per second.
+    """Show grey levels (frames, rows, columns) on the SLM, and return the merged bracket.
 
-    The folder gets picture-N/ with plan and patterns, and picture-N.h5 with the frames. UserError
-    says what is wrong at the bench; Cancelled if the progress was cancelled.
+    The bracket is in electrons per second. Plan and patterns are written to `folder`/picture-N/,
+    and the frames to `folder`/picture-N.h5. Raises UserError if the bench or the run fails, and
+    Cancelled if the progress was cancelled.
     """
     name, path = picture_name(number), record_path(folder, number)
     plan = build_plan(request, wavelength_nm, number, len(greys), bench.slm.frame_time)
     pictures = [one for one, pattern in plan.patterns.items() if isinstance(pattern, ImagePattern)]
     source = write_plan(folder / name, plan, dict(zip(pictures, greys, strict=True)))
+    # The run has most of the picture's progress; merging has the rest.
+    running, merging = progress.part(0, 0.9), progress.part(0.9, 1)
     outcome = run_plan(
         bench,
         plan,
@@ -65,21 +62,22 @@ def take_picture(
         source=str(source),
         folder=source.parent,
         force=force,
-        progress=progress.part(0, _RUN_SHARE),
+        progress=running,
         ask=ask,
     )
     require_complete(outcome)
     with Record(path) as record:
-        brackets = merge_all(record, progress.part(_RUN_SHARE, 1))
+        brackets = merge_all(record, merging)
     return find_bracket(brackets, "star", name, None, path)
 
 
 def build_plan(
     request: RefinementRequest, wavelength_nm: float, number: int, frames: int, frame_time: float
 ) -> PlanFile:
-    """The star behind a still or a video, and darks of the same exposures before it.
+    """Build the plan of one picture: the star with a still or a video, preceded by dark frames.
 
-    frame_time: seconds that a frame of a video stands.
+    Each exposure has two dark frames. `frame_time` is the time in seconds for which a frame of a
+    video is shown.
     """
     name = picture_name(number)
     stills = [name] if frames == 1 else [f"{name}-{frame:04}" for frame in range(frames)]
@@ -94,13 +92,13 @@ def build_plan(
     blocks = [block | {"targets": ["star"]}]
     targets = {"star": {"place": request.star}}
     if request.dark:
-        blocks.insert(0, block | {"targets": ["dark"], "role": "dark", "repeats": _DARKS})
+        blocks.insert(0, block | {"targets": ["dark"], "role": "dark", "repeats": 2})
         targets |= {"dark": {"place": request.dark}}
     return PlanFile.model_validate(
         {
             "version": 1,
             "title": f"Refinement, picture {number}",
-            # Two pictures shall not have the same noise.
+            # A seed of its own gives each picture of a virtual bench its own noise.
             "seed": number,
             "targets": targets,
             "patterns": patterns,
@@ -110,5 +108,8 @@ def build_plan(
 
 
 def whole_periods(request: RefinementRequest, period: float) -> list[int]:
-    """The exposures as whole periods of a video in seconds, rounded up, each once."""
+    """Return the requested exposures as numbers of video periods, rounded up, each once.
+
+    `period` is in seconds.
+    """
     return sorted({max(1, math.ceil(ms * 1e-3 / period - 1e-6)) for ms in request.exposures_ms})

@@ -1,4 +1,4 @@
-"""Frames shown, photographed, and their PSF laid on the design grid."""
+"""Measure the PSF of the shown frames with the bench's camera, on the design grid."""
 
 from __future__ import annotations
 
@@ -21,22 +21,30 @@ from optics.progress import Progress
 from optics.retrieval.camera_feedback import JUDGED_TARGET_SHARE
 
 _NOISE_VARIANCE_SHARE = 0.764
-"""Share of white noise's variance that cubics between pixels keep, the mean over all places: the
-squared integral of the squared cardinal cubic spline."""
-
-_CORE = 3
-"""Sensor pixels around the axis where unmodulated light is, beside the star's image."""
+"""Share of the variance of white noise that remains after cubic spline interpolation between
+pixels, averaged over all positions: the squared integral of the squared cardinal cubic spline."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPSF:
-    """A picture of the PSF on the design grid.
+    """A PSF that was photographed and resampled to the design grid.
 
-    light: (rows, columns) float64, electrons per second and sensor pixel, nowhere negative.
-    nrmse: error of its shape where the target exceeds 2 % of its peak. noise: about how much of
-    that noise alone makes. contrast: of speckle, where it exceeds half its peak. central: share
-    of the squared error that lies where unmodulated light does. scale: of the target that fits
-    best.
+    Attributes
+    ----------
+    record : Path
+        Record of the picture's frames.
+    light : Tensor
+        The PSF, (rows, columns) float64, electrons per second and sensor pixel, at least 0.
+    nrmse : float
+        Error of its shape, where the target exceeds 2 % of its peak.
+    noise : float
+        Approximate error that the noise of the picture alone would make.
+    contrast : float
+        Speckle contrast, where the target exceeds half its peak.
+    central : float
+        Share of the squared error in the zeroth order, where unmodulated light falls.
+    scale : float
+        Factor by which the target fits the picture best.
     """
 
     record: Path
@@ -50,9 +58,9 @@ class MeasuredPSF:
 
 @dataclass(frozen=True, eq=False)
 class PSFMeasurer:
-    """What optics.retrieval.refine() measures with; keeps all that it saw.
+    """The camera that optics.retrieval.refine() measures PSFs with; it keeps all measurements.
 
-    folder: of the records. force: whether those that are there may be replaced.
+    `folder` holds the records. With `force`, existing records may be replaced.
     """
 
     bench: Bench
@@ -65,7 +73,7 @@ class PSFMeasurer:
     measurements: list[MeasuredPSF]
 
     def __call__(self, phases: torch.Tensor, progress: Progress) -> torch.Tensor:
-        """From phases (frames, rows, columns) to their PSF on the goal's plane."""
+        """Show phases (frames, rows, columns); return the measured PSF on the goal's plane."""
         number = len(self.measurements) + 1
         bracket = take_picture(
             self.bench,
@@ -97,7 +105,7 @@ class PSFMeasurer:
                 f"{record}: the PSF can't be told from noise. Expose longer with --exposures-ms, "
                 "and look whether the star is lit and lies where the calibration found it."
             )
-        # What the sensor doesn't see is taken for right: nothing shall be corrected there.
+        # Samples beside the sensor get the target's value, so that nothing is corrected there.
         light = torch.where(torch.from_numpy(view.on_sensor), light, scale * target).clamp(min=0)
         return MeasuredPSF(
             record,
@@ -113,12 +121,16 @@ class PSFMeasurer:
         away = np.linalg.norm(
             self.view.sensor_positions - np.array(self.view.registration.centre), axis=-1
         )
-        middle = torch.from_numpy(away < _CORE + self.view.star_diameter / 2)
+        # Unmodulated light falls within 3 sensor pixels of the axis, beside the star's image.
+        middle = torch.from_numpy(away < 3 + self.view.star_diameter / 2)
         squared = error.square()
         return float(squared[bright & middle].sum() / squared[bright].sum())
 
     def _require_unclipped(self, variance: torch.Tensor, bracket: Bracket, record: Path) -> None:
-        """A pixel that every exposure clipped is known from below only: infinite variance."""
+        """Raise UserError if pixels of the PSF are clipped in every exposure of the bracket.
+
+        The merged bracket gives such pixels an infinite variance.
+        """
         clipped = int(np.isinf(variance.numpy()).sum())
         if not clipped:
             return

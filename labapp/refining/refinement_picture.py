@@ -1,4 +1,4 @@
-"""The picture of a refinement: the PSF that the camera saw, before and after."""
+"""The picture of a refinement: the measured PSF before and after."""
 
 from __future__ import annotations
 
@@ -10,12 +10,9 @@ from matplotlib.ticker import MaxNLocator
 from labapp.common.figure_png import figure_to_png
 from labapp.refining.result import RefinementResult
 
-_WHITE = 1.5
-"""Times the target's peak that is white: speckle is brighter than what it should be."""
-
 
 def draw_refinement(title: str, notes: str, result: RefinementResult) -> bytes:
-    """A PNG file: first picture, best picture, target as the camera sees it, errors."""
+    """Draw a refinement as a PNG file: first and best measured PSF, target, and errors."""
     figure = Figure(figsize=(18, 4.9), dpi=100, layout="constrained")
     figure.suptitle(f"{title}\n{notes}", fontsize=12)
     first, last, target, errors = figure.subplots(1, 4)
@@ -31,12 +28,13 @@ def draw_refinement(title: str, notes: str, result: RefinementResult) -> bytes:
 
 
 def _draw(axes: Axes, result: RefinementResult, light: torch.Tensor) -> None:
-    """On the design grid, in units of the target."""
+    """Draw a measured PSF on the design grid, in units of the target."""
     plane = result.start.goal.plane
     y, x = (plane.coordinates(axis).numpy() * 1e6 for axis in (0, 1))
     half = plane.pitch[0] * 0.5e6
     extent = (x[0] - half, x[-1] + half, y[-1] + half, y[0] - half)
-    white = _WHITE * float(result.view.target.max())
+    # Speckle is brighter than the target, so white lies above the target's peak.
+    white = 1.5 * float(result.view.target.max())
     axes.imshow(
         light.numpy(), cmap="magma", vmin=0, vmax=white, extent=extent, interpolation="nearest"
     )

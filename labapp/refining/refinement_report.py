@@ -1,4 +1,4 @@
-"""How a refinement went, in words and figures."""
+"""Report the result of a refinement as text, and give advice."""
 
 from __future__ import annotations
 
@@ -8,15 +8,9 @@ from typing import Any
 from labapp.common.console import out, print_json, print_message, print_table
 from labapp.refining.result import RefinementResult
 
-_NOISY = 0.5
-"""Share of an error that noise may make."""
-
-_CENTRAL = 0.5
-"""Share of a squared error that the zeroth order may make."""
-
 
 def print_report(result: RefinementResult, files: list[Path], *, as_json: bool) -> None:
-    """Print how good every picture was, and where everything is."""
+    """Print the errors of all pictures of a refinement, advice, and the files written."""
     if as_json:
         print_json(report_data(result, files))
         return
@@ -39,7 +33,7 @@ def report_data(result: RefinementResult, files: list[Path]) -> dict[str, Any]:
 
 
 def warn_of_missing_registration() -> None:
-    """That nobody knows where the panel sends light."""
+    """Print a warning that there is no registration of panel and sensor for the refinement."""
     print_message(
         "no registration is in force: the star is taken to be seen in the middle of the sensor, "
         "with nothing turned or mirrored, by the bench file's distances. If that isn't so, "
@@ -48,19 +42,21 @@ def warn_of_missing_registration() -> None:
 
 
 def advice(result: RefinementResult) -> list[str]:
-    """What a person should do about it; empty if all is well."""
+    """Return what the user should do to improve a refinement; empty if nothing."""
     said, best = [], result.pictures[result.best]
     if result.best == 0:
         said.append(
             "no picture was better than the first: the design is as good as it was. Calibrate the "
             "wavefront, check the registration, or take more pictures (--pictures)."
         )
-    if best.central > _CENTRAL:
+    # The zeroth order makes more than half of the squared error.
+    if best.central > 0.5:
         said.append(
             f"{best.central:.0%} of the error that is left is light in the middle: what the panel "
             "doesn't modulate stays there, whatever is shown. Design a shape beside the axis."
         )
-    if best.noise > _NOISY * best.nrmse:
+    # Noise makes more than half of the error.
+    if best.noise > 0.5 * best.nrmse:
         said.append(
             "much of the error that is left is noise of the pictures: expose longer "
             "(--exposures-ms)."

@@ -1,4 +1,4 @@
-"""What a refinement is asked for, and what a bench adds to it."""
+"""The request for a refinement, completed by what a bench knows of its star."""
 
 from __future__ import annotations
 
@@ -15,12 +15,18 @@ from optics.stop_shadow import panel_to_focus_distance
 
 
 class RefinementRequest(FileModel):
-    """What a person wants.
+    """The options of `labapp refine`.
 
-    pictures: of the PSF; the first shows the start, the last only judges. exposures_ms: of each
-    picture; of a video whole periods are taken, rounded up. star, dark: names of the targets;
-    dark may be "" where the lamp can't be covered. star_um, star_m: diameter and distance of the
-    pinhole; None for what the scene knows.
+    Attributes
+    ----------
+    pictures : int
+        Number of pictures of the PSF. The first shows the start; the last is only evaluated.
+    exposures_ms : tuple of float
+        Exposure bracket of each picture. Exposures of a video are rounded up to whole periods.
+    star, dark : str
+        Names of the targets. dark may be "" if the lamp can't be covered.
+    star_um, star_m : float or None
+        Diameter and distance of the pinhole. By default they are taken from the scene.
     """
 
     pictures: Annotated[int, Field(ge=2, le=1000)] = 5
@@ -32,7 +38,7 @@ class RefinementRequest(FileModel):
 
     @staticmethod
     def from_options(**words: object) -> RefinementRequest:
-        """UserError names the option that is wrong."""
+        """Return the request for a refinement; raise UserError with the option that is wrong."""
         try:
             return RefinementRequest.model_validate(words)
         except ValidationError as error:
@@ -40,7 +46,7 @@ class RefinementRequest(FileModel):
 
 
 def parse_milliseconds(text: str) -> list[float]:
-    """Of a list with commas, as in 1,8,64."""
+    """Parse a list of exposures in milliseconds, such as "1,8,64"."""
     try:
         return [float(word) for word in text.split(",")]
     except ValueError as error:
@@ -50,7 +56,10 @@ def parse_milliseconds(text: str) -> list[float]:
 
 
 def with_star_size(request: RefinementRequest, bench: Bench) -> RefinementRequest:
-    """With the size of the star; UserError if the bench lacks a target, or nobody knows it."""
+    """Return the request with diameter and distance of the bench's star.
+
+    Raises UserError if the bench lacks a target, or if the diameter isn't known.
+    """
     table = require_star_target(bench, request.star, request.dark)
     known = {"star_m": panel_to_focus_distance(bench.description)}
     if table is not None:

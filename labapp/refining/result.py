@@ -1,4 +1,4 @@
-"""What a refinement came to: its pictures, and the design that the best of them showed."""
+"""The result of a refinement: its pictures, and the design that the best of them showed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ from optics.retrieval.slow_crystal import displayed_psf
 
 @dataclass(frozen=True, eq=False)
 class RefinementResult:
-    """pictures: in the order in which they were taken. phases: of the best one."""
+    """The result of a refinement: all measured PSFs, and the phases of the best one.
+
+    pictures are in the order in which they were taken. phases are (frames, rows, columns), rad.
+    """
 
     start: RefinementStart
     request: RefinementRequest
@@ -34,13 +37,13 @@ class RefinementResult:
 
     @cached_property
     def best(self) -> int:
-        """Which picture was the best one; 0 is the start."""
+        """Index of the picture with the least error; 0 is the start."""
         errors = [seen.nrmse for seen in self.pictures]
         return errors.index(min(errors))
 
     @property
     def refinement_record(self) -> dict[str, Any]:
-        """How it was refined, for programs; pictures count from 1, as their records do."""
+        """Account of the refinement as plain data; pictures count from 1, as their records do."""
         return {
             "registration": "calibrated" if self.view.is_calibrated else "described",
             "best": self.best + 1,
@@ -64,7 +67,7 @@ def refined_design_contents(
     bench: BenchFile,
     progress: Progress,
 ) -> DesignContents:
-    """The refined design's file; `before` is what `design` holds."""
+    """Return the contents of the refined design file; `before` are those of the file `design`."""
     start, goal = result.start, result.start.goal
     camera, phases = goal.camera, result.phases
     greys = start.grey_levels(phases)
@@ -93,7 +96,7 @@ def refined_design_contents(
 
 
 def _settings(result: RefinementResult, design: Path, before: Mapping[str, Any]) -> dict[str, Any]:
-    """The design's own, and how it was refined, each time that it was."""
+    """Return the design's settings with an account of this refinement added to earlier ones."""
     account = {
         "from": str(design.resolve()),
         "request": result.request.model_dump(mode="json"),

@@ -1,4 +1,4 @@
-"""Where the design grid lies on the sensor, and how the camera sees a PSF that is known there."""
+"""The positions of the design grid on the sensor, and a PSF as the camera sees it there."""
 
 from __future__ import annotations
 
@@ -20,16 +20,13 @@ from optics.retrieval.goal import RetrievalGoal
 
 Array = NDArray[np.float64]
 
-_VISIBLE_SHARE = 1e-3
-"""Share of the target's peak that must fall on the sensor: darker parts are taken for granted."""
-
 
 @dataclass(frozen=True, eq=False)
 class SensorView:
-    """A goal's plane seen by a sensor of a shape (rows, columns).
+    """The design grid of a retrieval goal as a sensor of `shape` (rows, columns) sees it.
 
-    star_diameter: diameter of the star's image, sensor pixels. is_calibrated: whether the
-    registration was measured. UserError if a part of the target falls beside the sensor.
+    `star_diameter` is that of the star's image in sensor pixels. `is_calibrated` says whether the
+    registration was measured. Raises UserError if a part of the target falls beside the sensor.
     """
 
     goal: RetrievalGoal
@@ -39,7 +36,8 @@ class SensorView:
     is_calibrated: bool
 
     def __post_init__(self) -> None:
-        lit = (self.target > _VISIBLE_SHARE * self.target.max()).numpy()
+        # Parts of the target below 0.1 % of its peak may fall beside the sensor.
+        lit = (self.target > 1e-3 * self.target.max()).numpy()
         if self.on_sensor[lit].all():
             return
         low, high = self.sensor_positions[lit].min(0), self.sensor_positions[lit].max(0)
@@ -51,10 +49,10 @@ class SensorView:
 
     @cached_property
     def sensor_positions(self) -> Array:
-        """(y, x) pixel on the sensor of every sample of the plane, (rows, columns, 2).
+        """Sensor position (y, x) in pixels of every sample of the design grid, (rows, columns, 2).
 
-        A sample lies where the grating sends light whose phase turns by so many cycles per
-        panel pixel as the sample has of the far field.
+        A sample of the far field has a grating vector in cycles per panel pixel, which the
+        registration maps to the sensor.
         """
         y, x = (
             (np.arange(n) - n // 2) / self.goal.far_field_samples for n in self.goal.plane.shape
@@ -64,7 +62,7 @@ class SensorView:
 
     @cached_property
     def on_sensor(self) -> NDArray[np.bool_]:
-        """The samples that fall on the sensor, (rows, columns)."""
+        """Whether each sample of the design grid falls on the sensor, (rows, columns)."""
         y, x = self._coordinates
         return (y >= 0) & (y <= self.shape[0] - 1) & (x >= 0) & (x <= self.shape[1] - 1)
 
@@ -74,9 +72,10 @@ class SensorView:
         return self.convolve_with_star(self.goal.target)
 
     def convolve_with_star(self, psf: torch.Tensor) -> torch.Tensor:
-        """A PSF on the plane, convolved with the star's image and the sensor's pixel.
+        """Convolve a PSF on the design grid with the star's image and the pixel aperture.
 
-        By their exact transforms; dark beyond the plane, and nowhere negative.
+        The exact transforms of both are used. The PSF is taken to be 0 beyond the grid, and
+        negative results are set to 0.
         """
         shape = tuple(scipy.fft.next_fast_len(n + self._reach, real=True) for n in psf.shape)
         spectrum = torch.fft.rfft2(psf.to(torch.float64), s=shape)
@@ -84,12 +83,12 @@ class SensorView:
         return seen[: psf.shape[0], : psf.shape[1]].clamp(min=0).to(psf.dtype)
 
     def resample_picture(self, picture: Array) -> torch.Tensor:
-        """A picture (rows, columns) of the sensor on the plane, float64: cubics between pixels."""
+        """Resample a sensor picture (rows, columns) to the design grid by cubic interpolation."""
         found = ndimage.map_coordinates(picture, self._coordinates, order=3, mode="mirror")
         return torch.from_numpy(found)
 
     def resample_nearest(self, values: NDArray[np.float64]) -> torch.Tensor:
-        """The same with the value of the nearest pixel, for what no curve goes through."""
+        """Resample sensor values to the design grid by the nearest pixel, such as variances."""
         found = ndimage.map_coordinates(values, self._coordinates, order=0, mode="nearest")
         return torch.from_numpy(found)
 
@@ -99,22 +98,22 @@ class SensorView:
 
     @cached_property
     def _step(self) -> Array:
-        """Sensor pixels from sample to sample, (y, x) of both."""
+        """Step between samples of the design grid, in sensor pixels: a matrix of both axes."""
         stretch = self.goal.wavelength / self.registration.wavelength
         return self.registration.matrix * stretch / self.goal.far_field_samples
 
     @property
     def _reach(self) -> int:
-        """Samples by which the camera widens a PSF, on either side."""
+        """Number of samples by which star and pixel widen a PSF on each side."""
         pixels = (self.star_diameter + math.sqrt(2)) / 2
         return math.ceil(pixels * np.linalg.norm(np.linalg.inv(self._step), 2))
 
     def _transfer(self, shape: tuple[int, ...]) -> torch.Tensor:
-        """Of pixel and star, on an rfft2 of a shape."""
+        """Return the transfer function of pixel and star for an rfft2 of a shape."""
         fy = torch.fft.fftfreq(shape[0], dtype=torch.float64)[:, None]
         fx = torch.fft.rfftfreq(shape[1], dtype=torch.float64)[None, :]
         step = np.linalg.inv(self._step)
-        # Cycles per sensor pixel.
+        # gy and gx are in cycles per sensor pixel.
         gy, gx = fy * step[0, 0] + fx * step[1, 0], fy * step[0, 1] + fx * step[1, 1]
         argument = math.pi * self.star_diameter * torch.hypot(gy, gx)
         safe = torch.where(argument > 0, argument, 1.0)
@@ -125,10 +124,10 @@ class SensorView:
 def build_view(
     bench: BenchFile, goal: RetrievalGoal, diameter: float, distance: float
 ) -> SensorView:
-    """What a bench's camera sees of a star of a diameter at a distance, both in metres.
+    """Build the view of a star by a bench's camera; its diameter and distance are in metres.
 
-    By the registration in force that was measured nearest to the goal's wavelength; without one
-    by the camera's description.
+    The view uses the calibration's registration at the wavelength nearest to the goal's. Without
+    one, it uses the camera's description.
     """
     camera, calibration = goal.camera, bench.active_calibration
     star = diameter * camera.magnification(distance) / camera.sensor.pitch
@@ -141,7 +140,10 @@ def build_view(
 
 
 def nominal_registration(camera: Camera, wavelength: float) -> Registration:
-    """Without a measured one: the axis in the middle of the sensor, nothing turned or mirrored."""
+    """Return the registration by the camera's description, for a bench without a measured one.
+
+    The axis meets the middle of the sensor, and nothing is rotated or mirrored.
+    """
     scale = wavelength * camera.ray_matrix_b / camera.panel.pitch / camera.sensor.pitch
     rows, columns = camera.sensor.shape
     return Registration(

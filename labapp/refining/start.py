@@ -1,4 +1,4 @@
-"""A design as a refinement starts from it: its goal for the camera at hand, and its phases."""
+"""The start of a refinement: a design's goal for the present camera, and its phases."""
 
 from __future__ import annotations
 
@@ -23,7 +23,11 @@ from optics.slm.flatness import flatness_phase
 
 @dataclass(frozen=True, eq=False)
 class RefinementStart:
-    """phases: (frames, rows, columns), radians. orders: whole waves that they are shown in."""
+    """The start of a refinement: pattern table, retrieval goal and phases of a design.
+
+    phases are (frames, rows, columns), radians. orders is the number of whole waves of the
+    panel's range that they use.
+    """
 
     spec: PSFPattern
     goal: RetrievalGoal
@@ -35,7 +39,11 @@ class RefinementStart:
         return len(self.phases)
 
     def phases_on_panel(self, phases: torch.Tensor) -> torch.Tensor:
-        """Phases as they are shown: in the orders of a video that its liquid crystal likes best."""
+        """Return phases as the panel shows them.
+
+        For a video on a slow panel, whole waves are added so that its liquid crystal has the
+        least to change from frame to frame.
+        """
         panel, wavelength = self.goal.camera.panel, self.goal.wavelength
         slow = self.frames > 1 and panel.response_time > 0
         if not slow or self.orders != usable_orders(panel, wavelength):
@@ -43,7 +51,7 @@ class RefinementStart:
         return shortest_panel_phases(self.goal, phases)
 
     def grey_levels(self, phases: torch.Tensor) -> NDArray[np.uint8]:
-        """Grey levels, (frames, rows, columns), of phases as they are shown."""
+        """Return the grey levels (frames, rows, columns) that show these phases on the panel."""
         panel, wavelength = self.goal.camera.panel, self.goal.wavelength
         return np.stack(
             [phase_to_grey(panel, phase, wavelength, self.orders).numpy() for phase in phases]
@@ -51,9 +59,9 @@ class RefinementStart:
 
 
 def build_start(contents: DesignContents, path: Path, camera: Camera) -> RefinementStart:
-    """The goal that a design was made for, anew for a camera as it is known now.
+    """Build the start of a refinement: the design's goal for the camera as it is calibrated now.
 
-    UserError if the design isn't one for a PSF's shape, or is for another panel.
+    Raises UserError if the design isn't for a PSF's shape, or is for another panel.
     """
     spec = _spec(contents, path)
     _require_panel(contents, path, camera)
@@ -97,7 +105,7 @@ def _require_panel(contents: DesignContents, path: Path, camera: Camera) -> None
 
 
 def _phases(contents: DesignContents, camera: Camera, wavelength: float) -> torch.Tensor:
-    """As they were designed; of grey levels alone, as the panel shows them."""
+    """Return the design's phases, computed from its grey levels if it doesn't hold phases."""
     if contents.phase is not None:
         return torch.from_numpy(contents.phase)
     panel = camera.panel

@@ -1,1 +1,1 @@
-"""Runs: planned, taken, recorded, resumed, verified, shown and exported."""
+"""Plan, take, record, resume, verify, show and export runs."""

@@ -1,4 +1,4 @@
-"""What a run asks of a bench: open devices, and what is known of them."""
+"""The interface of a bench that a run needs: open devices, and their description."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from drivers.interfaces import (
 from drivers.supervised import SupervisedDevice
 
 if TYPE_CHECKING:
-    # Types alone: who takes a run over another kind of bench needs nothing of what these load.
+    # These are imported for types only: they load much that a user's own bench may not need.
     from labapp.files.bench_file import BenchFile
     from labapp.files.scene_file import SceneFile
     from optics.camera import Camera as CameraDescription
@@ -27,29 +27,29 @@ if TYPE_CHECKING:
 
 
 class Bench(Protocol):
-    """Devices that are open, and the camera that they make up.
+    """A bench as a run needs it: open devices, and the description of their camera.
 
-    labapp.bench opens one from a bench file. A person's own script may bring another.
+    labapp.bench opens one from a bench file. A user's own script may implement another.
     """
 
     @property
     def file(self) -> BenchFile:
-        """As it was read; the record keeps it."""
+        """The bench file as it was read; the record keeps it."""
 
     @property
     def scene_file(self) -> SceneFile | None:
-        """What simulated devices see; None without any."""
+        """The scene before simulated devices; None without any."""
 
     @property
     def description(self) -> CameraDescription:
-        """The camera, with the calibration in force."""
+        """The description of the camera, with its calibration."""
 
     @property
     def clock(self) -> Clock: ...
 
     @property
     def world(self) -> World | None:
-        """Behind simulated devices; None without any."""
+        """The state that simulated devices share; None without any."""
 
     @property
     def slm(self) -> SLM: ...
@@ -69,27 +69,27 @@ class Bench(Protocol):
 
     @property
     def devices(self) -> Mapping[str, Device]:
-        """All of them by name."""
+        """All devices of the bench by role."""
 
     @property
     def supervised_devices(self) -> Mapping[str, SupervisedDevice]:
-        """The same, as those who open them again see them."""
+        """All devices of the bench by role, with what is needed to open them again."""
 
     @property
     def simulated_devices(self) -> list[str]:
-        """The names of those that are simulated."""
+        """Roles of the simulated devices."""
 
     def calibration_warnings_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
-        """Why the calibration in force may not hold at wavelengths in metres, in words."""
+        """Return warnings why the calibration may not hold at wavelengths in metres."""
 
     def cancellable_by(self, cancelled: Callable[[], bool]) -> AbstractContextManager[None]:
-        """While the block runs, no call of a device outlasts `cancelled` by much."""
+        """Return a context in which calls of devices end soon after `cancelled` returns true."""
 
     def failed_devices(self) -> list[str]:
-        """The devices that were given up, and why."""
+        """Return the devices that were given up, and why."""
 
     def make_safe(self) -> list[DeviceError]:
-        """SLM neutral, filter parked, camera stopped; what failed of it."""
+        """Set the SLM to neutral, park the filter, stop the camera; return the errors."""
 
     def device_error(self, role: str, command: str, reply: str) -> DeviceError:
-        """What is wrong with a device, in the words of those who use it."""
+        """Return an error that names a device by its role on the bench."""

@@ -1,4 +1,4 @@
-"""`labapp plan list`: the plans that come with the application."""
+"""The command `labapp plan list`: list the plans that come with the application."""
 
 from __future__ import annotations
 
@@ -11,12 +11,9 @@ from labapp.files.file_lookup import bundled_plans
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 
-_MAX_LISTED_WORDS = 6
-"""Words that a line names one by one."""
-
 
 def list_plans(*, as_json: bool) -> None:
-    """Print the plans that come with the application."""
+    """Print the plans that come with the application, with what each needs of a bench."""
     listed = [_plan_entry(name, _describe(path)) for name, path in bundled_plans().items()]
     example = "labapp run coded-snapshot --out run.h5\nWhat one takes: labapp plan check NAME"
     print_list(listed, as_json=as_json, example=example)
@@ -28,7 +25,7 @@ def _plan_entry(name: str, facts: dict[str, Any]) -> ListEntry:
 
 
 def _describe(path: Path) -> dict[str, Any]:
-    """A ready plan as plain data; the first line of its file says what it is for."""
+    """Return a bundled plan as plain data; the first line of its file says what it is for."""
     plan = read_file(path, PlanFile)
     targets: list[str] = []
     for block in plan.acquire:
@@ -49,7 +46,7 @@ def _describe(path: Path) -> dict[str, Any]:
 
 
 def _describe_requirements(facts: dict[str, Any]) -> str:
-    """What a bench must have for a ready plan."""
+    """Return what a bench must have for a bundled plan, in words."""
     nm, ms = facts["wavelengths_nm"], facts["exposures_ms"]
     needs = [abbreviate_list(facts["targets"]), f"{format_range(nm)} nm"]
     needs += [f"{format_range(ms)} ms"] if ms else []
@@ -59,13 +56,13 @@ def _describe_requirements(facts: dict[str, Any]) -> str:
 
 
 def format_range(values: Sequence[float]) -> str:
-    """From the smallest to the largest of sorted values."""
+    """Format the range of a plan's sorted values, from the smallest to the largest."""
     return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} to {values[-1]:g}"
 
 
 def abbreviate_list(words: Iterable[str]) -> str:
-    """A few words in full; of many the ends, and how many there are."""
+    """Join names of a plan with commas; of more than 6, give the first two, last and number."""
     listed = list(words)
-    if len(listed) <= _MAX_LISTED_WORDS:
+    if len(listed) <= 6:
         return ", ".join(listed)
     return f"{listed[0]}, {listed[1]} ... {listed[-1]} ({len(listed)})"

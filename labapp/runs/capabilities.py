@@ -1,4 +1,4 @@
-"""What a bench can do, as far as a plan depends on it."""
+"""The capabilities of a bench on which a plan depends."""
 
 from __future__ import annotations
 
@@ -9,11 +9,22 @@ from labapp.runs.bench_interface import Bench
 
 @dataclass(frozen=True)
 class BenchCapabilities:
-    """Read from the devices once. Metres and seconds; shapes are (rows, columns).
+    """The capabilities of a bench, read once from its devices.
 
-    slots: wavelengths of a filter wheel's slots, empty for a tunable filter. by_hand:
-    whether a person places the targets. video_frame: seconds that a frame of a video stands.
-    readout: from the end of an exposure to a picture. *_settling: until a new setting stands.
+    Lengths are in metres, times in seconds, and shapes (rows, columns).
+
+    Attributes
+    ----------
+    by_hand : bool
+        Whether a person places the targets.
+    slots : tuple of float
+        Wavelengths of a filter wheel's slots; empty for a tunable filter.
+    video_frame : float
+        Time for which the SLM shows a frame of a video.
+    readout : float
+        Time from the end of an exposure to the picture.
+    target_settling, slm_settling, filter_settling : float
+        Settling time of each device.
     """
 
     targets: tuple[str, ...]
@@ -48,10 +59,10 @@ class BenchCapabilities:
         )
 
     def wavelength_in_metres(self, nm: float) -> float:
-        """A wavelength as a plan writes it: whole picometres, or exactly an end of the range.
+        """Convert a plan's wavelength to metres, rounded to picometres.
 
-        400e3 * 1e-12 and 400 * 1e-9 differ in the last bit, and a filter from 400 nm on
-        refuses the smaller one.
+        A value at an end of the filter's range becomes exactly that end. 400e3 * 1e-12 and
+        400 * 1e-9 differ in the last bit, and a filter from 400 nm on refuses the smaller one.
         """
         asked = round(nm * 1e3) * 1e-12
         ends = (end for end in self.wavelength_range if abs(end - asked) < 0.5e-12)

@@ -1,4 +1,4 @@
-"""What the simulator did for the frames of a record, as tables."""
+"""Print the effect plans in a record as tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from labapp.common.console import out, print_table
 
 
 def show_effects(effect_plan: dict[str, Any]) -> None:
-    """Print a record's plans: each effect with its levels, and where it may matter most."""
+    """Print a record's effect plans: each effect's levels, and its largest error bound."""
     if "plans" in effect_plan:
         _show_plans(effect_plan["plans"])
     else:
@@ -37,19 +37,19 @@ def _show_plans(plans: Sequence[dict[str, Any]]) -> None:
 
 
 def _row(name: str, plans: Sequence[dict[str, Any]]) -> list[str]:
-    """Of an effect: all of its levels, and bound and reason where the bound is the largest."""
+    """Return a row on an effect: its levels, its largest error bound, and the reason for it."""
     found = [one for plan in plans for one in plan["decisions"] if one["effect"] == name]
     levels = list(dict.fromkeys(one["level"] for one in found))
     level = " or ".join(levels)
     if any(one["forced"] for one in found):
         level += ", forced"
-    # Of those that are left out alike, what they would do where they would do most.
+    # Among equal bounds, take the plan with the largest estimated change of the picture.
     most = max(found, key=lambda one: (_size(one["relative"]), one["estimate"]))
     return [name, level, format_share(most["relative"]), most["why"]]
 
 
 def format_share(value: float | None) -> str:
-    """Of a picture; None is without a bound."""
+    """Format a relative error of a picture; None means that it has no bound."""
     return "∞" if value is None else f"{value:.1e}" if value else "0"
 
 
@@ -58,7 +58,7 @@ def _size(value: float | None) -> float:
 
 
 def _print_legacy_plans(plans: dict[str, Any]) -> None:
-    """Of a record whose simulator decided each effect alone, by an estimate."""
+    """Print the effect plans of an old record, in which each effect has an estimate only."""
     for name, plan in plans.items():
         rows = [
             [

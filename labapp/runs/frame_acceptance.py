@@ -1,4 +1,4 @@
-"""What makes a frame the one that was asked for; anything else is taken again."""
+"""Check that a frame was taken with the requested settings; a run takes other frames again."""
 
 from __future__ import annotations
 
@@ -9,24 +9,26 @@ from labapp.runs.bench_interface import Bench
 from labapp.runs.steps import Shot
 
 EXPOSURE_TOLERANCE = (20e-6, 0.02)
-"""Seconds, and share, by which an exposure may miss what was asked: cameras count in lines."""
+"""Allowed difference of an exposure from the requested one: seconds, and share of the exposure.
+The larger one applies. Cameras set exposures in steps of a sensor line."""
 
 WAVELENGTH_TOLERANCE = 0.011e-9
-"""Metres by which a wavelength may miss what was asked: tunable filters count in 0.01 nm."""
+"""Allowed difference in metres of a wavelength from the requested one: tunable filters set it in
+steps of 0.01 nm."""
 
 
 def is_exposure_as_requested(exposure: float, requested: float) -> bool:
-    """Whether a camera's exposure in seconds is the nearest to what was asked, or nearly so."""
+    """Return whether a frame's exposure in seconds is as near to the request as a camera can."""
     seconds, share = EXPOSURE_TOLERANCE
     return abs(exposure - requested) <= max(seconds, share * requested)
 
 
 @dataclass(frozen=True)
 class CaptureConditions:
-    """What held when a frame was asked for.
+    """Settings of the bench at the capture of a frame.
 
-    exposure: seconds, as set. settled_at: the clock's time from which all settings stood.
-    last_number: the camera's count of the last accepted frame.
+    exposure is the set value in seconds. settled_at is the clock's time from which all settings
+    had settled. last_number is the camera's number of the last accepted frame.
     """
 
     exposure: float
@@ -37,10 +39,11 @@ class CaptureConditions:
 def require_valid_frame(
     frame: Frame, shot: Shot, conditions: CaptureConditions, bench: Bench
 ) -> float:
-    """The wavelength that a frame was taken at, in metres.
+    """Check that a frame was taken with the settings of a shot; return its wavelength in metres.
 
-    DeviceError if the frame is stale, of another exposure, or if a device isn't where it was
-    set to: a picture that looks right and isn't costs more than one that is missing.
+    Raises DeviceError if the frame is stale or has another exposure, or if a device doesn't have
+    the setting that it was given. A missing frame does less harm than a wrong one that looks
+    right.
     """
 
     def refuse(role: str, what: str) -> Exception:

@@ -1,4 +1,4 @@
-"""Keys that a person presses while a run is under way: pause, go on, and answers."""
+"""Read keys from the terminal during a run: pause, resume, and answers to prompts."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from labapp.common.errors import UserError
 from optics.progress import Progress
 
 _POLL_INTERVAL = 0.05
-"""Seconds between looks at whether somebody has answered, or has cancelled."""
+"""Seconds between checks for a key, an answer or a cancellation."""
 
 
 class Keyboard:
-    """Reads standard input beside a run: p pauses, r goes on, Enter answers a question.
+    """Reads standard input during a run: p pauses, r resumes, and Enter answers a prompt.
 
-    What isn't a terminal is only read for answers, for it may be somebody's else; a terminal
-    only while the run is in its foreground. progress: of the run. Use it as
-    `with listening(progress) as keyboard`.
+    A terminal is read only while the run is in its foreground. Other input is read only for
+    answers, because it may be meant for another program. `progress` is that of the run. Use
+    `with open_keyboard(progress) as keyboard`.
     """
 
     def __init__(self, progress: Progress) -> None:
@@ -34,7 +34,7 @@ class Keyboard:
         threading.Thread(target=self._read, name="keyboard", daemon=True).start()
 
     def wait_for_enter(self, progress: Progress) -> None:
-        """Return when Enter is pressed from now on. UserError if nobody ever can."""
+        """Wait until Enter is pressed during a run; raise UserError if standard input has ended."""
         self._answer_given.clear()
         self._question_pending.set()
         try:
@@ -72,7 +72,7 @@ class Keyboard:
 
     @property
     def _wants_answer(self) -> bool:
-        """Each question takes one line: the next one belongs to the next question."""
+        """Whether a prompt waits for its answer; each prompt takes only one line of the input."""
         return self._question_pending.is_set() and not self._answer_given.is_set()
 
     def _press(self, key: bytes, terminal: bool) -> None:
@@ -85,7 +85,7 @@ class Keyboard:
 
 
 def _standard_input() -> int | None:
-    """Its number, None where there is none, as in a service or under a test."""
+    """Return the file descriptor of standard input; None in a service or a test."""
     try:
         return sys.stdin.fileno()
     except (AttributeError, OSError, ValueError):
@@ -93,7 +93,10 @@ def _standard_input() -> int | None:
 
 
 def _is_in_foreground(terminal: int) -> bool:
-    """Whether this process is in the terminal's foreground: who reads behind it is stopped."""
+    """Return whether this process is in the terminal's foreground.
+
+    The system stops a process that reads the terminal from the background.
+    """
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
     except OSError:
@@ -102,7 +105,7 @@ def _is_in_foreground(terminal: int) -> bool:
 
 @contextmanager
 def open_keyboard(progress: Progress) -> Iterator[Keyboard]:
-    """A keyboard whose keys are heard one by one, without Enter, where it is a terminal."""
+    """Open the keyboard for a run; a terminal delivers each key at once, without Enter."""
     source = _standard_input()
     terminal = (
         source if source is not None and os.isatty(source) and _is_in_foreground(source) else None

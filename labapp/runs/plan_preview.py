@@ -1,4 +1,4 @@
-"""`labapp plan`: what a plan asks of a bench and will take, before anything moves."""
+"""The commands `labapp plan check` and `labapp plan show`: preview a plan on a bench."""
 
 from __future__ import annotations
 
@@ -25,13 +25,10 @@ from labapp.runs.bundled_plans import abbreviate_list, format_range
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.steps import Shot
 
-_ROWS = 40
-"""Rows of steps that are printed unless all are asked for."""
-
 
 @dataclass(frozen=True)
 class Preview:
-    """A plan as a bench would run it. source: its file. free: bytes in the current folder."""
+    """Preview of a plan on a bench; source is its file, free the bytes in the current folder."""
 
     plan: PlanFile
     source: Path
@@ -50,9 +47,9 @@ class Preview:
 def check_plan(
     named_plan: NamedPlan, bench: Path | None, scene: Path | None, *, as_json: bool
 ) -> None:
-    """Say what a plan takes and that the bench can do it; UserError if it can't.
+    """Print what a plan takes, and that the bench can run it; raise UserError if it can't.
 
-    Patterns are tried, with one iteration where a plan asks for many.
+    The patterns are computed on trial, with one iteration instead of many.
     """
     with open_bench(BenchFiles.with_defaults(bench, scene)) as opened:
         preview = preview_plan(named_plan.plan, named_plan.path, opened)
@@ -73,7 +70,7 @@ def check_plan(
 def show_plan(
     named_plan: NamedPlan, bench: Path | None, scene: Path | None, *, every_row: bool, as_json: bool
 ) -> None:
-    """Print what a plan takes, and its steps in order; UserError if the bench can't do it."""
+    """Print what a plan takes, and its steps in order; raise UserError if it can't be run."""
     with open_bench(BenchFiles.with_defaults(bench, scene)) as opened:
         preview = preview_plan(named_plan.plan, named_plan.path, opened)
     prompts = prompts_by_frame(preview.shots, preview.capabilities)
@@ -86,7 +83,10 @@ def show_plan(
 
 
 def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
-    """A plan on an open bench; UserError if the bench can't do it. source: the plan's file."""
+    """Preview a plan on an open bench; raise UserError if the bench can't run it.
+
+    `source` is the plan's file.
+    """
     abilities = BenchCapabilities.of(bench)
     listed = feasible_shots(plan, abilities, str(source))
     expected = estimate_run(listed, plan, abilities)
@@ -103,7 +103,7 @@ def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
 
 
 def _require_reconstruction_frames(preview: Preview) -> None:
-    """UserError if frames that the reconstruction needs aren't taken, or aren't named clearly."""
+    """Raise UserError if a plan's reconstruction lacks frames, or its wavelength is ambiguous."""
     roles = preview.plan.reconstruct
     if roles is None:
         return
@@ -130,7 +130,7 @@ def _require_reconstruction_frames(preview: Preview) -> None:
 
 
 def _try_patterns(preview: Preview, bench: Bench) -> None:
-    """UserError if a pattern can't be computed for the bench's panel."""
+    """Raise UserError if a pattern of a plan can't be computed for the bench's panel."""
     plan = preview.plan
     quick = {name: pattern.with_least_work() for name, pattern in plan.patterns.items()}
     with terminal_progress() as progress:
@@ -160,7 +160,7 @@ def _print_summary(preview: Preview) -> None:
 
 
 def _limits(preview: Preview) -> list[dict[str, str]]:
-    """What a plan uses of what its bench has, in words."""
+    """Return a plan's requests beside the bench's capabilities, in words."""
     plan, abilities, listed = preview.plan, preview.capabilities, preview.shots
     exposures = sorted({shot.exposure * 1e3 for shot in listed})
     wavelengths = _nm(sorted({shot.wavelength for shot in listed}))
@@ -195,12 +195,15 @@ def _limits(preview: Preview) -> list[dict[str, str]]:
 
 
 def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> None:
-    """A table of the steps; a prompt ends one and is the next one's heading."""
+    """Print the steps of a plan in tables, a new one after each prompt, which is its heading.
+
+    Unless `every_row` is set, only the first 40 rows are printed.
+    """
     wheel = any(shot.slot for shot in preview.shots)
     columns = ["step", "role", "target", "pattern", "nm ", "exposures ms ", "frames ", "due s "]
     columns[5:5] = ["slot "] if wheel else []
     groups = list(_groups(preview.shots))
-    printed = groups if every_row else groups[:_ROWS]
+    printed = groups if every_row else groups[:40]
     heading, rows = "Steps", list[list[Any]]()
     for group in printed:
         if text := prompts.get(group[0].index):
@@ -214,7 +217,7 @@ def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> 
 
 
 def _groups(listed: Sequence[Shot]) -> Iterator[list[Shot]]:
-    """Consecutive frames that differ in exposure and repeat alone."""
+    """Group consecutive frames of a plan that differ only in exposure and repeat."""
 
     def setting(shot: Shot) -> tuple[Any, ...]:
         return shot.role, shot.target, shot.pattern, shot.wavelength, shot.slot
@@ -257,7 +260,7 @@ def _as_data(preview: Preview) -> dict[str, Any]:
 
 
 def _shot_data(shot: Shot, prompt: str) -> dict[str, Any]:
-    """A planned frame as plain data; prompt: what a person is asked before it."""
+    """Return a planned frame as plain data, with the prompt before it."""
     return {
         "frame": shot.index,
         "step": shot.step,

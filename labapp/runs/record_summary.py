@@ -1,4 +1,4 @@
-"""`labapp show`: what a record holds."""
+"""The command `labapp show`: print the contents of a record."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def show_record(path: Path, *, as_json: bool) -> None:
 
 
 def record_data(record: Record) -> dict[str, Any]:
-    """A record as plain data."""
+    """Return a summary of a record as plain data."""
     stored = record.column("stored").astype(bool)
     rows, columns = record.image(0).shape
     return {
@@ -71,7 +71,7 @@ def record_data(record: Record) -> dict[str, Any]:
 
 
 def _groups(record: Record) -> list[dict[str, Any]]:
-    """The planned frames, by role, target, pattern and wavelength."""
+    """Return the planned frames of a record, grouped by role, target, pattern and wavelength."""
     targets, patterns = record.target_names, record.pattern_names
     columns = ("role", "target", "pattern", "wavelength_asked", "exposure_asked")
     exposures: dict[tuple[Any, ...], list[float]] = {}

@@ -1,4 +1,4 @@
-"""`labapp run` and `labapp resume`: plan files on a bench, and what is left of one."""
+"""The commands `labapp run` and `labapp resume`: run plan files on a bench, or resume a run."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ from optics.progress import Cancelled, Progress
 
 @dataclass(frozen=True)
 class ExecutionOptions:
-    """How a person wants runs to be done.
+    """Options of the commands that run plans.
 
-    yes: prompts count as answered. speed: seconds of a virtual bench's time in a second.
+    force allows existing files to be replaced. With yes, all prompts count as answered. speed is
+    the virtual bench's time over real time.
     """
 
     force: bool = False
@@ -42,8 +43,10 @@ def run_files(
     files: BenchFiles,
     execution: ExecutionOptions,
 ) -> None:
-    """Run plans in turn, each into its record, and say how each ended; anything but COMPLETE is
-    an error."""
+    """Run plans in turn, each into its record, and print how each run ended.
+
+    Raises UserError if a run isn't COMPLETE, or Cancelled if it was cancelled.
+    """
     if len(plans) > 1:
         make_folder(records[0].parent)
     requests = [
@@ -65,7 +68,7 @@ def run_files(
     if execution.as_json:
         data = [_as_data(outcome) for outcome in outcomes]
         print_json(data if len(plans) > 1 else data[0])
-    # Of several troubles the first; all of them were told as they came.
+    # Only the first run that isn't complete raises an error.
     for outcome in outcomes:
         require_complete(outcome)
 
@@ -73,7 +76,7 @@ def run_files(
 def resume_file(
     record: Path, bench: Path | None, faults: Path | None, execution: ExecutionOptions
 ) -> None:
-    """Take the frames that a record lacks, on the bench that it was begun on."""
+    """Resume a run: take the frames that its record lacks, on the bench on which it began."""
     with Record(record) as opened:
         setup = bench_setup_of(opened, faults)
         missing = opened.missing_frames()
@@ -92,7 +95,7 @@ def resume_file(
 
 
 def bench_setup_of(record: Record, faults: Path | None = None) -> BenchSetup:
-    """The bench that a record was taken on; UserError if a picture of its scene has changed."""
+    """Return the bench setup in a record; raise UserError if a picture of its scene has changed."""
     for file, known in record.scene_picture_digests.items():
         if file_sha256(Path(file)) != known:
             raise UserError(
@@ -109,7 +112,7 @@ def bench_setup_of(record: Record, faults: Path | None = None) -> BenchSetup:
 
 
 def require_complete(outcome: RunOutcome) -> None:
-    """Cancelled if the user cancelled; UserError if frames are missing for another reason."""
+    """Raise Cancelled if a run was cancelled, and UserError if it isn't complete otherwise."""
     if outcome.state is State.CANCELLED:
         raise Cancelled(f"{outcome.path}: CANCELLED, {len(outcome.missing)} frames not taken")
     if outcome.state is not State.COMPLETE:
@@ -124,7 +127,7 @@ def require_complete(outcome: RunOutcome) -> None:
 
 @contextmanager
 def interactive_progress(execution: ExecutionOptions) -> Iterator[tuple[Progress, AskOperator]]:
-    """A progress with a keyboard beside it, and somebody who answers prompts."""
+    """Show a run's progress in the terminal; yield it, and a function that prompts the user."""
     with terminal_progress() as progress, open_keyboard(progress) as keyboard:
 
         def ask(text: str, progress: Progress) -> None:

@@ -6,10 +6,10 @@ from enum import StrEnum
 
 
 class State(StrEnum):
-    """COMPLETE means that every planned frame was read back from the file."""
+    """The state of a run; COMPLETE means that every planned frame was read back from the record."""
 
     WAITING = "WAITING"
-    """Never written: of a run in line, which has no file yet."""
+    """A run in the queue, which has no record yet; this state is never written."""
 
     PLANNED = "PLANNED"
     RUNNING = "RUNNING"
@@ -18,7 +18,7 @@ class State(StrEnum):
     CANCELLED = "CANCELLED"
     FAILED = "FAILED"
     INTERRUPTED = "INTERRUPTED"
-    """Never written: how a file reads whose writer is gone without a word."""
+    """A run whose process ended without writing a final state; this state is never written."""
 
     @property
     def is_under_way(self) -> bool:
@@ -26,5 +26,5 @@ class State(StrEnum):
 
     @property
     def has_ended(self) -> bool:
-        """Whether a run ended so, and said so."""
+        """Whether the run ended and wrote its final state."""
         return self in (State.COMPLETE, State.CANCELLED, State.FAILED)

@@ -1,4 +1,4 @@
-"""What a plan asks for, frame by frame, and when each is due."""
+"""Expand a plan into its shots, frame by frame, with the time at which each is due."""
 
 from __future__ import annotations
 
@@ -13,18 +13,37 @@ from labapp.files.plan_file import AXES, Acquisition, Axis, InterleavedFrames, P
 from labapp.runs.capabilities import BenchCapabilities
 
 AxisValues = Mapping[Axis, Any]
-"""A value for every axis; wavelengths in metres with their slot, exposures in seconds."""
+"""A value for every axis of a plan's block. Wavelengths are (slot, metres), exposures seconds."""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """One planned frame. index: in the record. step: of the plan. repeat: within the step.
+    """One planned frame of a run, with all of its settings.
 
-    wavelength: metres. exposure: seconds. role: light, or what calibration frame it is.
-    place: the target's name on the bench. prompt: what a person does before it is placed.
-    slot: of a filter wheel; 0 sets the wavelength. start_time: seconds from the beginning of the
-    run at which the exposure begins, if nothing goes wrong. duration: seconds that it takes,
-    settling included.
+    Attributes
+    ----------
+    index : int
+        Number of the frame in the record.
+    step, repeat : int
+        Step of the plan, and number of the frame within the step.
+    target, pattern : str
+        Names of target and pattern in the plan.
+    wavelength : float
+        Metres.
+    exposure : float
+        Exposure time in seconds.
+    role : str
+        "light", or the kind of calibration frame.
+    place : str
+        Name of the target on the bench.
+    prompt : str
+        What a person is asked to do before the target is placed.
+    slot : int
+        Slot of a filter wheel, from 1; 0 means that the wavelength is set.
+    start_time : float
+        Planned beginning of the exposure, in seconds from the beginning of the run.
+    duration : float
+        Seconds that the frame takes, settling included.
     """
 
     index: int
@@ -43,7 +62,7 @@ class Shot:
 
 
 def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> list[Shot]:
-    """Every frame of a plan on a bench, in the order in which they are taken."""
+    """Return the shots of a plan on a bench, in the order in which they are taken."""
     listed: list[Shot] = []
     for block in plan.acquire:
         first = max((shot.step for shot in listed), default=-1) + 1
@@ -55,10 +74,10 @@ def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> list[Shot]
 def block_exposures(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
 ) -> list[float]:
-    """The exposures of a block in seconds, whole microseconds as cameras count."""
+    """Return the exposures of a plan's block in seconds, rounded to microseconds as cameras do."""
     if block.exposures_ms is not None:
         return [round(ms * 1e3) / 1e6 for ms in block.exposures_ms]
-    # A period of all videos, so that pictures of different patterns can be compared.
+    # Periods are those common to all videos, so that frames of different patterns compare.
     frames = lcm(*(video.length for video in plan.videos(block).values()))
     return [round(n * frames * capabilities.video_frame * 1e6) / 1e6 for n in block.periods or ()]
 
@@ -66,7 +85,7 @@ def block_exposures(
 def _block_shots(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, first: int
 ) -> list[Shot]:
-    """The frames of a block, calibration frames between them; steps count from `first`."""
+    """Return the shots of a plan's block with its calibration frames; steps begin at `first`."""
     light = [
         _build_shot(setting, block.role, plan)
         for setting in _axis_combinations(block, plan, capabilities)
@@ -84,7 +103,10 @@ def _block_shots(
 def _axis_combinations(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
 ) -> Iterator[AxisValues]:
-    """Every combination of a block's axes, in its order; some axes may step together."""
+    """Yield every combination of the axes of a plan's block, in its order.
+
+    Axes of the same group step together.
+    """
     if block.slots is not None:
         wavelengths = [(n, capabilities.slots[n - 1]) for n in block.slots]
     else:
@@ -132,7 +154,7 @@ def _build_shot(setting: AxisValues, role: Role, plan: PlanFile) -> Shot:
 
 
 def _calibration_shots(request: InterleavedFrames, group: list[Shot], plan: PlanFile) -> list[Shot]:
-    """The calibration frames that a group of frames needs: each setting once, repeated."""
+    """Return the calibration shots for a group of shots: each needed setting, with its repeats."""
     needed: dict[Any, Shot] = {}
     for shot in group:
         made = _build_shot(
@@ -148,16 +170,17 @@ def _calibration_shots(request: InterleavedFrames, group: list[Shot], plan: Plan
             request.role,
             plan,
         )
-        # No light, no colour: darks of every exposure are enough.
+        # Dark frames don't depend on the wavelength, so one for each exposure is enough.
         colour = None if request.role == "dark" else (made.slot, made.wavelength)
         needed.setdefault((made.target, colour, made.exposure), made)
     return [replace(shot, repeat=n) for shot in needed.values() for n in range(request.frames)]
 
 
 def _assign_steps(listed: Iterable[Shot], first: int) -> list[Shot]:
-    """With a step for every setting; a setting that comes again, repeat and all, is a new one.
+    """Return shots with their steps numbered from `first`; a step is a setting with its repeats.
 
-    A frame's chance follows from step and repeat, so that no two frames may share both.
+    A setting that occurs again with the same repeat is a new step. The random numbers of a
+    simulated frame depend on step and repeat, so no two frames may share both.
     """
     numbered: list[Shot] = []
     steps: dict[Any, int] = {}
@@ -172,7 +195,7 @@ def _assign_steps(listed: Iterable[Shot], first: int) -> list[Shot]:
 
 
 def _schedule_shots(listed: Iterable[Shot], capabilities: BenchCapabilities) -> list[Shot]:
-    """With the moment at which each is due: what changes settles at once, then the exposure."""
+    """Return shots with their planned times: changed settings settle together, then expose."""
     timed: list[Shot] = []
     now = 0.0
     before: Shot | None = None

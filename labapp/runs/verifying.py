@@ -1,4 +1,4 @@
-"""`labapp verify`: whether a record is whole, and what to do if it isn't."""
+"""The command `labapp verify`: check a record for damage, and suggest what to do."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from labapp.runs.record.verification import RecordFinding, Verification
 from optics.progress import Progress
 
 _STALL_TIMEOUT = 60.0
-"""Seconds for which a file may keep HDF5 busy with one frame, or with its structure."""
+"""Seconds for which HDF5 may read one frame or the structure of a record without progress."""
 
 _CHECKS = "labapp.runs.record.checks:send_verification"
 
 
 def verify_record(path: Path, *, as_json: bool) -> bool:
-    """Verify a record, and print what was found; whether all is well.
+    """Verify a record and print the findings; return whether the record is in order.
 
-    UserError if there is no such file.
+    Raises UserError if there is no such file.
     """
     with terminal_progress() as progress:
         found = verify(path, progress)
@@ -42,10 +42,10 @@ def verify_record(path: Path, *, as_json: bool) -> bool:
 def verify(
     path: Path, progress: Progress | None = None, *, timeout: float = _STALL_TIMEOUT
 ) -> Verification:
-    """Every check that the file is still fit for, however damaged it is.
+    """Verify a record by all checks that its state allows, however damaged it is.
 
-    The checks are made in a process of their own, see labapp.runs.record.checks; one that hangs
-    is ended after `timeout` seconds without news. UserError if there is no such file.
+    The checks run in a process of their own, see labapp.runs.record.checks. That process is ended
+    after `timeout` seconds without progress. Raises UserError if there is no such file.
     """
     progress = progress or Progress()
     require_file(path)
@@ -67,7 +67,7 @@ def verify(
                 return _unreadable_verification(path)
             complaints.seek(0)
             said = complaints.read().decode(errors="replace")
-    # No damage of the file does that.
+    # Damage of the record can't cause this failure, so it is an error of the program.
     raise RuntimeError(f"the checks of {path} failed: {said[-2000:]}")
 
 

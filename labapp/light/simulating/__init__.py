@@ -1,1 +1,1 @@
-"""Pictures of scenes without a run: which effects they call for, and what they look like."""
+"""Simulate pictures of a scene without a run, and explain which effects they need."""

@@ -1,4 +1,4 @@
-"""Pictures by plans against the one with everything on: what each costs, and how near it is."""
+"""Compare simulated pictures by an effect plan with the picture with all effects on."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from simulator.planning.effect_plan import EFFECTS_SHARE, build_recipe
 from simulator.situation import Situation
 
 REFERENCE_TOL = 1e-5
-"""Relative error of arithmetic and sampling in the picture that the others are compared with."""
+"""Relative error of arithmetic and sampling in the reference picture with all effects."""
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """Relative L2 errors of mean picture, variance map and map of standard deviations."""
+    """Relative L2 errors of a simulated picture: of its mean, variance and standard deviation."""
 
     mean: float
     variance: float
@@ -42,8 +42,10 @@ class Deviation:
 
 @dataclass(frozen=True)
 class RenderedPicture:
-    """A picture, and what it took: operations that were counted, seconds of processor time, and
-    of that what went into deciding."""
+    """A simulated picture and its cost: counted operations and seconds of processor time.
+
+    planning_cpu is the part of cpu that was spent on the effect plan.
+    """
 
     picture: PictureMoments
     operations: float
@@ -55,7 +57,10 @@ class RenderedPicture:
 def render_by_plan(
     s: Situation, tol: float, check: Callable[[], None] = lambda: None
 ) -> RenderedPicture:
-    """As a tolerance allows, from nothing that is known before; of full wells, before they clip."""
+    """Simulate a picture by the effect plan of a tolerance, without clipping of full wells.
+
+    Nothing is cached beforehand, so that the cost includes the planning.
+    """
     imaging = Imaging(tol)
     own = replace(s, numerics=max((1 - EFFECTS_SHARE) * tol, REFERENCE_TOL))
     began = time.process_time()
@@ -71,9 +76,9 @@ def render_all_effects(
     s: Situation, check: Callable[[], None] = lambda: None,
     finer: Mapping[str, int] | None = None,
 ) -> RenderedPicture:  # fmt: skip
-    """With every effect at its finest, and nothing decided; of full wells, before they clip.
+    """Simulate a picture with every effect at its finest level, without clipping of full wells.
 
-    finer: levels of some effects that are finer than this situation asks for.
+    `finer` gives effects whose levels are finer than this situation needs.
     """
     imaging, own = Imaging(0.0), replace(s, numerics=REFERENCE_TOL)
     recipe = without_clipping(own, build_recipe(EFFECTS, own, finest_levels(own, finer)))
@@ -83,7 +88,7 @@ def render_all_effects(
 
 
 def finest_levels(s: Situation, finer: Mapping[str, int] | None = None) -> dict[str, int]:
-    """Of all effects that a situation causes, and of those that are asked for besides."""
+    """Return the finest levels of all effects that a situation has, and those in `finer`."""
     levels = {one.name: one.finest_level(s) for one in EFFECTS if one.is_present(s)}
     return levels | {name: max(level, levels.get(name, 0)) for name, level in (finer or {}).items()}
 

@@ -1,4 +1,4 @@
-"""`labapp explain`: which effects a picture calls for, and why."""
+"""The command `labapp explain`: which effects a simulated picture needs, and why."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from simulator.world import World
 def explain_effects(
     request: PictureRequest, *, with_audit: bool, pairs: int, as_json: bool
 ) -> bool:
-    """Print the plan, and whether its bounds hold if asked; False if one is broken.
+    """Print the effect plan of a picture, with an audit if asked; return whether all bounds hold.
 
-    pairs: how many are put back together. UserError for a negative number.
+    The audit also puts back `pairs` pairs of effects. Raises UserError if `pairs` is negative.
     """
     if pairs < 0:
         raise UserError(f"--pairs {pairs}: give 0 or more.")
@@ -47,7 +47,7 @@ def explain_effects(
 
 
 def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
-    """A plan, and what it is for, as plain data."""
+    """Return an effect plan and its situation as plain data."""
     return {
         "target": s.target.name,
         "wavelength_nm": s.wavelength * 1e9,
@@ -58,13 +58,13 @@ def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
 
 
 def changes_if_left_out(s: Situation, plan: EffectPlan) -> dict[str, float]:
-    """About what the picture would change by, relative, if an effect were left out."""
+    """Estimate the relative change of the picture if an effect were left out, for each effect."""
     taken = {one.effect for one in plan.decisions}
     return {one.name: one.estimated_error(s, 0) for one in EFFECTS if one.name in taken}
 
 
 def print_plan(data: dict[str, Any]) -> None:
-    """The table that a person reads, and the sum in a sentence."""
+    """Print an effect plan as a table, and its error and work in a sentence."""
     rows = [
         [
             one["effect"],
@@ -109,7 +109,7 @@ def _share(value: float | None) -> str:
 def _audit_effects(
     world: World, s: Situation, plan: EffectPlan, pairs: int
 ) -> tuple[AuditResult, ...]:
-    """Every single effect that is left out, and so many pairs of them, the largest first."""
+    """Audit an effect plan: put back each effect left out, and pairs of them, largest first."""
 
     def render(recipe: Recipe) -> tuple[torch.Tensor, torch.Tensor]:
         picture = world.imaging.picture_moments(s, without_clipping(s, recipe))

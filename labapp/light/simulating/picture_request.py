@@ -1,4 +1,4 @@
-"""A picture of a scene that somebody asks for at the command line."""
+"""The request for a simulated picture of a scene, and the virtual bench that is set up for it."""
 
 from __future__ import annotations
 
@@ -17,28 +17,56 @@ from simulator.effects.registry import EFFECTS
 from simulator.situation import Situation
 from simulator.world import World
 
-_TARGET_FILL = 0.5
-"""Of the full well, what the brightest pixel gets where nobody says an exposure."""
 
-_TRIAL, _TRIAL_TOL = 1e-3, 0.1
-"""Seconds of the exposure by which the brightness of a scene is found out, and how well."""
+@dataclass(frozen=True)
+class AutoExposureSettings:
+    """Tune the exposure of a simulated picture that is requested without one.
 
-_FINEST_TOL = 1e-4
-"""Tolerance of arithmetic and sampling, ten times over, where every effect is asked for."""
+    All values are chosen.
 
-_DARK = 1.0
-"""Seconds of an exposure for which there is no light."""
+    Attributes
+    ----------
+    target_fill : float
+        Electrons of the brightest pixel, over the full well.
+    trial : float
+        Exposure in seconds of the trial picture that measures the scene's brightness.
+    trial_tol : float
+        Relative error of the trial picture.
+    dark : float
+        Exposure in seconds if the trial picture has no light.
+    """
+
+    target_fill: float = 0.5
+    trial: float = 1e-3
+    trial_tol: float = 0.1
+    dark: float = 1.0
+
+
+_SETTINGS = AutoExposureSettings()
 
 
 @dataclass(frozen=True)
 class PictureRequest:
-    """What the command line asks for; SI units.
+    """The options for a simulated picture, in SI units.
 
-    scene, bench: files; the bundled ones if None. target: by name; the scene's first if None.
-    pattern: 8-bit picture on the panel; neutral if None. wavelength: of the filter; the bench's
-    own if None. exposure: seconds; so that the brightest pixel is half full if None. tol,
-    forced_effects: the scene's own if None, and beyond the scene's own. all_effects: whether every
-    effect that isn't forced is at its finest, whatever tol.
+    Attributes
+    ----------
+    scene, bench : Path or None
+        Files of scene and bench; the bundled ones by default.
+    target : str or None
+        Name of the target; the scene's first by default.
+    pattern : Path or None
+        8-bit picture on the panel; neutral by default.
+    wavelength : float or None
+        Wavelength of the filter in metres; the bench's own by default.
+    exposure : float or None
+        Seconds; by default, the brightest pixel is half full.
+    tol : float or None
+        Tolerance of the simulation; the scene's own by default.
+    forced_effects : mapping of str
+        Levels of effects, which are added to those that the scene forces.
+    all_effects : bool
+        Whether every effect that isn't forced is at its finest level, whatever tol.
     """
 
     scene: Path | None = None
@@ -54,9 +82,9 @@ class PictureRequest:
 
 @dataclass(frozen=True)
 class PreparedScene:
-    """A world that is set as asked, and the situation of the picture.
+    """A virtual bench that is set up for a requested picture, and the picture's situation.
 
-    files: the bench and the scene that they were made from, as JSON.
+    files holds the bench and the scene as JSON.
     """
 
     world: World
@@ -67,9 +95,9 @@ class PreparedScene:
 def prepare_scene(
     request: PictureRequest, progress: Progress
 ) -> AbstractContextManager[PreparedScene]:
-    """The virtual world of a bench, set as asked, and the situation of the picture.
+    """Open a virtual bench, set it up for a requested picture, and yield the situation.
 
-    UserError names the file, or the option, that is wrong.
+    Raises UserError with the file or the option that is wrong.
     """
     return prepare_bench_scene(
         BenchFiles.with_defaults(request.bench, request.scene).read(), request, progress
@@ -80,7 +108,10 @@ def prepare_scene(
 def prepare_bench_scene(
     setup: BenchSetup, request: PictureRequest, progress: Progress
 ) -> Iterator[PreparedScene]:
-    """The same of a bench that is read already; asked's own files don't count."""
+    """Set up a picture as prepare_scene() does, on a bench that was read before.
+
+    The files in the request are ignored.
+    """
     if request.exposure is not None and not 0 < request.exposure < math.inf:
         raise UserError(f"--exposure-ms {request.exposure * 1e3:g}: give a positive time.")
     if setup.scene is None or setup.bench.is_real:
@@ -100,17 +131,18 @@ def prepare_bench_scene(
 
 
 def _requested_scene(scene: SceneFile, request: PictureRequest) -> SceneFile:
-    """The scene with the tolerance and the effects that are asked for."""
+    """Return the scene with the requested tolerance and effects."""
     if request.tol is not None and not 0 < request.tol < 1:
         raise UserError(f"--tol {request.tol:g}: give a number between 0 and 1, as 0.01.")
     tol, forced = request.tol or scene.tol, {**scene.effects, **request.forced_effects}
     if request.all_effects:
-        tol, forced = min(tol, _FINEST_TOL), _all_effects_except(forced)
+        # Arithmetic and sampling get a tenth of this tolerance when all effects are on.
+        tol, forced = min(tol, 1e-4), _all_effects_except(forced)
     return scene.model_copy(update={"tol": tol, "effects": forced})
 
 
 def _all_effects_except(forced: Mapping[str, str | bool]) -> dict[str, str | bool]:
-    """All effects at their finest but those that are forced, and what can't be without them."""
+    """Return all effects on, except the forced ones and those that need an effect that is off."""
     found: dict[str, str | bool] = {**dict.fromkeys((one.name for one in EFFECTS), True), **forced}
     while falling := [
         one.name
@@ -141,14 +173,19 @@ def _exposure(world: World, request: PictureRequest, progress: Progress) -> floa
     if request.exposure is not None:
         return request.exposure
     progress.report(0.0, "finding an exposure")
-    trial, imaging = world.situation(_TRIAL), world.imaging.with_tolerance(_TRIAL_TOL)
+    trial = world.situation(_SETTINGS.trial)
+    imaging = world.imaging.with_tolerance(_SETTINGS.trial_tol)
     electrons = imaging.electrons(trial, imaging.plan(trial).recipe, progress.raise_if_cancelled)
-    brightest = float(electrons.max()) / _TRIAL
-    return _TARGET_FILL * world.camera.sensor.full_well / brightest if brightest > 0 else _DARK
+    brightest = float(electrons.max()) / _SETTINGS.trial
+    wanted = _SETTINGS.target_fill * world.camera.sensor.full_well
+    return wanted / brightest if brightest > 0 else _SETTINGS.dark
 
 
 def parse_forced_effects(settings: list[str]) -> dict[str, str | bool]:
-    """Effects as "NAME=LEVEL": on, off, or a level by its name. UserError for what isn't so."""
+    """Parse forced effects "NAME=LEVEL", where LEVEL is on, off, or the name of a level.
+
+    Raises UserError for anything else.
+    """
     found: dict[str, str | bool] = {}
     for setting in settings:
         name, equals, level = (part.strip() for part in setting.partition("="))

@@ -1,4 +1,4 @@
-"""`labapp simulate`: pictures of a scene, as files."""
+"""The command `labapp simulate`: write simulated frames of a scene to a file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ Frames = NDArray[np.uint16]
 def simulate_frames(
     request: PictureRequest, path: Path, kind: str, *, frames: int, seed: int
 ) -> None:
-    """Write frames of a scene: raw digital numbers, 16 bits. kind: of the file, as in _WRITERS."""
+    """Simulate frames of a scene, and write their raw 16-bit digital numbers to a file.
+
+    `kind` is the file's kind: png, tiff or h5.
+    """
     if seed < 0:
         raise UserError(f"--seed {seed}: give 0 or more.")
     with terminal_progress() as progress, prepare_scene(request, progress.part(0.0, 0.3)) as staged:
@@ -85,8 +88,11 @@ def _write_tiff(
 def _write_hdf5(
     path: Path, frames: Frames, picture: PictureMoments, metadata: dict[str, str]
 ) -> None:
-    """With the mean picture and the variance that the frames are drawn from, in electrons and
-    electrons², and JSON of what was decided, of the bench and of the scene."""
+    """Write simulated frames to an HDF5 file, with the distribution they were drawn from.
+
+    That is the mean in electrons and the variance in electrons². The file also holds effect plan,
+    bench and scene as JSON.
+    """
     held = io.BytesIO()
     with h5py.File(held, "w") as file:
         file["frames"] = frames

@@ -1,1 +1,1 @@
-"""`labapp pattern` and `labapp retrieve`: patterns as files, with the PSF that they will give."""
+"""The commands `labapp pattern` and `labapp retrieve`: write patterns with their predicted PSF."""

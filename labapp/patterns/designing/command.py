@@ -1,4 +1,4 @@
-"""Compute a pattern, predict its PSF, write both, and say how good they are."""
+"""Compute a pattern, predict its PSF, write both, and print their quality."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ from optics.camera import Camera
 def write_pattern(
     request: DesignRequest, files: Sequence[Path], picture_path: Path, *, as_json: bool
 ) -> None:
-    """Write a pattern to .png or .h5, and the picture of its PSF; print how good it is.
+    """Compute a pattern, write it and a picture of its PSF, and print its quality.
 
-    files: of a video numbered pictures, or one .h5. UserError if something can't be.
+    `files` are one .png per frame, or one .h5 design file. Raises UserError if the pattern can't
+    be computed or shown.
     """
     spec, path = request.plan_pattern, files[0]
     bench = read_bench(BenchFiles.with_defaults(request.bench).bench)

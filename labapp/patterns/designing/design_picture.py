@@ -1,4 +1,4 @@
-"""The picture of a design: target, pattern, and the PSF that it will give."""
+"""The picture of a pattern's design: target, pattern and predicted PSF."""
 
 from __future__ import annotations
 
@@ -12,18 +12,14 @@ from labapp.common.figure_png import figure_to_png
 from labapp.files.design_file import Grid
 from labapp.patterns.designing.pattern_design import PatternDesign
 
-_LOWEST_RATIO = 1e-4
-_CORE = 4
-"""Pixels from the axis where unmodulated light is."""
-
-_MOST_ROWS = 4
-"""Moments of a target that changes with time: the first, the last and some between."""
-
 
 def draw_design(title: str, notes: str, design: PatternDesign) -> bytes:
-    """A PNG file: a row for a moment, PSFs linear and over four decades."""
+    """Draw a pattern's design as a PNG file, with linear and logarithmic PSF, a row per moment.
+
+    Of a target that changes with time, at most 4 moments are drawn, among them first and last.
+    """
     count = len(design.psf.images)
-    rows = np.unique(np.linspace(0, count - 1, min(count, _MOST_ROWS)).round().astype(int))
+    rows = np.unique(np.linspace(0, count - 1, min(count, 4)).round().astype(int))
     widths = [1.78, 1.0, 1.0] if design.target is None else [1.78, 1.0, 1.0, 1.0]
     size = (3.9 * sum(widths), 4.0 * len(rows) + 0.9)
     figure = Figure(figsize=size, dpi=100, layout="constrained")
@@ -43,7 +39,7 @@ def _row(axes: list[Axes], design: PatternDesign, moment: int, count: int) -> No
     psf, target = design.psf.images[moment], design.target
     if target is not None:
         _draw(axes[1], target, target.images[moment], "Target")
-        # The same part of the sensor as beside it.
+        # The target is drawn over the same part of the sensor as the PSF beside it.
         axes[1].set_xlim(*_sample_edges(design.psf.x))
         axes[1].set_ylim(*reversed(_sample_edges(design.psf.y)))
         axes[1].set_facecolor("black")
@@ -51,21 +47,24 @@ def _row(axes: list[Axes], design: PatternDesign, moment: int, count: int) -> No
     clipped = ", brighter centre clipped" if brightest < psf.max() else ""
     _draw(axes[-2], design.psf, psf, f"Predicted PSF{clipped}", Normalize(0, brightest))
     peak = max(float(psf.max()), np.finfo(np.float64).tiny)
-    norm = LogNorm(peak * _LOWEST_RATIO, peak)
+    lowest = peak * 1e-4
     _draw(
         axes[-1],
         design.psf,
-        np.maximum(psf, peak * _LOWEST_RATIO),
+        np.maximum(psf, lowest),
         "Predicted PSF, 4 decades",
-        norm,
+        LogNorm(lowest, peak),
     )
 
 
 def _white_level(psf: NDArray[np.float64], has_target: bool) -> float:
-    """White of a linear picture: beside a shape, not the peak of the unmodulated light."""
+    """Return the brightness drawn as white: the PSF's peak, beside the zeroth order of a target.
+
+    The zeroth order, where unmodulated light falls, is within 4 pixels of the axis.
+    """
     rest = psf.copy()
     if has_target:
-        middle = tuple(slice(max(n // 2 - _CORE, 0), n // 2 + _CORE + 1) for n in psf.shape)
+        middle = tuple(slice(max(n // 2 - 4, 0), n // 2 + 5) for n in psf.shape)
         rest[middle] = 0
     return float(rest.max()) or float(psf.max()) or 1.0
 
@@ -81,6 +80,6 @@ def _draw(
 
 
 def _sample_edges(place: NDArray[np.float64]) -> tuple[float, float]:
-    """Outer edges of samples, in micrometres."""
+    """Return the outer edges of a picture's first and last sample, in micrometres."""
     half = (place[-1] - place[0]) / max(len(place) - 1, 1) / 2
     return float(place[0] - half) * 1e6, float(place[-1] + half) * 1e6

@@ -1,4 +1,4 @@
-"""What a command line asks to be designed."""
+"""The request for a pattern's design, from the command line."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from labapp.files.reading import format_validation_error
 
 @dataclass(frozen=True)
 class DesignRequest:
-    """A pattern, and for what.
+    """The options of `labapp pattern` and `labapp retrieve`.
 
-    wavelength: metres, at which the PSF is predicted. frames: of a video, 1 for a still. side:
-    sensor pixels across the predicted PSF; None for what the target needs. plan_pattern: the
-    pattern as a plan would have it. UserError for one that can't be a video.
+    The PSF is predicted at wavelength, in metres, on side x side sensor pixels; None takes the
+    size that the target needs. frames is the number of frames of a video, 1 for a still pattern.
+    plan_pattern is the same pattern as a plan file has it. Raises UserError for a pattern that
+    can't be a video.
     """
 
     pattern: StillPattern

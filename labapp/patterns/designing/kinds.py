@@ -1,4 +1,4 @@
-"""The kinds of patterns and targets, their keys, and what a command line says of them."""
+"""List the kinds of patterns and targets on the command line, and read them from KEY=VALUE."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TAGS = ("kind", "shape")
 
 
 def read_pattern(kind: str, keys: Sequence[str], wavelength_nm: float) -> StillPattern:
-    """A pattern from its kind and KEY=VALUE; UserError names what is wrong."""
+    """Return the pattern of a kind with keys from KEY=VALUE; raise UserError if one is wrong."""
     values = _values(kind, keys, STILL_PATTERNS, "pattern")
     if issubclass(STILL_PATTERNS[kind], PhasePattern):
         values = {"wavelength_nm": wavelength_nm} | values
@@ -29,9 +29,10 @@ def read_pattern(kind: str, keys: Sequence[str], wavelength_nm: float) -> StillP
 def read_psf(
     shape: str, keys: Sequence[str], wavelength_nm: float, options: Mapping[str, Any]
 ) -> PSFPattern:
-    """The pattern whose PSF is a target, from its shape and KEY=VALUE; errors as above.
+    """Return the pattern whose PSF has a target's shape, with keys from KEY=VALUE.
 
-    options: of the retrieval, as a pattern's table has them; None leaves one out.
+    `options` are keys of the pattern for its phase retrieval; None leaves one out. Raises
+    UserError if a key is wrong.
     """
     source = f"target {shape}"
     values = _values(shape, keys, TARGETS, "target")
@@ -61,7 +62,7 @@ def list_targets(*, as_json: bool) -> None:
 def _values(
     name: str, keys: Sequence[str], tables: Mapping[str, type[Table]], what: str
 ) -> dict[str, Any]:
-    """KEY=VALUE of a kind that is known."""
+    """Parse KEY=VALUE of a kind of pattern or target; raise UserError for an unknown kind."""
     if name not in tables:
         raise UserError(f"{what} {name!r} is not known. Choose one of {', '.join(tables)}.")
     return parse_key_values(keys, tables[name], _TAGS)
@@ -74,5 +75,5 @@ def _list_entries(tables: Mapping[str, type[Table]]) -> list[ListEntry]:
 
 
 def _summary(table: type[Table]) -> str:
-    """The first paragraph of what its class says, in a line."""
+    """Return the first paragraph of a table's docstring in one line, for lists of kinds."""
     return " ".join((table.__doc__ or "").split("\n\n")[0].split())

@@ -1,4 +1,4 @@
-"""A pattern computed, and the PSF that it will give."""
+"""Compute the frames of a pattern, and predict their PSF."""
 
 from __future__ import annotations
 
@@ -29,20 +29,23 @@ from labapp.patterns.grey_levels import (
 from optics.camera import Camera
 from optics.plane import centred_pad
 
-_SIDE = 256
-"""Sensor pixels across the predicted PSF, where no target says more."""
-
-_SHARE = 0.8
-"""Of the time that computing the pattern takes; the prediction takes the rest."""
-
 
 @dataclass(frozen=True, eq=False)
 class PatternDesign:
-    """What a pattern came to.
+    """A computed pattern with its predicted PSF.
 
-    greys: (frames, rows, columns). phases: the same, radians, or None for grey levels; shown in
-    `orders` whole waves. moments: of a retrieval. psf: share of the light on each sensor pixel,
-    (moments, y, x).
+    Attributes
+    ----------
+    greys : array of uint8
+        Grey levels, (frames, rows, columns).
+    phases : array of float32 or None
+        Phases, (frames, rows, columns), radians; None if they weren't asked for or aren't known.
+    orders : int
+        Number of whole waves of the panel's range that the phases use.
+    moments : sequence of RetrievedMoment
+        Results of a phase retrieval; empty for other patterns.
+    psf : Grid
+        Predicted PSF, (moments, y, x), as the share of the light on each sensor pixel.
     """
 
     greys: NDArray[np.uint8]
@@ -53,7 +56,7 @@ class PatternDesign:
 
     @property
     def target(self) -> Grid | None:
-        """(moments, y, x), each with sum one."""
+        """Targets of the phase retrieval, (moments, y, x), each with sum 1; None without one."""
         if not self.moments:
             return None
         largest = max(self.moments, key=lambda moment: moment.plane.shape).plane
@@ -62,7 +65,7 @@ class PatternDesign:
 
     @cached_property
     def figures_of_merit(self) -> dict[str, Any]:
-        """How good it is, for programs; lists have a value for each moment."""
+        """Quality of the pattern as plain data; lists have a value for each moment."""
         psf = self.psf.images
         return {
             "frames": len(self.greys),
@@ -95,12 +98,15 @@ def design_pattern(
     *,
     keep_phases: bool,
 ) -> PatternDesign:
-    """Compute so many frames of a pattern, and predict their PSF at a wavelength in metres.
+    """Compute `count` frames of a pattern, and predict their PSF at a wavelength in metres.
 
-    side: sensor pixels across it; None for what the target needs. keep_phases: whether the
-    phases are wanted besides the grey levels. ValueError or UserError say what can't be shown.
+    The PSF has side x side sensor pixels; None takes the size that the target needs. With
+    `keep_phases`, the design holds phases besides grey levels. Raises ValueError or UserError if
+    the panel can't show the pattern.
     """
-    computing = replace(work, progress=work.progress.part(0, _SHARE))
+    # Computing the pattern has most of the progress; the prediction has the rest.
+    computing = replace(work, progress=work.progress.part(0, 0.8))
+    predicting = work.progress.part(0.8, 1)
     moments = retrieve_psf(spec, count, computing) if isinstance(spec, PSFPattern) else []
     greys, phases, orders = _compute_frames(spec, count, moments, computing, keep_phases)
     camera = work.camera
@@ -111,7 +117,7 @@ def design_pattern(
         torch.from_numpy(greys),
         wavelength,
         pixels,
-        work.progress.part(_SHARE, 1),
+        predicting,
         max(1, len(moments)),
     )
     return PatternDesign(greys, phases, orders, moments, Grid.from_tensor(psf, pixels))
@@ -124,7 +130,7 @@ def _compute_frames(
     work: PatternContext,
     keep_phases: bool,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None, int]:
-    """Grey levels, phases if they are wanted and known, and the waves that they are shown in."""
+    """Return a pattern's grey levels, its phases if wanted and known, and their whole waves."""
     if not isinstance(spec, PhasePattern):
         return np.stack(list(grey_frames(spec, count, work))), None, 1
     frames: Iterable[PhaseFrame]
@@ -142,7 +148,10 @@ def _compute_frames(
 
 
 def _single_precision_phase(frame: PhaseFrame) -> NDArray[np.float32]:
-    """A phase in single precision, which doesn't hold thousands of radians to a grey level."""
+    """Return a frame's phase as float32, wrapped first if it is float64.
+
+    Single precision can't hold thousands of radians with the accuracy of a grey level.
+    """
     phase = frame.phase
     if phase.dtype == torch.float64:
         phase = torch.remainder(phase, 2 * math.pi * frame.orders)
@@ -150,8 +159,11 @@ def _single_precision_phase(frame: PhaseFrame) -> NDArray[np.float32]:
 
 
 def _window_side(moments: Sequence[RetrievedMoment], camera: Camera) -> int:
-    """Sensor pixels that hold the windows in which targets were designed; an even number."""
+    """Return the side of the predicted PSF in sensor pixels, an even number.
+
+    It holds the windows in which the targets were designed; without a target it is 256.
+    """
     if not moments:
-        return _SIDE
+        return 256
     widest = max(n * p for m in moments for n, p in zip(m.plane.shape, m.plane.pitch, strict=True))
     return 2 * math.ceil(widest / camera.sensor.pitch / 2)

@@ -1,1 +1,1 @@
-"""Running a plan on a bench: steps, states, and the engine that never loses a frame."""
+"""Run a plan on a bench: take each planned frame, and store it in the record."""

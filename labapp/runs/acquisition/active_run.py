@@ -1,4 +1,4 @@
-"""A run under way: frame by frame, through pauses and trouble, to its end."""
+"""A run in progress: it takes frame after frame, pauses, and recovers from failures."""
 
 from __future__ import annotations
 
@@ -30,18 +30,28 @@ from optics.progress import Cancelled, Progress
 
 log = logging.getLogger(__name__)
 
-_POLL_INTERVAL = 0.05
-"""Seconds between looks at whether a pause is over."""
 
 OnFrame = Callable[[Shot, Frame], None]
 
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """How a run ended. missing: indices of planned frames that aren't in the record.
+    """How a run ended.
 
-    expected_seconds, elapsed_seconds: seconds of the bench's time, without what persons and pauses
-    took. device_error: with the device that ended it, if one did.
+    Parameters
+    ----------
+    path : Path
+        File of the record.
+    state : State
+        COMPLETE, CANCELLED or FAILED.
+    missing : list of int
+        Indices of planned frames that aren't in the record.
+    message : str
+        Reason for the state; may be empty.
+    expected_seconds, elapsed_seconds : float
+        Expected and elapsed seconds of the bench's time, without pauses and prompts.
+    device_error : DeviceError, optional
+        Error of the device that ended the run, if one did.
     """
 
     path: Path
@@ -54,7 +64,7 @@ class RunOutcome:
 
 
 class ActiveRun:
-    """One run: the frames that it has taken, the record that it writes, and how it stands."""
+    """One run on a bench, which takes frames, writes its record and keeps its state."""
 
     def __init__(
         self,
@@ -80,7 +90,7 @@ class ActiveRun:
     def take(
         self, shots: Sequence[Shot], on_frame: OnFrame | None, *, is_resumed: bool = False
     ) -> RunOutcome:
-        """The frames one after the other; how the run ended."""
+        """Take all frames of the run into its record; return how the run ended."""
         with RecordWriter(self._path) as self._writer, logbook(self._writer, self._bench.clock):
             rows, columns = self._bench.camera.shape
             as_planned = not self._bench.file.is_real
@@ -92,7 +102,10 @@ class ActiveRun:
     def _take_all(
         self, listed: Sequence[Shot], keeper: FrameStore, on_frame: OnFrame | None, again: bool
     ) -> tuple[State, str]:
-        """Leaves the bench safe however it ends; the state that the run deserves, and why."""
+        """Take all frames of the run, and leave the bench safe whatever happens.
+
+        Return the state in which the run ended, and the reason.
+        """
         state, message = State.FAILED, ""
         try:
             self._writer.set_state(State.RUNNING)
@@ -125,7 +138,7 @@ class ActiveRun:
         return state, message
 
     def _take_one(self, shot: Shot, keeper: FrameStore, on_frame: OnFrame | None) -> None:
-        """One frame, when nothing speaks against it; a failing device may pause the run."""
+        """Take one frame of the run, after waiting for pauses, disk space and hooks."""
         self._report(_describe(shot))
         if self._progress.is_paused:
             self._pause("paused by the user", lambda: not self._progress.is_paused)
@@ -151,9 +164,10 @@ class ActiveRun:
                 self._pause(text, lambda: not self._progress.is_paused)
 
     def _is_cancelled(self) -> bool:
-        """Whether the run was cancelled; asked while it waits for devices.
+        """Return whether the run was cancelled, and report a device that was unplugged.
 
-        That is when a person must be told that one was unplugged.
+        This is called all the time while the run waits for devices, which is when the user must
+        be told that one was unplugged.
         """
         unplugged = self._unplug_monitor.message
         if unplugged != self._unplugged:
@@ -163,21 +177,24 @@ class ActiveRun:
         return self._progress.is_cancelled
 
     def _pause(self, message: str, is_over: Callable[[], bool]) -> None:
-        """Rest until `is_over()`, with the reason in the record; Cancelled ends it, too."""
+        """Pause the run until `is_over()` returns true, with the reason in the record.
+
+        Raises Cancelled if the run is cancelled meanwhile.
+        """
         log.warning("paused: %s", message)
         self._writer.set_state(State.PAUSED, message)
         self._report(f"PAUSED: {message}")
         with self._excluding_time():
             while not is_over():
                 self._progress.raise_if_cancelled()
-                time.sleep(_POLL_INTERVAL)
+                time.sleep(0.05)
         self._taker.invalidate_settings()
         log.info("goes on")
         self._writer.set_state(State.RUNNING)
 
     @contextmanager
     def _excluding_time(self) -> Iterator[None]:
-        """The time of the block is no part of what the run takes."""
+        """Exclude the time of the block from the time that the run takes."""
         began = self._bench.clock.now()
         try:
             yield
@@ -185,7 +202,7 @@ class ActiveRun:
             self._rested += self._bench.clock.now() - began
 
     def _pausing_while_asked(self, ask: AskOperator) -> AskOperator:
-        """Ask a person, with the state PAUSED while nobody has answered."""
+        """Return a prompter that sets the run's state to PAUSED until the user has answered."""
 
         def asking(text: str, progress: Progress) -> None:
             self._writer.set_state(State.PAUSED, text)
@@ -204,8 +221,8 @@ class ActiveRun:
         self._progress.report(share, told)
 
     def _record_end(self, state: State, message: str) -> None:
-        """Write how the run ended; a failing disk may not even take that, and the log says so."""
-        # COMPLETE is not written here: it has to be earned by reading back.
+        """Write the run's final state to the record; if the disk fails, log that instead."""
+        # COMPLETE is written only when all frames have been read back, see _verify_outcome().
         written = State.RUNNING if state is State.COMPLETE else state
         log.log(logging.WARNING if message else logging.INFO, message or "all frames taken")
         log.info("expected %.3f s of bench time, took %.3f s", self._done, self._took)
@@ -218,9 +235,9 @@ class ActiveRun:
             log.error("%s: the end of the run could not be written: %s", self._path, error)
 
     def _verify_outcome(self, state: State, message: str) -> RunOutcome:
-        """COMPLETE if every frame reads back from a fresh handle, else what is missing."""
+        """Return how the run ended: COMPLETE only if every frame reads back from the record."""
         with Record(self._path) as record:
-            # Who cancels wants to go; who gets COMPLETE wants to be sure.
+            # Reading all frames back takes time, so a run that was cancelled or failed skips it.
             missing = (
                 record.missing_frames() if state is State.COMPLETE else record.frames_not_stored()
             )

@@ -1,4 +1,4 @@
-"""What the simulator decides for the frames of a plan, as a record keeps it."""
+"""The simulator's effect plans for the frames of a run, as data for the record."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from simulator.world import World
 
 _RECORDED_KEYS = ("effect", "level", "on", "relative", "estimate", "work", "why", "forced")
-"""Of a decision; what is the same in all plans is told once."""
+"""Keys of a decision that each effect plan records; the record holds common facts once."""
 
 
 def effect_plans(
@@ -26,11 +26,11 @@ def effect_plans(
     patterns: Mapping[str, NDArray[np.uint8]],
     check_cancelled: Callable[[], None] = lambda: None,
 ) -> dict[str, Any] | None:
-    """The plan of each different target, pattern, wavelength and exposure; None without a world.
+    """Plan the effects of each different target, pattern, wavelength and exposure of a run.
 
-    {"effects": what they are by name, "plans": [...]}, as plain data. Nothing is rendered.
-    check_cancelled: is called before each, and may raise. UserError for a picture that can't be
-    made.
+    The result is plain data, {"effects": descriptions by name, "plans": [...]}; it is None if the
+    bench has no simulated devices. Nothing is rendered. `check_cancelled` is called before each
+    plan, and may raise. Raises UserError for a picture that can't be simulated.
     """
     if bench.world is None:
         return None
@@ -58,7 +58,7 @@ def _plan_effects(bench: Bench, world: World, shot: Shot, shown: NDArray[np.uint
 
 
 def _bandwidth(bench: Bench, shot: Shot) -> float | None:
-    """Of the wheel's slot that a frame is taken with; None for a filter that has only one."""
+    """Return the bandwidth of the filter wheel's slot of a frame; None for a tunable filter."""
     slots = bench.wheel.slots if bench.wheel else ()
     if shot.slot:
         return slots[shot.slot - 1].bandwidth

@@ -1,4 +1,4 @@
-"""Whether a bench can do what a plan asks, and what it will take, before anything moves."""
+"""Check whether a bench can run a plan, and estimate its time and disk space beforehand."""
 
 from __future__ import annotations
 
@@ -15,21 +15,15 @@ from labapp.runs.record.layout import LOG_ROW, MEASURED, PLANNED, log_capacity
 from labapp.runs.steps import Shot, block_exposures, planned_shots
 
 _FRAME_ROW = sum(kind.itemsize for kind in (*PLANNED.values(), *MEASURED.values()))
-"""Bytes that a record keeps of a frame beside its picture."""
+"""Bytes in a record for each frame's columns, without its picture."""
 
 _DECISIONS = 12_000
-"""Bytes of what a simulator decides for one picture, at most."""
-
-_RECORD = 100_000
-"""Bytes of the rest, at most: bench, scene, and the file's own books."""
-
-_PERIOD_TOLERANCE = 1e-3
-"""Share of a video's frame by which an exposure may miss the end of its period."""
+"""Largest size in bytes of the effect plan of one picture in a record."""
 
 
 @dataclass(frozen=True)
 class RunEstimate:
-    """What a run will take: frames, seconds of bench time, bytes, and acts of a person."""
+    """Estimate of a run: frames, seconds of bench time, bytes of its record, and prompts."""
 
     frames: int
     seconds: float
@@ -49,7 +43,7 @@ def estimate_run(
 
 
 def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities) -> int:
-    """Of the finished record, or a little more."""
+    """Return the size of the finished record in bytes, or a little more."""
     picture, panel = prod(capabilities.frame_shape), prod(capabilities.panel_shape)
     shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
     decided = {(shot.target, shot.pattern, shot.wavelength, shot.exposure) for shot in listed}
@@ -59,13 +53,16 @@ def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapab
         + log_capacity(len(listed)) * LOG_ROW.itemsize
         + len(plan.model_dump_json())
         + len(decided) * _DECISIONS
-        + _RECORD
+        # Bench, scene and HDF5's own data take less than this.
+        + 100_000
     )
 
 
 def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> dict[int, str]:
-    """What a person will be asked, by the index of the frame that waits for it, in order: once
-    whenever another target is placed."""
+    """Return the prompts of a run by the index of the frame that waits for the answer, in order.
+
+    There is one prompt whenever the target changes.
+    """
     asked = {}
     placed = ""
     for shot in shots:
@@ -76,12 +73,12 @@ def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> 
 
 
 def placement_prompt(shot: Shot, by_hand: bool) -> str:
-    """What a person does before a frame's target is placed; empty if the bench does it."""
+    """Return the prompt before a frame's target is placed; empty if the bench places it."""
     return shot.prompt or (f"Place {shot.place}, then press Enter." if by_hand else "")
 
 
 def require_feasible_plan(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> None:
-    """UserError if the plan asks for what the bench can't do; names key, value and range."""
+    """Raise UserError with key, value and range if the bench can't do what a plan asks for."""
     _check_hooks(plan, source)
     for number, block in enumerate(plan.acquire):
         where = f"{source}: key 'acquire.{number}"
@@ -91,7 +88,7 @@ def require_feasible_plan(plan: PlanFile, capabilities: BenchCapabilities, sourc
 
 
 def feasible_shots(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> list[Shot]:
-    """Every frame of a plan that the bench can take; UserError as of require_feasible_plan()."""
+    """Return every frame of a plan, after require_feasible_plan() has checked it."""
     require_feasible_plan(plan, capabilities, source)
     return planned_shots(plan, capabilities)
 
@@ -168,7 +165,8 @@ def _check_exposures(
         for name, video in plan.videos(block).items():
             period = video.length * capabilities.video_frame
             rest = abs(seconds - max(1, round(seconds / period)) * period)
-            if rest > _PERIOD_TOLERANCE * capabilities.video_frame and not block.any_exposure:
+            # An exposure may miss the end of its period by 0.1 % of a video's frame.
+            if rest > 1e-3 * capabilities.video_frame and not block.any_exposure:
                 raise UserError(
                     f"{where}.{said}, which cuts the video {name!r} within its period of "
                     f"{period * 1e3:.3f} ms. Ask for 'periods' instead, "

@@ -1,4 +1,4 @@
-"""Frames go to the disk before anybody hears of them; a full disk makes the run wait."""
+"""Store a run's frames on the disk; a full disk pauses the run."""
 
 from __future__ import annotations
 
@@ -18,42 +18,36 @@ log = logging.getLogger(__name__)
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
-_SPARE = 1 << 16
-"""Bytes that must be free beside the next frame: file systems keep books of their own."""
-
-_RETRY_INTERVAL = 0.2
-"""Seconds between tries of a write that was refused though the disk seems to have room."""
-
-_RESERVE = 1.1
-"""Of the expected size that must be free before a run begins."""
 
 Pause = Callable[[str, Callable[[], bool]], None]
-"""Says why the run waits, and returns when the second argument turns true."""
+"""Pauses the run for a reason in words, until the function given as second argument is true."""
 
 
 def free_bytes(path: Path) -> int:
-    """What a user may still write to the disk of a file."""
+    """Return the bytes that the user may still write to the disk of a record."""
     at = os.statvfs(path.parent if not path.exists() else path)
     return at.f_bavail * at.f_frsize
 
 
 def require_space(path: Path, needed: int) -> None:
-    """UserError if the disk hasn't room for a record and a tenth more."""
+    """Raise UserError if the disk hasn't room for a record of `needed` bytes and a tenth more."""
     free = free_bytes(path)
-    # What is replaced will be free.
+    # A record that is replaced frees its space.
     free += path.stat().st_blocks * 512 if path.exists() else 0
-    if free < _RESERVE * needed:
+    reserved = 1.1 * needed
+    if free < reserved:
         raise UserError(
-            f"{path}: the run needs {_RESERVE * needed / 1e6:.0f} MB, and its disk has "
+            f"{path}: the run needs {reserved / 1e6:.0f} MB, and its disk has "
             f"{free / 1e6:.0f} MB free. Make space, or choose another place."
         )
 
 
 class FrameStore:
-    """Puts frames into a record.
+    """Stores a run's frames in its record, and pauses the run when the disk is full.
 
-    frame_bytes: of a picture. use_planned_times: whether frames keep the moment of the plan, as on
-    a virtual bench, instead of the clock's time. pause: is called when the disk is full.
+    `frame_bytes` is the size of a picture. With `use_planned_times`, frames are stored with their
+    planned time, as on a virtual bench, instead of the clock's. `pause` is called when the disk
+    is full.
     """
 
     def __init__(
@@ -64,12 +58,12 @@ class FrameStore:
         self._try_at = 0.0
 
     def wait_for_space(self) -> None:
-        """Return when the next frame has room, before it is taken."""
+        """Wait until the disk has room for the next frame."""
         if not self._has_space():
             self._pause(self._disk_full_message(), self._has_space)
 
     def store_frame(self, shot: Shot, frame: Frame, wavelength: float, attempts: int) -> None:
-        """Return when the frame is on the disk; OSError if the disk fails for good."""
+        """Store a frame, and return when it is on the disk; raise OSError if the disk fails."""
 
         moment = shot.start_time if self._as_planned else frame.time
 
@@ -84,10 +78,14 @@ class FrameStore:
             self._pause(self._disk_full_message(), lambda: self._retry_store(store, shot.index))
 
     def _retry_store(self, store: Callable[[], None], index: int) -> bool:
-        """Try again, once in a while; what a disk took after all is believed when it is seen."""
+        """Try at intervals to store a frame again; return whether it is on the disk intact.
+
+        The frame is read back, because the write was refused before.
+        """
         if time.monotonic() < self._try_at or not self._has_space():
             return False
-        self._try_at = time.monotonic() + _RETRY_INTERVAL
+        # A write may be refused although the disk seems to have room, so tries are 0.2 s apart.
+        self._try_at = time.monotonic() + 0.2
         try:
             self._writer.reopen()
             store()
@@ -97,7 +95,8 @@ class FrameStore:
         return self._writer.is_stored_intact(index)
 
     def _has_space(self) -> bool:
-        return free_bytes(self._writer.path) >= self._frame_bytes + _SPARE
+        # 64 KiB must remain free, because file systems need space for their own data.
+        return free_bytes(self._writer.path) >= self._frame_bytes + (1 << 16)
 
     def _disk_full_message(self) -> str:
         return (
@@ -107,6 +106,6 @@ class FrameStore:
 
 
 def _require_full(error: OSError) -> None:
-    """Raise any other error than that the disk, or somebody's share of it, is full."""
+    """Raise an error again unless it says that the disk, or the user's quota, is full."""
     if error.errno not in _FULL:
         raise error

@@ -1,4 +1,4 @@
-"""One frame after the other: set what changes, wait until all of it stands, expose, accept."""
+"""Take a run's frames: set the devices, wait for settling, expose, and validate the frame."""
 
 from __future__ import annotations
 
@@ -22,22 +22,33 @@ from optics.progress import Progress
 log = logging.getLogger(__name__)
 
 AskOperator = Callable[[str, Progress], None]
-"""Asks a person for something, and returns when it is done; raises Cancelled if it won't be."""
+"""Prompts a person and returns when they have answered; raises Cancelled if the run is ended."""
 
 StoreFrame = Callable[[Shot, Frame, float, int], None]
-"""Puts a frame, taken at a wavelength in an attempt, where it can't be lost."""
-
-
-_REPLUG_TIMEOUT = 60.0
-"""Seconds for which a device that was unplugged is waited for before it is tried again."""
+"""Stores a shot's frame on the disk, with its true wavelength and the number of attempts."""
 
 
 class FrameTaker:
-    """Takes the frames of one run. It trusts no setting that it didn't make itself.
+    """Takes the frames of one run, and makes every setting of the bench that a frame needs.
 
-    patterns: grey levels by name, of videos with their frames. seed: of the run, for
-    simulated devices. ask: a person, about targets; None if nobody is there. is_cancelled: whether
-    the run was cancelled, asked all the time while something is waited for.
+    Settings that were made before the run aren't relied upon.
+
+    Parameters
+    ----------
+    bench : Bench
+        The open devices.
+    patterns : mapping of arrays of uint8
+        Grey levels by name, (rows, columns), or (frames, rows, columns) of a video.
+    seed : int
+        Seed of the run, for simulated devices.
+    retry : Retry
+        Number of attempts and waiting time after a failure.
+    ask : AskOperator or None
+        Prompts a person to place targets; None if nobody is there.
+    progress : Progress
+        Progress of the run, which can cancel it.
+    is_cancelled : callable
+        Returns whether the run was cancelled; called all the time during waits.
     """
 
     def __init__(
@@ -59,14 +70,17 @@ class FrameTaker:
         self._last_number = -1
 
     def invalidate_settings(self) -> None:
-        """Somebody else may have had the bench: every setting is made again."""
+        """Forget the bench's settings, so that all are made again before the next frame.
+
+        Somebody else may have used the bench during a pause.
+        """
         self._set.clear()
 
     def take(self, shot: Shot, keep: StoreFrame) -> Frame:
-        """A frame of exactly this shot, kept; tried again when a device fails.
+        """Take and store the frame of a shot; try again when a device fails.
 
-        DeviceError if it fails as often as the plan allows. Raises Cancelled rather than
-        begin or keep a frame that nobody wants any more.
+        Raises DeviceError after as many failures as the plan allows. Raises Cancelled if the run
+        was cancelled; then no frame is begun or stored.
         """
         attempt = 1
         while True:
@@ -118,7 +132,7 @@ class FrameTaker:
         return frame
 
     def _request_placement(self, shot: Shot) -> None:
-        """Have a person place a target, once whenever it changes."""
+        """Prompt a person to place the target, once whenever it changes."""
         if shot.target == self._placed_target:
             return
         text = placement_prompt(shot, self._by_hand)
@@ -139,7 +153,7 @@ class FrameTaker:
         return self._bench.filter.set_wavelength(shot.wavelength)
 
     def _apply(self, what: str, value: str, make: Callable[[], Setting[Any]]) -> float:
-        """Make a setting if it isn't the one this run made last; when it stands."""
+        """Make a setting of the bench if it has changed; return the time when it has settled."""
         if self._set.get(what) == value:
             return 0.0
         self._set.pop(what, None)
@@ -149,9 +163,10 @@ class FrameTaker:
         return setting.ready_at
 
     def _recover_device(self, error: DeviceError, attempt: int) -> None:
-        """Wait a little, and open the device again if it is dead or waiting was not enough.
+        """Wait, and open the device again if it was given up, or from the second failure on.
 
-        A device that was unplugged is waited for longer: no attempt would be of use.
+        A device that was unplugged is first given a minute to come back, because attempts before
+        would fail.
         """
         clock = self._bench.clock
         clock.wait_until(clock.now() + self._retry.wait_s, self._is_cancelled)
@@ -161,7 +176,7 @@ class FrameTaker:
             return
         if device.unplugged_reason():
             clock.wait_until(
-                clock.now() + _REPLUG_TIMEOUT,
+                clock.now() + 60.0,
                 lambda: self._is_cancelled() or not device.unplugged_reason(),
             )
             self._progress.raise_if_cancelled()

@@ -1,4 +1,4 @@
-"""What others do in a run: hooks, found by entry point and named in the plan."""
+"""Hooks: a user's own code that a run calls, found by entry point and named in the plan."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from labapp.files.plan_file import PlanFile
 from labapp.runs.bench_interface import Bench
 
 HOOK_GROUP = "labapp.hooks"
-"""An entry point here is a callable `make(plan, bench)`; what it gives back may have the
-methods before_run(shots), before_frame(shot), after_frame(shot, frame) and after_run(state).
-They run between frames, in the run's own thread; an exception ends the run as FAILED."""
+"""Entry-point group of hooks. Each is a callable `make(plan, bench)`, which returns an object with
+any of the methods before_run(shots), before_frame(shot), after_frame(shot, frame) and
+after_run(state). They run between frames, in the run's thread; an exception ends the run as
+FAILED."""
 
 
 class HookError(Exception):
-    """A hook failed; says which, when and why."""
+    """A hook of a run failed; the message names hook, method and reason."""
 
 
 class Hooks:
@@ -28,7 +29,10 @@ class Hooks:
 
     @staticmethod
     def of(plan: PlanFile, bench: Bench) -> Hooks:
-        """UserError if one can't be loaded or made; nothing has moved then."""
+        """Load the hooks that a plan names; raise UserError if one can't be loaded.
+
+        This happens before any device has moved.
+        """
         hooks = []
         known = (
             {entry.name: entry for entry in entry_points(group=HOOK_GROUP)} if plan.hooks else {}
@@ -43,7 +47,7 @@ class Hooks:
         return Hooks(hooks)
 
     def call(self, method_name: str, *arguments: object) -> None:
-        """Call the method that is named after the moment, of those that have one."""
+        """Call a method of all hooks that have it; raise HookError if one fails."""
         for name, hook in self._hooks:
             method = getattr(hook, method_name, None)
             if method is None:

@@ -1,4 +1,4 @@
-"""Several runs, one after the other, checked together before the first begins."""
+"""Take several runs in turn, after all of them have been checked."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from optics.progress import Progress
 
 @dataclass(frozen=True)
 class RunRequest:
-    """A run that somebody wants: the plan, its name in errors and folder, and the record."""
+    """A requested run: plan, path of the record, the plan's name in errors, and its folder."""
 
     plan: PlanFile
     path: Path
@@ -37,10 +37,11 @@ def run_all(
     ask: AskOperator | None = None,
     on_outcome: Callable[[RunOutcome], None] = lambda outcome: None,
 ) -> list[RunOutcome]:
-    """Run every request; see run_plan(). A run that fails doesn't keep the next from its turn.
+    """Take several runs in turn; see run_plan(). The next run begins even if one fails.
 
-    Cancelling ends the run under way and the queue. on_outcome: hears how each ended.
-    UserError, before anything has moved, if one of them can't be run or two share a record.
+    Cancelling ends the present run and the queue. `on_outcome` is called with the outcome of each
+    run. Raises UserError, before anything has moved, if one of the plans can't be run, or two
+    share a record.
     """
     progress = progress or Progress()
     seconds = _require_all(bench, requests, force)
@@ -66,7 +67,7 @@ def run_all(
 
 
 def _require_all(bench: Bench, requests: Sequence[RunRequest], force: bool) -> list[float]:
-    """The seconds that each run is expected to take."""
+    """Check all requested runs; return the expected seconds of each."""
     abilities = BenchCapabilities.of(bench)
     paths = [request.path.resolve() for request in requests]
     seconds = []

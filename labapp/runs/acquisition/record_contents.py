@@ -1,4 +1,4 @@
-"""What a record holds before its first frame: plan, bench, patterns, as this run has them."""
+"""Collect what a run's record holds before the first frame: plan, bench, patterns and shots."""
 
 from __future__ import annotations
 
@@ -25,8 +25,11 @@ def build_record_contents(
     capabilities: BenchCapabilities,
     check_cancelled: Callable[[], None],
 ) -> RecordContents:
-    """patterns: grey levels by name. shots: every frame of the plan. check_cancelled: is called
-    between the steps of a long computation, and may raise."""
+    """Collect what a run's record holds before its first frame.
+
+    `patterns` are grey levels by name, and `shots` all frames of the plan. `check_cancelled` is
+    called between the steps of a long computation, and may raise.
+    """
     scene = bench.scene_file
     return RecordContents(
         title=plan.title,

@@ -1,4 +1,4 @@
-"""Running a plan: the one engine behind window, command line and Python."""
+"""Run a plan on a bench, or resume a run, for the window, the command line and Python."""
 
 from __future__ import annotations
 
@@ -25,9 +25,6 @@ from optics.progress import Progress
 
 __all__ = ["OnFrame", "RunOutcome", "resume_run", "run_plan"]
 
-_PATTERNS_SHARE = 0.3
-"""Of a run's progress; the frames have the rest."""
-
 
 def run_plan(
     bench: Bench,
@@ -42,14 +39,44 @@ def run_plan(
     ask: AskOperator | None = None,
     stopwatch: Stopwatch | None = None,
 ) -> RunOutcome:
-    """Take every frame of a plan into a record, and leave the bench safe.
+    """Run a plan: take all of its frames into a record, and leave the bench safe.
 
-    source: the plan's name in errors. folder: where its picture files are. on_frame: is
-    called with each frame once it is on disk. ask: a person, where the plan has prompts.
-    stopwatch: is told how long the stages took. Pausing the progress rests the run after a
-    frame; cancelling it ends the run with the state CANCELLED; a device that fails as often
-    as the plan allows, or a failing disk, with FAILED. A full disk pauses it. UserError if
-    the plan can't be run at all; then nothing was moved or written.
+    The run ends with the state CANCELLED if the progress is cancelled, and with FAILED if a device
+    fails as often as the plan allows, or the disk fails. A full disk pauses the run.
+
+    Parameters
+    ----------
+    bench : Bench
+        The open devices.
+    plan : PlanFile
+        Targets, patterns, wavelengths and exposures to be acquired.
+    path : Path
+        File of the record.
+    source : str
+        Name of the plan in errors.
+    folder : Path
+        Folder of the plan's picture files.
+    force : bool
+        Whether an existing record may be replaced.
+    progress : Progress, optional
+        Reports the run's progress. Pausing it pauses the run after a frame; cancelling it ends
+        the run.
+    on_frame : callable, optional
+        Called with each shot and its frame, once the frame is on the disk.
+    ask : AskOperator, optional
+        Prompts a person. It is needed if the plan has prompts.
+    stopwatch : Stopwatch, optional
+        Is told how long the stages of the run took.
+
+    Returns
+    -------
+    RunOutcome
+        The state in which the run ended, and the frames that are missing.
+
+    Raises
+    ------
+    UserError
+        If the plan can't be run at all; then nothing was moved or written.
     """
     progress, stopwatch = progress or Progress(), stopwatch or Stopwatch()
     abilities = BenchCapabilities.of(bench)
@@ -61,11 +88,12 @@ def run_plan(
     from labapp.patterns.grey_levels import compute_patterns
 
     hooks = Hooks.of(plan, bench)
+    # Computing the patterns has 30 % of the run's progress; the frames have the rest.
     with stopwatch.stage("compute patterns"):
-        part = progress.part(0, _PATTERNS_SHARE)
+        part = progress.part(0, 0.3)
         patterns = compute_patterns(plan.patterns, bench.description, plan.seed, part, folder)
     with stopwatch.stage("acquire"):
-        part = progress.part(_PATTERNS_SHARE, 1)
+        part = progress.part(0.3, 1)
         contents = build_record_contents(
             bench, plan, patterns, listed, abilities, part.raise_if_cancelled
         )
@@ -83,12 +111,35 @@ def resume_run(
     on_frame: OnFrame | None = None,
     ask: AskOperator | None = None,
 ) -> RunOutcome:
-    """Take the frames that a record lacks, with its own plan, patterns and seed.
+    """Resume a run: take the frames that its record lacks, with its own plan, patterns and seed.
 
-    missing: what Record.missing_frames() gives, if it was asked already: it reads the whole file.
-    A frame that doesn't read back as it was stored is taken again. Nothing happens to a
-    record that is whole. UserError if the bench isn't the one that the run began on, or
-    the record is still being written.
+    A frame that doesn't read back as it was stored is taken again. A record that is whole isn't
+    changed.
+
+    Parameters
+    ----------
+    bench : Bench
+        The open devices, the same as when the run began.
+    path : Path
+        File of the record.
+    missing : sequence of int, optional
+        Result of Record.missing_frames(), if it is known; that call reads the whole file.
+    progress : Progress, optional
+        Reports the run's progress, and can pause or cancel it.
+    on_frame : callable, optional
+        Called with each shot and its frame, once the frame is on the disk.
+    ask : AskOperator, optional
+        Prompts a person. It is needed if the plan has prompts.
+
+    Returns
+    -------
+    RunOutcome
+        The state in which the run ended, and the frames that are missing.
+
+    Raises
+    ------
+    UserError
+        If the bench isn't the one that the run began on, or the record is still being written.
     """
     progress = progress or Progress()
     abilities = BenchCapabilities.of(bench)
@@ -115,7 +166,7 @@ def _require_person(ask: AskOperator | None, prompts: Sequence[str]) -> None:
 
 
 def _require_same_bench(record: Record, bench: Bench, listed: Sequence[Shot]) -> None:
-    """UserError unless the bench takes the frames that the record was begun with."""
+    """Raise UserError if the bench isn't the one on which the run of a record began."""
     for name, device in record.devices.items():
         identity = asdict(bench.devices[name].identity)
         if identity != device:

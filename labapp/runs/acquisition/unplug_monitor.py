@@ -1,4 +1,4 @@
-"""Whether the devices of a run are still there, looked at while the run waits for others."""
+"""Monitor during a run whether devices were unplugged, also while the run waits for others."""
 
 from __future__ import annotations
 
@@ -12,20 +12,16 @@ from drivers.supervised import SupervisedDevice
 log = logging.getLogger(__name__)
 
 _POLL_INTERVAL = 0.1
-"""Seconds between looks. Nothing is said to a device: its port, its place on the bus or what
-its own process has noticed is looked at."""
-
-_JOIN_TIMEOUT = 0.5
-"""Seconds for which a look that lasts is waited for in the end."""
+"""Seconds between checks of a device. A check sends nothing to the device: it looks at the
+device's port, its place on the bus, or what the device's own process has noticed."""
 
 
 class UnplugMonitor:
-    """Names a device that was unplugged as soon as it is gone, whatever the run waits for.
+    """Reports a device that was unplugged at once, whatever the run is waiting for.
 
-    devices: devices by their names on the bench. Only named: what such a device is asked next
-    fails, is tried again and opens it anew, as ever, and what goes on meanwhile, such as a long
-    exposure, goes on. Each device is looked at by a thread of its own, so that one that hangs
-    hides no other.
+    `devices` are the supervised devices by role. The monitor only reports: an exposure in progress
+    goes on, and the next call of the unplugged device fails and is retried as usual. Each device
+    is checked in a thread of its own, so that a check that hangs doesn't delay the others.
     """
 
     def __init__(self, devices: Mapping[str, SupervisedDevice]) -> None:
@@ -41,7 +37,7 @@ class UnplugMonitor:
 
     @property
     def message(self) -> str:
-        """The devices that are gone now, and why; empty if all are there."""
+        """The devices that are unplugged now, and why; empty if none is."""
         return "; ".join(f"{role}, {why}" for role, why in [*self._gone.items()])
 
     def __enter__(self) -> Self:
@@ -52,7 +48,8 @@ class UnplugMonitor:
     def __exit__(self, *error: object) -> None:
         self._over.set()
         for thread in self._threads:
-            thread.join(_JOIN_TIMEOUT)
+            # A check that hangs is left to itself: the thread is a daemon.
+            thread.join(0.5)
 
     def _look_at(self, role: str, device: SupervisedDevice) -> None:
         while not self._over.wait(_POLL_INTERVAL):

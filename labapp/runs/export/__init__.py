@@ -1,4 +1,4 @@
-"""`labapp export`: frames of a record as files that other programs read."""
+"""The command `labapp export`: write frames of a record to files that other programs read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that take their names only when all of them are whole."""
+"""Write the files of an export so that either all of them appear or none."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from labapp.common.errors import UserError
 
 @contextmanager
 def all_or_none(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """A place to write files to, which move into `folder` when the block ends without error.
+    """Yield a draft folder, whose files move into `folder` when the block ends without error.
 
-    UserError, and no file, if what is written there or the folder itself is refused.
+    Raises UserError, and leaves no file of the export, if the disk refuses a file or the folder.
     """
     try:
         with _draft_folder(folder) as draft:
@@ -23,7 +23,7 @@ def all_or_none(folder: Path, names: Sequence[str]) -> Iterator[Path]:
             for name in names:
                 os.replace(draft / name, folder / name)
     except OSError as error:
-        # numpy counts what was written, and doesn't say why it wasn't all.
+        # NumPy's error for an incomplete write gives counts of items, but no reason.
         reason = error.strerror or "the disk took less than it was given; it may be full"
         raise UserError(
             f"{folder}: cannot be written: {reason}. Nothing was exported; make space there, "
@@ -33,7 +33,7 @@ def all_or_none(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
 @contextmanager
 def _draft_folder(folder: Path) -> Iterator[Path]:
-    """A hidden folder in the one that is written to; nothing stays in it, whatever happens."""
+    """Yield a hidden draft folder within the export's folder, and remove it in any case."""
     is_new = not folder.exists()
     draft = folder / f".export.{os.getpid()}.new"
     try:
@@ -44,6 +44,6 @@ def _draft_folder(folder: Path) -> Iterator[Path]:
     finally:
         shutil.rmtree(draft, ignore_errors=True)
         if is_new:
-            # Only if it is empty.
+            # This removes the folder only if it is empty.
             with suppress(OSError):
                 folder.rmdir()

@@ -1,4 +1,4 @@
-"""What a person sees of an export: how far it is, what was written, what is missing."""
+"""Export frames from the command line, with progress and a report of missing frames."""
 
 from __future__ import annotations
 
@@ -15,7 +15,27 @@ from labapp.runs.export.naming import TABLE
 def export_record(
     path: Path, kind: str, folder: Path, selection: FrameSelection, *, force: bool
 ) -> None:
-    """Export frames, say what was written, and raise UserError if frames are missing."""
+    """Export frames of a record, print what was written, and report missing frames as an error.
+
+    Parameters
+    ----------
+    path : Path
+        File of the record.
+    kind : str
+        Kind of the files, one of KINDS.
+    folder : Path
+        Folder of the files, which is made if it doesn't exist.
+    selection : FrameSelection
+        The frames to export.
+    force : bool
+        Whether existing files may be replaced.
+
+    Raises
+    ------
+    UserError
+        If requested frames are missing; the others have then been exported. Also for the reasons
+        of export_frames().
+    """
     with terminal_progress() as progress:
         done = export_frames(path, kind, folder, selection, force=force, progress=progress)
     if done.frames:
@@ -26,7 +46,7 @@ def export_record(
 
 
 def _require_all(done: ExportResult, record: Path) -> None:
-    """UserError that names the frames that were asked for and aren't there."""
+    """Raise UserError with the requested frames that the export had to leave out, if any."""
     told = []
     if done.not_stored:
         told.append(f"never stored: {format_frame_list(done.not_stored)}")

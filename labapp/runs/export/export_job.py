@@ -1,4 +1,4 @@
-"""What every format is given to write."""
+"""The frames of an export with their metadata, as the writer of each file format gets them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from optics.progress import Progress
 
 
 class ExportJob:
-    """Frames one after the other, what is known of them, and the names of their files."""
+    """The frames of an export: their pictures, their columns in the record, and file names."""
 
     def __init__(self, record: Record, kind: str, frames: list[int], progress: Progress) -> None:
         self.record, self.kind, self.frames, self._progress = record, kind, frames, progress
@@ -30,17 +30,17 @@ class ExportJob:
         self.bits = _bits(record)
 
     def images(self) -> Iterator[NDArray[np.uint16]]:
-        """Frame by frame, (rows, columns), with progress; raises Cancelled."""
+        """Yield the exported pictures, (rows, columns) each; raise Cancelled if cancelled."""
         for done, index in enumerate(self.frames):
             self._progress.report(done / len(self.frames), f"export frame {index}")
             yield self.record.image(index)
 
 
 def _pitch(y: NDArray[Any], x: NDArray[Any]) -> tuple[float, float] | None:
-    """Of the pixels, (y, x) in metres."""
+    """Return the pixel pitch (y, x) of a record in metres; None if its axes are too short."""
     if min(len(y), len(x)) < 2:
         return None
-    # As the bench has it, without the rounding of the places.
+    # Rounding to 12 digits restores the bench's pitch from the rounded positions.
     pitch = (
         _round_digits((y[-1] - y[0]) / (len(y) - 1)),
         _round_digits((x[-1] - x[0]) / (len(x) - 1)),
@@ -53,7 +53,7 @@ def _round_digits(length: float) -> float:
 
 
 def _bits(record: Record) -> int | None:
-    """Of the digital numbers; None if the bench's description can't be understood."""
+    """Return the bits of a record's digital numbers; None if its bench file can't be read."""
     with suppress(UserError):
         return record.bench.sensor.bits
     return None

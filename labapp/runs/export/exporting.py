@@ -1,4 +1,4 @@
-"""An export from beginning to end: choose, check the place, read back, write."""
+"""Export frames of a record: select them, check the folder, read them back, write the files."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ WRITERS: dict[str, Callable[[ExportJob, Path], None]] = {
     "ome-tiff": write_ome_tiff,
     "npy": write_npy,
 }
-"""By kind; each writes the work's files, but for the table of the frames, into a folder."""
+"""Functions by kind that write an export's files, except the table of frames, into a folder."""
 
 KINDS = tuple(WRITERS)
 
 _ALL = FrameSelection()
 
-_CHECKING = 0.3
-"""Share of the progress that goes into reading every frame back before the first is written."""
-
 
 @dataclass(frozen=True)
 class ExportResult:
-    """What was written: frames by index, and which had to be left out. bits: of the numbers."""
+    """The result of an export: indices of the written frames, and of those left out.
+
+    `bits` are those of the digital numbers; None if unknown.
+    """
 
     frames: list[int]
     not_stored: list[int]
@@ -55,13 +55,40 @@ def export_frames(
     force: bool = False,
     progress: Progress | None = None,
 ) -> ExportResult:
-    """Write frames of a record into a folder, which is made if need be.
+    """Export frames of a record to files in a folder, with a table of the frames.
 
-    kind: of KINDS. tiff, png: a 16-bit picture a frame; ome-tiff: one frames.ome.tiff, axes
-    TYX; npy: frames.npy (n, rows, columns) uint16, and frames.json. Digital numbers are
-    never changed. With every kind comes a table of the frames. Frames that aren't stored or
-    don't read back are left out. Files appear all together when the last one is whole:
-    whoever cancels finds none. UserError if nothing can be chosen, read or written.
+    Digital numbers are never changed. Frames that aren't stored, or don't read back as they were
+    stored, are left out. All files appear together when the last one is complete, so a cancelled
+    export leaves none.
+
+    Parameters
+    ----------
+    path : Path
+        File of the record.
+    kind : str
+        One of KINDS. "tiff" and "png" write one 16-bit picture per frame. "ome-tiff" writes
+        frames.ome.tiff with axes TYX. "npy" writes frames.npy, (n, rows, columns) uint16, and
+        frames.json.
+    folder : Path
+        Folder of the files, which is made if it doesn't exist.
+    selection : FrameSelection
+        The frames to export; all frames by default.
+    force : bool
+        Whether existing files may be replaced.
+    progress : Progress, optional
+        Reports the progress, and can cancel the export.
+
+    Returns
+    -------
+    ExportResult
+        The frames that were written, and those that were left out.
+
+    Raises
+    ------
+    UserError
+        If no frame is selected, or the record can't be read, or the files can't be written.
+    Cancelled
+        If the progress was cancelled.
     """
     progress = progress or Progress()
     if kind not in KINDS:
@@ -70,22 +97,24 @@ def export_frames(
         chosen = select_frames(record, selection)
         names = file_names(kind, chosen, frame_rows(record, chosen), record.frame_count)
         require_free_names(folder, names, force=force)
-        found, not_stored, damaged = record.read_back(chosen, progress.part(0, _CHECKING))
-        work = ExportJob(record, kind, found, progress.part(_CHECKING, 1))
+        # Reading all frames back, before the first is written, has 30 % of the progress.
+        reading, writing = progress.part(0, 0.3), progress.part(0.3, 1)
+        found, not_stored, damaged = record.read_back(chosen, reading)
+        work = ExportJob(record, kind, found, writing)
         if found:
             _write(work, folder)
         return ExportResult(found, not_stored, damaged, work.bits)
 
 
 def _write(work: ExportJob, folder: Path) -> None:
-    """The files of an export, all of them or none."""
+    """Write the files of an export, all of them or none."""
     with all_or_none(folder, work.names) as draft:
         WRITERS[work.kind](work, draft)
         _write_table(work, draft)
 
 
 def _write_table(work: ExportJob, draft: Path) -> None:
-    """A line a frame: its file, its place in it, all columns, and what was simulated."""
+    """Write the table of an export: a line per frame with file, place in it, and all columns."""
     simulated = " ".join(work.record.simulated_devices)
     with (draft / TABLE).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

@@ -1,4 +1,4 @@
-"""What a record's columns say of each frame."""
+"""The columns of a record as rows, one for each exported frame."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from labapp.runs.record import layout
 from labapp.runs.record.reader import Record
 
 FrameRows = list[dict[str, Any]]
-"""The columns of the record for each frame, with names instead of numbers of names."""
+"""The record's columns for each frame, with names in place of the indices of names."""
 
 
 def frame_rows(record: Record, frames: Sequence[int]) -> FrameRows:
@@ -28,7 +28,7 @@ def frame_rows(record: Record, frames: Sequence[int]) -> FrameRows:
 
 
 def column_heading(name: str) -> str:
-    """A column's name with its unit."""
+    """Return the heading of a record's column in exported tables: its name with its unit."""
     unit = layout.UNITS.get(name, "").replace("/", "_per_")
     return f"{name}_{unit}" if unit else name
 

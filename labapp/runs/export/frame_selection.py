@@ -1,4 +1,4 @@
-"""Which frames of a record are asked for, and which of them are there."""
+"""Select the frames of a record that are exported."""
 
 from __future__ import annotations
 
@@ -13,7 +13,17 @@ from labapp.runs.record.reader import Record
 
 @dataclass(frozen=True)
 class FrameSelection:
-    """Which frames: a list such as "0-9,12", a target, a pattern; None: all of them."""
+    """The frames of a record to export: those that meet all criteria that aren't None.
+
+    Parameters
+    ----------
+    frames : str, optional
+        List of frame indices, such as "0-9,12".
+    target : str, optional
+        Name of a target.
+    pattern : str, optional
+        Name of a pattern.
+    """
 
     frames: str | None = None
     target: str | None = None
@@ -21,7 +31,10 @@ class FrameSelection:
 
 
 def select_frames(record: Record, selection: FrameSelection) -> list[int]:
-    """Indices of the frames that are asked for, stored or not; UserError if there are none."""
+    """Return the indices of the selected frames of a record, whether they are stored or not.
+
+    Raises UserError if there are none.
+    """
     total = record.frame_count
     chosen = (
         read_frame_list(selection.frames, total) if selection.frames is not None else range(total)

@@ -1,4 +1,4 @@
-"""One array of all frames, and what is known of them as JSON."""
+"""Export frames as one NumPy array, with their metadata as JSON."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ def write_npy(work: ExportJob, draft: Path) -> None:
     path = draft / work.names[0]
     shape = (len(work.frames), *work.shape)
     array = np.lib.format.open_memmap(path, mode="w+", dtype=np.uint16, shape=shape)
-    # A mapped file that the disk has no room for ends the process, not the call.
+    # Without allocation, a full disk would end the process when the mapped file is written.
     with path.open("rb+") as file:
         os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
     for place, image in enumerate(work.images()):
         array[place] = image
     array.flush()
-    # A line an item, so that it can be read although columns are long.
+    # Each item has its own line, so that the file is readable although columns are long.
     items = [f"{json.dumps(key)}: {json.dumps(one)}" for key, one in _as_data(work).items()]
     (draft / work.names[1]).write_text("{\n" + ",\n".join(items) + "\n}\n")
 
 
 def _as_data(work: ExportJob) -> dict[str, Any]:
-    """What is known of the frames of an array, as plain data; no number: null."""
+    """Return the metadata of the exported array as plain data, with null for NaN and infinity."""
     record = work.record
     columns = {name: [_number(row[name]) for row in work.rows] for name in work.rows[0]}
     return {

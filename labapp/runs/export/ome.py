@@ -1,4 +1,4 @@
-"""OME-XML, the description of pictures that microscopy programs read (schema 2016-06)."""
+"""Describe exported frames as OME-XML, which microscopy programs read (schema 2016-06)."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from labapp.runs.export.naming import format_decimal
 NAMESPACE = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 _DECLARATION = '<?xml version="1.0" encoding="UTF-8"?>'
-"""Of ASCII, too; readers look for it in these letters."""
+"""The XML declaration, spelled as readers expect it; ASCII text is valid UTF-8."""
 
 _ANNOTATIONS = "labapp/frame"
-"""The name space of what is told of each plane beyond exposure and time."""
+"""Namespace of the annotations of each plane beyond exposure and time."""
 
 
 def ome_xml(work: ExportJob) -> str:
-    """The description as ASCII, for the first page of a TIFF file with axes TYX.
+    """Return the OME-XML of an export as ASCII, for the first page of a TIFF file with axes TYX.
 
-    Every plane has its exposure, its time, and a map annotation with all that is known of it.
+    Every plane has its exposure, its time, and a map annotation with the record's columns.
     """
     record, simulated = work.record, ", ".join(work.record.simulated_devices)
     camera = record.devices.get("camera", {"model": "", "serial": ""})
@@ -112,7 +112,7 @@ def _add(parent: ElementTree.Element, name: str, **attributes: object) -> Elemen
 
 
 def _xml_safe(text: str) -> str:
-    """Text without the control characters that XML has no way to write."""
+    """Return text without the control characters that XML can't represent."""
     return "".join(
         one if one.isprintable() or one in "\t\n" else "\N{REPLACEMENT CHARACTER}" for one in text
     )

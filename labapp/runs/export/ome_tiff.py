@@ -1,4 +1,4 @@
-"""One OME-TIFF file of all frames, for microscopy programs."""
+"""Export frames as one OME-TIFF file, for microscopy programs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from labapp.runs.export.ome import ome_xml
 from labapp.runs.export.single_files import tiff_tags
 
 _TIFF_LIMIT = 2**32 - 2**25
-"""Bytes that a TIFF file can have, with room for its tables of contents; more is BigTIFF."""
+"""Largest size in bytes of a TIFF file's pictures, with 32 MiB left for its directories of pages.
+Larger exports are written as BigTIFF."""
 
 
 def write_ome_tiff(work: ExportJob, draft: Path) -> None:

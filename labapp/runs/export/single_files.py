@@ -1,4 +1,4 @@
-"""A picture file a frame: TIFF and PNG."""
+"""Export each frame as a picture file of its own: TIFF or PNG."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from labapp.runs.record import layout
 
 
 def write_tiffs(work: ExportJob, draft: Path) -> None:
-    """Every file's description is what is known of its frame, as JSON."""
+    """Write each exported frame as a TIFF file, with the frame's metadata as JSON description."""
     import tifffile
 
     simulated = work.record.simulated_devices
@@ -28,7 +28,7 @@ def write_pngs(work: ExportJob, draft: Path) -> None:
 
 
 def tiff_tags(work: ExportJob, description: str) -> dict[str, Any]:
-    """What TIFF files say of their pictures, as tifffile takes it."""
+    """Return the tags of an exported TIFF file as arguments of tifffile."""
     told = {
         "photometric": "minisblack",
         "description": description,
@@ -39,7 +39,7 @@ def tiff_tags(work: ExportJob, description: str) -> dict[str, Any]:
 
 
 def _resolution(work: ExportJob) -> dict[str, Any]:
-    """In pixels a centimetre; x comes first there."""
+    """Return the TIFF tags for the resolution (x, y) in pixels per centimetre."""
     if work.pitch is None:
         return {}
     y, x = (1e-2 / pitch for pitch in work.pitch)

@@ -1,8 +1,8 @@
-"""The checks of a record, also of a badly damaged one.
+"""The checks of a record, which also work on a badly damaged one.
 
-HDF5 trusts what a file says of itself: a few bytes can make it search for ever, or end the
-process. `send_verification` therefore makes the checks in a process of its own, which whoever
-has started it ends when nothing has happened for long.
+HDF5 doesn't validate a file's structure: a few damaged bytes can make it search for ever, or end
+the process. Therefore `send_verification` makes the checks in a process of its own. The parent
+process ends it when it has reported no progress for long.
 """
 
 from __future__ import annotations
@@ -30,21 +30,19 @@ from labapp.runs.record.verification import CheckStatus, RecordFinding, Verifica
 from labapp.runs.state import State
 from optics.progress import Cancelled, Progress
 
-_OVERLAP = 1e-6
-"""Seconds by which exposures that follow each other may seem to overlap."""
-
 _SETTING_TOLERANCES = (
     ("exposure", *EXPOSURE_TOLERANCE, 1e3, "ms"),
     ("wavelength", WAVELENGTH_TOLERANCE, 0.0, 1e9, "nm"),
 )
-"""Settings, how far and by what share they may miss what was asked, and a unit to say it in."""
+"""Each setting with the allowed difference from its request, absolute and as a share, and with
+the scale and name of the unit in messages."""
 
 StatusAndDetail = tuple[CheckStatus, str]
-"""A check's result, and the details."""
+"""The status of a check of a record, and its details in words."""
 
 
 def check_record(path: Path, progress: Progress | None = None) -> Verification:
-    """Every check that the file is still fit for, in this process."""
+    """Make all checks of a record that its damage allows, in this process."""
     found = Verification(str(path))
     try:
         record = Record(path)
@@ -58,13 +56,13 @@ def check_record(path: Path, progress: Progress | None = None) -> Verification:
         for name, check in checks.by_name().items():
             checks.progress.report(share, f"check {name}")
             found.findings.append(_run_check(name, check, path))
-            # Reading the frames back is nearly all of the work.
+            # The progress is that of reading the frames back, which is nearly all of the work.
             share = 1.0 if name == "checksums" else share
     return found
 
 
 def _run_check(name: str, check: Callable[[], StatusAndDetail], path: Path) -> RecordFinding:
-    """A check's finding; a file so damaged that the check can't be made fails it."""
+    """Make one check of a record; a check that can't be made counts as failed."""
     try:
         result, detail = check()
     except Cancelled:
@@ -72,20 +70,20 @@ def _run_check(name: str, check: Callable[[], StatusAndDetail], path: Path) -> R
     except UserError as error:
         return RecordFinding(name, "WRONG", _detail(path, error))
     except Exception as error:
-        # Whatever nonsense a damaged file holds, the other checks shall still be made.
+        # Damaged data may raise any exception, and the other checks must still be made.
         text = f"can't be checked: {type(error).__name__}: {error}"
         return RecordFinding(name, "WRONG", _printable(text))
     return RecordFinding(name, result, _printable(detail))
 
 
 class _Checks:
-    """The checks of one record, in the order in which a person reads them."""
+    """The checks of one record, in the order in which they are listed."""
 
     def __init__(self, record: Record, found: Verification, progress: Progress) -> None:
         self._record, self._found, self.progress = record, found, progress
 
     def by_name(self) -> dict[str, Callable[[], StatusAndDetail]]:
-        """By name. Later checks use what earlier ones found."""
+        """Return the checks of a record by name. Later checks use the findings of earlier ones."""
         return {
             "contents": self._check_contents,
             "plan": self._check_planned_columns,
@@ -99,7 +97,7 @@ class _Checks:
         }
 
     def _check_contents(self) -> StatusAndDetail:
-        """Whether every dataset is there, of its type and length, and can be understood."""
+        """Check that every dataset of the record exists with its type and length, and decodes."""
         record = self._record
         for name in ("title", "definition", "start_time"):
             record.text(name)
@@ -119,7 +117,7 @@ class _Checks:
         return "ok", f"{record.frame_count} frames of {columns} x {rows} pixels, by {by}"
 
     def _check_planned_columns(self) -> StatusAndDetail:
-        """Whether the planned columns make sense: numbers of names that there are."""
+        """Check the record's planned columns: indices of names exist, and settings are positive."""
         record = self._record
         known = {
             "role": len(layout.ROLES),
@@ -137,7 +135,7 @@ class _Checks:
         return "ok", f"{known['target']} targets, {known['pattern']} patterns"
 
     def _check_frames(self) -> StatusAndDetail:
-        """Whether every planned frame is stored."""
+        """Check that every planned frame is stored in the record."""
         record = self._record
         self._found.not_stored = missing = record.frames_not_stored()
         if not missing:
@@ -147,7 +145,7 @@ class _Checks:
         return "WRONG" if record.state is State.COMPLETE else "unfinished", detail
 
     def _check_checksums(self) -> StatusAndDetail:
-        """Whether every stored frame reads back as it was."""
+        """Check that every stored frame of the record has its checksum."""
         stored = self._stored_indices()
         _, _, self._found.damaged = self._record.read_back(stored, self.progress)
         if damaged := self._found.damaged:
@@ -155,18 +153,18 @@ class _Checks:
         return "ok", f"{len(stored)} stored frames read back as they were"
 
     def _check_patterns(self) -> StatusAndDetail:
-        """Whether the patterns are those that were shown."""
+        """Check that the patterns in the record are those that were shown, by SHA-256."""
         record = self._record
         if changed := record.changed_patterns():
             return "WRONG", f"not as they were shown: {', '.join(changed)}"
         return "ok", f"{len(record.pattern_names)} patterns are as they were shown"
 
     def _check_settings(self) -> StatusAndDetail:
-        """Whether the frames were taken with the settings that the plan asks for."""
+        """Check that the frames were taken with the settings that the plan asks for."""
         record, stored = self._record, self._stored_indices()
         for name, step, share, scale, unit in _SETTING_TOLERANCES:
             used, asked = record.column(name)[stored], record.column(f"{name}_asked")[stored]
-            # What is no number is wrong, too.
+            # The negation makes NaN wrong, too.
             if bad := _where(~(np.abs(used - asked) <= np.maximum(step, share * asked))):
                 first = f"{used[bad[0]] * scale:g} instead of {asked[bad[0]] * scale:g} {unit}"
                 return (
@@ -178,23 +176,23 @@ class _Checks:
         return "ok", "exposures and wavelengths are those asked for"
 
     def _check_camera(self) -> StatusAndDetail:
-        """Whether times, attempts and the camera's count can be what a run leaves."""
+        """Check that times, attempts and the camera's frame numbers in the record are possible."""
         record, stored = self._record, self._stored_indices()
         for name in ("time", "timestamp", "attempts"):
             values = record.column(name)[stored]
-            # The bench's clock begins with 0.
+            # The bench's clock begins at 0, so only this time may be 0.
             is_good = _is_positive(values) | ((values == 0) & (name == "time"))
             if bad := _where(~is_good):
                 return "WRONG", f"no {name}: of frames {format_frame_list(stored[i] for i in bad)}"
         return self._check_order(stored)
 
     def _check_order(self, stored: list[int]) -> StatusAndDetail:
-        """Whether times and counts rise as often anew as the log can explain.
+        """Check that times and frame numbers restart only as often as the log explains.
 
-        Every sitting, the run or a resumption of it, takes its frames in the order of the
-        plan, with a clock that rises and a camera that counts from anew. So the frames must
-        be so many rising rows at most, woven into each other. A failed attempt may have
-        opened the camera again, too.
+        The run and each of its resumptions take frames in the order of the plan, with a rising
+        clock and a camera that counts from its start. So in the order of the plan, times and
+        numbers must be a mixture of at most that many rising sequences. A failed attempt may also
+        have opened the camera again, which restarts its numbers.
         """
         record = self._record
         lines = [text for _, text in record.log]
@@ -209,12 +207,13 @@ class _Checks:
         if _min_rising_sequences(numbers.tolist()) > 1 + resumed + failed:
             return "WRONG", f"the camera counts backwards more often than the log tells: {said}"
         ends = times + record.column("exposure")[stored]
-        if not resumed and np.any(times[1:] < ends[:-1] - _OVERLAP):
+        # Consecutive exposures may seem to overlap by up to 1 µs.
+        if not resumed and np.any(times[1:] < ends[:-1] - 1e-6):
             return "WRONG", "exposures begin before the last one has ended"
         return "ok", f"times and the camera's count rise ({said})"
 
     def _check_state(self) -> StatusAndDetail:
-        """Whether the record says of itself what is so."""
+        """Check that the record's state agrees with its frames."""
         record, found = self._record, self._found
         found.state = state = record.state
         if state is State.COMPLETE and found.not_stored:
@@ -235,7 +234,7 @@ class _Checks:
         return "unfinished", f"{state}: {who} writes it"
 
     def _check_scene_pictures(self) -> StatusAndDetail:
-        """Whether a resumption finds the scene that the run was begun with."""
+        """Check that the picture files of the record's scene exist and are unchanged."""
         known = self._record.scene_picture_digests
         if not known:
             return "ok", "the scene has none"
@@ -247,7 +246,7 @@ class _Checks:
         told = [f"gone: {', '.join(gone)}"] * bool(gone)
         told += [f"changed: {', '.join(changed)}"] * bool(changed)
         if self._found.state is State.COMPLETE:
-            # A record is whole without them.
+            # A complete record doesn't need the picture files.
             return "note", f"{'; '.join(told)}; the run can't be repeated exactly"
         return "unfinished", f"{'; '.join(told)}; put them back before you resume"
 
@@ -268,7 +267,7 @@ def _is_column(values: NDArray[Any], dtype: np.dtype, frames: int) -> bool:
 
 
 def _is_axis(places: NDArray[Any], size: int) -> bool:
-    """Whether places are as far apart as each other, with 0 in the middle."""
+    """Return whether a record's pixel positions are evenly spaced, with 0 at n // 2."""
     steps = np.diff(places)
     if places.shape != (size,) or places[size // 2] != 0:
         return False
@@ -276,10 +275,10 @@ def _is_axis(places: NDArray[Any], size: int) -> bool:
 
 
 def _min_rising_sequences(values: Iterable[float]) -> int:
-    """The least number of strictly rising rows that a sequence can be woven from."""
+    """Return the least number of strictly rising subsequences into which values can be divided."""
     ends: list[float] = []
     for value in values:
-        # On the row that ends highest below it; there is no better place for it.
+        # The value joins the sequence with the highest end below it, which is the best choice.
         place = bisect_left(ends, value) - 1
         if place < 0:
             ends.insert(0, value)
@@ -293,12 +292,12 @@ def _detail(path: Path, error: UserError) -> str:
 
 
 def _printable(text: str) -> str:
-    """Damaged text holds anything, and a terminal obeys some of it."""
+    """Return text without control characters, which a damaged record could send to the terminal."""
     return "".join(one if one.isprintable() else " " for one in text)
 
 
 def send_verification(line: MessageSocket, path: Path) -> None:
-    """Tell the progress of all checks, (share, message), and at last what they found."""
+    """Make all checks of a record; send their progress (share, message), then the findings."""
     progress = Progress(lambda share, message: line.send((share, message)))
     progress.report(0.0, "open the record")
     line.send(CallResult(check_record(path, progress)))

@@ -1,4 +1,4 @@
-"""Making a record: every dataset in its place before the first frame."""
+"""Create a record with all of its datasets in place before the first frame."""
 
 from __future__ import annotations
 
@@ -29,11 +29,33 @@ from labapp.runs.steps import Shot
 
 @dataclass(frozen=True)
 class RecordContents:
-    """Everything about a run that is known before its first frame.
+    """The contents of a run's record that are known before its first frame.
 
-    patterns: (rows, columns), or (frames, rows, columns) of a video. video_frame: seconds
-    that a frame of a video stands. pixel_pitch: metres. pictures: SHA-256 of the scene's
-    picture files. faults: that a virtual bench was asked to have. clock: "real" or "virtual".
+    Attributes
+    ----------
+    plan, bench, scene, effect_plan : plain data
+        The files of the run, and the simulator's effect plans. The last two are None for a real
+        bench.
+    identities : mapping of Identity
+        Model and serial number of the devices by role.
+    targets : sequence of str
+        Names of the targets.
+    patterns : mapping of arrays of uint8
+        Grey levels by name, (rows, columns), or (frames, rows, columns) of a video.
+    shots : sequence of Shot
+        The planned frames.
+    frame_shape : (rows, columns)
+        Shape of a frame.
+    pixel_pitch : float
+        Pitch of the sensor in metres.
+    video_frame : float
+        Seconds for which a frame of a video is shown.
+    pictures : mapping of str
+        SHA-256 of the scene's picture files, by path.
+    faults : sequence of plain data
+        Script of the faults of a virtual bench.
+    clock : str
+        "real" or "virtual".
     """
 
     title: str
@@ -55,10 +77,11 @@ class RecordContents:
 
 
 def create_record(path: Path, contents: RecordContents, *, force: bool = False) -> None:
-    """A record without a frame. force: whether an existing file may be replaced.
+    """Create a record without frames; with `force`, an existing file may be replaced.
 
-    The file takes its name only when it is whole, so that nothing half-made is left and
-    nothing is lost if it can't be made. UserError says why it can't.
+    The record is written under a temporary name and renamed when it is complete, so that a
+    failure leaves no partial record, and keeps an existing one. Raises UserError if the record
+    can't be written.
     """
     require_writable(path, force=force)
     _remove_drafts(path)
@@ -80,7 +103,7 @@ def utc_timestamp() -> str:
 
 
 def _remove_drafts(path: Path) -> None:
-    """Of processes that were killed while they made a record of this name."""
+    """Remove drafts of a record that were left by processes that were killed."""
     for draft in path.parent.glob(f".{path.name}.*.new"):
         pid = draft.name.rpartition(".new")[0].rpartition(".")[2]
         if pid.isdigit() and not Path("/proc", pid).exists():
@@ -176,19 +199,22 @@ def _fill_data(file: h5py.File, c: RecordContents) -> None:
 
 
 def _write(parent: h5py.Group, name: str, text: str | list[str]) -> None:
-    """Text of a fixed length: HDF5 keeps other text in a heap that hangs it when damaged."""
+    """Write text of fixed length to a record.
+
+    HDF5 keeps text of variable length in a heap, and may hang if that is damaged.
+    """
     encoded = text.encode() if isinstance(text, str) else [one.encode() for one in text]
     kind = h5py.string_dtype("utf-8", np.array(encoded, dtype=bytes).dtype.itemsize)
     parent.create_dataset(name, data=np.array(encoded, dtype=kind))
 
 
 def _allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
-    """A contiguous dataset whose blocks are on the disk now: a full one can't take them."""
+    """Create a contiguous dataset of a record, and write it so that its disk space is taken."""
     parent.create_dataset(name, data=values)
 
 
 def _reserve(parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
-    """A contiguous dataset that has its place in the file, and no blocks on the disk yet."""
+    """Create a contiguous dataset at a fixed place in a record, without taking disk space yet."""
     how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     how.set_layout(h5py.h5d.CONTIGUOUS)
     how.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)

@@ -1,38 +1,39 @@
-"""Where everything is in a record, and why it can be trusted.
+"""The layout of a record, and how it is protected against damage.
 
 /entry (NXentry)
     title, definition, seed, start_time, expected_seconds      scalars
     clock            "real", or "virtual" where time moves as the plan says
-    end_time, state, message, writer   (1,)  see labapp.runs.state; why it ended as it
-                     did; who writes: host, process, start of the process (JSON)
+    end_time, state, message, writer   (1,)  see labapp.runs.state; the reason for the state;
+                     the writing process: host, number, start (JSON)
     plan, bench, scene, faults, versions                       as run (JSON)
-    effect_plan      what the simulator decided (JSON, null for a real bench): "effects", what
-                     they are, by name; "plans", one for each different target, pattern,
+    effect_plan      the simulator's effect plans (JSON, null for a real bench): "effects",
+                     descriptions by name; "plans", one for each different target, pattern,
                      wavelength and exposure. Older records have one by "pattern, wavelength"
     pictures         SHA-256 of the simulated scene's picture files (JSON)
     instrument (NXinstrument) slm, filter, camera, targets: model, serial, simulated
-    data (NXdata), one row a planned frame, axes frame, y, x
+    data (NXdata), one row per planned frame, axes frame, y, x
         images       (n, rows, columns) uint16, raw digital numbers
         y, x         metres on the sensor, origin at n // 2
         frame, step, repeat, role, target, pattern, slot       as planned
         exposure, exposure_asked, wavelength, wavelength_asked, gain
         time         bench clock at which the exposure began; on a virtual bench the
-                     plan's moment, which no retry and no resumption changes
+                     planned time, which doesn't change by retries and resumptions
         timestamp    wall clock at which the frame was stored, seconds since 1970
-        number       the camera's own count; attempts: how often it was tried
+        number       the camera's own frame number
+        attempts     number of attempts at the frame
         checksum     CRC-32 of the image's bytes
-        stored       1 once the frame is on disk: only then was it acknowledged
+        stored       1 once the frame is on the disk
     patterns/images  (p, rows, columns) uint8, as shown, frames of videos one by one
-    patterns/names, first, frames, frame_time, sha256      of each pattern: where its frames
-                     begin, how many there are, seconds that each stands (0: a still)
+    patterns/names, first, frames, frame_time, sha256      for each pattern: index of its first
+                     image, number of images, seconds for which each is shown (0: a still)
     targets/names
     log              time (bench clock) and text of what happened
 
 `target` and `pattern` are indices into the names, `role` into ROLES; slot 0 is a tunable
-filter. All datasets are contiguous, made and allocated before the first frame. HDF5 itself
-never writes again: the writer puts values at their known places in the file. Readers, in SWMR
-mode or not, may open it at any time and find it whole; a killed writer can't leave its
-structure half-written, and a full disk harms no more than the frame that it stopped.
+filter. All datasets are contiguous, and are created before the first frame. HDF5 itself never
+writes again: the writer puts values at their known places in the file. Therefore readers, in SWMR
+mode or not, may open the file at any time. A writer that is killed can't leave the structure
+half-written, and a full disk damages only the frame that was being written.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ PLANNED: dict[str, np.dtype] = {
     "exposure_asked": np.dtype("f8"),
     "wavelength_asked": np.dtype("f8"),
 }
-"""Columns that are known before the first frame."""
+"""Columns of a record that are known before the first frame."""
 
 MEASURED: dict[str, np.dtype] = {
     "exposure": np.dtype("f8"),
@@ -77,10 +78,10 @@ MEASURED: dict[str, np.dtype] = {
     "checksum": np.dtype("u4"),
     "stored": np.dtype("u1"),
 }
-"""Columns that come with each frame."""
+"""Columns of a record that are written with each frame."""
 
 UNSEEDED = ("timestamp", "number", "attempts")
-"""Columns that the seed does not decide."""
+"""Columns of a record that differ between runs of the same plan and seed."""
 
 UNITS = {
     "exposure": "s",
@@ -102,5 +103,5 @@ END_TIME_DTYPE = np.dtype("S40")
 
 
 def log_capacity(frames: int) -> int:
-    """Room in the log for a run of this many frames, with some trouble and resumptions."""
+    """Return the number of log lines in a record, enough for some failures and resumptions."""
     return 256 + 6 * frames

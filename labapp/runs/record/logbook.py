@@ -1,4 +1,4 @@
-"""What the rooms log during a run goes into its record, in the bench's time."""
+"""Write the application's log messages during a run into its record, with the bench's time."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class _Logbook(logging.Handler):
         try:
             self._writer.log(self._clock.now(), record.getMessage())
         except OSError:
-            # A disk that takes no frame takes no log either; the run will say so.
+            # A disk that fails here also fails for frames, and the run reports that.
             self.handleError(record)
 
 
 @contextmanager
 def logbook(writer: RecordWriter, clock: Clock) -> Iterator[None]:
-    """While the block runs, messages of all rooms from INFO on are kept in the record."""
+    """Write log messages of level INFO and above to the record while the block runs."""
     handler = _Logbook(writer, clock)
     loggers = [logging.getLogger(room) for room in _ROOMS]
     levels = [logger.level for logger in loggers]

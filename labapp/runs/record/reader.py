@@ -1,4 +1,4 @@
-"""Reading a record, also while it is written and after its writer was killed."""
+"""Read a record, also while it is being written, and after its writer was killed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from labapp.runs.state import State
 from optics.progress import Progress
 
 if TYPE_CHECKING:
-    # Loaded where somebody asks for them: they know all devices, lenses and scenes.
+    # These are imported when they are needed, because they load all devices, lenses and scenes.
     from labapp.files.bench_file import BenchFile
     from labapp.files.scene_file import SceneFile
 
@@ -39,14 +39,23 @@ _DAMAGE_ERRORS = (
     AttributeError,
     MemoryError,
 )
-"""What h5py raises, and what decoding raises, where a file is damaged."""
+"""Exceptions of h5py, and of decoding, when a record is damaged."""
 
 
 class Record:
-    """A record opened for reading; a context manager.
+    """A record of a run, opened for reading; a context manager.
 
-    UserError if the file isn't a record of this application; every property and method
-    raises it where the file is damaged.
+    Every property and method raises UserError if the file is damaged.
+
+    Parameters
+    ----------
+    path : Path
+        File of the record.
+
+    Raises
+    ------
+    UserError
+        If the file isn't a record of this application.
     """
 
     def __init__(self, path: Path) -> None:
@@ -80,7 +89,7 @@ class Record:
 
     @property
     def state(self) -> State:
-        """As written; INTERRUPTED if it was running and its writer is gone."""
+        """State of the run; INTERRUPTED if it hasn't ended but its writing process is gone."""
         with self._damage_as_user_error("entry/state"):
             written = State(self._single_text("state"))
         with self._damage_as_user_error("entry/writer"):
@@ -89,7 +98,7 @@ class Record:
 
     @property
     def writer(self) -> str:
-        """Who wrote last: host, process, start of the process, as JSON."""
+        """The process that wrote the record last, as JSON: host, number and start."""
         return self._single_text("writer")
 
     @property
@@ -139,7 +148,7 @@ class Record:
         return [name for name, device in self.devices.items() if device["simulated"]]
 
     def text(self, name: str) -> str:
-        """A scalar string of the entry: title, start_time, plan, ..."""
+        """Return a text of the record by its name in the entry, such as title or start_time."""
         with self._damage_as_user_error(f"entry/{name}"):
             return self._read(f"entry/{name}").decode()
 
@@ -160,7 +169,10 @@ class Record:
         return self._texts(f"{layout.PATTERNS}/names")
 
     def changed_patterns(self) -> list[str]:
-        """Names of the patterns that aren't as they were when the run began, by SHA-256."""
+        """Return the names of the record's patterns that have changed since the run began.
+
+        They are compared by SHA-256.
+        """
         names = self.pattern_names
         known = dict(zip(names, self._texts(f"{layout.PATTERNS}/sha256"), strict=False))
         return [
@@ -170,7 +182,7 @@ class Record:
         ]
 
     def patterns(self) -> dict[str, NDArray[np.uint8]]:
-        """All patterns by name; UserError if one isn't as it was shown."""
+        """Return all patterns of the record by name; raise UserError if one has changed."""
         if changed := self.changed_patterns():
             raise UserError(
                 f"{self.path}: the pattern {changed[0]!r} isn't as it was shown: the file is "
@@ -179,7 +191,7 @@ class Record:
         return {name: self.pattern(name) for name in self.pattern_names}
 
     def pattern(self, name: str) -> NDArray[np.uint8]:
-        """Grey levels (rows, columns) of a still, (frames, rows, columns) of a video."""
+        """Return a pattern's grey levels, (rows, columns); those of a video have frames first."""
         index = self.pattern_names.index(name)
         with self._damage_as_user_error(layout.PATTERNS):
             group = self._file[layout.PATTERNS]
@@ -189,12 +201,12 @@ class Record:
 
     @property
     def expected_seconds(self) -> float:
-        """Of bench time, settling included, if nothing goes wrong."""
+        """Expected duration of the run in seconds of bench time, settling included."""
         return float(self._read("entry/expected_seconds"))
 
     @property
     def faults(self) -> list[dict[str, Any]]:
-        """The faults that a virtual bench was asked to have."""
+        """The script of faults of a virtual bench, as plain data."""
         return self._json("faults")
 
     @property
@@ -203,7 +215,10 @@ class Record:
         return self._json("pictures")
 
     def column(self, name: str) -> NDArray[Any]:
-        """One value a planned frame; see labapp.runs.record.layout."""
+        """Return a column of the record, one value per planned frame.
+
+        labapp.runs.record.layout lists the columns.
+        """
         return self._read(f"{layout.DATA}/{name}")
 
     def image(self, index: int) -> NDArray[np.uint16]:
@@ -222,18 +237,18 @@ class Record:
         return [(time, text.decode(errors="replace")) for time, text in lines]
 
     def frames_not_stored(self) -> list[int]:
-        """Indices of planned frames that were never acknowledged."""
+        """Return the indices of planned frames that were never stored in the record."""
         return np.flatnonzero(self.column("stored") == 0).tolist()
 
     def missing_frames(self) -> list[int]:
-        """Indices of planned frames that aren't stored, or don't read back as they were."""
+        """Return the indices of planned frames that aren't stored, or don't have their checksum."""
         _, not_stored, damaged = self.read_back(range(self.frame_count), Progress())
         return sorted(not_stored + damaged)
 
     def read_back(
         self, indices: Sequence[int], progress: Progress
     ) -> tuple[list[int], list[int], list[int]]:
-        """Frames that read back, frames that were never stored, and frames that are damaged."""
+        """Read frames back, and return the indices of intact, never stored and damaged ones."""
         stored, sums = self.column("stored"), self.column("checksum")
         found, not_stored, damaged = [], [], []
         for done, index in enumerate(indices):
@@ -253,7 +268,10 @@ class Record:
             return False
 
     def select(self, **criteria: Any) -> list[int]:
-        """Indices of stored frames by target, pattern, exposure_asked, wavelength_asked."""
+        """Return the indices of stored frames with given values of columns.
+
+        target and pattern are given by name, others by value, for example exposure_asked.
+        """
         names = {"target": self.target_names, "pattern": self.pattern_names}
         keep = self.column("stored").astype(bool)
         for column, value in criteria.items():
@@ -266,10 +284,10 @@ class Record:
         return np.flatnonzero(keep).tolist()
 
     def seeded_arrays(self) -> dict[str, NDArray[Any]]:
-        """Every array of the record that plan, seed and bench decide, by its path.
+        """Return the arrays of the record that plan, seed and bench determine, by path.
 
-        What differs from run to run of the same plan is left out: wall-clock times, log,
-        the camera's own count, how often a frame was tried.
+        Arrays that differ between runs of the same plan are left out: wall-clock times, log,
+        the camera's frame numbers, and numbers of attempts.
         """
         found: dict[str, NDArray[Any]] = {}
 
@@ -283,12 +301,12 @@ class Record:
         return found
 
     def _read(self, name: str, rows: Any = ()) -> Any:
-        """The values of a dataset by its path, or some rows of it."""
+        """Return the values of a dataset of the record by its path, or some rows of it."""
         with self._damage_as_user_error(name):
             return self._file[name][rows]
 
     def _single_text(self, name: str) -> str:
-        """The text of a dataset of the entry with one row."""
+        """Return the text of a dataset of the record's entry that has one row."""
         with self._damage_as_user_error(f"entry/{name}"):
             return self._read(f"entry/{name}")[0].decode()
 
@@ -302,7 +320,7 @@ class Record:
 
     @contextmanager
     def _damage_as_user_error(self, name: str) -> Iterator[None]:
-        """UserError that names a part of the file, if reading it fails."""
+        """Raise UserError with the name of a part of the record if reading it fails."""
         try:
             yield
         except _DAMAGE_ERRORS as error:
@@ -313,7 +331,7 @@ class Record:
 
 
 def _explain_open_failure(path: Path, error: Exception) -> str:
-    """Why HDF5 doesn't open a file, and what to do."""
+    """Return why HDF5 doesn't open a record, and what the user should do."""
     if isinstance(error, PermissionError):
         return "may not be read. Ask its owner, or copy it."
     with path.open("rb") as file:
@@ -327,7 +345,7 @@ def _explain_open_failure(path: Path, error: Exception) -> str:
 
 
 def file_sha256(file: Path) -> str:
-    """SHA-256 of a file in hexadecimals; empty if it can't be read."""
+    """Return the SHA-256 of a file in hexadecimal; an empty string if it can't be read."""
     try:
         return sha256(file.read_bytes()).hexdigest()
     except OSError:

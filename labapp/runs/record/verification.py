@@ -1,4 +1,4 @@
-"""What the checks of a record found, and what a person is told of it."""
+"""The findings of a record's verification, and the verdict for the user."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 _FIXED_BY_RESUME = {"frames", "checksums", "state"}
-"""Checks that are passed again when the frames that are missing have been taken again."""
+"""Checks of a record that pass again when a resumed run has taken the missing frames."""
 
 CheckStatus = Literal["ok", "note", "unfinished", "WRONG"]
 
 
 @dataclass(frozen=True)
 class RecordFinding:
-    """What one check found. note: worth knowing, and no fault of the record."""
+    """The finding of one check of a record; "note" means a remark that isn't an error."""
 
     check: str
     result: CheckStatus
@@ -23,10 +23,11 @@ class RecordFinding:
 
 @dataclass
 class Verification:
-    """All findings. is_being_written: whether a process still writes the record.
+    """The findings of all checks of a record.
 
-    not_stored, damaged: indices of frames that are planned and not in the record, and of
-    those in it that don't read back.
+    `is_being_written` says whether a process still writes the record. `not_stored` are the
+    indices of planned frames that aren't in the record, and `damaged` those of frames that don't
+    have their checksum.
     """
 
     path: str
@@ -38,7 +39,7 @@ class Verification:
 
     @property
     def failed_checks(self) -> list[str]:
-        """The checks that failed."""
+        """Names of the checks that failed."""
         return [one.check for one in self.findings if one.result == "WRONG"]
 
     @property
@@ -47,14 +48,14 @@ class Verification:
 
     @property
     def resume_command(self) -> str | None:
-        """The command that makes the record whole, if one can."""
+        """The command that completes the record; None if there is none."""
         if self.is_in_order or self.is_being_written or set(self.failed_checks) - _FIXED_BY_RESUME:
             return None
         return f"labapp resume {shlex.quote(self.path)}"
 
     @property
     def verdict(self) -> str:
-        """One line for a person: how the record is, and what to do."""
+        """One line for the user on the record's condition and what to do."""
         if self.is_in_order:
             return f"{self.path}: in order, {self.state}."
         if self.failed_checks == ["file"]:

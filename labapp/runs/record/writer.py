@@ -1,4 +1,4 @@
-"""Writing a record: frame by frame, each on disk before it is acknowledged."""
+"""Write a record frame by frame, each frame to the disk before it is marked as stored."""
 
 from __future__ import annotations
 
@@ -23,17 +23,14 @@ from labapp.runs.steps import Shot
 
 _ENTRY_FIELDS = ("state", "message", "end_time", "writer", "log")
 
-_HEADER = 1
-"""Bytes at the end of the address space that are locked: none that anybody reads."""
-
 
 class CorruptFrame(Exception):
-    """A picture isn't the one that left the camera."""
+    """A frame's picture differs from the one that the camera sent."""
 
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a dataset lies in the file: rows of a type, from an offset in bytes on."""
+    """The place of a dataset in a record's file: its offset in bytes, shape and type."""
 
     offset: int
     shape: tuple[int, ...]
@@ -45,10 +42,10 @@ class _Place:
 
 
 class RecordWriter:
-    """A record that exists, opened to be written; a context manager.
+    """Writes frames, state and log into an existing record; a context manager.
 
-    HDF5 tells where each dataset lies, and is done with; see labapp.runs.record.layout. UserError
-    if another process writes the record.
+    HDF5 is used only to find the place of each dataset; see labapp.runs.record.layout. Raises
+    UserError if another process writes the record.
     """
 
     def __init__(self, path: Path) -> None:
@@ -77,7 +74,7 @@ class RecordWriter:
             self._handle = -1
 
     def reopen(self) -> None:
-        """Begin anew after the disk has refused: a handle that failed is not trusted again."""
+        """Reopen the record after a failed write, because the old handle may be unusable."""
         os.close(self._handle)
         self._handle = -1
         self._open()
@@ -85,15 +82,16 @@ class RecordWriter:
     def store(
         self, shot: Shot, frame: Frame, wavelength: float, *, start_time: float, attempts: int = 1
     ) -> None:
-        """Put a frame on disk; when this returns, it survives the end of this process.
+        """Store a frame in the record; when this returns, it survives the end of this process.
 
-        start_time: the `time` to keep. CorruptFrame if the picture isn't the one that left the
-        camera, OSError if the disk takes it not; the frame doesn't count as stored then.
+        `start_time` is the value of the column `time`. Raises CorruptFrame if the picture differs
+        from the one that the camera sent, and OSError if the disk refuses it. In both cases the
+        frame isn't marked as stored.
         """
         image = np.ascontiguousarray(frame.image, dtype=self._places["images"].dtype)
         if image.shape != self._places["images"].shape[1:]:
             raise CorruptFrame(f"it has {image.shape} pixels")
-        # The checksum is computed while the picture is on its way to the disk.
+        # The checksum is computed while the picture is being written.
         summed = self._checksum_thread.submit(checksum, image)
         self._write("images", shot.index, image.data.cast("B"))
         found = summed.result()
@@ -114,20 +112,20 @@ class RecordWriter:
         self._put("stored", shot.index, 1)
 
     def is_stored_intact(self, index: int) -> bool:
-        """Whether a stored frame is in the file as it was given."""
+        """Return whether a stored frame is in the record's file with its checksum."""
         data, known = self._read("images", index), self._read("checksum", index)
         if len(data) < self._places["images"].row_bytes:
             return False
         return checksum(np.frombuffer(data, np.uint16)) == np.frombuffer(known, np.uint32)[0]
 
     def log(self, time_: float, text: str) -> None:
-        """Add a line to the log; when the log is full, its last line is overwritten."""
+        """Add a line to the record's log; when the log is full, overwrite its last line."""
         row = min(self._log_length, self._places["log"].shape[0] - 1)
         self._put("log", row, (time_, text.encode()[:200]))
         self._log_length += 1
 
     def set_state(self, state: State, message: str = "") -> None:
-        """Write how the run stands, and why; a state that ends it comes with the time."""
+        """Write the run's state and its reason to the record, and the time if the run has ended."""
         self._put("message", 0, message.encode()[: layout.MESSAGE.itemsize])
         self._put("end_time", 0, utc_timestamp().encode() if state.has_ended else b"")
         self._put("state", 0, state.value.encode())
@@ -135,8 +133,9 @@ class RecordWriter:
     def _open(self) -> None:
         self._handle = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
         try:
-            # Of the open file, not of the process, and not in the way of HDF5's own locks.
-            lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 2**62, _HEADER, 0)
+            # The lock belongs to the open file, not to the process. It covers one byte far beyond
+            # the file's end, so that it doesn't interfere with HDF5's own locks.
+            lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 2**62, 1, 0)
             fcntl.fcntl(self._handle, fcntl.F_OFD_SETLK, lock)
         except OSError as error:
             self.close()
@@ -149,7 +148,7 @@ class RecordWriter:
         self._write(name, row, memoryview(np.array(value, place.dtype).tobytes()))
 
     def _read(self, name: str, row: int) -> bytes:
-        """A row as it is in the file; less where the file ends before."""
+        """Return the bytes of a row in the record's file; fewer if the file ends before."""
         place = self._places[name]
         return os.pread(self._handle, place.row_bytes, place.offset + row * place.row_bytes)
 

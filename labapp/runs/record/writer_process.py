@@ -1,4 +1,4 @@
-"""Whether the process that writes a file is still there."""
+"""Identify the process that writes a record, and tell whether it still runs."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from pathlib import Path
 
 
 def describe_this_process() -> str:
-    """This process, as JSON: host, number, and when it started."""
+    """Describe this process as the writer of a record, as JSON: host, number and start."""
     return json.dumps({"host": socket.gethostname(), "pid": os.getpid(), "start": _start("self")})
 
 
 def is_alive(writer: str) -> bool:
-    """Whether a process described by describe_this_process() still runs.
+    """Return whether a record's writer, described by describe_this_process(), still runs.
 
-    On another host nobody can tell, and it counts as running.
+    A process on another host can't be checked, and counts as running.
     """
     described = json.loads(writer)
     if described["host"] != socket.gethostname():
@@ -25,9 +25,9 @@ def is_alive(writer: str) -> bool:
 
 
 def _start(process: str) -> str | None:
-    """When a process started, in clock ticks since boot; None if there is none.
+    """Return when a process started, in clock ticks since boot; None if there is no such process.
 
-    A process number is used again; with its start it isn't.
+    Number and start together identify a process, because numbers are reused.
     """
     try:
         stat = Path("/proc", process, "stat").read_text()
