@@ -1,4 +1,4 @@
-"""The panel: the phase that the light is given, as a still or as a video."""
+"""The simulated SLM, which shows patterns and videos on the virtual bench's panel."""
 
 from __future__ import annotations
 
@@ -14,9 +14,21 @@ from simulator.devices.base import SimulatedDevice
 
 
 class SimulatedSLM(SimulatedDevice):
-    """A liquid-crystal panel whose pixels are the world's.
+    """Simulate a phase-only SLM whose panel is that of the virtual world.
 
-    frame_rate_hz: frames of a video in a second; the panel's own if None.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock and its virtual world.
+    frame_rate_hz : float, optional
+        Frames of a video per second, positive; the panel's own rate by default.
+
+    Raises
+    ------
+    ValueError
+        If the frame rate isn't positive.
+    DeviceError
+        If the bench has no virtual world.
     """
 
     model = "simulated SLM"
@@ -31,7 +43,7 @@ class SimulatedSLM(SimulatedDevice):
 
     def __enter__(self) -> Self:
         super().__enter__()
-        # Whatever was shown before it was opened.
+        # Opening the SLM clears what it showed before.
         self._world.grey = np.zeros(self.shape, dtype=np.uint8)
         return self
 
@@ -56,6 +68,7 @@ class SimulatedSLM(SimulatedDevice):
         self.show("neutral", np.zeros(self.shape, dtype=np.uint8))
 
     def _present(self, command: str, identifier: str, frames: NDArray[np.uint8]) -> Setting[str]:
+        """Show frames on the panel under an identifier; refuse frames that don't fit the panel."""
         self._faults.begin(command, self.reply_time)
         try:
             for grey in frames:

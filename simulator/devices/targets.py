@@ -1,4 +1,4 @@
-"""The changer of targets: what the light comes from."""
+"""The simulated target changer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,18 @@ from simulator.devices.base import SimulatedDevice
 
 
 class SimulatedTargets(SimulatedDevice):
-    """A changer that puts the scene's targets before the camera, one at a time."""
+    """Simulate a changer that places one of the scene's targets before the camera.
+
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock and its virtual world.
+
+    Raises
+    ------
+    DeviceError
+        If the bench has no virtual world.
+    """
 
     model = "simulated target changer"
     role = "targets"
