@@ -15,7 +15,8 @@ from simulator.panel_content import FrameSequence, PictureShares, Span
 
 Pictures = Mapping[str, NDArray[np.uint8]]
 WeightedFields = Iterator[tuple[float, torch.Tensor]]
-"""Shares of an exposure and fields on the panel's pixels; the PSFs' weighted sum is the mean PSF."""
+"""Shares of an exposure and fields on the panel's pixels; the mean PSF is the weighted sum of the
+fields' PSFs."""
 
 
 def exposure_fields(
