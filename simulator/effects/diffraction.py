@@ -40,7 +40,10 @@ class Diffraction(OnOffBlurEffect):
                 k > 0, np.minimum(self.audit_margin * apart, 2.0), s.pattern_probe.side_order_share
             )
 
-        how = f"audited ×{self.audit_margin:g}: |1 - H| of the waves, and of the rays by how far they turn"
+        how = (
+            f"audited ×{self.audit_margin:g}: |1 - H| of the waves, and of the rays by how far "
+            "they turn"
+        )
         return transfer_error_bound(s, gain, how)
 
     def explain(self, s: Situation) -> str:

@@ -40,7 +40,8 @@ class FieldPosition(BlurEffect):
         change = (2 * math.sqrt(area) + area) * self.chebyshev_error_shares[level]
         how = "proved: Cauchy-Schwarz; the panel's area that isn't lit alike"
         if level:
-            how = f"audited ×{self.chebyshev_error_shares[level]:g} of that: Chebyshev nodes in the field"
+            share = self.chebyshev_error_shares[level]
+            how = f"audited ×{share:g} of that: Chebyshev nodes in the field"
         return psf_error_bound(s, change, how)
 
     def explain(self, s: Situation) -> str:

@@ -79,8 +79,8 @@ ATTRIBUTION_ORDER = (
     VIGNETTING,
     PANEL_ORDERS,
 )
-"""Order in which the effects' operations are told apart: each effect's are those that it adds to the
-effects before."""
+"""Order in which the effects' operations are told apart: each effect's operations are those that
+it adds to the effects before."""
 
 _RELEVANT_EFFECTS = (*ATTRIBUTION_ORDER, "depth layers", "colour filter array", "flicker")
 """Effects whose levels change the number of operations."""
