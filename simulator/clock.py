@@ -39,5 +39,6 @@ class VirtualClock:
             self._reach(time_ if left == 0 else min(time_, at_start + passed))
 
     def _reach(self, time_: float) -> None:
+        """Advance the virtual time to `time_`, never backwards."""
         with self._lock:
             self._time = max(self._time, time_)

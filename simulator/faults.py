@@ -179,6 +179,7 @@ class FaultInjector:
 
     @property
     def is_killed(self) -> bool:
+        """Whether the device was killed."""
         return self._killed.is_set()
 
     def require_alive(self, command: str) -> None:
@@ -187,4 +188,5 @@ class FaultInjector:
             raise self._error(command, "the device was killed", "Open it again")
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
+        """Return the DeviceError of a simulated fault."""
         return DeviceError(self._model, command, reply, remedy)

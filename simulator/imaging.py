@@ -103,6 +103,7 @@ class Imaging:
     def _compute_plan(
         self, s: Situation, tol: float, forced: Mapping[str, str | bool]
     ) -> EffectPlan:
+        """Compute the effect plan of a situation."""
         self._attach_probes(s)
         return plan_effects(EFFECTS, s, minimum_norms(s), tol, forced)
 

@@ -70,6 +70,7 @@ class Mount:
         return replace(lens, stop=stop, aberrations=self._aberrations(lens))
 
     def _shape(self, shape: Shape) -> Shape:
+        """Transform a shape of the lens' stop to the panel's axes."""
         if isinstance(shape, Polygon):
             return Polygon(tuple(self._point(corner) for corner in shape.corners))
         return Circle(shape.radius, self._point(shape.centre))
@@ -148,7 +149,7 @@ def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Te
         (x * cos + y * sin).ravel(),
         frequencies,
         1.0,
-        1e-6,  # relative error
+        1e-6,  # This is the relative error.
         few_points=True,
     )
     return series.adjoint(spectrum).real.reshape(plane.shape).to(psf)

@@ -117,6 +117,7 @@ def _parts(count: int) -> list[slice]:
 
 
 def _offsets(held: CollectedCharge) -> torch.Tensor | None:
+    """Return the pixels' offsets in electrons, or None if they have none of their own."""
     return None if isinstance(held.offset, float) else held.offset.flatten()
 
 
@@ -195,6 +196,7 @@ class _Stepwise:
         return held.div_(self._gain).add_(self._black)
 
     def _electrons(self, generator: torch.Generator) -> torch.Tensor:
+        """Draw the electrons of each pixel from the distribution of shot noise."""
         if len(self._few) == len(self._mean):
             return torch.poisson(self._mean, generator=generator)
         noise = torch.empty_like(self._mean).normal_(generator=generator)
@@ -224,8 +226,8 @@ def _block(
     read = sensor.read_noise if stages.read_noise else 0.0
     chancy = stages.shot != "none"
     if stages.clipping:
-        # A well this full stays full. The limit keeps the mean within what a float32 and the
-        # Poisson generator can represent.
+        # More electrons than this fill the well in any case. The limit keeps the mean within what
+        # a float32 and the Poisson generator can represent.
         mean = mean.clamp(max=4 * sensor.full_well + 1000)
     held = mean.clamp(max=sensor.full_well) if stages.clipping else mean
     reach = _SETTINGS.clipping_sigmas * (mean + 1).sqrt()

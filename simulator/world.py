@@ -200,6 +200,7 @@ class World:
     def _situation_and_plan(
         self, exposure: float, check: Callable[[], None]
     ) -> tuple[Situation, EffectPlan]:
+        """Return the present situation of an exposure and its effect plan."""
         s = self.situation(exposure)
         check()
         plan = self.imaging.plan(s)

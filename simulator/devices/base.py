@@ -57,4 +57,5 @@ class SimulatedDevice:
         self.make_safe()
 
     def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
+        """Return the DeviceError with which a simulated device refuses a command."""
         return DeviceError(self.model, command, reply, remedy)

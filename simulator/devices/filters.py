@@ -89,13 +89,16 @@ class SimulatedFilter(SimulatedDevice):
 
     @property
     def bandwidth(self) -> float:
+        """Return the full width at half maximum of the tunable filter's band in metres."""
         return self._world.bandwidth
 
     @property
     def wavelength(self) -> float:
+        """Return the centre of the tunable filter's band in metres."""
         return self._world.wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
+        """Tune the filter to a wavelength in metres; raise DeviceError if it is out of range."""
         low, high = self.wavelength_range
         self._faults.begin(f"tune to {wavelength * 1e9:.1f} nm", self.reply_time)
         if not low <= wavelength <= high:
@@ -104,12 +107,14 @@ class SimulatedFilter(SimulatedDevice):
                 f"out of range, {low * 1e9:.0f} to {high * 1e9:.0f} nm",
                 "Choose a wavelength in the range",
             )
-        # A VariSpec resolves 0.01 nm; integer picometres keep the value exact in files.
+        # A VariSpec resolves 0.01 nm. The value is rounded to a multiple of that, which files keep
+        # exactly.
         actual = round(wavelength * 1e11) / 1e11
         self._world.wavelength = actual
         return Setting(wavelength, actual, self._clock.now() + self.settling)
 
     def make_safe(self) -> None:
+        """Tune the filter to its shortest wavelength."""
         self.set_wavelength(self.wavelength_range[0])
 
 
@@ -170,9 +175,11 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
 
     @property
     def slot(self) -> int:
+        """Return the number of the filter wheel's slot, from 1."""
         return self._slot
 
     def set_slot(self, number: int) -> Setting[int]:
+        """Turn the filter wheel to a slot; raise DeviceError if it has no such slot."""
         command = f"turn to slot {number}"
         self._faults.begin(command, self.reply_time)
         self._require_slot(number, command)
@@ -182,5 +189,6 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
         return Setting(number, number, self._clock.now() + steps * self._step)
 
     def _turn_to(self, number: int) -> None:
+        """Turn the filter wheel to a slot at once, and set the world's band."""
         self._slot = number
         self._world.band = self._bands[number - 1]

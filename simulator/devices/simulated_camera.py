@@ -56,17 +56,21 @@ class SimulatedCamera(SimulatedDevice):
 
     @property
     def shape(self) -> tuple[int, int]:
+        """Return the camera's rows and columns."""
         return self._world.camera.sensor.shape
 
     @property
     def full_scale(self) -> int:
+        """Return the largest digital number of the camera's frames."""
         return self._world.camera.sensor.full_scale
 
     @property
     def exposure_range(self) -> tuple[float, float]:
+        """Return the camera's shortest and longest exposure time in seconds."""
         return self._world.camera.sensor.exposure_range
 
     def set_exposure(self, exposure: float) -> Setting[float]:
+        """Set the camera's exposure time in seconds; raise DeviceError if it is out of range."""
         low, high = self.exposure_range
         self._faults.begin(f"expose {exposure * 1e3:g} ms", self.reply_time)
         if not low <= exposure <= high:

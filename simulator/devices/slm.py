@@ -49,22 +49,27 @@ class SimulatedSLM(SimulatedDevice):
 
     @property
     def shape(self) -> tuple[int, int]:
+        """Return the SLM's rows and columns."""
         return self._world.camera.panel.shape
 
     @property
     def settling(self) -> float:  # type: ignore[override]
+        """Return the time in seconds until a new pattern stands."""
         return self._world.camera.panel.settling
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
+        """Show a pattern of grey levels (rows, columns) on the SLM."""
         return self._present(f"show {identifier}", identifier, np.asarray(grey)[None])
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
+        """Show a video of grey levels (frames, rows, columns) on the SLM, and repeat it."""
         if video.ndim != 3 or not len(video):
             reply = f"a video of shape {video.shape}; it needs frames, rows and columns"
             raise self._refuse(f"play {identifier}", reply, "Compute it again")
         return self._present(f"play {identifier}", identifier, video)
 
     def make_safe(self) -> None:
+        """Show the neutral pattern."""
         self.show("neutral", np.zeros(self.shape, dtype=np.uint8))
 
     def _present(self, command: str, identifier: str, frames: NDArray[np.uint8]) -> Setting[str]:

@@ -48,6 +48,7 @@ class SimulatedSpectroradiometer(SimulatedDevice):
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
+        """Return the wavelengths in metres at which the spectroradiometer measures."""
         return WAVELENGTHS.copy()
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum:

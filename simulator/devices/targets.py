@@ -26,13 +26,16 @@ class SimulatedTargets(SimulatedDevice):
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Return the names of the scene's targets."""
         return tuple(self._world.scene.targets)
 
     @property
     def current_target(self) -> str:
+        """Return the name of the target before the camera."""
         return self._world.target
 
     def place(self, name: str) -> Setting[str]:
+        """Place a target before the camera; raise DeviceError if the scene has no such target."""
         self._faults.begin(f"place {name}", self.reply_time)
         if name not in self.names:
             raise self._refuse(

@@ -58,6 +58,7 @@ class DepthLayers(Effect):
         return f"from {near:.3g} to {far:.3g} m the blur changes by {blur:.3g} pixels"
 
     def _change(self, s: Situation, level: int) -> float:
+        """Return the largest L2 error in electrons per second of a level's depth nodes."""
         distances = s.picture_probe.distances
         nodes = depth_nodes(distances, LEVELS.depths[level])
         return s.picture_probe.change_bound([_gain(s.camera, d, nodes[d]) for d in distances])

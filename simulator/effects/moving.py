@@ -73,6 +73,7 @@ class Motion(Effect):
         return [speed * s.exposure * scale for scale in scales]
 
     def _parts(self, s: Situation, level: int) -> int:
+        """Return the number of parts into which a level divides a motion during the frame."""
         return 2**level * math.ceil(s.exposure_span / s.exposure) if level else 1
 
     def _change(self, s: Situation, level: int) -> float:
@@ -99,7 +100,8 @@ class Motion(Effect):
 
         def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
             if late:
-                # The last row's light is away from the first row's by the path of a whole frame.
+                # At level 0, light is rendered where it is in the middle of the first row's
+                # exposure; other rows' light may be the path of a whole frame away from there.
                 reach = 2 * np.pi if level == 0 else np.pi
                 return late * np.minimum(2.0, reach * k * away)
             smear = np.minimum((np.pi * k * path) ** 2 / 6, MAX_SINC_LOSS) if level == 0 else 0.0

@@ -81,6 +81,7 @@ class Occlusion(OnOffEffect):
         return min(self._hidden_light_within(s, share) for share in shares)
 
     def _hidden_light_within(self, s: Situation, share: float) -> float:
+        """Return the largest L2 norm of hidden light, if a PSF loses `share` beyond its reach."""
         reach = s.pattern_probe.reach_of_share(share)
         pixels = math.ceil(reach / s.camera.sensor.pitch)
         beyond = min(share + self._side_order_share(s), 1.0)

@@ -43,6 +43,7 @@ class PanelDispersion(OnOffBlurEffect):
 
 
 def _total_psf_change(s: Situation) -> float:
+    """Return an upper bound of ‖Δh‖₁ from dispersion over the band and the leak."""
     return _change(s, "band") + (_change(s, "leak") if s.band.leak else 0.0)
 
 
@@ -65,6 +66,7 @@ def _change(s: Situation, which: Literal["band", "leak"]) -> float:
 
 
 def _at(s: Situation, wavelength: float) -> float:
+    """Return an upper bound of ‖Δh‖₁ from dispersion at one wavelength."""
     pixels, panel = sample_pixels(s), s.camera.panel
     there = modulator_at(panel, wavelength)
     # A response that varies over the panel has to be evaluated on all pixels.

@@ -217,6 +217,7 @@ def _norm_by_frequency(s: Situation) -> float:
 
 
 def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:
+    """Return the radial power spectrum of a picture; None without light."""
     return (
         RadialProfile.of(spectrum_of_samples(light), s.picture_probe.plane) if light.any() else None
     )

@@ -125,6 +125,7 @@ def rendering_operations(s: Situation, levels: Mapping[str, int]) -> float:
 
 @cached_per_situation
 def _operations(s: Situation, found: tuple[int, ...]) -> float:
+    """Return the operations of rendering, cached by the levels of the relevant effects."""
     levels = dict(zip(_RELEVANT_EFFECTS, found, strict=True))
     counts = _count_steps(s, levels)
     reach, orders = (
@@ -150,6 +151,7 @@ def _picture_oversampling(s: Situation, levels: Mapping[str, int]) -> float:
 
 
 def _count_steps(s: Situation, levels: Mapping[str, int]) -> _Counts:
+    """Count the PSFs, transforms and pictures that rendering a picture takes."""
     target = s.target.for_camera(s.camera)
     parts = sum(len(layer.parts) for layer in target.layers)
     distances = {layer.distance for layer in target.layers}

@@ -77,6 +77,7 @@ class LampFlicker(OnOffEffect):
 
 
 def _lamp(s: Situation) -> Waveform:
+    """Return the waveform of the target's lamp, which must have one."""
     assert s.target.lamp is not None
     return s.target.lamp
 

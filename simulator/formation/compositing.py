@@ -84,6 +84,7 @@ class ZerothOrderPath:
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
+        """Return a layer's light of one wavelength, one spectrum for each channel."""
         layer, weights = self._spreading.layers[number], self._spreading.weights(number)
         total = self._gathering.zero_spectra(self._spreading.channels)
         where = self._objects.placement(layer, cell)
@@ -99,6 +100,7 @@ class ZerothOrderPath:
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor:
+        """Return the spectrum of a layer's blurred cover at one wavelength."""
         layer = self._spreading.layers[number]
         where = self._objects.placement(layer, cell)
         assert where is not None

@@ -81,6 +81,7 @@ def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, 
 def _shift_and_path(
     s: Situation, recipe: Recipe, begin: float, end: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the moving target's shift and path, (y, x) metres, during a part of an exposure."""
     if not s.target.is_moving:
         return (0.0, 0.0), (0.0, 0.0)
     vy, vx = s.target.velocity
@@ -115,7 +116,7 @@ class _PanelTimes:
 
     def responding_frame_weights(self) -> list[tuple[FrameSequence, Array]]:
         """Return parts of a video's frames and their weights if the crystal responds slowly."""
-        parts = 8  # of each frame, over each of which rows and lamp are averaged
+        parts = 8  # Rows and lamp weight each eighth of a frame by itself.
         shown, seconds = self.s.panel_content, self.s.panel_content.frame_time / parts
         weights = self._row_weights(parts, lambda part: divmod(part, parts))
         spans = {

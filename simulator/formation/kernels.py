@@ -120,7 +120,7 @@ class Kernels:
     def _order_offset(self, wavelength: float, order: Order) -> tuple[float, float]:
         """Return an order's offset in the panel's axes, rounded to whole samples.
 
-        So the samples of neighbouring orders coincide where they meet.
+        The samples of neighbouring orders then coincide where they meet.
         """
         y, x = (
             round(k * self.period(wavelength) / pitch) * pitch
@@ -135,6 +135,7 @@ class Kernels:
         effect: str,
         order: Order | None,
     ) -> torch.Tensor:
+        """Compute the PSF of a point, in the sensor's axes."""
         mount, modulator = self._s.mount, modulator_at(self.camera.panel, point.wavelength)
         parts = self._record_fields(seen, modulator, effect, self._window(order).shape)
         if order and any(order):

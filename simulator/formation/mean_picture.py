@@ -138,6 +138,7 @@ class _Rendering:
         return self._cache.get(causes, lambda: self._compute_light(cell, number))
 
     def _compute_light(self, cell: ExposureCell, number: int) -> torch.Tensor:
+        """Render the light of an exposure cell on the sensor's pixels."""
         aperture = self._recipe.pixel_aperture
         light = []
         for spectrum in self._layered.spectra(cell, number):

@@ -122,7 +122,7 @@ def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Ar
     kinks = {low, high}
     for one in every:
         kinks.update(x for x in one.wavelengths if low < x < high)
-    kinks.update(np.linspace(low, high, 20 + 1).tolist())  # at least 20 intervals
+    kinks.update(np.linspace(low, high, 20 + 1).tolist())  # There are at least 20 intervals.
     edges = np.array(sorted(kinks))
     # Tables may have hundreds of kinks: the points per interval are limited to 4 to 24, for about
     # 4000 in all.
@@ -161,7 +161,7 @@ def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Arra
         diagonal.append(float(basis[-1] @ rest))
         if len(diagonal) == count:
             break
-        for _ in range(2):  # one pass isn't orthogonal enough
+        for _ in range(2):  # One pass isn't orthogonal enough.
             for known in basis:
                 rest = rest - (known @ rest) * known
         length = float(np.linalg.norm(rest))
@@ -214,6 +214,7 @@ def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tupl
 
 
 def _distance(vergence: float) -> float:
+    """Return the distance in metres of a vergence, infinite for 0."""
     return 1 / vergence if vergence > 0 else math.inf
 
 

@@ -95,6 +95,7 @@ class ObjectSpectra:
     def _compute_picture_spectrum(
         self, picture: Drawable, where: LayerPlacement, effect: str
     ) -> torch.Tensor:
+        """Compute the spectrum of a picture, smeared along its path."""
         spectrum = self._gathering.spectrum(picture, where.magnification, where.shift, effect)
         smear = self._gathering.motion_transfer(where.path)
         return spectrum if smear is None else spectrum * smear

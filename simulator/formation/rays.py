@@ -92,12 +92,13 @@ class RayOperator:
 
     @property
     def _straight(self) -> torch.Tensor:
+        """Return the light of a unit field that leaves the pupil."""
         return pupil_amplitude(replace(self.camera, separation=0.0)).sum()
 
     def _ray_displacement(self, axis: int, at: torch.Tensor) -> torch.Tensor:
         """Return how far rays land from the geometric image by defocus and aberrations, metres."""
         lens, away = self.camera.lens, object_to_lens_distance(self.camera, self._distance)
-        share = 1e-4  # of the stop's radius, for slopes by differences
+        share = 1e-4  # Slopes are differences over this share of the stop's radius.
         z2, radius = lens.image_distance, as_number(lens.stop_diameter) / 2
         # The places already contain the field's offset towards the middle of the lens.
         y, x = (place * self._spread for place in (self._y, self._x))
@@ -117,6 +118,7 @@ class RayOperator:
         return bent * z2
 
     def _other(self, axis: int) -> torch.Tensor:
+        """Return the rays' places in the lens along the other axis, in metres."""
         return (self._x if axis == 0 else self._y) * self._spread
 
     def _splat(self, y: torch.Tensor, x: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:

@@ -107,6 +107,7 @@ class SampleGrid:
         return [self._transfer(_sum(psfs, row), effect) for row in weights]
 
     def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
+        """Return the transfer function of one PSF."""
         self._count(effect)
         return _transform_centred_part(psf.to(torch.float32), self.plane.shape)
 
@@ -122,6 +123,7 @@ class SampleGrid:
 
     @cached_property
     def _aperture(self) -> torch.Tensor:
+        """Return the transfer function of the pixel aperture."""
         return pixel_transfer(*self.plane.shape, self.finer).to(torch.float32)
 
     def light_on_pixels(self, spectrum: torch.Tensor, aperture: bool) -> torch.Tensor:
@@ -193,5 +195,6 @@ def downsample_spectrum(
 
 
 def _sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
+    """Return the weighted sum of PSFs or transfer functions."""
     first, *others = (float(w) * part for part, w in zip(parts, weights, strict=True))
     return sum(others, first)

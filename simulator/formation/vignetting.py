@@ -56,7 +56,7 @@ def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> tor
 def _linear(
     values: NDArray[np.float64], at: NDArray[np.float64], nodes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate linearly along the first axis, between evenly spaced nodes."""
+    """Interpolate vignetting linearly along the first axis, between evenly spaced nodes."""
     step = nodes[1] - nodes[0]
     if not step:
         return np.repeat(values[:1], len(at), axis=0)

@@ -106,6 +106,7 @@ class XServer:
             terminate_or_kill(process, SETTINGS.start_timeout)
 
     def _environment(self) -> dict[str, str]:
+        """Return the environment variables with which a program finds the display."""
         return {**os.environ, "DISPLAY": self.display}
 
 
