@@ -54,7 +54,7 @@ class SimulatedSLM(SimulatedDevice):
 
     @property
     def settling(self) -> float:  # type: ignore[override]
-        """Return the time in seconds until a new pattern stands."""
+        """Return the time in seconds until a new pattern stands on the SLM."""
         return self._world.camera.panel.settling
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
@@ -69,7 +69,7 @@ class SimulatedSLM(SimulatedDevice):
         return self._present(f"play {identifier}", identifier, video)
 
     def make_safe(self) -> None:
-        """Show the neutral pattern."""
+        """Show the neutral pattern on the SLM."""
         self.show("neutral", np.zeros(self.shape, dtype=np.uint8))
 
     def _present(self, command: str, identifier: str, frames: NDArray[np.uint8]) -> Setting[str]:

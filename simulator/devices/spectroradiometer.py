@@ -52,7 +52,7 @@ class SimulatedSpectroradiometer(SimulatedDevice):
         return WAVELENGTHS.copy()
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum:
-        """Measure the spectrum once.
+        """Measure the target's spectrum once.
 
         The integration takes 5 ms to 120 s of the bench's time; dim light takes longer. Raises
         DeviceError if the light is too bright, or if the measurement was cancelled.

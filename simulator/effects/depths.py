@@ -58,7 +58,7 @@ class DepthLayers(Effect):
         return f"from {near:.3g} to {far:.3g} m the blur changes by {blur:.3g} pixels"
 
     def _change(self, s: Situation, level: int) -> float:
-        """Return the largest L2 error in electrons per second of a level's depth nodes."""
+        """Return an upper bound of the L2 error of a level's depth nodes, electrons per second."""
         distances = s.picture_probe.distances
         nodes = depth_nodes(distances, LEVELS.depths[level])
         return s.picture_probe.change_bound([_gain(s.camera, d, nodes[d]) for d in distances])
@@ -87,7 +87,7 @@ def _gain(camera: Camera, distance: float, nodes: list[tuple[float, float]]) -> 
 
 
 def _displacement(camera: Camera, one: float, other: float) -> float:
-    """Return by how far light from the pupil's rim lands elsewhere for another distance.
+    """Return how far light from the pupil's rim moves on the sensor between two object distances.
 
     The rim is that of the panel, or of the stop's shadow on it. Metres on the sensor.
     """
@@ -115,7 +115,7 @@ def _shadow(camera: Camera, distance: float) -> float:
 
 
 def _shadow_change_share(camera: Camera, one: float, other: float) -> float:
-    """Return the share of the light that another size of the stop's shadow moves, at most."""
+    """Return the largest share of the light that moves as the stop's shadow changes its size."""
     if as_number(camera.separation) == 0:
         return 0.0
     panel = camera.panel

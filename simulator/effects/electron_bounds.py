@@ -91,7 +91,7 @@ def max_lamp_seconds(s: Situation) -> float:
 
 
 def sharp_norm_bound(s: Situation) -> float:
-    """Return the largest L2 norm of the picture's electrons, for any blur.
+    """Return an upper bound of the L2 norm of the picture's electrons, for any blur.
 
     No blur adds light (Young).
     """
@@ -105,7 +105,7 @@ def total_electrons(s: Situation) -> float:
 
 @cached_per_situation
 def _peak_light_electrons(s: Situation) -> float:
-    """Return the most electrons of light on a pixel of the blurred picture.
+    """Return an upper bound of the electrons of light on a pixel of the blurred picture.
 
     Three bounds are compared: by Young, by the PSF's peak, and by frequency.
     """
@@ -128,7 +128,7 @@ def off_plane_star_electrons(s: Situation) -> float:
 
 @cached_per_situation
 def light_norm_bound(s: Situation) -> float:
-    """Return the largest L2 norm of the electrons of the blurred picture.
+    """Return an upper bound of the L2 norm of the blurred picture's electrons.
 
     Three bounds are compared: by Young; by the brightest pixel and the sum of all; and by frequency
     (Parseval).
@@ -148,7 +148,7 @@ def dark_current_electrons(s: Situation) -> float:
 
 
 def hot_pixel_norm(s: Situation) -> float:
-    """Return the largest L2 norm of the hot pixels' electrons.
+    """Return an upper bound of the L2 norm of the hot pixels' electrons.
 
     The number of hot pixels is taken five standard deviations above its mean.
     """
@@ -170,7 +170,7 @@ def affected_pixel_bound(share: float, count: int) -> float:
 
 
 def peak_electrons(s: Situation) -> float:
-    """Return the most electrons on the brightest pixel, hot pixels included."""
+    """Return an upper bound of the brightest pixel's electrons, hot pixels included."""
     sensor = s.camera.sensor
     lit = _peak_light_electrons(s) * (1 + MAX_PIXEL_SIGMAS * sensor.prnu)
     return (
@@ -179,7 +179,7 @@ def peak_electrons(s: Situation) -> float:
 
 
 def electron_norm_bound(s: Situation) -> float:
-    """Return the largest L2 norm of all electrons on the pixels."""
+    """Return an upper bound of the L2 norm of all electrons on the pixels."""
     gain = 1 + MAX_PIXEL_SIGMAS * s.camera.sensor.prnu
     return (
         light_norm_bound(s) * gain
@@ -189,7 +189,7 @@ def electron_norm_bound(s: Situation) -> float:
 
 
 def clipping_onset(sensor: Sensor) -> float:
-    """Return the electrons from which on full well or converter may clip, without shot noise."""
+    """Return the electrons at which full well or converter begin to clip, without shot noise."""
     spread = 7 * sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu
     top = (2**sensor.bits - 1 - sensor.black_level) * sensor.gain
     return max(min(sensor.full_well, top - spread), 0.0)
@@ -316,7 +316,7 @@ def _dim_pixel_electrons(s: Situation) -> float:
 
 
 def _next_power_of_two(electrons: float) -> float:
-    """Return the next power of two from a number of electrons on, at least 64."""
+    """Return the least power of two that is at least a number of electrons, and at least 64."""
     return 2.0 ** math.ceil(math.log2(max(electrons, 64.0)))
 
 

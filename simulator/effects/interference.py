@@ -36,7 +36,7 @@ def _strength(s: Situation) -> float:
 
 
 def _brightest(s: Situation) -> float:
-    """Return a bound of the power of the modulated and unmodulated fields, relative to uniform."""
+    """Return an upper bound of the power of either field, relative to a uniform one."""
     pixels = sample_pixels(s)
     powers = [
         pixels.mean(pixels(field).abs().double() ** 2).real for field in s.pattern_probe.fields

@@ -77,7 +77,7 @@ class Motion(Effect):
         return 2**level * math.ceil(s.exposure_span / s.exposure) if level else 1
 
     def _change(self, s: Situation, level: int) -> float:
-        """Return the largest L2 error against the exact motion, in electrons per second."""
+        """Return an upper bound of the L2 error of a level's motion, in electrons per second."""
         return s.picture_probe.change_bound([self._gain(s, path, level) for path in self._paths(s)])
 
     def _gain(self, s: Situation, path: float, level: int) -> Gain:

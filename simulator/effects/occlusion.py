@@ -70,7 +70,9 @@ class Occlusion(OnOffEffect):
         return f"near things hide what is behind them along {edges:.3g} pixels of edges"
 
     def _hidden_light_bound(self, s: Situation) -> float:
-        """Return the largest L2 norm of the light that should be hidden, in electrons per second.
+        """Return an upper bound of the L2 norm of the light that should be hidden.
+
+        In electrons per second.
 
         It is a layer's blurred light times the blurred covers before it. It consists of light that
         starts within twice a PSF's reach of a cover, and of the shares of light and covers that
@@ -81,7 +83,7 @@ class Occlusion(OnOffEffect):
         return min(self._hidden_light_within(s, share) for share in shares)
 
     def _hidden_light_within(self, s: Situation, share: float) -> float:
-        """Return the largest L2 norm of hidden light, if a PSF loses `share` beyond its reach."""
+        """Return the bound of the hidden light if `share` of a PSF is beyond its reach."""
         reach = s.pattern_probe.reach_of_share(share)
         pixels = math.ceil(reach / s.camera.sensor.pitch)
         beyond = min(share + self._side_order_share(s), 1.0)

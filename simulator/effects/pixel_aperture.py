@@ -72,7 +72,7 @@ class PixelAperture(PixelwiseEffect):
         )
 
     def _aliases(self, s: Situation) -> float:
-        """Return the root of how many frequencies of the light are aliases of each other."""
+        """Return the root of how many of the light's frequencies alias to one on the pixels."""
         lens = s.camera.lens
         finest = 2 * lens.image_numerical_aperture / s.band.support[0]
         return max(math.ceil(2 * finest * s.camera.sensor.pitch), 1.0)

@@ -40,7 +40,7 @@ class ExposureCell:
 
 
 def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
-    """Return the cells of a situation's exposure.
+    """Divide a situation's exposure into cells.
 
     Raises ValueError for an exposure that isn't positive and finite.
     """
