@@ -82,7 +82,7 @@ class BlurEffect(Effect):
     def estimated_error(self, s: Situation, level: int) -> float:
         return self.typical_bound_share * relative_light_error(s, self.error_bound(s, level))
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         return added_operations(s, levels, self.name)
 
 

@@ -59,7 +59,7 @@ class CrystalResponse(OnOffBlurEffect):
         how = f"audited ×{MARGIN:g}: mean and power of what the field lacks, worst of all times"
         return psf_error_bound(s, change, how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         rows, columns = s.camera.panel.shape
         return 100.0 * rows * columns * len(s.panel_content.names) if levels[self.name] else 0.0
 

@@ -47,7 +47,7 @@ class DepthLayers(Effect):
         how = "proved: phases of two points of the pupil differ by 2π k ρ at most"
         return sensor_error_bound(s, change * max_lamp_seconds(s), how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         """Return the operations of the PSFs of further distances, without other effects'."""
         bare = {**dict.fromkeys(ATTRIBUTION_ORDER, 0), self.name: levels[self.name]}
         return rendering_operations(s, bare) - rendering_operations(s, {**bare, self.name: 0})

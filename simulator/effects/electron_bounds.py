@@ -60,7 +60,7 @@ class PixelwiseEffect(OnOffEffect):
 
     operations_per_pixel: ClassVar[float] = 1.0
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         return self.operations_per_pixel * pixel_count(s) if levels[self.name] else 0.0
 
 

@@ -35,7 +35,7 @@ class ColourFilters(OnOffEffect):
         how = "proved: Young; the largest difference of a filter's electrons from the mean pixel's"
         return proportional_error_bound(s, self._largest(s) * light_norm_bound(s), how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         colour = s.camera.sensor.colour
         if colour is None or not levels[self.name]:
             return 0.0

@@ -53,7 +53,7 @@ class Motion(Effect):
         how = "proved: phases of light along the path, (π k v T)²/6 at most"
         return sensor_error_bound(s, change * max_lamp_seconds(s), how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         """Return the operations of further parts of a motion: each is a picture of its own.
 
         All parts use the same PSFs.

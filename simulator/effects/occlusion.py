@@ -43,7 +43,7 @@ class Occlusion(OnOffEffect):
         how = "proved: light behind, as far as a PSF reaches from what hides, and what falls beyond"
         return sensor_error_bound(s, max_lamp_seconds(s) * self._hidden_light_bound(s), how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         """Return the operations of occlusion, beyond those of layers whose light is added.
 
         For every wavelength, each layer's transfer function is transformed, for its light and its

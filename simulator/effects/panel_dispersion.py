@@ -32,7 +32,7 @@ class PanelDispersion(OnOffBlurEffect):
         how = f"audited ×{MARGIN:g}: Cauchy-Schwarz; the rms phase error over the band"
         return psf_error_bound(s, change, how, s.pattern_probe.peak)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         rows, columns = s.camera.panel.shape
         return 60.0 * rows * columns if levels[self.name] else 0.0
 

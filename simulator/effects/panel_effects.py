@@ -56,7 +56,7 @@ class PanelEffect(OnOffBlurEffect):
         change, how = self.psf_change_bound(s)
         return psf_error_bound(s, change, how, s.pattern_probe.peak)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         rows, columns = s.camera.panel.shape
         return 20.0 * rows * columns if levels[self.name] else 0.0
 

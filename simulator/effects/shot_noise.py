@@ -52,7 +52,7 @@ class ShotNoise(Effect):
             level
         ](s)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         return self.operations_by_level[levels[self.name]] * pixel_count(s)
 
     def explain(self, s: Situation) -> str:

@@ -40,7 +40,7 @@ class LampFlicker(OnOffEffect):
             share, how = self._max_row_deviation(s), "proved: largest deviation of a row's exposure"
         return sensor_error_bound(s, share * s.picture_probe.norm_bound * s.exposure, how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         return float(s.camera.sensor.shape[0]) if levels[self.name] else 0.0
 
     def explain(self, s: Situation) -> str:
