@@ -1,4 +1,5 @@
-"""The virtual bench: scenes, effects, and devices that obey the physics in optics.
+"""The virtual bench: simulated scenes, optical effects and devices.
 
-It knows optics and drivers, and not labapp; importing it loads nothing.
+The simulator may import `optics` and `drivers`, but not `labapp`. Importing this package loads
+none of its modules.
 """

@@ -1,4 +1,4 @@
-"""Results that are kept because they will be asked for again."""
+"""A least-recently-used cache of the simulator's results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ T = TypeVar("T")
 
 
 class Cache:
-    """The last few results, by what they follow from."""
+    """Keep the `size` most recently used results under hashable keys.
+
+    Threads may share one cache.
+    """
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -19,11 +22,13 @@ class Cache:
         self._lock = threading.Lock()
 
     def get(self, key: Hashable, compute: Callable[[], T]) -> T:
+        """Return the result kept under `key`, or compute and keep it."""
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
                 return self._kept[key]  # type: ignore[return-value]
-        # A camera that was given up may still compute when the next one does.
+        # The lock isn't held here: a simulated camera that timed out may still compute while its
+        # replacement starts to.
         result = compute()
         with self._lock:
             self._kept[key] = result
@@ -32,5 +37,6 @@ class Cache:
         return result
 
     def clear(self) -> None:
+        """Remove all results from the cache."""
         with self._lock:
             self._kept.clear()

@@ -1,4 +1,4 @@
-"""A clock that is as fast as the computer, or as fast as somebody wants to watch."""
+"""The virtual bench's clock, which can run faster than real time."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ import threading
 import time
 from collections.abc import Callable
 
-_LOOK = 0.01
-"""Seconds between looks at whether a wait was cancelled."""
-
 
 class VirtualClock:
-    """Time that moves only while somebody waits.
+    """A clock whose time advances only while a caller waits.
 
-    speed: its seconds in a second of the wall's. Infinite by default: waiting takes no time.
+    speed: seconds of virtual time per second of real time. It is infinite by default: waiting then
+    takes no real time.
     """
 
     def __init__(self, speed: float = math.inf) -> None:
@@ -25,19 +23,22 @@ class VirtualClock:
         self._lock = threading.Lock()
 
     def now(self) -> float:
+        """Return the virtual time in seconds."""
         return self._time
 
     def wait_until(self, time_: float, cancelled: Callable[[], bool]) -> None:
-        """Return at `time_`, or soon after `is_cancelled()` turns true."""
+        """Return when the virtual time is `time_`, or soon after `cancelled()` becomes true."""
         started, at_start = time.monotonic(), self._time
         while self._time < time_ and not cancelled():
             left = (time_ - self._time) / self._speed
             if left > 0:
-                time.sleep(min(left, _LOOK))
+                # Sleep at most 10 ms at a time, to notice a cancellation.
+                time.sleep(min(left, 0.01))
             passed = (time.monotonic() - started) * self._speed
-            # Two who wait at once wait through the same time.
+            # Two threads that wait at once share the elapsed time; it isn't added up.
             self._reach(time_ if left == 0 else min(time_, at_start + passed))
 
     def _reach(self, time_: float) -> None:
+        """Advance the virtual time to `time_`, never backwards."""
         with self._lock:
             self._time = max(self._time, time_)

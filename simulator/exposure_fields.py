@@ -1,4 +1,4 @@
-"""What leaves the panel during an exposure: pictures that stand, or a video on its way."""
+"""Complex fields that leave the panel during an exposure, of still patterns or of a video."""
 
 from __future__ import annotations
 
@@ -15,18 +15,16 @@ from simulator.panel_content import FrameSequence, PictureShares, Span
 
 Pictures = Mapping[str, NDArray[np.uint8]]
 WeightedFields = Iterator[tuple[float, torch.Tensor]]
-"""Shares of an exposure and fields on the panel's pixels, whose PSFs add up to the mean."""
-
-_MEMORY_TIME_CONSTANTS = 36.0
-"""Time constants after which nothing of a frame is left, in double precision."""
+"""Shares of an exposure and fields on the panel's pixels; the mean PSF is the weighted sum of the
+fields' PSFs."""
 
 
 def exposure_fields(
     modulator: Modulator, panel_state: PictureShares | FrameSequence, pictures: Pictures, tol: float
 ) -> WeightedFields:
-    """Of what an exposure sees; nothing is made before it is asked for.
+    """Yield the panel's fields during an exposure, with the share of the exposure of each.
 
-    tol: of averages over time.
+    Each field is computed when it is asked for. tol: relative error of averages over time.
     """
     if isinstance(panel_state, FrameSequence):
         yield from _moving(modulator, panel_state, pictures, tol)
@@ -39,19 +37,21 @@ def exposure_fields(
 
 
 def _settled_phase(modulator: Modulator, pictures: Pictures, name: str) -> torch.Tensor:
+    """Return the phase in radians that the liquid crystal reaches for a still pattern."""
     return torch.as_tensor(modulator.phase(torch.from_numpy(pictures[name].copy())))
 
 
 def _moving(
     modulator: Modulator, seen: FrameSequence, pictures: Pictures, tol: float
 ) -> WeightedFields:
-    """Of a video that has been repeated for ever, and whose liquid crystal follows.
+    """Yield the fields of a video that is repeated for ever, while the liquid crystal responds.
 
-    Part of a frame is a shorter frame, that begins with the phase which is reached by then.
+    A span within a frame is treated as a shorter frame, which begins with the phase that the
+    crystal has reached by then.
     """
     tau, frame_time = modulator.panel.response_time, seen.frame_time
-    # Whatever was shown long before the first frame is forgotten.
-    recent = seen.names[-max(1, math.ceil(_MEMORY_TIME_CONSTANTS * tau / frame_time)) :]
+    # After 36 time constants a frame has no effect on the phase in double precision (e^-36).
+    recent = seen.names[-max(1, math.ceil(36.0 * tau / frame_time)) :]
     before = torch.stack([_settled_phase(modulator, pictures, name) for name in recent])
     start = first_start_phase(before, frame_time, tau)
     spans: dict[int, list[Span]] = {}

@@ -1,4 +1,4 @@
-"""What may go wrong on the virtual bench, by a script: device, moment and kind."""
+"""Scripted faults of simulated devices: which device fails, at which frame, and how."""
 
 from __future__ import annotations
 
@@ -33,18 +33,19 @@ FRAME_KINDS: tuple[Kind, ...] = (
     "wrong exposure",
     "corrupt frame",
 )
-"""Kinds that strike the frame of an exposure; only a camera has them."""
+"""Kinds of faults that affect a camera's frame; no other device has them."""
 
 _EVER = math.inf
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that goes wrong.
+    """A scripted fault of a simulated device.
 
-    device: what the bench calls it. frame: index of the planned frame from which on it
-    strikes, at the device's next call. times: calls that it strikes. seconds: of bench time,
-    how much longer a slow call takes, or how long a device stays disconnected.
+    device: the device's role on the bench. frame: index of the planned frame from which on the
+    fault can occur; it occurs at the device's next call. times: number of calls that fail.
+    seconds: seconds of bench time by which a slow call takes longer, or for which a device stays
+    disconnected.
     """
 
     device: Role
@@ -73,6 +74,8 @@ class Fault:
 
 @dataclass
 class _Pending:
+    """A fault and the number of times that it has still to occur."""
+
     fault: Fault
     left: int = field(init=False)
 
@@ -81,17 +84,20 @@ class _Pending:
 
 
 class FaultScript:
-    """The faults that are still to come, and the devices that are unplugged now."""
+    """The faults that have still to occur, and the devices that are disconnected now."""
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
         self.script = tuple(faults)
         self._pending = [_Pending(fault) for fault in self.script]
         self._away_until: dict[str, float] = {}
         self.frame = 0
-        """Index of the planned frame that the bench is at."""
+        """Index of the planned frame that the bench takes now."""
 
     def take_fault(self, role: str, frame: bool) -> Fault | None:
-        """The fault that strikes this call, if one does. frame: whether it asks for a frame."""
+        """Return the fault that occurs in a device's call, or None.
+
+        frame: whether the call asks a camera for a frame.
+        """
         for pending in self._pending:
             fault = pending.fault
             fits = fault.device == role and (frame or fault.kind not in FRAME_KINDS)
@@ -101,25 +107,27 @@ class FaultScript:
         return None
 
     def put_off(self, fault: Fault) -> None:
-        """A fault that could not strike strikes the next call."""
+        """Let a fault that could not occur in this call occur in the next one."""
         next(pending for pending in self._pending if pending.fault is fault).left += 1
 
     @property
     def is_unused(self) -> bool:
-        """Whether no fault has struck yet."""
+        """Whether no fault has occurred yet."""
         return all(pending.left == pending.fault.times for pending in self._pending)
 
     def unplug(self, role: str, until: float) -> None:
+        """Disconnect the device of a role until a time of the bench's clock."""
         self._away_until[role] = until
 
     def is_away(self, role: str, now: float) -> bool:
+        """Whether the device of a role is disconnected at a time of the bench's clock."""
         return now < self._away_until.get(role, -_EVER)
 
 
 class FaultInjector:
-    """The bad luck of one opened device.
+    """Cause the scripted faults of one opened device.
 
-    What strikes it is decided at the beginning of each call, so that nothing is half done.
+    Each call takes its fault when it begins, so that a call fails before it has changed anything.
     """
 
     def __init__(self, script: FaultScript, role: str, model: str, clock: Clock) -> None:
@@ -128,12 +136,15 @@ class FaultInjector:
         self._unplugged = False
 
     def require_plugged(self) -> None:
-        """DeviceError while the device is unplugged, as when it is opened."""
+        """Raise DeviceError if the device is disconnected when it is opened."""
         if self._script.is_away(self._role, self._clock.now()):
             raise self._error("open", "there is no such device", "Plug it in")
 
     def begin(self, command: str, reply_time: float, *, frame: bool = False) -> Fault | None:
-        """Suffer what a call suffers; the fault, if the call goes on all the same."""
+        """Cause the fault of a device's call, if the script has one.
+
+        Returns the fault if the call goes on in spite of it. Raises DeviceError if the call fails.
+        """
         self.require_alive(command)
         if self._unplugged:
             raise self._error(command, "the device is disconnected", "Plug it in")
@@ -159,19 +170,23 @@ class FaultInjector:
         raise self._error(command, "the device answers ERROR", "Switch it off and on")
 
     def put_off(self, fault: Fault) -> None:
+        """Let a fault that could not occur in this call occur in the next one."""
         self._script.put_off(fault)
 
     def kill(self) -> None:
+        """Mark the device as killed, and end a call that hangs."""
         self._killed.set()
 
     @property
     def is_killed(self) -> bool:
+        """Whether the device was killed."""
         return self._killed.is_set()
 
     def require_alive(self, command: str) -> None:
-        """DeviceError once the device was killed: whoever called it is gone."""
+        """Raise DeviceError if the device was killed: nothing waits for its reply any more."""
         if self.is_killed:
             raise self._error(command, "the device was killed", "Open it again")
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
+        """Return the DeviceError of a simulated fault."""
         return DeviceError(self._model, command, reply, remedy)

@@ -1,4 +1,4 @@
-"""From a situation to its plan, and by the plan to its picture, with what is kept in between."""
+"""Plan the effects of a situation, compute its picture, and keep results for later pictures."""
 
 from __future__ import annotations
 
@@ -26,20 +26,17 @@ from simulator.situation import Situation
 from simulator.streaming import FrameSimulator
 
 MEMORY = max(1 << 30, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4)
-"""Bytes of light, spectra and kernels that are kept because they may be asked for again: a quarter
-of what the machine has. A picture of 5 megapixels with the panel's orders has 2.5 GB of them."""
-
-
-_PATTERNS = 3
-"""Patterns of which is kept what is known."""
+"""Bytes of light, spectra and PSFs that are kept for later pictures: a quarter of the machine's
+memory, at least 1 GiB. A picture of 5 megapixels with the panel's orders needs 2.5 GB of them."""
 
 
 @dataclass(frozen=True)
 class PictureMoments:
-    """What a sensor makes of light, without any chance, (rows, columns).
+    """Mean and variance of a sensor's pixels, without any random draw; maps are (rows, columns).
 
-    electrons: that the light frees on each pixel over the exposure, in the mean. mean, variance:
-    of each pixel's number less its black level, in electrons and electrons².
+    electrons: mean number of electrons that the light frees on each pixel during the exposure.
+    mean, variance: of each pixel's digital number less its black level, in electrons and
+    electrons².
     """
 
     electrons: torch.Tensor
@@ -48,11 +45,11 @@ class PictureMoments:
 
 
 class Imaging:
-    """Plans and pictures of situations.
+    """Compute the effect plans and pictures of situations, and keep what they share.
 
-    tol: relative error of mean picture and noise that effects may be left out for. forced:
-    effects that are on or off, or at a level, whatever they change. memory: bytes to keep.
-    Raises ValueError for a tol that is negative or not finite.
+    tol: relative error of mean picture and noise up to which effects may be left out. forced:
+    effects to be on, off or at a level, whatever error that makes. memory: bytes of results to
+    keep. Raises ValueError for a tol that is negative or not finite.
     """
 
     def __init__(
@@ -65,34 +62,38 @@ class Imaging:
         self.tol, self.forced = tol, dict(forced or {})
         self.ledger = Ledger()
         self._cache, self._plans, self._streams = ByteCache(memory), Cache(256), Cache(2)
-        self._pictures, self._patterns = Cache(4), Cache(_PATTERNS)
+        self._pictures, self._patterns = Cache(4), Cache(3)
 
     def with_tolerance(self, tol: float) -> Imaging:
-        """The same to another tolerance, with nothing forced; the two share what is kept."""
+        """Return an Imaging with another tolerance and no forced effects; it shares the caches."""
         require_tolerance(tol)
         other = copy.copy(self)
         other.tol, other.forced = tol, {}
         return other
 
     def forget(self) -> None:
-        """Keep nothing that was computed; it is computed again when it is asked for."""
+        """Remove all results from the caches; they are computed again when they are needed."""
         for cache in (self._cache, self._plans, self._streams, self._pictures, self._patterns):
             cache.clear()
 
     def force(self, forced: Mapping[str, str | bool], s: Situation) -> None:
-        """Have effects on, off or at a level from now on, whatever they change.
+        """Set effects to on, off or a level for the following pictures, whatever error that makes.
 
-        Raises ValueError for an effect that doesn't exist, a level that it hasn't, or one that
-        is on and requires one that is off. Nothing is planned for that.
+        Raises ValueError for an effect that doesn't exist, for a level that it doesn't have, or for
+        an effect that is on and requires one that is off. No plan is computed for this check.
         """
         levels = {name: forced_level(EFFECTS, s, name, wanted) for name, wanted in forced.items()}
         resolve_forced_levels(EFFECTS, levels)
         self.forced = dict(forced)
 
     def plan(self, s: Situation) -> EffectPlan:
-        """What a picture calls for; ValueError for a filter where the panel isn't known."""
+        """Return the effect plan of a situation.
+
+        Raises ValueError for a filter wavelength at which the panel's phase range isn't known.
+        """
         max_phase(s.camera.panel, s.wavelength)
-        # Whoever has changed the two wants another plan.
+        # Copies: a plan is kept under the tolerance and levels that it was computed with, even if
+        # another thread changes them meanwhile.
         tol, forced = self.tol, dict(self.forced)
         return self._plans.get(
             (tol, tuple(sorted(forced.items())), picture_key(s)),
@@ -102,12 +103,15 @@ class Imaging:
     def _compute_plan(
         self, s: Situation, tol: float, forced: Mapping[str, str | bool]
     ) -> EffectPlan:
+        """Compute the effect plan of a situation."""
         self._attach_probes(s)
         return plan_effects(EFFECTS, s, minimum_norms(s), tol, forced)
 
     def _attach_probes(self, s: Situation) -> None:
-        """Let a situation know what is known already of its picture and its pattern, which
-        don't follow from the exposure."""
+        """Give a situation the probes of its picture and pattern that are already known.
+
+        The probes don't depend on the exposure time.
+        """
         picture = self._pictures.get(
             (s.target, s.camera, s.band, s.picture_probe.shift), lambda: s.picture_probe
         )
@@ -124,13 +128,13 @@ class Imaging:
     def electrons(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
     ) -> torch.Tensor:
-        """That light frees on each pixel over the exposure, in the mean, (rows, columns)."""
+        """Return the mean number of electrons that light frees on each pixel, (rows, columns)."""
         return expected_electrons(s, recipe, self._cache, self.ledger, check)
 
     def picture_moments(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
     ) -> PictureMoments:
-        """Mean and variance of every pixel."""
+        """Return mean and variance of every pixel of a situation's picture."""
         electrons = self.electrons(s, recipe, check)
         mean, variance = moments(electrons, s.exposure, s.camera.sensor, **asdict(recipe.stages))
         return PictureMoments(electrons, mean, variance)
@@ -138,7 +142,7 @@ class Imaging:
     def stream(
         self, s: Situation, plan: EffectPlan, check: Callable[[], None] = lambda: None
     ) -> FrameSimulator:
-        """Frames of a picture; what they share is kept while nothing changes."""
+        """Return a simulator of a situation's frames; it is kept while nothing changes."""
 
         def compute() -> FrameSimulator:
             recipe = plan.recipe
@@ -149,14 +153,18 @@ class Imaging:
 
 
 def picture_key(s: Situation) -> Hashable:
-    """All that a picture follows from; the time only where something changes with it."""
+    """Return a cache key of all that a picture depends on.
+
+    The start of the exposure is part of it only if the video or the lamp changes with time.
+    """
     changes = s.panel_content.is_changing or s.target.lamp is not None
     beats = complex(s.path.interference) if s.path else 0j
     return (
         s.camera,
         s.mount,
         s.target,
-        # Devices count in hundredths of a nanometre; the last digit is nobody's.
+        # Filters are set in steps of 0.01 nm (1e-11 m): rounding to 1e-14 m removes only
+        # floating-point errors.
         replace(s.band, centre=round(s.band.centre, 14)),
         (s.panel_content.names, s.panel_content.frame_time),
         s.exposure_start if changes else 0.0,

@@ -1,4 +1,4 @@
-"""What a picture has cost, effect by effect."""
+"""Count the operations and bytes of the simulator's pictures, by effect."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from collections import defaultdict
 
 
 class Ledger:
-    """Counts operations and bytes by the effect that they are for; nothing is ever timed.
+    """Counts of operations and bytes by the effect that needed them; nothing is timed.
 
-    effects_called: the effects whose code was called. Threads may share one.
+    effects_called: names of the effects whose code was called. Threads may share one ledger.
     """
 
     def __init__(self) -> None:
@@ -19,9 +19,10 @@ class Ledger:
         self._lock = threading.Lock()
 
     def add(self, effect: str, operations: float, bytes: int = 0) -> None:
-        """operations: floating-point ones, about. bytes: of arrays that were made.
+        """Add floating-point operations and bytes of new arrays to an effect's counts.
 
-        Raises ValueError for numbers that are negative or not finite.
+        operations: approximate number. Raises ValueError for numbers that are negative or not
+        finite.
         """
         if not 0 <= operations < math.inf:
             raise ValueError(f"operations is {operations:g}; it must be finite, not negative")
@@ -33,22 +34,23 @@ class Ledger:
 
     @property
     def effects_called(self) -> frozenset[str]:
+        """Return the names of the effects whose code was called."""
         with self._lock:
             return frozenset(self._operations)
 
     @property
     def operations(self) -> float:
-        """Of all effects."""
+        """Return the number of operations of all effects."""
         with self._lock:
             return math.fsum(self._operations.values())
 
     @property
     def bytes(self) -> int:
-        """Of all arrays that were made, also of those that are gone."""
+        """Return the bytes of all arrays that were made, also of those since deleted."""
         with self._lock:
             return sum(self._bytes.values())
 
     def operations_of(self, effect: str) -> float:
-        """Operations for one effect; 0 for one that wasn't entered."""
+        """Return the number of operations of one effect; 0 for an effect without any entry."""
         with self._lock:
             return self._operations.get(effect, 0.0)

@@ -1,9 +1,9 @@
-"""How the panel sits before the sensor: turned, mirrored, or both.
+"""The mount of the panel before the sensor: rotation and mirroring of the panel's axes.
 
-What a pattern does to a picture turns and flips with the panel, and the scene doesn't. A PSF
-is known in the panel's axes on a finer and larger grid, and taken to the sensor's: by whole
-samples as far as flips and quarter turns go, and for the rest by the Fourier series that goes
-through its samples, because a PSF has no fringes finer than its pupil allows.
+What a pattern does to a picture turns and flips with the panel; the scene doesn't. A PSF is
+computed in the panel's axes on a finer and larger grid, and then resampled in the sensor's axes.
+Flips and quarter turns move whole samples. The rest of the rotation evaluates the Fourier series
+through the samples, because the pupil limits how fine a PSF's fringes are.
 """
 
 from __future__ import annotations
@@ -23,20 +23,18 @@ from optics.stop.aperture import Circle, Point, Polygon, Shape
 Array = NDArray[np.float64]
 
 _FADE_SAMPLES = 96
-"""Samples over which a PSF fades out beyond the window that is wanted: a Fourier series
-repeats itself, and must not jump there. Of a PSF that fills the window, and has 1.05 times the
-samples that its fringes need, 2e-6 are lost."""
-
-_ERROR = 1e-6
-"""Of the non-uniform transform, relative."""
+"""Samples over which a PSF fades to zero beyond its window, so that its Fourier series, which is
+periodic, has no jump at the edges. A PSF that fills the window, and has 1.05 times the samples that
+its fringes need, loses 2e-6 of its light."""
 
 
 @dataclass(frozen=True)
 class Mount:
-    """The panel is mirrored first, and turned then.
+    """How the panel is mounted before the sensor; it is mirrored first and then rotated.
 
-    rotation: radians from x (columns) towards y (rows), as a pattern's PSF is turned on the
-    sensor. flip_x, flip_y: whether what a pattern sends to larger x, or y, arrives at smaller.
+    rotation: radians from x (columns) towards y (rows), by which a pattern's PSF is turned on the
+    sensor. flip_x, flip_y: whether light that a pattern sends to larger x, or y, arrives at
+    smaller x, or y.
     """
 
     rotation: float = 0.0
@@ -49,21 +47,21 @@ class Mount:
 
     @property
     def is_aligned(self) -> bool:
-        """Whether the panel sits as if there were nothing to say about it."""
+        """Whether the panel is neither mirrored nor rotated against the sensor."""
         return not (self.flip_x or self.flip_y or self.rotation % (2 * math.pi))
 
     @property
     def _quarters(self) -> int:
-        """Quarter turns of the rotation, to the nearest."""
+        """Return the number of quarter turns nearest to the rotation."""
         return round(self.rotation / (math.pi / 2))
 
     @property
     def _rest(self) -> float:
-        """Radians of the rotation beyond its quarter turns."""
+        """Return the rotation beyond its quarter turns in radians."""
         return self.rotation - self._quarters * math.pi / 2
 
     def lens_in_panel_axes(self, lens: Lens) -> Lens:
-        """The lens, which stays with the sensor, in the panel's axes."""
+        """Return the lens, which is aligned with the sensor, as seen in the panel's axes."""
         stop = replace(
             lens.stop,
             opening=self._shape(lens.stop.opening),
@@ -72,25 +70,27 @@ class Mount:
         return replace(lens, stop=stop, aberrations=self._aberrations(lens))
 
     def _shape(self, shape: Shape) -> Shape:
+        """Transform a shape of the lens' stop to the panel's axes."""
         if isinstance(shape, Polygon):
             return Polygon(tuple(self._point(corner) for corner in shape.corners))
         return Circle(shape.radius, self._point(shape.centre))
 
     def _point(self, point: Point) -> Point:
-        """A place (y, x) before the sensor, in the panel's axes: turned back, and mirrored."""
+        """Transform a point (y, x) from the sensor's to the panel's axes: rotate, then mirror."""
         y, x = self.to_panel_axes(*(np.asarray(one) for one in point))
         return float(y), float(x)
 
     def to_panel_axes(self, y: Array, x: Array) -> tuple[Array, Array]:
-        """Places on the sensor, or frequencies of what falls on it, in the panel's axes."""
+        """Transform sensor coordinates, or frequencies on the sensor, to the panel's axes."""
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         y, x = y * cos - x * sin, x * cos + y * sin
         return (-y if self.flip_y else y), (-x if self.flip_x else x)
 
     def _aberrations(self, lens: Lens) -> tuple[tuple[int, int, float], ...]:
-        """Zernike's cosines and sines of one degree and order turn into each other.
+        """Return the lens' Zernike coefficients in the panel's axes.
 
-        At the panel's angle t the lens has its angle c + s t.
+        Rotation mixes the cosine and sine terms of the same degree and order. The panel's angle t
+        is the lens' angle c + s t.
         """
         c = self.rotation + (math.pi if self.flip_x else 0.0)
         s = -1 if self.flip_x != self.flip_y else 1
@@ -104,12 +104,15 @@ class Mount:
         return tuple((n, m, path) for (n, m), path in turned.items())
 
     def place_in_panel_axes(self, place: Point) -> Point:
-        """A place (y, x) on the sensor, in the panel's axes."""
+        """Transform a place (y, x) on the sensor to the panel's axes."""
         return self._point(place)
 
     def plane_in_panel_axes(self, plane: Plane) -> Plane:
-        """Where a PSF must be known in the panel's axes, to be known on a square plane around
-        the axis in the sensor's. It has as many samples on both sides of the origin."""
+        """Return the plane in the panel's axes on which a PSF has to be computed.
+
+        plane: the square plane around the axis on which the PSF is needed in the sensor's axes. The
+        result has the same number of samples on both sides of the origin.
+        """
         side = max(plane.shape)
         if self._rest:
             turned = abs(math.cos(self._rest)) + abs(math.sin(self._rest))
@@ -117,7 +120,10 @@ class Mount:
         return replace(plane, shape=(side + 1 - side % 2,) * 2)
 
     def to_sensor_axes(self, psf: torch.Tensor, plane: Plane) -> torch.Tensor:
-        """A PSF on `plane_in_panel_axes(plane)`, as the sensor has it, (rows, columns)."""
+        """Resample a PSF from the panel's axes onto a plane in the sensor's, (rows, columns).
+
+        psf: a PSF on `plane_in_panel_axes(plane)`.
+        """
         flips = [axis for axis, on in ((-2, self.flip_y), (-1, self.flip_x)) if on]
         psf = psf.flip(flips)
         for _ in range(self._quarters % 4):
@@ -128,7 +134,7 @@ class Mount:
 
 
 def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Tensor:
-    """The Fourier series of a square PSF at the samples of a plane that is turned back."""
+    """Evaluate the Fourier series of a square PSF at the samples of a rotated plane."""
     side, pitch = psf.shape[-1], plane.pitch[0]
     fading = _fading(side).to(psf)
     spectrum = origin_to_corner(psf * fading[:, None] * fading).to(torch.complex128)
@@ -136,20 +142,24 @@ def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Te
     y, x = plane.mesh()
     cos, sin = math.cos(angle), math.sin(angle)
     frequencies = Plane((side, side), (1 / (side * pitch),) * 2)
-    # They aren't few, but not many either: its way is measured to be nearly three times quicker.
+    # There are about as many points as samples; the method for few points was still measured to
+    # be nearly three times faster.
     series = NonuniformTransform(
         (y * cos - x * sin).ravel(),
         (x * cos + y * sin).ravel(),
         frequencies,
         1.0,
-        _ERROR,
+        1e-6,  # This is the relative error.
         few_points=True,
     )
     return series.adjoint(spectrum).real.reshape(plane.shape).to(psf)
 
 
 def _fading(side: int) -> torch.Tensor:
-    """One within, and smoothly down to zero at both ends: Vorbis' window, which decays fast."""
+    """Return a window that is 1 inside and falls smoothly to 0 at both ends of a PSF's side.
+
+    Its ramps are those of the Vorbis window, whose spectrum decays fast.
+    """
     ramp = torch.linspace(0, 1, _FADE_SAMPLES + 1, dtype=torch.float64)
     for _ in range(2):
         ramp = torch.sin(math.pi / 2 * ramp) ** 2

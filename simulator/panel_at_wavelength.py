@@ -1,4 +1,4 @@
-"""The panel at any wavelength: within its table of phase ranges, and beyond it."""
+"""The panel at any wavelength, within and beyond its table of phase ranges."""
 
 from __future__ import annotations
 
@@ -8,20 +8,22 @@ from optics.camera import Panel
 from optics.slm import Modulator, PhaseResponse
 from optics.slm.phase_range import max_phase
 
-LOWEST, HIGHEST = 0.9, 1.15
-"""Of the shortest and longest wavelength of a panel's table: where it is trusted."""
-
 
 def phase_range_wavelengths(panel: Panel) -> tuple[float, float]:
-    """Metres between which the panel's phase range is known."""
+    """Return the shortest and longest wavelength, in metres, at which the panel's table holds.
+
+    The table of phase ranges is used from 0.9 times its shortest wavelength to 1.15 times its
+    longest one.
+    """
     known = [wavelength for wavelength, _ in panel.max_phase]
-    return LOWEST * min(known), HIGHEST * max(known)
+    return 0.9 * min(known), 1.15 * max(known)
 
 
 def panel_at(panel: Panel, wavelength: float) -> Panel:
-    """The panel for light of any wavelength: beyond its table the path stays as at its end.
+    """Return the panel for light of any wavelength.
 
-    A crystal's birefringence changes by a few per cent there, and so does the phase.
+    Beyond the panel's table, the optical path is that at the table's end. A liquid crystal's
+    birefringence, and so the phase, changes by a few per cent there.
     """
     low, high = phase_range_wavelengths(panel)
     if low <= wavelength <= high:
@@ -33,7 +35,10 @@ def panel_at(panel: Panel, wavelength: float) -> Panel:
 def substitute_panel(
     panel: Panel, known_wavelength: float, wavelength: float, factor: float
 ) -> Panel:
-    """A panel that does at a wavelength what this one does at a known one, times a factor."""
+    """Return a panel that acts at `wavelength` as this one does at `known_wavelength`.
+
+    factor: multiplies the phase.
+    """
     response = panel.response
     if response is not None:
         response = PhaseResponse((wavelength,), response.at(known_wavelength)[None])
@@ -42,4 +47,5 @@ def substitute_panel(
 
 
 def modulator_at(panel: Panel, wavelength: float) -> Modulator:
+    """Return the modulator for a panel and light of any wavelength in metres."""
     return Modulator(panel_at(panel, wavelength), wavelength)

@@ -1,4 +1,4 @@
-"""What the panel shows, and what an exposure sees of it."""
+"""What the panel shows, a pattern or a video, and which part of it an exposure sees."""
 
 from __future__ import annotations
 
@@ -9,27 +9,28 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_EVEN = 1e-4
-"""Share of an exposure by which it may miss whole periods of a video and show its frames
-evenly: cameras count whole microseconds."""
-
 
 def picture_name(grey: NDArray[np.uint8]) -> str:
-    """Patterns with the same grey levels have the same name."""
+    """Return a pattern's name; patterns with the same grey levels have the same name."""
     return hashlib.sha256(grey.tobytes()).hexdigest()
 
 
 @dataclass(frozen=True)
 class PictureShares:
-    """Pictures by name, and the share of an exposure that each has: they stand while they last."""
+    """Pictures that an exposure sees, by name, with the share of the exposure of each.
+
+    The panel's phase is constant while a picture is shown.
+    """
 
     shares: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)
 class Span:
-    """A part of a frame, from `begin` to `end` seconds after it began, and its share of an
-    exposure."""
+    """A part of a video's frame, and its share of an exposure.
+
+    begin, end: seconds after the beginning of the frame.
+    """
 
     frame: int
     begin: float
@@ -39,9 +40,9 @@ class Span:
 
 @dataclass(frozen=True)
 class FrameSequence:
-    """A video's frames by name, in their order, for what moves from one to the next.
+    """A video's frames by name, in their order, for a liquid crystal that responds slowly.
 
-    spans: what is seen of them, in the frames' order.
+    spans: the parts of the frames that an exposure sees, in the frames' order.
     """
 
     names: tuple[str, ...]
@@ -51,9 +52,9 @@ class FrameSequence:
 
 @dataclass(frozen=True, eq=False)
 class PanelContent:
-    """What the panel shows: names of frames in their order, and seconds that each stands.
+    """What the panel shows: a pattern, or a video as names of its frames in their order.
 
-    pictures: the different frames by name.
+    frame_time: seconds for which each frame is shown. pictures: the different frames by name.
     """
 
     names: tuple[str, ...]
@@ -62,7 +63,8 @@ class PanelContent:
 
     @staticmethod
     def of(video: NDArray[np.uint8], frame_time: float) -> PanelContent:
-        # Named once, when it is shown, and not for every picture that is taken of it.
+        """Return the content of a panel that shows a video, (frames, rows, columns)."""
+        # Names are hashes, computed once per video and not once per exposure.
         names = tuple(picture_name(grey) for grey in video)
         pictures: dict[str, NDArray[np.uint8]] = {}
         for name, grey in zip(names, video, strict=True):
@@ -73,27 +75,35 @@ class PanelContent:
 
     @property
     def first(self) -> NDArray[np.uint8]:
+        """Return the grey levels of the first frame."""
         return self.pictures[self.names[0]]
 
     @property
     def is_changing(self) -> bool:
-        """Whether it is more than one picture."""
+        """Whether the panel shows more than one picture."""
         return len(self.pictures) > 1
 
     def _covers_whole_periods(self, seconds: float) -> bool:
-        """Whether a time sees all frames alike; no time sees them all."""
+        """Whether an exposure sees all frames equally; an exposure of no time counts as such.
+
+        It may differ from whole periods of the video by 1e-4, as cameras count whole
+        microseconds.
+        """
         n = len(self.names)
         periods = seconds / (n * self.frame_time)
-        return n == 1 or seconds == 0 or abs(periods - round(periods)) <= _EVEN * round(periods)
+        return n == 1 or seconds == 0 or abs(periods - round(periods)) <= 1e-4 * round(periods)
 
     def picture_shares(self, start: float, seconds: float) -> PictureShares:
-        """The share of a time that each picture has, by name; of no time, that it has of all."""
+        """Return the share of an exposure that each picture has, by name.
+
+        start, seconds: of the exposure. With no time, the shares are those of a whole period.
+        """
         n = len(self.names)
         if self._covers_whole_periods(seconds):
             shares: tuple[float, ...] = (1.0,) * n
         else:
             shares = shares_of_time(n, start / self.frame_time, seconds / self.frame_time)
-        # In whichever order the pictures come.
+        # Sorted by name, so that the result doesn't depend on the order of the frames.
         mixed = dict.fromkeys(sorted(self.pictures), 0.0)
         for name, share in zip(self.names, shares, strict=True):
             mixed[name] += share
@@ -101,7 +111,7 @@ class PanelContent:
         return PictureShares(tuple((name, share / total) for name, share in mixed.items()))
 
     def frame_sequence(self, start: float, seconds: float) -> FrameSequence:
-        """The same with the order of the frames, and with what is seen of each."""
+        """Return the video's frames in their order, and the spans that an exposure sees of them."""
         n, frame_time = len(self.names), self.frame_time
         if self._covers_whole_periods(seconds):
             spans = [(k, 0.0, 1.0, 1 / n) for k in range(n)]
@@ -115,10 +125,13 @@ class PanelContent:
 
 
 def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
-    """What each of `n` frames, shown in turn for a unit of time each, has of an interval."""
+    """Return the share of an interval in which each of a video's `n` frames is shown.
+
+    The frames are shown in turn for one unit of time each.
+    """
 
     def shown_until(time: float) -> NDArray[np.float64]:
-        """Time for which each frame was shown since 0."""
+        """Return the time for which each frame was shown since 0."""
         rounds, rest = divmod(time, n)
         return rounds + np.clip(rest - np.arange(n), 0, 1)
 
@@ -127,9 +140,10 @@ def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
 
 
 def spans_of_time(n: int, start: float, length: float) -> list[tuple[int, float, float, float]]:
-    """The parts of `n` frames, shown in turn for a unit of time each, that an interval sees.
+    """Return the parts of a video's `n` frames that an interval sees.
 
-    (frame, from, to, share of the interval), in the frames' order; the shares add up to one.
+    The frames are shown in turn for one unit of time each. Each part is (frame, begin, end, share
+    of the interval), in the frames' order; the shares add up to one.
     """
     rounds, rest = divmod(length, n)
     seen = {(k, 0.0, 1.0): rounds for k in range(n)} if rounds else {}

@@ -1,4 +1,4 @@
-"""How a virtual bench may differ from its description."""
+"""Imperfections of a virtual bench's panel: phase response, flatness and illumination."""
 
 from __future__ import annotations
 
@@ -12,24 +12,23 @@ from optics.camera import Panel
 from optics.slm import PanelMap, PhaseResponse
 from optics.zernike import zernike
 
-_WAVELENGTH = 550e-9
-"""Metres; one curve holds at all of them."""
-
 
 def nonlinear_response(levels: int, gamma: float, wiggle: float, highest: float) -> PhaseResponse:
-    """highest (x^gamma + wiggle sin 2 pi x), at x from 0 to 1 over the grey levels.
+    """Return a panel's phase response highest (x^gamma + wiggle sin 2πx).
 
-    highest: share of the panel's highest phase at the last level. Raises ValueError for a phase
-    that falls from one level to the next.
+    x runs from 0 to 1 over the grey levels. highest: share of the panel's highest phase at the
+    last level. Raises ValueError for a phase that falls from one level to the next.
     """
     x = np.linspace(0, 1, levels)
-    return PhaseResponse.from_curve(
-        _WAVELENGTH, highest * (x**gamma + wiggle * np.sin(2 * np.pi * x))
-    )
+    # A response of one wavelength holds at all wavelengths; 550 nm has no further meaning.
+    return PhaseResponse.from_curve(550e-9, highest * (x**gamma + wiggle * np.sin(2 * np.pi * x)))
 
 
 def flatness_map(panel: Panel, terms: Iterable[tuple[int, int, float]]) -> PanelMap:
-    """A panel's flatness: Zernike polynomials (n, m, metres rms) over the circle around it."""
+    """Return a panel's flatness as a sum of Zernike polynomials over its circumscribed circle.
+
+    terms: (degree n, order m, metres rms) of each polynomial.
+    """
     reach = 0.5 * panel.pitch * math.hypot(*panel.shape)
     y, x = (position / reach for position in panel.plane.mesh())
     path = torch.zeros(panel.shape, dtype=torch.float64)
@@ -39,7 +38,10 @@ def flatness_map(panel: Panel, terms: Iterable[tuple[int, int, float]]) -> Panel
 
 
 def illumination_map(panel: Panel, radius: float, centre: tuple[float, float]) -> PanelMap:
-    """A Gaussian beam on a panel: radius to 1/e² and centre (y, x), in metres."""
+    """Return the irradiance of a Gaussian beam on a panel, 1 at its centre.
+
+    radius: to 1/e² of the peak, in metres. centre: (y, x) in metres.
+    """
     y, x = panel.plane.mesh()
     away = (y - centre[0]) ** 2 + (x - centre[1]) ** 2
     return PanelMap(torch.exp(-2 * away / radius**2))

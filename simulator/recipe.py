@@ -1,4 +1,4 @@
-"""What is rendered of a situation: the nodes on each axis, and the stages."""
+"""The recipe of a picture: nodes on each axis of the image formation, and its stages."""
 
 from __future__ import annotations
 
@@ -9,30 +9,33 @@ from optics.sensor import ShotNoise, Stages
 from simulator.situation import Situation
 
 SMALLEST_WINDOW = 64
-"""Sensor pixels across the smallest PSF that is rendered."""
+"""Sensor pixels across the smallest window on which a PSF is rendered."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """The barest picture by default; effects that are on add to it.
+    """What is rendered of a situation; the defaults render the simplest picture.
 
-    Panel: `panel` has the data of effects that are on; `dispersion` whether each wavelength has
-    a phase of its own, or that of the filter's centre; `crystal` whether a video's frames are
-    left on the way; `interference` whether unmodulated light beats with the rest.
+    Panel: `panel` has the data of the effects that are on. `dispersion`: whether each wavelength
+    has a phase of its own, or that of the filter's centre. `crystal`: whether the liquid crystal's
+    response between a video's frames counts. `interference`: whether unmodulated light interferes
+    with modulated light.
 
-    Axes: wavelengths in the band (Gauss nodes), wavelengths of the leak beside it, depth layers,
-    places along each axis of the field (Chebyshev nodes), nodes of a motion within the exposure.
-    0 of the leak is none; 1 of the others is one.
+    Axes: `wavelengths` in the band (Gauss nodes); `leak`, wavelengths outside the band; `depths`,
+    nodes of distance; `places` along each axis of the field (Chebyshev nodes); `motion`, parts of
+    the exposure. 0 leak nodes leave the leak out; 1 node of another axis leaves that axis out.
 
-    Light: `occlusion` whether near things hide far ones at their blurred edges, or are added;
-    `diffraction` it, or the geometric blur of the same wavefront; `orders` of the pixel grid on
-    each side; `vignetting`; `lamp` whether the lamp's waveform weighs times and rows; `rolling`
-    whether rows are exposed in turn; `glare` whether a part of the light veils all pixels.
+    Light: `occlusion`: whether near layers hide far ones at their blurred edges, or all light is
+    added. `diffraction`: waves, or the geometric blur of the same wavefront. `orders` of the pixel
+    grid on each side. `vignetting`: whether the light falls off towards the field's edge. `lamp`:
+    whether the lamp's waveform counts. `rolling`: whether rows are exposed one after the other.
+    `glare`: whether veiling glare is added.
 
-    Window: PSF's side in sensor pixels, and samples of the light in a pixel along each axis;
-    `picture_samples_per_pixel`: of pictures before they are blurred, if that is more.
+    Window: `window`, the PSF's side in sensor pixels; `samples_per_pixel`, samples of the light in
+    a pixel along each axis; `picture_samples_per_pixel`, the same of the pictures before they are
+    blurred, if that is more.
 
-    Sensor: in the order of the physics.
+    Sensor: the stages of the sensor, in the order of the physics.
     """
 
     panel: Panel
@@ -65,13 +68,16 @@ class Recipe:
 
     @staticmethod
     def minimal(s: Situation) -> Recipe:
-        """An ideal panel and lens at one wavelength, place and time, and a sensor that counts
-        electrons."""
+        """Return the recipe of the simplest picture of a situation.
+
+        It has an ideal panel and lens, one wavelength, place and time, and a sensor that counts
+        electrons.
+        """
         return Recipe(s.ideal_panel, SMALLEST_WINDOW, s.coarsest_sampling)
 
     @property
     def stages(self) -> Stages:
-        """What of the sensor is done."""
+        """Return which of the sensor's stages are simulated."""
         return Stages(
             self.dark_current,
             self.fixed_pattern,
@@ -82,5 +88,5 @@ class Recipe:
         )
 
     def with_changes(self, **changes: object) -> Recipe:
-        """The same with some entries changed."""
+        """Return a recipe with some fields changed."""
         return replace(self, **changes)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Everything that a decision may look at: what stands, shines, is shown and looks."""
+"""The situation of a picture: scene, camera, pattern, filter and exposure."""
 
 from __future__ import annotations
 
@@ -18,16 +18,13 @@ from simulator.probing.pattern_probe import PatternProbe, panel_without_effects
 from simulator.probing.picture_probe import PictureProbe
 from simulator.scene.target import Target
 
-_TO_SPARE = 1.05
-"""Over the samples that resolve the finest fringe."""
-
 
 @dataclass(eq=False)
 class SituationCache:
-    """What was found of a situation, so that it is found once. It goes when the situation goes.
+    """Results that were computed for a situation; they are deleted with it.
 
-    picture_probe, pattern_probe: None until somebody asks, or brings what is known from another
-    situation. results: to all other questions, by what they follow from.
+    picture_probe, pattern_probe: None until they are first needed, or until those of another
+    situation are put here. results: all other results, under the arguments that they depend on.
     """
 
     picture_probe: PictureProbe | None = None
@@ -37,12 +34,14 @@ class SituationCache:
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """A picture that is about to be taken.
+    """All that a picture, and each decision about its effects, may depend on.
 
-    camera: what it really is, with its sensor. mount: how the panel sits. target: what stands
-    before it, with its light. band: what the filter passes. panel_content: on the panel.
-    exposure_start, exposure: seconds; of a first row that is exposed in turn with others. path:
-    what polariser, panel and splitter do to the two polarisations, where the bench says.
+    camera: the real camera with its sensor. mount: rotation and mirroring of the panel. target:
+    what stands before the camera, with its light. band: what the filter transmits. panel_content:
+    what the panel shows. exposure_start, exposure: seconds; with a rolling shutter, those of the
+    first row. path: what polariser, panel and splitter do to the two polarisations, or None where
+    the bench doesn't say. numerics: relative error that numerical methods may make. cache: results
+    that were computed for this situation.
     """
 
     camera: Camera
@@ -61,23 +60,23 @@ class Situation:
 
     @property
     def wavelength(self) -> float:
-        """Metres, the band's centre."""
+        """Return the centre of the filter's band in metres."""
         return self.band.centre
 
     @property
     def exposure_span(self) -> float:
-        """Seconds from the first row's beginning to the last one's end."""
+        """Return the seconds from the start of the first row's exposure to the last row's end."""
         return frame_duration(self.camera.sensor, self.exposure)
 
     @property
     def image_motion(self) -> float:
-        """Metres on the sensor that a moving target's image goes meanwhile, at most."""
+        """Return the metres that a moving target's image travels on the sensor, at most."""
         scale = self.camera.magnification(min(self.picture_probe.distances))
         return math.hypot(*self.target.velocity) * scale * self.exposure_span
 
     @property
     def picture_probe(self) -> PictureProbe:
-        """What is known of the target's picture without any blur."""
+        """Return what is known of the target's picture without any blur."""
         if self.cache.picture_probe is None:
             middle = self.exposure / 2
             shift = (self.target.velocity[0] * middle, self.target.velocity[1] * middle)
@@ -86,7 +85,7 @@ class Situation:
 
     @property
     def pattern_probe(self) -> PatternProbe:
-        """What is known of the PSF of what is shown."""
+        """Return what is known of the PSFs of the shown pattern or video."""
         if self.cache.pattern_probe is None:
             self.cache.pattern_probe = PatternProbe(
                 self.camera, self.panel_content, self.wavelength, self.picture_probe.distances
@@ -95,14 +94,17 @@ class Situation:
 
     @property
     def ideal_panel(self) -> Panel:
-        """The panel without any of its effects."""
+        """Return the panel without any of its effects."""
         return panel_without_effects(self.camera.panel)
 
     @property
     def coarsest_sampling(self) -> int:
-        """Samples of the light in a pixel along each axis, that resolve the finest fringe of the
-        shortest wavelength."""
+        """Return the fewest samples along a pixel that resolve the finest fringe of the light.
+
+        The finest fringe is that of the shortest wavelength; 5 % more samples than it needs are
+        taken.
+        """
         shortest = self.band.support[0]
         if self.band.leak:
             shortest = min(shortest, self.band.leak_range[0])
-        return math.ceil(_TO_SPARE * nyquist_samples_per_pixel(self.camera, shortest))
+        return math.ceil(1.05 * nyquist_samples_per_pixel(self.camera, shortest))

@@ -1,9 +1,10 @@
-"""Frames of a picture that doesn't change: only noise is drawn for each."""
+"""Draw frames of a picture that doesn't change: only the sensor's noise differs between them."""
 
 from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -17,33 +18,47 @@ from optics.sensor.stages import FEW_ELECTRONS, CollectedCharge, collect_electro
 from optics.threads import single_threaded
 from simulator.recipe import Recipe
 
-_BLOCK = 1 << 15
-"""Pixels that are drawn together, with a seed of their own: they stay in a core's memory, and
-torch gives no part of them to another thread."""
 
-_SMOOTH = 0.5
-"""Electrons of read noise that hide that electrons are whole: e^(-π²/2) of a step is left."""
+@dataclass(frozen=True)
+class FrameSimulationSettings:
+    """Tune how the noise of simulated frames is drawn.
 
-_SURELY = 7.0
-"""Standard deviations from the full well at which a pixel surely is, or isn't, full."""
+    Attributes
+    ----------
+    block_pixels : int
+        Pixels that are drawn together, with a seed of their own. Chosen so that they stay in a
+        core's memory, and torch doesn't divide them among threads.
+    min_read_noise : float
+        Electrons of read noise from which on the whole numbers of electrons can't be seen:
+        e^(-π²/2) of a step is left.
+    clipping_sigmas : float
+        Standard deviations from the full well at which a pixel surely is, or isn't, full. Chosen.
+    min_merged_electrons : float
+        Mean electrons from which on a normal distribution with the right third moment stands for
+        shot and read noise together: their distributions differ by 6e-5.
+    min_skewed_electrons : float
+        Mean electrons from which on a skewed normal distribution replaces Poisson's: they differ
+        by 1e-8, and by 1e-6 together with read noise.
+    """
 
-_BENT_ALONE = 100.0
-"""Electrons from which the third moment is enough of what noises together are beside a normal
-one: 6e-5 of their distribution is left."""
+    block_pixels: int = 1 << 15
+    min_read_noise: float = 0.5
+    clipping_sigmas: float = 7.0
+    min_merged_electrons: float = 100.0
+    min_skewed_electrons: float = 1e4
 
-_SURELY_SKEWED = 1e4
-"""Electrons from which nobody could tell Poisson's distribution from the normal one that is bent
-as it is: they are 1e-8 apart, and 1e-6 together with read noise."""
+
+_SETTINGS = FrameSimulationSettings()
 
 
 class FrameSimulator:
-    """Draws frames of one picture, exposure and set of stages; keeps all that they share.
+    """Draw frames of one picture for one exposure and set of sensor stages.
 
-    electrons: expected from light on each pixel over the exposure, (rows, columns). recipe:
-    which of the sensor's stages are done; numbers are rounded and kept in the converter's range
-    whatever it says, as frames are whole numbers. threads: that draw at the same time; frames
-    don't depend on them. Raises ValueError for electrons that aren't finite, an exposure that
-    isn't positive, or no thread.
+    electrons: mean electrons that light frees on each pixel during the exposure, (rows, columns).
+    recipe: the sensor stages that are simulated. Numbers are always rounded and kept in the
+    converter's range, since frames hold whole numbers. threads: that draw at the same time; frames
+    don't depend on their number. Raises ValueError for electrons that aren't finite, an exposure
+    that isn't positive, or no thread.
     """
 
     @single_threaded
@@ -69,13 +84,13 @@ class FrameSimulator:
 
     @property
     def bytes(self) -> int:
-        """Of memory that is kept."""
+        """Return the bytes of memory that the frame simulator keeps."""
         return sum(block.bytes for block in self._blocks)
 
     def frame(self, generator: torch.Generator) -> NDArray[np.uint16]:
-        """One raw frame, (rows, columns) of digital numbers.
+        """Draw one raw frame, (rows, columns) of digital numbers.
 
-        The generator's state alone decides it, and is moved on by it.
+        The frame depends on the generator's state alone, and advances it.
         """
         count = len(self._blocks)
         seeds = torch.randint(2**62, (count,), generator=generator).tolist()
@@ -96,15 +111,18 @@ class FrameSimulator:
 
 
 def _parts(count: int) -> list[slice]:
-    return [slice(start, start + _BLOCK) for start in range(0, count, _BLOCK)]
+    """Return the slices of a frame's pixels that are drawn together."""
+    step = _SETTINGS.block_pixels
+    return [slice(start, start + step) for start in range(0, count, step)]
 
 
 def _offsets(held: CollectedCharge) -> torch.Tensor | None:
+    """Return the pixels' offsets in electrons, or None if they have none of their own."""
     return None if isinstance(held.offset, float) else held.offset.flatten()
 
 
 class _Still:
-    """Pixels that don't vary."""
+    """Draw pixels without noise."""
 
     def __init__(self, number: torch.Tensor) -> None:
         self._number = number.to(torch.float32)
@@ -118,8 +136,12 @@ class _Still:
 
 
 class _Normal:
-    """Pixels whose noises are one normal noise together, bent as much as its third moment asks
-    for: by mean and spread of their number, and by what the noise's square adds to it."""
+    """Draw pixels whose noises are merged into one noise, normal or skewed.
+
+    A skewed noise adds a multiple of the normal number's square, which gives the third moment.
+    number, spread: mean and standard deviation of each digital number. bend: factor of the
+    square.
+    """
 
     def __init__(
         self, number: torch.Tensor, spread: torch.Tensor, bend: torch.Tensor | None
@@ -128,7 +150,7 @@ class _Normal:
         self._bend = None
         if bend is not None:
             self._bend = bend.to(torch.float32)
-            # A square has a mean of 1 and a variance of 2.
+            # The square of a standard normal number has a mean of 1 and a variance of 2.
             self._number = (number - bend).to(torch.float32)
             self._spread = (spread.square() - 2 * bend.square()).sqrt().to(torch.float32)
 
@@ -146,7 +168,7 @@ class _Normal:
 
 
 class _Stepwise:
-    """Pixels whose electrons are drawn and held before they are read."""
+    """Draw pixels stage by stage: electrons first, then the full well, then the read noise."""
 
     def __init__(
         self, mean: torch.Tensor, offset: torch.Tensor | None, sensor: Sensor, stages: Stages
@@ -174,6 +196,7 @@ class _Stepwise:
         return held.div_(self._gain).add_(self._black)
 
     def _electrons(self, generator: torch.Generator) -> torch.Tensor:
+        """Draw the electrons of each pixel from the distribution of shot noise."""
         if len(self._few) == len(self._mean):
             return torch.poisson(self._mean, generator=generator)
         noise = torch.empty_like(self._mean).normal_(generator=generator)
@@ -187,25 +210,27 @@ _Block = _Still | _Normal | _Stepwise
 
 
 def _poisson_limit(stages: Stages) -> float:
-    return _SURELY_SKEWED if stages.shot == "Poisson" else FEW_ELECTRONS
+    """Return the mean number of electrons from which on Poisson's distribution isn't drawn."""
+    return _SETTINGS.min_skewed_electrons if stages.shot == "Poisson" else FEW_ELECTRONS
 
 
 def _shot(stages: Stages) -> Literal["Gaussian", "skewed"]:
-    """What stands for Poisson's distribution where it does."""
+    """Return the distribution that replaces Poisson's for many electrons."""
     return "Gaussian" if stages.shot == "Gaussian" else "skewed"
 
 
 def _block(
     mean: torch.Tensor, offset: torch.Tensor | None, sensor: Sensor, stages: Stages
 ) -> _Block:
-    """The cheapest way to draw some pixels that is as good as the full one."""
+    """Return the fastest way to draw some pixels that is as accurate as drawing every stage."""
     read = sensor.read_noise if stages.read_noise else 0.0
     chancy = stages.shot != "none"
     if stages.clipping:
-        # Beyond, it makes no difference; a float32 holds it, and Poisson's generator counts it.
+        # More electrons than this fill the well in any case. The limit keeps the mean within what
+        # a float32 and the Poisson generator can represent.
         mean = mean.clamp(max=4 * sensor.full_well + 1000)
     held = mean.clamp(max=sensor.full_well) if stages.clipping else mean
-    reach = _SURELY * (mean + 1).sqrt()
+    reach = _SETTINGS.clipping_sigmas * (mean + 1).sqrt()
     full = mean - reach > sensor.full_well if stages.clipping else mean < 0
     if chancy and bool(
         ((mean > 0) & ~full & ~_can_merge_noises(mean, reach, read, sensor, stages)).any()
@@ -216,7 +241,7 @@ def _block(
     varied = shot + read**2
     if not bool(varied.any()):
         return _Still(number)
-    # The third moment is that of the electrons alone.
+    # Only the electrons have a third moment; read noise is symmetric.
     bend = shot / (6 * varied.clamp(min=1e-30)) / sensor.gain if _shot(stages) == "skewed" else None
     return _Normal(number, varied.sqrt() / sensor.gain, bend)
 
@@ -224,9 +249,12 @@ def _block(
 def _can_merge_noises(
     mean: torch.Tensor, reach: torch.Tensor, read: float, sensor: Sensor, stages: Stages
 ) -> torch.Tensor:
-    """Where shot and read noise may be drawn as one: many electrons, of which nobody sees that
-    they are whole, and surely no full well."""
-    many = mean >= max(_poisson_limit(stages), _BENT_ALONE)
-    smooth = read >= _SMOOTH
+    """Return which pixels' shot and read noise may be drawn as one noise.
+
+    These have many electrons, enough read noise to hide their whole numbers, and surely no full
+    well.
+    """
+    many = mean >= max(_poisson_limit(stages), _SETTINGS.min_merged_electrons)
+    smooth = read >= _SETTINGS.min_read_noise
     clear = (mean + reach < sensor.full_well) if stages.clipping else torch.ones_like(many)
     return many & clear & smooth

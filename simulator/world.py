@@ -1,4 +1,4 @@
-"""The physical state that the simulated devices share, and the light that follows from it."""
+"""The virtual bench's physical state, which the simulated devices share, and its pictures."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from simulator.situation import Situation
 from simulator.streaming import FrameSimulator
 
 TYPICAL_EXPOSURE = 0.01
-"""Seconds for which a plan is made where nobody says another exposure."""
+"""Exposure time in seconds that an effect plan assumes unless another one is given."""
 
 
 class World:
-    """What the panel shows, the filter passes and the target sends, and what follows.
+    """The state of a virtual bench: what the panel shows, the filter passes and the target sends.
 
-    camera: what it really is, whatever its users think. scene: its targets. tol: relative error
-    of mean picture and noise that effects may be left out for. forced: effects that are on or
-    off, or at a level, whatever they change. mount: how the panel sits before the sensor. path:
-    what polariser, panel and splitter do to the light, where that is known. clock: of the bench.
-    faults: what will go wrong with its devices. memory: bytes that are kept for later pictures.
-    The devices write what is shown, `band` and `target`; pictures are computed from them, and
-    only when they have changed.
+    camera: the real camera, which may differ from its description. scene: the scene's targets. tol:
+    relative error of mean picture and noise up to which effects may be left out. forced: effects to
+    be on, off or at a level, whatever error that makes. mount: rotation and mirroring of the panel.
+    path: what polariser, panel and splitter do to the light, where that is known. clock: the
+    bench's clock. faults: faults of its devices. memory: bytes that are kept for later pictures.
+    The devices set the panel's content, `band` and `target`. Pictures are computed from these, and
+    only when something has changed.
     """
 
     def __init__(
@@ -67,20 +67,20 @@ class World:
         self.force(forced or {})
 
     def force(self, forced: Mapping[str, str | bool]) -> None:
-        """Have effects on (True), off (False) or at a level by its name, whatever they change.
+        """Set effects to on (True), off (False) or a level by its name, whatever error that makes.
 
-        Raises ValueError, now and not at the first picture, for an effect that doesn't exist, a
-        level that it hasn't, or one that is on and requires one that is off.
+        Raises ValueError at once, not with the first picture, for an effect that doesn't exist, for
+        a level that it doesn't have, or for an effect that is on and requires one that is off.
         """
         self.imaging.force(forced, self.situation())
 
     def forget(self) -> None:
-        """Give up the pictures that were computed, and what was found out on the way."""
+        """Remove the pictures that were computed, and the intermediate results, from the caches."""
         self.imaging.forget()
 
     @property
     def wavelength(self) -> float:
-        """Metres, of the filter's centre."""
+        """Return the centre of the filter's band in metres."""
         return self.band.centre
 
     @wavelength.setter
@@ -89,7 +89,7 @@ class World:
 
     @property
     def bandwidth(self) -> float:
-        """Metres, of the filter at half maximum."""
+        """Return the full width at half maximum of the filter's band in metres."""
         return self.band.fwhm
 
     @bandwidth.setter
@@ -99,7 +99,7 @@ class World:
     def begin_frame(
         self, run: int, step: int, frame: int, *, index: int = 0, start_time: float = 0
     ) -> None:
-        """A frame of a run is about to be taken: its chance and its time follow from this alone.
+        """Begin a frame of a run: its noise and its time depend on these numbers alone.
 
         index: of the planned frame. start_time: seconds of the plan at which its exposure begins.
         """
@@ -107,14 +107,14 @@ class World:
         self.faults.frame, self._exposure_start = index, start_time
 
     def random_generator(self) -> torch.Generator:
-        """Chance for one picture; each that is asked for is another one."""
+        """Return the random generator of one picture; each call returns another one."""
         state = np.random.SeedSequence([*self._seed, self._draws]).generate_state(2)
         self._draws += 1
         return torch.Generator().manual_seed(int(state[0]) << 31 ^ int(state[1]))
 
     @property
     def grey(self) -> NDArray[np.uint8]:
-        """What the panel shows, (rows, columns); of a video, its first frame."""
+        """Return the grey levels on the panel, (rows, columns); of a video, its first frame."""
         return self._panel_content.first
 
     @grey.setter
@@ -122,11 +122,11 @@ class World:
         self.play(grey[None], math.inf)
 
     def play(self, video: NDArray[np.uint8], frame_time: float) -> None:
-        """Show frames (n, rows, columns) in turn for `frame_time` seconds each."""
+        """Show frames (n, rows, columns) on the panel in turn, for `frame_time` seconds each."""
         self._panel_content = PanelContent.of(video, frame_time)
 
     def situation(self, exposure: float = TYPICAL_EXPOSURE) -> Situation:
-        """All that a picture of an exposure in seconds follows from, as things stand.
+        """Return the situation of a picture that is taken now with an exposure in seconds.
 
         Raises ValueError for an exposure that isn't positive and finite.
         """
@@ -151,9 +151,10 @@ class World:
         target: str | None = None,
         bandwidth: float | None = None,
     ) -> EffectPlan:
-        """What a pattern, or a video (n, rows, columns) at the panel's rate, calls for.
+        """Return the effect plan of a pattern, or of a video (n, rows, columns), on the panel.
 
-        target, bandwidth: those that are there now if None. Nothing is rendered.
+        A video is shown at the panel's frame rate. target, bandwidth: the present ones if None.
+        Nothing is rendered.
         """
         frames = pattern if pattern.ndim == 3 else pattern[None]
         video = PanelContent.of(
@@ -168,9 +169,9 @@ class World:
         return self.imaging.plan(asked)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """W/(sr m² m) of what is white in the target, at wavelengths in metres (n,).
+        """Return the radiance of a white part of the target, seen through the filter, W/(sr m² m).
 
-        Seen through the filter where it passes best, as by an instrument behind it.
+        wavelengths: metres, (n,). The filter's transmission is 1 at its peak.
         """
         lit = self.scene.targets[self.target].reflected_radiance()
         light: NDArray[np.float64] = lit.at(wavelengths) * self.band.total_transmission(wavelengths)
@@ -179,25 +180,27 @@ class World:
     def electron_rates(
         self, exposure: float = TYPICAL_EXPOSURE, check: Callable[[], None] = lambda: None
     ) -> tuple[torch.Tensor, EffectPlan]:
-        """Photo-electrons per second on each pixel, (rows, columns) float32, and the plan.
+        """Return the photo-electrons per second on each pixel and the effect plan.
 
-        It is the mean over an exposure in seconds, which matters when anything moves.
-        check: is called between the steps of a long computation, and may raise.
+        The rates are (rows, columns) float32, means over an exposure in seconds; the exposure
+        matters when anything changes with time. check: is called between the steps of a long
+        computation, and may raise.
         """
-        # The devices may be set anew while the light of this state is still computed.
+        # The situation is a snapshot: devices may change the state during the computation.
         s, plan = self._situation_and_plan(exposure, check)
         return self.imaging.electrons(s, plan.recipe, check) / exposure, plan
 
     def stream(
         self, exposure: float, check: Callable[[], None] = lambda: None
     ) -> tuple[FrameSimulator, EffectPlan]:
-        """What draws frames of an exposure, as things stand, and the plan."""
+        """Return a simulator of frames of the present situation, and the effect plan."""
         s, plan = self._situation_and_plan(exposure, check)
         return self.imaging.stream(s, plan, check), plan
 
     def _situation_and_plan(
         self, exposure: float, check: Callable[[], None]
     ) -> tuple[Situation, EffectPlan]:
+        """Return the present situation of an exposure and its effect plan."""
         s = self.situation(exposure)
         check()
         plan = self.imaging.plan(s)

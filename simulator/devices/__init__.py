@@ -1,7 +1,7 @@
-"""Devices of the virtual bench, which speak the drivers' interfaces in-process.
+"""Simulated devices of the virtual bench, which implement the drivers' interfaces in-process.
 
-In the order in which light meets them: `targets`, `filters`, `slm` and `simulated_camera`;
-the `spectroradiometer` stands beside. What they share is in `base`.
+The light meets them in the order `targets`, `filters`, `slm` and `simulated_camera`; the
+`spectroradiometer` measures the target beside the camera. Their common code is in `base`.
 """
 
 from simulator.devices.filters import SimulatedFilter, SimulatedWheel

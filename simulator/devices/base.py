@@ -1,4 +1,4 @@
-"""What all simulated devices share."""
+"""The base class of all simulated devices."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def require_duration(name: str, milliseconds: float) -> None:
 
 
 class SimulatedDevice:
-    """What all simulated devices share: a world, a clock, bad luck, and no pretence."""
+    """The world, the clock and the fault injector that all simulated devices share."""
 
     model = ""
     role = ""
@@ -39,13 +39,14 @@ class SimulatedDevice:
 
     @property
     def identity(self) -> Identity:
+        """Return the simulated device's model; it is marked as simulated."""
         return Identity(self.model, "simulated", simulated=True)
 
     def make_safe(self) -> None:
-        """Nothing of a simulated device is left to be made safe, unless it says so."""
+        """Do nothing; simulated devices that have a safe state override this."""
 
     def kill(self) -> None:
-        """End a call that hangs."""
+        """End a call of the simulated device that hangs."""
         self._faults.kill()
 
     def __enter__(self) -> Self:
@@ -56,4 +57,5 @@ class SimulatedDevice:
         self.make_safe()
 
     def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
+        """Return the DeviceError with which a simulated device refuses a command."""
         return DeviceError(self.model, command, reply, remedy)

@@ -1,4 +1,4 @@
-"""Filters: which wavelengths pass, by a tunable filter or by a wheel of fixed ones."""
+"""Simulated filters: a tunable filter, and a filter wheel."""
 
 from __future__ import annotations
 
@@ -15,14 +15,18 @@ from simulator.devices.base import SimulatedDevice, require_duration
 Range = tuple[float, float]
 
 Shape = Literal["gaussian", "lyot", "interference"]
-"""Of bands that have a centre and a width."""
+"""Shapes of the filter bands that a centre and a width describe."""
 
 VISIBLE: Range = (400.0, 720.0)
-"""Nanometres, beyond which a filter's blocking glass lets nothing leak."""
+"""Shortest and longest wavelength, in nanometres, at which a filter leaks; its blocking glass stops
+all light beyond."""
 
 
 def _band(centre: float, fwhm: float, shape: Shape, leak: float, leak_range_nm: Range) -> Band:
-    """Of a filter in metres; ValueError, in the words of its options, for what it can't be."""
+    """Return a filter's band, with centre and width in metres.
+
+    Raises ValueError, which names the filter's option, for an impossible shape or leak range.
+    """
     if shape not in get_args(Shape):
         raise ValueError(f"shape is {shape!r}; choose {', '.join(get_args(Shape))}")
     low, high = leak_range_nm
@@ -32,12 +36,31 @@ def _band(centre: float, fwhm: float, shape: Shape, leak: float, leak_range_nm: 
 
 
 class SimulatedFilter(SimulatedDevice):
-    """A liquid-crystal tunable filter.
+    """Simulate a liquid-crystal tunable filter.
 
-    range_nm: lowest and highest wavelength. bandwidth_nm: full width at half maximum.
-    settling_ms: time until a new wavelength stands. shape: of its band, "gaussian", "lyot" or
-    "interference" (see optics.light.bands.Band). leak: share of the light that it passes at all
-    wavelengths from the shorter to the longer of leak_range_nm, besides.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock and its virtual world.
+    range_nm : tuple of float, default (420.0, 720.0)
+        Shortest and longest wavelength in nanometres.
+    bandwidth_nm : float, default 7.0
+        Full width at half maximum in nanometres, positive.
+    settling_ms : float, default 50.0
+        Time until a new wavelength stands, in milliseconds.
+    shape : {"gaussian", "lyot", "interference"}, default "gaussian"
+        Shape of the band's transmission; see `optics.light.bands.Band`.
+    leak : float, default 0.0
+        Share of the light that passes at all wavelengths of `leak_range_nm`, beside the band.
+    leak_range_nm : tuple of float, default (400.0, 720.0)
+        Shortest and longest wavelength of the leak in nanometres.
+
+    Raises
+    ------
+    ValueError
+        For an option that is out of range.
+    DeviceError
+        If the bench has no virtual world.
     """
 
     model = "simulated tunable filter"
@@ -60,19 +83,22 @@ class SimulatedFilter(SimulatedDevice):
         require_duration("settling_ms", settling_ms)
         low, high = self.wavelength_range = (range_nm[0] * 1e-9, range_nm[1] * 1e-9)
         self.settling = settling_ms * 1e-3
-        # A band that can be at the shortest wavelength can be at all others.
+        # A band that is valid at the shortest wavelength is valid at all others.
         band = _band(low, bandwidth_nm * 1e-9, shape, leak, leak_range_nm)
         self._world.band = replace(band, centre=min(max(self._world.wavelength, low), high))
 
     @property
     def bandwidth(self) -> float:
+        """Return the full width at half maximum of the tunable filter's band in metres."""
         return self._world.bandwidth
 
     @property
     def wavelength(self) -> float:
+        """Return the centre of the tunable filter's band in metres."""
         return self._world.wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
+        """Tune the filter to a wavelength in metres; raise DeviceError if it is out of range."""
         low, high = self.wavelength_range
         self._faults.begin(f"tune to {wavelength * 1e9:.1f} nm", self.reply_time)
         if not low <= wavelength <= high:
@@ -81,21 +107,42 @@ class SimulatedFilter(SimulatedDevice):
                 f"out of range, {low * 1e9:.0f} to {high * 1e9:.0f} nm",
                 "Choose a wavelength in the range",
             )
-        # A VariSpec resolves 0.01 nm; integer picometres keep the value exact in files.
+        # A VariSpec resolves 0.01 nm. The value is rounded to a multiple of that, which files keep
+        # exactly.
         actual = round(wavelength * 1e11) / 1e11
         self._world.wavelength = actual
         return Setting(wavelength, actual, self._clock.now() + self.settling)
 
     def make_safe(self) -> None:
+        """Tune the filter to its shortest wavelength."""
         self.set_wavelength(self.wavelength_range[0])
 
 
 class SimulatedWheel(SlottedFilter, SimulatedDevice):
-    """A wheel of filters.
+    """Simulate a wheel of fixed filters.
 
-    slots_nm: centre and full width at half maximum of each slot. step_ms: time that the
-    wheel needs from a slot to the next one; it turns the shorter way. shape, leak,
-    leak_range_nm: of all its filters, as those of a SimulatedFilter.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock and its virtual world.
+    slots_nm : Sequence of tuple of float, optional
+        Centre and full width at half maximum of each slot's filter, in nanometres.
+    step_ms : float, default 200.0
+        Time in milliseconds in which the wheel turns from a slot to the next; it turns the shorter
+        way.
+    shape : {"gaussian", "lyot", "interference"}, default "gaussian"
+        Shape of the band's transmission; see `optics.light.bands.Band`.
+    leak : float, default 0.0
+        Share of the light that passes at all wavelengths of `leak_range_nm`, beside the band.
+    leak_range_nm : tuple of float, default (400.0, 720.0)
+        Shortest and longest wavelength of the leak in nanometres.
+
+    Raises
+    ------
+    ValueError
+        For an option that is out of range.
+    DeviceError
+        If the bench has no virtual world.
     """
 
     model = "simulated filter wheel"
@@ -128,9 +175,11 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
 
     @property
     def slot(self) -> int:
+        """Return the number of the filter wheel's slot, from 1."""
         return self._slot
 
     def set_slot(self, number: int) -> Setting[int]:
+        """Turn the filter wheel to a slot; raise DeviceError if it has no such slot."""
         command = f"turn to slot {number}"
         self._faults.begin(command, self.reply_time)
         self._require_slot(number, command)
@@ -140,5 +189,6 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
         return Setting(number, number, self._clock.now() + steps * self._step)
 
     def _turn_to(self, number: int) -> None:
+        """Turn the filter wheel to a slot at once, and set the world's band."""
         self._slot = number
         self._world.band = self._bands[number - 1]

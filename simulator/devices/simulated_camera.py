@@ -1,4 +1,4 @@
-"""The camera: where the light ends, as frames with numbers, times and checksums."""
+"""The simulated camera, which renders frames with numbers, times and checksums."""
 
 from __future__ import annotations
 
@@ -13,13 +13,27 @@ from simulator.devices.base import SimulatedDevice, require_duration
 
 
 class SimulatedCamera(SimulatedDevice):
-    """A camera whose every picture follows from the state of the world and a seed.
+    """Simulate a camera; each frame follows from the virtual world's state and a seed.
 
-    What its pictures share is computed once, as long as nothing changes; each has its own noise.
+    The camera computes what its frames share once, as long as nothing changes; each frame has its
+    own noise.
 
-    readout_ms: time from the end of an exposure to a picture in memory. reply_s: seconds,
-    beyond the exposure, that a step of a picture's computation may take; by default 15, and
-    5 more a megapixel.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock and its virtual world.
+    readout_ms : float, default 8.0
+        Time in milliseconds from the end of an exposure until the frame is in memory.
+    reply_s : float, optional
+        Seconds, beyond the exposure, that a step of a picture's computation may take. By default
+        15, and 5 more per megapixel.
+
+    Raises
+    ------
+    ValueError
+        If `readout_ms` is negative or not finite, or `reply_s` isn't positive.
+    DeviceError
+        If the bench has no virtual world.
     """
 
     model = "simulated camera"
@@ -42,17 +56,21 @@ class SimulatedCamera(SimulatedDevice):
 
     @property
     def shape(self) -> tuple[int, int]:
+        """Return the camera's rows and columns."""
         return self._world.camera.sensor.shape
 
     @property
     def full_scale(self) -> int:
+        """Return the largest digital number of the camera's frames."""
         return self._world.camera.sensor.full_scale
 
     @property
     def exposure_range(self) -> tuple[float, float]:
+        """Return the camera's shortest and longest exposure time in seconds."""
         return self._world.camera.sensor.exposure_range
 
     def set_exposure(self, exposure: float) -> Setting[float]:
+        """Set the camera's exposure time in seconds; raise DeviceError if it is out of range."""
         low, high = self.exposure_range
         self._faults.begin(f"expose {exposure * 1e3:g} ms", self.reply_time)
         if not low <= exposure <= high:
@@ -61,18 +79,21 @@ class SimulatedCamera(SimulatedDevice):
                 f"out of range, {low * 1e3:g} to {high * 1e3:g} ms",
                 "Choose an exposure in the range",
             )
-        # Whole microseconds, as cameras count.
+        # Cameras count exposure times in whole microseconds.
         self._exposure = round(exposure * 1e6) / 1e6
         return Setting(exposure, self._exposure, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """The next picture in the host's queue, which is this one unless one came too late."""
+        """Expose, and return the next frame in the host's queue.
+
+        That is this exposure's frame, unless an earlier frame was late.
+        """
         fault = self._faults.begin("capture", self.reply_time, frame=True)
         kind = fault.kind if fault else ""
         if fault and kind == "stale frame":
             if self._last is not None:
                 return self._last
-            # A first frame can't be an old one; the next one can.
+            # There is no earlier frame yet: the fault occurs at the next frame instead.
             self._faults.put_off(fault)
         frame = self._expose(cancelled, self._wrong_exposure() if kind == "wrong exposure" else 0)
         if kind == "dropped frame":
@@ -84,7 +105,7 @@ class SimulatedCamera(SimulatedDevice):
         return self._last
 
     def _expose(self, cancelled: Callable[[], bool], other: float) -> Frame:
-        """A picture of the set exposure, or of another one if that isn't 0."""
+        """Return a frame with the set exposure time, or with `other` seconds if that isn't 0."""
         began, seconds = self._clock.now(), other or self._exposure
 
         def check() -> None:
@@ -97,7 +118,7 @@ class SimulatedCamera(SimulatedDevice):
             stream, _ = self._world.stream(seconds, check)
         except ValueError as error:
             raise self._refuse("capture", str(error), "Change the scene or the bench") from error
-        # The world's chance is for those who are alive.
+        # A killed camera must not advance the world's random numbers.
         self._faults.require_alive("capture")
         image = stream.frame(self._world.random_generator())
         self._clock.wait_until(
@@ -109,13 +130,13 @@ class SimulatedCamera(SimulatedDevice):
         return Frame(image, seconds, gain, began, self._number, checksum(image))
 
     def _wrong_exposure(self) -> float:
-        """What a camera exposes that hasn't heard of its new setting yet."""
+        """Return the exposure time in seconds of a frame that the camera exposes wrongly."""
         low, high = self.exposure_range
         return self._exposure * 2 if self._exposure * 2 <= high else max(low, self._exposure / 2)
 
 
 def _corrupt_frame(frame: Frame) -> Frame:
-    """A frame of which the lower half is what was in memory before: a packet was lost."""
+    """Return a frame whose lower half is invalid, as after a lost network packet."""
     image = frame.image.copy()
     lower = image[len(image) // 2 :]
     lower[:] = 0 if lower.any() else 1

@@ -1,4 +1,4 @@
-"""The panel: the phase that the light is given, as a still or as a video."""
+"""The simulated SLM, which shows patterns and videos on the virtual bench's panel."""
 
 from __future__ import annotations
 
@@ -14,9 +14,21 @@ from simulator.devices.base import SimulatedDevice
 
 
 class SimulatedSLM(SimulatedDevice):
-    """A liquid-crystal panel whose pixels are the world's.
+    """Simulate a phase-only SLM whose panel is that of the virtual world.
 
-    frame_rate_hz: frames of a video in a second; the panel's own if None.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock and its virtual world.
+    frame_rate_hz : float, optional
+        Frames of a video per second, positive; the panel's own rate by default.
+
+    Raises
+    ------
+    ValueError
+        If the frame rate isn't positive.
+    DeviceError
+        If the bench has no virtual world.
     """
 
     model = "simulated SLM"
@@ -31,31 +43,37 @@ class SimulatedSLM(SimulatedDevice):
 
     def __enter__(self) -> Self:
         super().__enter__()
-        # Whatever was shown before it was opened.
+        # Opening the SLM clears what it showed before.
         self._world.grey = np.zeros(self.shape, dtype=np.uint8)
         return self
 
     @property
     def shape(self) -> tuple[int, int]:
+        """Return the SLM's rows and columns."""
         return self._world.camera.panel.shape
 
     @property
     def settling(self) -> float:  # type: ignore[override]
+        """Return the time in seconds until a new pattern stands on the SLM."""
         return self._world.camera.panel.settling
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
+        """Show a pattern of grey levels (rows, columns) on the SLM."""
         return self._present(f"show {identifier}", identifier, np.asarray(grey)[None])
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
+        """Show a video of grey levels (frames, rows, columns) on the SLM, and repeat it."""
         if video.ndim != 3 or not len(video):
             reply = f"a video of shape {video.shape}; it needs frames, rows and columns"
             raise self._refuse(f"play {identifier}", reply, "Compute it again")
         return self._present(f"play {identifier}", identifier, video)
 
     def make_safe(self) -> None:
+        """Show the neutral pattern on the SLM."""
         self.show("neutral", np.zeros(self.shape, dtype=np.uint8))
 
     def _present(self, command: str, identifier: str, frames: NDArray[np.uint8]) -> Setting[str]:
+        """Show frames on the panel under an identifier; refuse frames that don't fit the panel."""
         self._faults.begin(command, self.reply_time)
         try:
             for grey in frames:

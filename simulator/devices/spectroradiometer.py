@@ -1,4 +1,4 @@
-"""A spectroradiometer that looks at the target through the filter."""
+"""The simulated spectroradiometer, which measures the target through the filter."""
 
 from __future__ import annotations
 
@@ -13,12 +13,28 @@ from simulator.devices.base import SimulatedDevice
 from simulator.machines.cs2000_optics import WAVELENGTHS, CS2000Optics
 
 _ANGLE = math.radians(1)
+"""The instrument's measuring angle in radians."""
 
 
 class SimulatedSpectroradiometer(SimulatedDevice):
-    """A CS-2000 without its wire: what is white in the target, from 380 to 780 nm.
+    """Simulate a CS-2000 spectroradiometer without its serial protocol.
 
-    slit_nm: full width at half maximum of its triangular slit, in whole nanometres, 0 for none.
+    It measures a white part of the target from 380 to 780 nm.
+
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock and its virtual world.
+    slit_nm : int, default 5
+        Full width at half maximum of its triangular slit function in nanometres, from 0 (none)
+        to 20.
+
+    Raises
+    ------
+    ValueError
+        If the slit isn't a whole number from 0 to 20.
+    DeviceError
+        If the bench has no virtual world.
     """
 
     model = "simulated spectroradiometer"
@@ -32,12 +48,14 @@ class SimulatedSpectroradiometer(SimulatedDevice):
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
+        """Return the wavelengths in metres at which the spectroradiometer measures."""
         return WAVELENGTHS.copy()
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum:
-        """Measure once: the dimmer the light the longer, 5 ms to 120 s of the bench's time.
+        """Measure the target's spectrum once.
 
-        DeviceError if the light is too bright, or if it was cancelled.
+        The integration takes 5 ms to 120 s of the bench's time; dim light takes longer. Raises
+        DeviceError if the light is too bright, or if the measurement was cancelled.
         """
         self._faults.begin("measure", self.reply_time)
         began = self._clock.now()

@@ -1,4 +1,4 @@
-"""The changer of targets: what the light comes from."""
+"""The simulated target changer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,18 @@ from simulator.devices.base import SimulatedDevice
 
 
 class SimulatedTargets(SimulatedDevice):
-    """A changer that puts the scene's targets before the camera, one at a time."""
+    """Simulate a changer that places one of the scene's targets before the camera.
+
+    Parameters
+    ----------
+    surroundings : Surroundings
+        The bench's clock and its virtual world.
+
+    Raises
+    ------
+    DeviceError
+        If the bench has no virtual world.
+    """
 
     model = "simulated target changer"
     role = "targets"
@@ -15,13 +26,16 @@ class SimulatedTargets(SimulatedDevice):
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Return the names of the scene's targets."""
         return tuple(self._world.scene.targets)
 
     @property
     def current_target(self) -> str:
+        """Return the name of the target before the camera."""
         return self._world.target
 
     def place(self, name: str) -> Setting[str]:
+        """Place a target before the camera; raise DeviceError if the scene has no such target."""
         self._faults.begin(f"place {name}", self.reply_time)
         if name not in self.names:
             raise self._refuse(

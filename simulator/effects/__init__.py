@@ -1,6 +1,6 @@
-"""What optics and electronics do to a picture, most with a file of their own, in `registry` all of
-them.
+"""Effects of optics and electronics on a picture; `registry` lists all of them.
 
-Each says when it is there, what it changes at most at each of its levels, what it costs, and what
-it adds to the recipe of a picture: `simulator.planning.Effect`. None renders anything.
+Each effect says when it is present, what it changes at most at each of its levels, what it costs,
+and what it adds to the recipe of a picture (`simulator.planning.Effect`). No effect renders
+anything.
 """

@@ -1,8 +1,9 @@
-"""The filter: its band, for which a few wavelengths stand, and what it passes beside."""
+"""Effects of the filter: its band, sampled at a few wavelengths, and its out-of-band leak."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,8 @@ from simulator.effects.electron_bounds import (
 from simulator.effects.psf_bounds import illuminated_area_change
 from simulator.effects.rendering_work import (
     FILTER_BANDWIDTH,
-    LEAK_COUNTS,
+    LEVELS,
     OUT_OF_BAND_LEAK,
-    WAVELENGTH_COUNTS,
 )
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.effects.spectra import leak_share, spectral_measure
@@ -35,25 +35,39 @@ from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
-_CONVERGED = 2e-5
-"""Relative change from which on more nodes are no finer."""
 
-_MARGIN = 2.0
+@dataclass(frozen=True)
+class BandwidthBoundSettings:
+    """Tune the error bound of few wavelengths in a filter's band.
 
-_UNEVEN = 12.0
-"""Audited: by so much more of theirs than all do on the average, dim pixels may change: what is
-far from an image is both dim and the first to be wrong."""
+    Attributes
+    ----------
+    converged_change : float
+        Change relative to the whole picture at which more nodes count as no finer. Chosen.
+    margin : float
+        Factor of the bound, from audits: it is computed from a sample of the frequencies.
+    dim_pixel_margin : float
+        Largest relative change of a dim pixel over that of the whole picture, from audits. Light
+        far from an image is dim, and the first to be wrong.
+    """
+
+    converged_change: float = 2e-5
+    margin: float = 2.0
+    dim_pixel_margin: float = 12.0
+
+
+_SETTINGS = BandwidthBoundSettings()
 
 
 class Bandwidth(BlurEffect):
-    """A PSF grows with the wavelength, and a pattern's phase falls with it."""
+    """The filter's bandwidth: a PSF grows with the wavelength, and a pattern's phase falls."""
 
     name = FILTER_BANDWIDTH
     kind = "axis"
-    recipe_field, recipe_values = "wavelengths", WAVELENGTH_COUNTS
+    recipe_field, recipe_values = "wavelengths", LEVELS.wavelengths
     physics = "each wavelength of the band has a PSF of its own, wider and less turned"
     source = "Golub and Welsch 1969; Goodman, Introduction to Fourier Optics 6.1"
-    levels = tuple(str(n) for n in WAVELENGTH_COUNTS)
+    levels = tuple(str(n) for n in LEVELS.wavelengths)
 
     def is_present(self, s: Situation) -> bool:
         return not s.picture_probe.is_dark and not spectral_measure(s, "band").is_empty
@@ -63,8 +77,10 @@ class Bandwidth(BlurEffect):
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         change = _node_count_errors(s)[level]
-        how = f"audited ×{_MARGIN:g}: quadrature of H(k λ) by the far field, at some k"
-        return proportional_error_bound(s, occlusion_factor(s) * change, how, _UNEVEN)
+        how = f"audited ×{_SETTINGS.margin:g}: quadrature of H(k λ) by the far field, at some k"
+        return proportional_error_bound(
+            s, occlusion_factor(s) * change, how, _SETTINGS.dim_pixel_margin
+        )
 
     def explain(self, s: Situation) -> str:
         width = s.band.fwhm * 1e9
@@ -72,8 +88,11 @@ class Bandwidth(BlurEffect):
 
 
 def _node_count_errors(s: Situation) -> tuple[float, ...]:
-    """Electrons, L2, of each level down from 1 node until it has converged; a coarser level is
-    never told to be better than a finer one."""
+    """Return the L2 error in electrons of each number of wavelength nodes.
+
+    The list begins with 1 node and ends where the error has converged. A coarser level never has a
+    smaller error than a finer one.
+    """
     return tuple(
         max_lamp_seconds(s) * one
         for one in cached_across_exposures(s, FILTER_BANDWIDTH, lambda: _node_count_error_rates(s))
@@ -81,14 +100,17 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
 
 
 def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
-    """Electrons per second, L2, on some frequencies of the picture."""
+    """Return the L2 errors of each number of wavelength nodes, in electrons per second.
+
+    They are computed at a sample of the picture's frequencies.
+    """
     found, plane = spectral_measure(s, "band"), s.picture_probe.plane
     most, some = (
         light_norm_bound(s) / max(max_lamp_seconds(s), 1e-300),
         s.picture_probe.sampled_frequencies,
     )
     if not len(some.ky):
-        # Even light has no fringes.
+        # Uniform light has no frequencies but 0.
         return (0.0,)
     some = some.with_aliases(plane)
     squares = [
@@ -96,33 +118,35 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
         for parts, squared in s.picture_probe.powers_by_spectrum
     ]
     transfers, changes = _possible_transfers(s, some, found.nodes), []
-    for count in WAVELENGTH_COUNTS:
+    for count in LEVELS.wavelengths:
         wrong, change = found.weight_errors(count), 0.0
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
             apart = max(_error_power(transfer, rows, power) for transfer in transfers)
             change += math.sqrt(apart)
-        changes.append(min(_MARGIN * _off_axis_factor(s) * change, most))
-        if changes[-1] <= _CONVERGED * most:
+        changes.append(min(_SETTINGS.margin * _off_axis_factor(s) * change, most))
+        if changes[-1] <= _SETTINGS.converged_change * most:
             break
     return tuple(np.maximum.accumulate(changes[::-1])[::-1].tolist())
 
 
 def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -> float:
-    """Sum of squares of what weights make wrong of a transfer function, the worst of them.
+    """Return the largest sum of squares of a transfer function's quadrature errors.
 
-    transfer: (frequencies, nodes). wrong: (weights, nodes). power: of the frequencies."""
+    transfer: (frequencies, nodes). wrong: errors of the nodes' weights, (weights, nodes); the sum
+    is the largest over the weights. power: the picture's, (frequencies,).
+    """
     return float((np.abs(transfer @ wrong.T) ** 2 * power[:, None]).sum(0).max())
 
 
 def _possible_transfers(
     s: Situation, some: SampledFrequencies, nodes: Array
 ) -> list[NDArray[np.complex128]]:
-    """(frequencies, nodes) of every light that may be, and with parts of the pattern apart by as
-    much as half of what it spans.
+    """Return the transfer functions (frequencies, nodes) that the light may have over the band.
 
-    A PSF grows with λ, and so its transfer function shrinks; the pattern's phase and the lens'
-    aberrations go with 1/λ.
+    A PSF grows with λ, so that its transfer function shrinks; the pattern's phase and the lens'
+    aberrations go with 1/λ. Parts of the pattern may differ in phase by half of the phase's span to
+    either side.
     """
     ky, kx = s.mount.to_panel_axes(some.ky, some.kx)
     grown = nodes / s.wavelength
@@ -133,12 +157,15 @@ def _possible_transfers(
 
 
 def _off_axis_factor(s: Situation) -> float:
-    """How much larger a change may be where other parts of the panel are lit: amplitudes add."""
+    """Return how much larger an error may be off the axis, where another part of the panel is lit.
+
+    Amplitudes add.
+    """
     return (1 + math.sqrt(illuminated_area_change(s))) ** 2 if s.camera.separation else 1.0
 
 
 def _phase_span(s: Situation) -> float:
-    """Radians that the phases of pattern and lens span."""
+    """Return the radians that the phases of pattern and lens span."""
     shown = max(float(one.max() - one.min()) for one in s.pattern_probe.phases)
     bent = max(
         float(one.max() - one.min())
@@ -148,12 +175,14 @@ def _phase_span(s: Situation) -> float:
 
 
 class Leak(BlurEffect):
+    """The filter's out-of-band leak: light of wavelengths that it doesn't block wholly."""
+
     name = OUT_OF_BAND_LEAK
     kind = "stage"
-    recipe_field, recipe_values = "leak", LEAK_COUNTS
+    recipe_field, recipe_values = "leak", LEVELS.leak
     physics = "a filter blocks other wavelengths a thousandfold, not wholly, and there are many"
     source = "thesis §5.6; any filter's data sheet"
-    levels = ("off", *(str(n) for n in LEAK_COUNTS[1:]))
+    levels = ("off", *(str(n) for n in LEVELS.leak[1:]))
 
     def is_present(self, s: Situation) -> bool:
         return (
@@ -167,7 +196,7 @@ class Leak(BlurEffect):
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         share = leak_share(s)
-        # All of that light is there, and may be blurred otherwise.
+        # All of the leak's light is rendered, but its PSF may differ.
         moved = psf_error_bound(s, 2 * share, "proved: Young; light beside the band moves")
         if level:
             return moved

@@ -1,8 +1,8 @@
-"""From a change of how points spread to a change of the picture.
+"""Bounds of a picture's change from the change of its PSFs, and the base of blur effects.
 
-A picture's light f is blurred by PSFs h. Whatever the blur, ‖Δh ∗ f‖₂ is at most ‖Δh‖₁ ‖f‖₂, and
-at most ‖Δh‖₂ ‖f‖₁ (Young), and by frequency at most that of |ΔH| |F| (Parseval). Where layers hide
-each other, what shines and what hides it are both blurred: the change counts twice.
+A picture's light f is convolved with PSFs h. For any blur, ‖Δh ∗ f‖₂ is at most ‖Δh‖₁ ‖f‖₂, and at
+most ‖Δh‖₂ ‖f‖₁ (Young); by frequency, it is at most the norm of |ΔH| |F| (Parseval). Where layers
+hide each other, both the light and the cover are blurred, so that a change counts twice.
 """
 
 from __future__ import annotations
@@ -25,18 +25,21 @@ from simulator.planning import Bound, Effect, OnOffEffect
 from simulator.probing.radial import Gain
 from simulator.situation import Situation
 
+MAX_SINC_LOSS = 1.2173
+"""Upper bound of 1 - sinc(x), and of |1 - sinc(x) sinc(y)|, for any x and y."""
+
 
 def occlusion_factor(s: Situation) -> float:
-    """How often a change counts."""
+    """Return how often a change of the PSF counts: twice where layers hide each other."""
     return 2.0 if has_occlusion(s) else 1.0
 
 
 def psf_error_bound(s: Situation, change: float, how: str, density: float = math.inf) -> Bound:
-    """Of PSFs that differ by a share of their light, ‖Δh‖₁, 2 at most; both lose what the other
-    hasn't.
+    """Return the bound of a picture's error for PSFs that differ by a share of their light.
 
-    density: shares a square metre of sensor by which they differ anywhere, at most: ‖Δh‖₂² is no
-    more than that times ‖Δh‖₁ times a pixel.
+    change: ‖Δh‖₁, at most 2: each PSF loses what the other has instead. density: largest difference
+    of the PSFs, in shares per square metre of the sensor: ‖Δh‖₂² is at most the density times ‖Δh‖₁
+    times a pixel's area.
     """
     change = min(change, 2.0)
     on_pixel = min(density * s.camera.sensor.pitch**2, 1.0)
@@ -46,7 +49,10 @@ def psf_error_bound(s: Situation, change: float, how: str, density: float = math
 
 
 def transfer_error_bound(s: Situation, gain: Gain, how: str) -> Bound:
-    """Of transfer functions that differ by a gain at most, of cycles per metre."""
+    """Return the bound of a picture's error for transfer functions that differ by a gain.
+
+    gain: largest difference of the transfer functions at cycles per metre.
+    """
     return proportional_error_bound(
         s,
         occlusion_factor(s)
@@ -57,15 +63,15 @@ def transfer_error_bound(s: Situation, gain: Gain, how: str) -> Bound:
 
 
 def relative_light_error(s: Situation, bound: Bound) -> float:
-    """About the relative change that a bound leaves of the sharp picture."""
+    """Return the approximate relative change of the blurred picture that a bound allows."""
     whole_light = light_norm_bound(s)
     return bound.mean / whole_light if whole_light else 0.0
 
 
 class BlurEffect(Effect):
-    """An effect that changes how points spread.
+    """An effect that changes PSFs.
 
-    typical_bound_share: about how much of its bound is true.
+    typical_bound_share: typical error over its bound.
     """
 
     typical_bound_share: ClassVar[float] = 0.3
@@ -76,12 +82,12 @@ class BlurEffect(Effect):
     def estimated_error(self, s: Situation, level: int) -> float:
         return self.typical_bound_share * relative_light_error(s, self.error_bound(s, level))
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         return added_operations(s, levels, self.name)
 
 
 class OnOffBlurEffect(OnOffEffect, BlurEffect):
-    """One of these that is on or off."""
+    """An effect that changes PSFs and is either on or off."""
 
     typical_bound_share = 0.5
 

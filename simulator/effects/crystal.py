@@ -1,10 +1,10 @@
-"""The liquid crystal between the frames of a video: it is always on its way."""
+"""The effect of the liquid crystal's response time between the frames of a video."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -20,10 +20,24 @@ from simulator.situation import Situation
 
 CRYSTAL = "liquid-crystal response"
 
-_TIMES = 24
-"""In a part of a frame, evenly in time."""
 
-_MOST_FRAMES = 24
+@dataclass(frozen=True)
+class CrystalSamplingSettings:
+    """Tune at how many times the liquid crystal's response is sampled.
+
+    Attributes
+    ----------
+    times : int
+        Evenly spaced times in a part of a frame. Chosen.
+    max_frames : int
+        Frames of a video that are sampled, at most: the last ones. Chosen.
+    """
+
+    times: int = 24
+    max_frames: int = 24
+
+
+_SETTINGS = CrystalSamplingSettings()
 
 
 class CrystalResponse(OnOffBlurEffect):
@@ -45,7 +59,7 @@ class CrystalResponse(OnOffBlurEffect):
         how = f"audited ×{MARGIN:g}: mean and power of what the field lacks, worst of all times"
         return psf_error_bound(s, change, how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         rows, columns = s.camera.panel.shape
         return 100.0 * rows * columns * len(s.panel_content.names) if levels[self.name] else 0.0
 
@@ -59,8 +73,11 @@ class CrystalResponse(OnOffBlurEffect):
 
 
 def _psf_change(s: Situation) -> float:
-    """‖Δh‖₁ at most: |p|² in the mean over times, less |q|² of where it settles, is the power of
-    what the field lacks, and twice its mean times the field (Cauchy-Schwarz)."""
+    """Return an upper bound of the ‖Δh‖₁ that the liquid crystal's response causes.
+
+    The mean over time of |p|², less |q|² of the settled field q, is the power of the difference of
+    the fields, and twice its mean times q (Cauchy-Schwarz).
+    """
     pixels, tau, frame_time = (
         sample_pixels(s),
         s.camera.panel.response_time,
@@ -71,16 +88,16 @@ def _psf_change(s: Situation) -> float:
         name: pixels(torch.as_tensor(modulator.phase(torch.from_numpy(grey.copy()))))
         for name, grey in s.panel_content.pictures.items()
     }
-    names = s.panel_content.names[-_MOST_FRAMES:]
+    names = s.panel_content.names[-_SETTINGS.max_frames :]
     phases = torch.stack([settled[name] for name in names])
     start = first_start_phase(phases, frame_time, tau)
-    parts = _parts(s)
+    parts, count = _parts(s), _SETTINGS.times
     found: list[tuple[float, float]] = []
     for frame, end in enumerate(phases):
         for begin, finish, share in parts.get(
             frame if len(names) == len(s.panel_content.names) else -1, ()
         ):
-            times = [begin + (k + 0.5) / _TIMES * (finish - begin) for k in range(_TIMES)]
+            times = [begin + (k + 0.5) / count * (finish - begin) for k in range(count)]
             lacking = [torch.expm1(1j * (relaxed_phase(end, start, t, tau) - end)) for t in times]
             mean = torch.stack(lacking).mean(0)
             power = torch.stack([one.abs() ** 2 for one in lacking]).mean(0)
@@ -94,20 +111,23 @@ def _psf_change(s: Situation) -> float:
 
 
 def _has_uneven_timing(s: Situation) -> bool:
-    """Whether rows or a lamp may weigh any part of a frame as they like."""
+    """Whether a rolling shutter or a flickering lamp may weigh parts of a frame unequally."""
     return s.camera.sensor.shutter == "rolling" or is_lamp_flickering(s)
 
 
 def _parts(s: Situation) -> dict[int, list[tuple[float, float, float]]]:
-    """What is seen of each frame: begin, end, share; of rolling rows or a flickering lamp,
-    any eighth of any frame. Under -1 whole frames, where there are too many to tell apart."""
+    """Return the parts (begin, end, share) that an exposure sees of each of a video's frames.
+
+    With a rolling shutter or a flickering lamp, these are the eighths of each frame. If there are
+    too many frames to tell apart, key -1 has the whole frame.
+    """
     frame_time, n = s.panel_content.frame_time, len(s.panel_content.names)
     every = (0.0, frame_time, 1.0)
     if _has_uneven_timing(s):
         step = frame_time / 8
         eighths = [(k * step, (k + 1) * step, 1.0) for k in range(8)]
         return dict.fromkeys(range(-1, n), eighths)
-    if n > _MOST_FRAMES:
+    if n > _SETTINGS.max_frames:
         return {-1: [every]}
     parts: dict[int, list[tuple[float, float, float]]] = {}
     for span in s.panel_content.frame_sequence(s.exposure_start, s.exposure).spans:

@@ -1,4 +1,4 @@
-"""Things at different distances, each out of focus by its own."""
+"""The effect of depth layers: each is out of focus by its distance."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from optics.camera import Camera
 from optics.pupil import object_to_lens_distance
 from optics.validation import as_number
 from simulator.effects.electron_bounds import max_lamp_seconds, sensor_error_bound
-from simulator.effects.rendering_work import ATTRIBUTION_ORDER, DEPTH_COUNTS, rendering_operations
+from simulator.effects.rendering_work import ATTRIBUTION_ORDER, LEVELS, rendering_operations
 from simulator.formation.nodes import depth_nodes
 from simulator.planning import Bound, Effect
 from simulator.probing.radial import Gain
@@ -22,17 +22,19 @@ from simulator.situation import Situation
 class DepthLayers(Effect):
     name = "depth layers"
     kind = "axis"
-    recipe_field, recipe_values = "depths", DEPTH_COUNTS
+    recipe_field, recipe_values = "depths", LEVELS.depths
     physics = "what isn't in focus is blurred by its distance from the plane that is"
     source = "defocus as a phase over the pupil; Hopkins 1955, doi 10.1098/rspa.1955.0158"
-    levels = tuple(str(n) for n in DEPTH_COUNTS)
+    levels = tuple(str(n) for n in LEVELS.depths)
 
     def is_present(self, s: Situation) -> bool:
         return len(set(s.picture_probe.distances)) > 1 and not s.picture_probe.is_dark
 
     def finest_level(self, s: Situation) -> int:
-        enough = [k for k, n in enumerate(DEPTH_COUNTS) if n >= len(set(s.picture_probe.distances))]
-        return enough[0] if enough else len(DEPTH_COUNTS) - 1
+        enough = [
+            k for k, n in enumerate(LEVELS.depths) if n >= len(set(s.picture_probe.distances))
+        ]
+        return enough[0] if enough else len(LEVELS.depths) - 1
 
     def estimated_error(self, s: Situation, level: int) -> float:
         whole = s.picture_probe.norm_bound
@@ -45,8 +47,8 @@ class DepthLayers(Effect):
         how = "proved: phases of two points of the pupil differ by 2π k ρ at most"
         return sensor_error_bound(s, change * max_lamp_seconds(s), how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Of PSFs of distances beyond one; what effects make of each is their own."""
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
+        """Return the operations of the PSFs of further distances, without other effects'."""
         bare = {**dict.fromkeys(ATTRIBUTION_ORDER, 0), self.name: levels[self.name]}
         return rendering_operations(s, bare) - rendering_operations(s, {**bare, self.name: 0})
 
@@ -56,17 +58,19 @@ class DepthLayers(Effect):
         return f"from {near:.3g} to {far:.3g} m the blur changes by {blur:.3g} pixels"
 
     def _change(self, s: Situation, level: int) -> float:
+        """Return an upper bound of the L2 error of a level's depth nodes, electrons per second."""
         distances = s.picture_probe.distances
-        nodes = depth_nodes(distances, DEPTH_COUNTS[level])
+        nodes = depth_nodes(distances, LEVELS.depths[level])
         return s.picture_probe.change_bound([_gain(s.camera, d, nodes[d]) for d in distances])
 
 
 def _gain(camera: Camera, distance: float, nodes: list[tuple[float, float]]) -> Gain:
-    """Of a layer whose PSF is a mean of those at other distances.
+    """Return the bound of the error of a depth layer's transfer function, by frequency.
 
-    Light from the pupil's rim lands elsewhere by ρ. Between two nodes the mean is linear, and
-    the transfer function's second derivative by defocus is (2π k R)² at most: of a step from
-    one node to the other it misses an eighth.
+    nodes: the distances whose PSFs' weighted mean stands for the layer's, and their weights. Light
+    from the pupil's rim lands elsewhere by ρ. Between two nodes the mean is linear in the defocus;
+    the transfer function's second derivative by the defocus is at most (2π k R)², so that the mean
+    misses an eighth of that times the squared step between the nodes.
     """
     moved = [_displacement(camera, distance, node) for node, _ in nodes]
     first = sum(share * rho for rho, (_, share) in zip(moved, nodes, strict=True))
@@ -83,8 +87,10 @@ def _gain(camera: Camera, distance: float, nodes: list[tuple[float, float]]) -> 
 
 
 def _displacement(camera: Camera, one: float, other: float) -> float:
-    """Metres on the sensor by which light from the rim of the panel, or of the stop's shadow,
-    lands elsewhere for one distance than for another."""
+    """Return how far light from the pupil's rim moves on the sensor between two object distances.
+
+    The rim is that of the panel, or of the stop's shadow on it. Metres on the sensor.
+    """
     bent = abs(_wave_curvature(camera, one) - _wave_curvature(camera, other))
     panel = camera.panel
     half = math.hypot(*(n * panel.pitch / 2 for n in panel.shape))
@@ -93,7 +99,7 @@ def _displacement(camera: Camera, one: float, other: float) -> float:
 
 
 def _wave_curvature(camera: Camera, distance: float) -> float:
-    """Curvature of the wave over the panel that the lens leaves, 1/m."""
+    """Return the curvature of a point's wave over the panel that the lens leaves, 1/m."""
     spread = 1 + as_number(camera.separation) / distance
     vergence = 1 / object_to_lens_distance(camera, distance) - 1 / as_number(
         camera.lens.focus_distance
@@ -104,12 +110,12 @@ def _wave_curvature(camera: Camera, distance: float) -> float:
 
 
 def _shadow(camera: Camera, distance: float) -> float:
-    """Radius on the panel of what the stop lets pass, metres."""
+    """Return the radius of the stop's shadow on the panel in metres."""
     return as_number(camera.lens.stop_diameter) / 2 / (1 + as_number(camera.separation) / distance)
 
 
 def _shadow_change_share(camera: Camera, one: float, other: float) -> float:
-    """Of the light, what another size of the stop's shadow gives to other places, at most."""
+    """Return the largest share of the light that moves as the stop's shadow changes its size."""
     if as_number(camera.separation) == 0:
         return 0.0
     panel = camera.panel

@@ -1,8 +1,9 @@
-"""Waves, or the rays of the same wavefront."""
+"""The effect of diffraction: waves instead of the rays of the same wavefront."""
 
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,14 @@ from simulator.effects.rendering_work import DIFFRACTION
 from simulator.planning import Bound
 from simulator.situation import Situation
 
-_MARGIN = 1.5
-
 
 class Diffraction(OnOffBlurEffect):
+    """Diffraction of the light; without it, a PSF is the geometric blur of the wavefront.
+
+    audit_margin: factor of its error bound, from audits.
+    """
+
+    audit_margin: ClassVar[float] = 1.5
     name = DIFFRACTION
     recipe_field = "diffraction"
     typical_bound_share = 0.3
@@ -32,10 +37,13 @@ class Diffraction(OnOffBlurEffect):
             rays = np.minimum(2 * math.pi * k * turn, 2.0)
             apart = waves.loss_bound(k.ravel()).reshape(k.shape) + rays
             return np.where(
-                k > 0, np.minimum(_MARGIN * apart, 2.0), s.pattern_probe.side_order_share
+                k > 0, np.minimum(self.audit_margin * apart, 2.0), s.pattern_probe.side_order_share
             )
 
-        how = f"audited ×{_MARGIN:g}: |1 - H| of the waves, and of the rays by how far they turn"
+        how = (
+            f"audited ×{self.audit_margin:g}: |1 - H| of the waves, and of the rays by how far "
+            "they turn"
+        )
         return transfer_error_bound(s, gain, how)
 
     def explain(self, s: Situation) -> str:

@@ -1,4 +1,4 @@
-"""How many electrons pixels hold at most, and what a change of them does to what is read."""
+"""Bounds of the electrons on pixels, and of what a change of them does to the frame's numbers."""
 
 from __future__ import annotations
 
@@ -25,67 +25,90 @@ from simulator.planning import Bound, OnOffEffect
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
-_GAIN = 1.1
-"""Audited: light that orders, or an uneven lamp, may add to a pixel's."""
 
-_SWITCH = 1.01
-"""Audited: means and variances bend so much more where a normal distribution takes over from
-Poisson's."""
+@dataclass(frozen=True)
+class ElectronBoundSettings:
+    """Tune the bounds of pixels' electrons; all margins are from audits.
 
-_UNEVEN = 3.0
-"""Audited: dim pixels may change by so much more of theirs than all do on the average."""
+    Attributes
+    ----------
+    light_margin : float
+        Factor by which orders of the panel, or an uneven lamp, may raise the light of a pixel.
+    slope_margin : float
+        Factor by which the slopes of mean and variance may be steeper where a normal distribution
+        replaces Poisson's.
+    dim_pixel_margin : float
+        Largest relative change of a dim pixel over that of the whole picture.
+    """
+
+    light_margin: float = 1.1
+    slope_margin: float = 1.01
+    dim_pixel_margin: float = 3.0
+
+
+_SETTINGS = ElectronBoundSettings()
 
 MAX_PIXEL_SIGMAS = 4.5
-"""Standard deviations of the response and offset of pixels, at most."""
+"""Largest deviation of a pixel's response and offset, in standard deviations."""
 
 
 class PixelwiseEffect(OnOffEffect):
-    """A stage that is done to each pixel by itself, in so many operations."""
+    """A stage of the sensor that treats each pixel by itself.
+
+    operations_per_pixel: its cost.
+    """
 
     operations_per_pixel: ClassVar[float] = 1.0
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         return self.operations_per_pixel * pixel_count(s) if levels[self.name] else 0.0
 
 
 def pixel_count(s: Situation) -> int:
+    """Return the number of the sensor's pixels."""
     rows, columns = s.camera.sensor.shape
     return rows * columns
 
 
 def sqrt_pixel_count(s: Situation) -> float:
+    """Return the square root of the number of the sensor's pixels."""
     return math.sqrt(pixel_count(s))
 
 
 def is_lamp_flickering(s: Situation) -> bool:
-    """Whether the lamp's light isn't steady."""
+    """Whether the lamp's light changes with time."""
     return s.target.lamp is not None and not s.target.lamp.is_constant
 
 
 def lamp_ripple(s: Situation) -> float:
-    """The most that the lamp's light differs from its mean, relative to that."""
+    """Return the largest relative deviation of the lamp's light from its mean."""
     return s.target.lamp.ripple if s.target.lamp is not None else 0.0
 
 
 def max_lamp_seconds(s: Situation) -> float:
-    """Of the lamp's mean light, at most, that a pixel sees."""
+    """Return the most seconds of the lamp's mean light that a pixel may see in an exposure."""
     return s.exposure * (1 + lamp_ripple(s))
 
 
 def sharp_norm_bound(s: Situation) -> float:
-    """L2 norm of the picture's electrons at most, however blurred: no blur adds light (Young)."""
+    """Return an upper bound of the L2 norm of the picture's electrons, for any blur.
+
+    No blur adds light (Young).
+    """
     return float(s.picture_probe.norm_bound) * max_lamp_seconds(s)
 
 
 def total_electrons(s: Situation) -> float:
-    """Electrons over frame and margin, without any blur."""
+    """Return the electrons of the unblurred picture on the frame and its margin."""
     return s.picture_probe.total_with_margin * max_lamp_seconds(s)
 
 
 @cached_per_situation
 def _peak_light_electrons(s: Situation) -> float:
-    """Electrons of the light on a pixel, at most, as its PSFs blur it: by Young, by the brightest
-    place of a PSF, and by frequency."""
+    """Return an upper bound of the electrons of light on a pixel of the blurred picture.
+
+    Three bounds are compared: by Young, by the PSF's peak, and by frequency.
+    """
     sharpest = float(s.picture_probe.brightest) * max_lamp_seconds(s)
     if not has_known_psf(s):
         return sharpest
@@ -99,14 +122,17 @@ def _peak_light_electrons(s: Situation) -> float:
 
 
 def off_plane_star_electrons(s: Situation) -> float:
-    """Electrons of stars beside what is looked at of the picture."""
+    """Return the electrons of stars outside the part of the picture that is examined."""
     return s.picture_probe.off_plane_star_rate * max_lamp_seconds(s)
 
 
 @cached_per_situation
 def light_norm_bound(s: Situation) -> float:
-    """L2 norm of the picture's electrons at most, as its PSFs blur it: by Young; by the brightest
-    pixel and the sum of all; and by frequency (Parseval)."""
+    """Return an upper bound of the L2 norm of the blurred picture's electrons.
+
+    Three bounds are compared: by Young; by the brightest pixel and the sum of all; and by frequency
+    (Parseval).
+    """
     if not has_known_psf(s):
         return sharp_norm_bound(s)
     summed = math.sqrt(psf_energy_bound(s)) * (total_electrons(s) + off_plane_star_electrons(s))
@@ -117,12 +143,15 @@ def light_norm_bound(s: Situation) -> float:
 
 
 def dark_current_electrons(s: Situation) -> float:
-    """Electrons of dark current on an ordinary pixel."""
+    """Return the electrons of dark current on a pixel that isn't hot."""
     return s.camera.sensor.dark_current * s.exposure
 
 
 def hot_pixel_norm(s: Situation) -> float:
-    """L2 norm of hot pixels' electrons, with five standard deviations of how many they are."""
+    """Return an upper bound of the L2 norm of the hot pixels' electrons.
+
+    The number of hot pixels is taken five standard deviations above its mean.
+    """
     sensor = s.camera.sensor
     return (
         sensor.hot_current
@@ -132,13 +161,16 @@ def hot_pixel_norm(s: Situation) -> float:
 
 
 def affected_pixel_bound(share: float, count: int) -> float:
-    """How many of `count` pixels are among those of a share, with five standard deviations."""
+    """Return how many of `count` pixels are affected if each is with a probability `share`.
+
+    The number is taken five standard deviations above its mean.
+    """
     expected = share * count
     return min(float(count), expected + 5 * math.sqrt(expected)) if share else 0.0
 
 
 def peak_electrons(s: Situation) -> float:
-    """Electrons of the brightest pixel at most, hot ones included."""
+    """Return an upper bound of the brightest pixel's electrons, hot pixels included."""
     sensor = s.camera.sensor
     lit = _peak_light_electrons(s) * (1 + MAX_PIXEL_SIGMAS * sensor.prnu)
     return (
@@ -147,7 +179,7 @@ def peak_electrons(s: Situation) -> float:
 
 
 def electron_norm_bound(s: Situation) -> float:
-    """L2 norm of all electrons on pixels, at most."""
+    """Return an upper bound of the L2 norm of all electrons on the pixels."""
     gain = 1 + MAX_PIXEL_SIGMAS * s.camera.sensor.prnu
     return (
         light_norm_bound(s) * gain
@@ -157,36 +189,40 @@ def electron_norm_bound(s: Situation) -> float:
 
 
 def clipping_onset(sensor: Sensor) -> float:
-    """Electrons from which well or converter may clip, but for shot noise."""
+    """Return the electrons at which full well or converter begin to clip, without shot noise."""
     spread = 7 * sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu
     top = (2**sensor.bits - 1 - sensor.black_level) * sensor.gain
     return max(min(sensor.full_well, top - spread), 0.0)
 
 
 def can_clip(s: Situation) -> bool:
-    """Whether any pixel can come within seven standard deviations of being clipped."""
+    """Whether any pixel can come within seven standard deviations of clipping."""
     most = peak_electrons(s)
     return most + 7 * math.sqrt(most) + 20 > clipping_onset(s.camera.sensor)
 
 
 def without_clipping(s: Situation, recipe: Recipe) -> Recipe:
-    """The same with wells and a converter without an end, where any may be full: what a full well
-    clips counts as before it does (see simulator.effects.picture_norms)."""
+    """Return the recipe with unlimited full wells and converter, if any pixel may clip.
+
+    Errors are counted before a full well clips them (see simulator.effects.picture_norms).
+    """
     return recipe.with_changes(clipping=False) if can_clip(s) else recipe
 
 
 def unclipped_light(s: Situation) -> float:
-    """Electrons of light up to which seven standard deviations clip nothing."""
+    """Return the electrons of light that surely don't clip, within seven standard deviations."""
     free = max(clipping_onset(s.camera.sensor) - 20 - dark_current_electrons(s), 0.0)
-    # x + 7 √x is what is left of the well.
+    # Solves x + 7 √x = free for x.
     root = max(math.sqrt(free + 12.25) - 3.5, 0.0)
     return root**2 / (1 + MAX_PIXEL_SIGMAS * s.camera.sensor.prnu)
 
 
 @dataclass(frozen=True)
 class FullWells:
-    """Pixels with more light than is safe, at most: their number, the sum of their electrons, and
-    of these squared."""
+    """Upper bounds for the pixels that hold more light than surely doesn't clip.
+
+    count: of these pixels. total, energy: sum of their electrons, and of the squares of these.
+    """
 
     count: float
     total: float
@@ -195,10 +231,10 @@ class FullWells:
 
 @cached_per_situation
 def full_well_bounds(s: Situation) -> FullWells:
-    """Which wells may be full.
+    """Return bounds of the pixels whose wells may be full.
 
-    However blurred, a picture has no more of (m - θ)₊ and its square than the sharp one, for any
-    θ (Jensen: a blur is a mean). Where m is above W > θ, m is at most W / (W - θ) of m - θ.
+    A blurred picture m has no more of (m - θ)₊, and of its square, than the sharp picture, for any
+    θ (Jensen: a blur is a mean). Where m is above W > θ, m is at most W / (W - θ) times m - θ.
     """
     if not can_clip(s):
         return FullWells(0.0, 0.0, 0.0)
@@ -209,7 +245,7 @@ def full_well_bounds(s: Situation) -> FullWells:
     if not s.picture_probe.off_plane_star_rate:
         for share in (0.5, 0.7, 0.8, 0.9):
             over = s.picture_probe.excess_over(share * well / max_lamp_seconds(s))
-            factor = _GAIN * max_lamp_seconds(s) / (1 - share)
+            factor = _SETTINGS.light_margin * max_lamp_seconds(s) / (1 - share)
             total = min(total, factor * over[0])
             energy = min(energy, factor**2 * over[1])
     sensor = s.camera.sensor
@@ -218,21 +254,24 @@ def full_well_bounds(s: Situation) -> FullWells:
 
 
 def can_clip_at_zero(sensor: Sensor) -> bool:
-    """Whether noise and offsets of a dark pixel can reach the converter's lower end."""
+    """Whether noise and offset of a dark pixel can reach the converter's lower end."""
     room = sensor.black_level * sensor.gain - MAX_PIXEL_SIGMAS * sensor.dsnu
     return room < 8 * sensor.read_noise + sensor.gain
 
 
 def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: bool = True) -> Bound:
-    """What a change of the picture's electrons does to mean, variance and σ of what is read.
+    """Return the bound of mean, variance and σ of the frame for a change of the electrons.
 
-    change: L2 norm, electrons over the exposure. Mean and variance change by the steepest that
-    they are of electrons anywhere up to the brightest pixel, with read noise. What a full well
-    clips counts as before it is clipped (see minimum_norms()). σ:
-    |√a - √b| is |a - b| over the sum of both, of which read noise and the light of the dim tenth
-    of the picture are the least (audited: a change is no larger in the dark), and at most
-    √|a - b|, whose squares add up to no more than √pixels times the change (Cauchy-Schwarz).
-    read_noise: whether it may be counted on; without it, few electrons more make much of σ.
+    change: L2 norm of the change of the picture's electrons over the exposure. Mean and variance
+    change by the change times their steepest slope, at any number of electrons up to the brightest
+    pixel's, with read noise. Electrons above a full well count as if they weren't clipped (see
+    minimum_norms()).
+
+    For σ, |√a - √b| is |a - b| over √a + √b. Both roots are at least those of read noise and of the
+    light in the dim tenth of the picture (audited: a change is no larger in the dark). |√a - √b| is
+    also at most √|a - b|, whose squares add up to at most √pixels times the change
+    (Cauchy-Schwarz). read_noise: whether read noise may be relied on; without it, a few electrons
+    change σ much.
     """
     sensor, most = s.camera.sensor, _next_power_of_two(peak_electrons(s))
     mean, variance, least = _steepest_slopes(
@@ -246,14 +285,13 @@ def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: boo
 
 
 def proportional_error_bound(
-    s: Situation, change: float, how: str, dim_pixel_margin: float = _UNEVEN
+    s: Situation, change: float, how: str, dim_pixel_margin: float = _SETTINGS.dim_pixel_margin
 ) -> Bound:
-    """sensor_error_bound() of a change that goes with the light that is there.
+    """Return sensor_error_bound() of a change that is proportional to each pixel's light.
 
-    Dark pixels change no more of theirs than bright ones do, or by a factor `dim_pixel_margin`.
-
-    Where m changes by a share ε of it, √(m + r²) changes by no more than ε √m / 2, whatever the
-    read noise: over all pixels by ε/2 of the root of all light.
+    A dim pixel's relative change is at most `dim_pixel_margin` times that of the whole picture.
+    Where m changes by a share ε of it, √(m + r²) changes by at most ε √m / 2, for any read noise r:
+    over all pixels, by ε/2 times the square root of the sum of all light.
     """
     bound = sensor_error_bound(s, change, how)
     norm = light_norm_bound(s)
@@ -269,12 +307,16 @@ def proportional_error_bound(
 
 
 def _dim_pixel_electrons(s: Situation) -> float:
-    """Electrons that pixels hold where a change counts, at least: as much as the dim tenth of the
-    sharp picture has, and half of that, for it may be dimmer there."""
+    """Return the fewest electrons on pixels where a change of the light counts.
+
+    These are half of those in the dim tenth of the sharp picture, since it may be dimmer once it is
+    blurred.
+    """
     return 0.5 * s.picture_probe.dim_decile * s.exposure
 
 
 def _next_power_of_two(electrons: float) -> float:
+    """Return the least power of two that is at least a number of electrons, and at least 64."""
     return 2.0 ** math.ceil(math.log2(max(electrons, 64.0)))
 
 
@@ -282,11 +324,11 @@ def _next_power_of_two(electrons: float) -> float:
 def _steepest_slopes(
     sensor: Sensor, most: float, unclipped_electrons: float
 ) -> tuple[float, float, float]:
-    """Largest slopes of mean and variance by electrons, and the least σ with read noise.
+    """Return the largest slopes of mean and variance by electrons, and the least σ with read noise.
 
-    unclipped_electrons: up to which nothing is clipped at the upper end. Beyond, unclipped steps
-    of the converter (g electrons) make slopes wavy by exp(-2 pi² m / g²) of m electrons (Widrow),
-    which is nothing from g² on.
+    unclipped_electrons: number up to which the upper end clips nothing. Without clipping, the
+    converter's steps of g electrons make the slopes oscillate by exp(-2 π² m / g²) at m electrons
+    (Widrow): this is negligible from g² electrons on.
     """
     slopes, least = [], math.inf
     rounded = min(most, _next_power_of_two(sensor.gain**2))
@@ -303,7 +345,7 @@ def _steepest_slopes(
             least = min(least, table.min_variance(end))
     mean, variance = np.array(slopes).max(axis=0)
     return (
-        _SWITCH * max(float(mean), 1.0),
-        _SWITCH * max(float(variance), 1.0),
+        _SETTINGS.slope_margin * max(float(mean), 1.0),
+        _SETTINGS.slope_margin * max(float(variance), 1.0),
         math.sqrt(least) if sensor.read_noise else 0.0,
     )

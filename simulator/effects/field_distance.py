@@ -1,4 +1,4 @@
-"""How far two fields on a panel are apart, on some of its pixels."""
+"""Bounds of the difference of two PSFs from their fields on a sample of the panel's pixels."""
 
 from __future__ import annotations
 
@@ -9,56 +9,67 @@ import torch
 
 from simulator.situation import Situation
 
-SIDE = 256
-"""Pixels along each axis that are looked at, at most; a pattern's are much alike."""
-
 MARGIN = 1.2
-"""Audited: other pixels than those that are looked at may differ by so much more."""
+"""Factor, from audits, by which fields may differ more on the pixels outside a sample."""
 
 
 @dataclass(frozen=True)
 class PixelSample:
-    """Some pixels: every few along each axis, and how open the stop leaves each."""
+    """A sample of the panel's pixels, evenly spaced along each axis.
+
+    rows, columns: steps between the sample's pixels. aperture_share: share of each that the stop
+    leaves open.
+    """
 
     rows: int
     columns: int
     aperture_share: torch.Tensor
 
     def __call__(self, values: torch.Tensor) -> torch.Tensor:
+        """Return the values at the sample's pixels."""
         return values[:: self.rows, :: self.columns].contiguous()
 
     def mean(self, values: torch.Tensor) -> complex:
-        """Over what is open."""
+        """Return the mean of values over the open area of the sample's pixels."""
         weight = self.aperture_share**2
         return complex((values * weight).sum() / weight.sum())
 
 
 def sample_pixels(s: Situation) -> PixelSample:
-    rows, columns = (max(1, math.ceil(n / SIDE)) for n in s.camera.panel.shape)
+    """Return a sample of at most 256 x 256 of the panel's pixels."""
+    rows, columns = _steps(s)
     return PixelSample(
         rows, columns, s.pattern_probe.aperture_share[::rows, ::columns].contiguous()
     )
 
 
 def covers_all_pixels(s: Situation) -> bool:
-    """Whether all pixels are looked at."""
-    return max(s.camera.panel.shape) <= SIDE
+    """Whether the sample has all of the panel's pixels."""
+    return _steps(s) == (1, 1)
+
+
+def _steps(s: Situation) -> tuple[int, int]:
+    """Return the steps between a sample's pixels along each axis of the panel."""
+    rows, columns = (max(1, math.ceil(n / 256)) for n in s.camera.panel.shape)
+    return rows, columns
 
 
 def margin(s: Situation) -> float:
+    """Return the factor of a bound that was computed from a sample of the panel's pixels."""
     return 1.0 if covers_all_pixels(s) else MARGIN
 
 
 def describe_proof(s: Situation, what: str) -> str:
+    """Return the words for how a bound from a sample of the panel's pixels is known."""
     return f"proved: {what}" if covers_all_pixels(s) else f"audited ×{MARGIN:g}: {what}"
 
 
 def psf_distance_bound(pixels: PixelSample, one: torch.Tensor, other: torch.Tensor) -> float:
-    """‖Δh‖₁ at most, of PSFs of two fields of the same pixels.
+    """Return an upper bound of ‖Δh‖₁ for the PSFs of two fields on the same pixels.
 
     |p|² - |q|² is at most (|p| + |q|) |p - q|, whose integral is at most (‖p‖ + ‖q‖) ‖p - q‖
-    (Cauchy-Schwarz), and light is the same on panel and sensor (Parseval). A phase that is the
-    same for all pixels is no difference.
+    (Cauchy-Schwarz); the light's power is the same on panel and sensor (Parseval). A phase that all
+    pixels share makes no difference.
     """
     first, second = pixels.mean(one.abs() ** 2).real, pixels.mean(other.abs() ** 2).real
     common = abs(pixels.mean(one * other.conj()))
@@ -67,10 +78,10 @@ def psf_distance_bound(pixels: PixelSample, one: torch.Tensor, other: torch.Tens
 
 
 def phase_error_psf_bound(s: Situation, pixels: PixelSample, error: torch.Tensor) -> float:
-    """‖Δh‖₁ at most, of a phase error in radians, whatever the field.
+    """Return an upper bound of ‖Δh‖₁ for a phase error in radians, for any field.
 
-    What is common to all pixels counts only where other light interferes with theirs: the
-    gap's, or what the panel doesn't turn.
+    A phase that all pixels share counts only where other light interferes with theirs: light from
+    the gaps between pixels, or light that the panel doesn't modulate.
     """
     one = torch.polar(torch.ones_like(error), error)
     if not has_coherent_background(s):
@@ -81,6 +92,6 @@ def phase_error_psf_bound(s: Situation, pixels: PixelSample, error: torch.Tensor
 
 
 def has_coherent_background(s: Situation) -> bool:
-    """Whether light that no pattern turns interferes with what is turned."""
+    """Whether unmodulated light interferes with the light that the pattern modulates."""
     beats = s.path is not None and abs(complex(s.path.interference)) > 0
     return bool(s.camera.panel.gap_reflection) or beats

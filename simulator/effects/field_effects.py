@@ -1,8 +1,9 @@
-"""What differs over the field: the panel that a place is seen through, and its brightness."""
+"""Effects that vary over the field: the lit part of the panel, and vignetting."""
 
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 from simulator.effects.blur_effects import (
     BlurEffect,
@@ -12,18 +13,21 @@ from simulator.effects.blur_effects import (
 )
 from simulator.effects.electron_bounds import light_norm_bound, proportional_error_bound
 from simulator.effects.psf_bounds import illuminated_area_change, max_vignetting_change
-from simulator.effects.rendering_work import FIELD_COUNTS, FIELD_POSITION, VIGNETTING
+from simulator.effects.rendering_work import FIELD_POSITION, LEVELS, VIGNETTING
 from simulator.planning import Bound
 from simulator.situation import Situation
 
-_CHEBYSHEV_ERROR_SHARES = (1.0, 0.5, 0.15)
-"""Audited: of the largest change, what so many Chebyshev nodes leave."""
-
 
 class FieldPosition(BlurEffect):
+    """The change of the PSF over the field, as the stop's shadow moves over the panel.
+
+    chebyshev_error_shares: share of the largest change that is left at each level, from audits.
+    """
+
+    chebyshev_error_shares: ClassVar[tuple[float, ...]] = (1.0, 0.5, 0.15)
     name = FIELD_POSITION
     kind = "axis"
-    recipe_field, recipe_values = "places", FIELD_COUNTS
+    recipe_field, recipe_values = "places", LEVELS.places
     physics = "the stop's shadow moves over the panel as the point moves over the field"
     source = "thesis §5.3; Trefethen, Approximation Theory and Approximation Practice 8"
     levels = ("1", "3x3", "5x5", "9x9")
@@ -33,12 +37,11 @@ class FieldPosition(BlurEffect):
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         area = illuminated_area_change(s)
-        change = (2 * math.sqrt(area) + area) * _CHEBYSHEV_ERROR_SHARES[level]
+        change = (2 * math.sqrt(area) + area) * self.chebyshev_error_shares[level]
         how = "proved: Cauchy-Schwarz; the panel's area that isn't lit alike"
         if level:
-            how = (
-                f"audited ×{_CHEBYSHEV_ERROR_SHARES[level]:g} of that: Chebyshev nodes in the field"
-            )
+            share = self.chebyshev_error_shares[level]
+            how = f"audited ×{share:g} of that: Chebyshev nodes in the field"
         return psf_error_bound(s, change, how)
 
     def explain(self, s: Situation) -> str:

@@ -1,4 +1,4 @@
-"""Light that lens and camera scatter over the whole sensor."""
+"""The effect of veiling glare: light that lens and camera scatter over the whole sensor."""
 
 from __future__ import annotations
 
@@ -16,9 +16,6 @@ from simulator.effects.psf_bounds import blur_sensitivity
 from simulator.planning import Bound
 from simulator.situation import Situation
 
-_DIM = 0.1
-"""Share of the pixels that may be dimmer than what a picture's dim tenth has."""
-
 
 class VeilingGlare(PixelwiseEffect):
     name = "veiling glare"
@@ -31,22 +28,26 @@ class VeilingGlare(PixelwiseEffect):
         return s.camera.glare > 0 and not s.picture_probe.is_dark
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Of a sharp picture: as much as it differs from its mean, all of which goes."""
+        """Return the relative difference of the sharp picture from its mean, times the glare."""
         if not s.picture_probe.norm_bound:
             return 0.0
         even = s.picture_probe.total**2 / pixel_count(s) / s.picture_probe.norm_bound**2
         return s.camera.glare * blur_sensitivity(s) * math.sqrt(max(1 - even, 0.0))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """A picture differs from its mean by no more than from none. Dark pixels get much of
-        theirs, so that the light of the dim tenth counts for the other nine only; of all that any
-        pixels get or lose, σ² changes by no more than the variance (|√a - √b|² ≤ |a - b|)."""
+        """Return the bound of the error without veiling glare.
+
+        A picture differs from its mean by no more than its own norm. Glare gives dark pixels much
+        of their light, so that the light of the dim tenth of the picture limits the change of σ in
+        the other nine tenths only. In the dim tenth, σ² changes by no more than the variance (|√a -
+        √b|² ≤ |a - b|).
+        """
         glare = s.camera.glare * blur_sensitivity(s)
         how = "proved: the picture against its mean; Cauchy-Schwarz"
         bound = sensor_error_bound(s, glare * light_norm_bound(s), how)
         slope = bound.variance / (glare * light_norm_bound(s)) if bound.variance else 0.0
         moved = slope * glare * (total_electrons(s) + off_plane_star_electrons(s))
-        sigma = min(math.hypot(bound.sigma, math.sqrt(_DIM * moved)), math.sqrt(2 * moved))
+        sigma = min(math.hypot(bound.sigma, math.sqrt(0.1 * moved)), math.sqrt(2 * moved))
         return Bound(bound.mean, bound.variance, sigma, how=how)
 
     def explain(self, s: Situation) -> str:

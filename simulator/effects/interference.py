@@ -1,4 +1,4 @@
-"""Unmodulated light that beats with the modulated."""
+"""The effect of interference between unmodulated and modulated light."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ class Interference(OnOffBlurEffect):
         return s.path is not None and _strength(s) > 0 and not s.picture_probe.is_dark
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        # Gap light and an uneven beam may make either of the two brighter than 1.
+        # Light from the gaps between pixels, and an uneven beam, may raise the power of either
+        # wave above 1.
         how = "proved: Cauchy-Schwarz on two waves, each of all the light"
         return psf_error_bound(s, _strength(s) * _brightest(s), how)
 
@@ -30,11 +31,12 @@ class Interference(OnOffBlurEffect):
 
 
 def _strength(s: Situation) -> float:
+    """Return the strength of the interference between unmodulated and modulated light."""
     return abs(complex(s.path.interference)) if s.path is not None else 0.0
 
 
 def _brightest(s: Situation) -> float:
-    """Power of the modulated field over that of an even one, and of the unmodulated."""
+    """Return an upper bound of the power of either field, relative to a uniform one."""
     pixels = sample_pixels(s)
     powers = [
         pixels.mean(pixels(field).abs().double() ** 2).real for field in s.pattern_probe.fields

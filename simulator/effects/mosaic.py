@@ -1,4 +1,4 @@
-"""Colour filters on the pixels: neighbours see other wavelengths."""
+"""The effect of a colour filter array: neighbouring pixels see other wavelengths."""
 
 from __future__ import annotations
 
@@ -18,9 +18,6 @@ from simulator.planning import Bound, OnOffEffect
 from simulator.probing.rates import electron_rates
 from simulator.situation import Situation
 
-_BENT = 1.001
-"""Above what |a - b| of two broken lines is, drawn between the nodes of both."""
-
 
 class ColourFilters(OnOffEffect):
     name = "colour filter array"
@@ -38,7 +35,7 @@ class ColourFilters(OnOffEffect):
         how = "proved: Young; the largest difference of a filter's electrons from the mean pixel's"
         return proportional_error_bound(s, self._largest(s) * light_norm_bound(s), how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         colour = s.camera.sensor.colour
         if colour is None or not levels[self.name]:
             return 0.0
@@ -48,7 +45,10 @@ class ColourFilters(OnOffEffect):
         return f"in this light a pixel's electrons differ by {self._largest(s):.2g} of the most"
 
     def _largest(self, s: Situation) -> float:
-        """Of all parts and filters: electrons that differ, over those of the best channel."""
+        """Return the largest difference of a filter's electrons from the mean pixel's.
+
+        It is the largest over all parts and filters, relative to the electrons of the best channel.
+        """
         found = [0.0]
         for layer in s.target.layers:
             for part in layer.parts:
@@ -57,12 +57,14 @@ class ColourFilters(OnOffEffect):
                     sensor = replace(s.camera.sensor, colour=None, spectral_efficiency=difference)
                     camera = replace(s.camera, sensor=sensor)
                     rates = electron_rates(part.spectrum, s.band, camera, layer.distance)
-                    found.append(_BENT * rates[0] / best if best else 0.0)
+                    # The difference is interpolated between the curves' nodes: 0.1 % is added
+                    # for what that may miss.
+                    found.append(1.001 * rates[0] / best if best else 0.0)
         return max(found)
 
 
 def _differences(s: Situation) -> Iterator[Spectrum]:
-    """|a filter's curve - the mean pixel's|, of each filter."""
+    """Yield the absolute difference of each colour filter's curve from the mean pixel's."""
     colour = s.camera.sensor.colour
     if colour is None:
         return
@@ -78,7 +80,10 @@ def _differences(s: Situation) -> Iterator[Spectrum]:
 
 
 def _nodes(colour: Mosaic) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Where any curve bends or ends, and both sides of its ends."""
+    """Return the wavelengths at which any colour filter's curve bends or ends.
+
+    Both sides of the ends are included.
+    """
     ends = [edge for one in colour.efficiencies.values() for edge in (one.low, one.high)]
     beside = [edge * (1 + side * 1e-9) for edge in ends for side in (-1, 1)]
     inner = [node for one in colour.efficiencies.values() for node in one.wavelengths]

@@ -1,4 +1,4 @@
-"""A target that moves across the axis while the shutter is open."""
+"""The effect of a target that moves across the axis during the exposure."""
 
 from __future__ import annotations
 
@@ -9,21 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.sensor.shutter import row_delay
+from simulator.effects.blur_effects import MAX_SINC_LOSS
 from simulator.effects.electron_bounds import (
     is_lamp_flickering,
     lamp_ripple,
     max_lamp_seconds,
     sensor_error_bound,
 )
-from simulator.effects.rendering_work import PSF_REACH, PSF_WINDOWS
+from simulator.effects.rendering_work import LEVELS, PSF_REACH
 from simulator.formation.windows import picture_shape
 from simulator.formation.work import transform_operations
 from simulator.planning import Bound, Effect
 from simulator.probing.radial import Gain
 from simulator.situation import Situation
-
-_MOST = 1.2173
-"""Of 1 - sinc, anywhere."""
 
 
 class Motion(Effect):
@@ -39,7 +37,8 @@ class Motion(Effect):
         return s.target.is_moving and not s.picture_probe.is_dark and any(self._paths(s))
 
     def finest_level(self, s: Situation) -> int:
-        # An even path in steady light, by a panel that stays as it is, is exact.
+        # A uniform motion is rendered exactly, if the light, the panel and the rows' times are
+        # constant.
         changing = (
             s.panel_content.is_changing or is_lamp_flickering(s) or row_delay(s.camera.sensor)
         )
@@ -54,8 +53,11 @@ class Motion(Effect):
         how = "proved: phases of light along the path, (π k v T)²/6 at most"
         return sensor_error_bound(s, change * max_lamp_seconds(s), how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Of parts of the path beyond one: each is a picture of its own, by the same PSFs."""
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
+        """Return the operations of further parts of a motion: each is a picture of its own.
+
+        All parts use the same PSFs.
+        """
         parts = sum(len(layer.parts) for layer in s.target.layers)
         more = self._parts(s, levels[self.name]) - 1
         return more * (2 * parts + 1) * transform(s, levels)
@@ -65,25 +67,27 @@ class Motion(Effect):
         return f"it moves by {pixels:.3g} pixels in {s.exposure * 1e3:.3g} ms"
 
     def _paths(self, s: Situation) -> list[float]:
-        """Metres on the sensor during the exposure, of each layer."""
+        """Return the metres that each layer moves on the sensor during the exposure."""
         speed = math.hypot(*s.target.velocity)
         scales = (s.camera.magnification(layer.distance) for layer in s.target.layers)
         return [speed * s.exposure * scale for scale in scales]
 
     def _parts(self, s: Situation, level: int) -> int:
+        """Return the number of parts into which a level divides a motion during the frame."""
         return 2**level * math.ceil(s.exposure_span / s.exposure) if level else 1
 
     def _change(self, s: Situation, level: int) -> float:
-        """L2 of electrons per second against the path itself, at most."""
+        """Return an upper bound of the L2 error of a level's motion, in electrons per second."""
         return s.picture_probe.change_bound([self._gain(s, path, level) for path in self._paths(s)])
 
     def _gain(self, s: Situation, path: float, level: int) -> Gain:
-        """On the frequencies of a layer that moves so many metres.
+        """Return the bound of the error by frequency, for a layer that moves `path` metres.
 
-        Within a part of length ℓ light stands for light up to ℓ away: the phases 2π k x differ
-        by 2π k ℓ/4 in the mean from their middle's. What weighs them is the lamp's deviation,
-        twice its ripple at most, or a PSF's, up to 2. Rows that are exposed in turn see
-        parts of parts: then each light's own phase counts, as much longer as the frame takes.
+        All light of a part of the path, of length ℓ, is spread evenly over the part: its phases 2π
+        k x differ from that of the middle by 2π k ℓ/4 on average. They are weighted by the lamp's
+        deviation, at most twice its ripple, or by the PSF's change, at most 2. With a rolling
+        shutter, rows see parts of these parts: then the phase of each instant counts, over a path
+        that is longer by the frame's duration over the exposure.
         """
         part = path / 2**level if level else path
         uneven = 2.0 * (1 + lamp_ripple(s)) if s.panel_content.is_changing else 2 * lamp_ripple(s)
@@ -96,17 +100,21 @@ class Motion(Effect):
 
         def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
             if late:
-                # A row's light is as far from the middle of the first as the frame takes.
+                # At level 0, light is rendered where it is in the middle of the first row's
+                # exposure; other rows' light may be the path of a whole frame away from there.
                 reach = 2 * np.pi if level == 0 else np.pi
                 return late * np.minimum(2.0, reach * k * away)
-            smear = np.minimum((np.pi * k * path) ** 2 / 6, _MOST) if level == 0 else 0.0
+            smear = np.minimum((np.pi * k * path) ** 2 / 6, MAX_SINC_LOSS) if level == 0 else 0.0
             return smear + uneven * np.minimum(1.0, np.pi * k * part / 2)
 
         return gain
 
 
 def transform(s: Situation, levels: Mapping[str, int]) -> float:
-    """Operations of a transform of all samples, by how far PSFs reach and how fine samples are."""
-    shape = picture_shape(s, PSF_WINDOWS[levels.get(PSF_REACH, 0)], 0)
+    """Return the operations of a Fourier transform of all samples of the picture.
+
+    They depend on how far the PSFs reach and how fine the samples are.
+    """
+    shape = picture_shape(s, LEVELS.windows[levels.get(PSF_REACH, 0)], 0)
     rows, columns = (n * s.coarsest_sampling for n in shape)
     return transform_operations(rows, columns)

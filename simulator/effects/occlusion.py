@@ -1,4 +1,4 @@
-"""Near things that hide far ones."""
+"""The effect of occlusion: near layers hide far ones."""
 
 from __future__ import annotations
 
@@ -11,18 +11,13 @@ from scipy.ndimage import maximum_filter1d
 from simulator.effects.electron_bounds import max_lamp_seconds, sensor_error_bound
 from simulator.effects.moving import transform
 from simulator.effects.rendering_work import (
-    FIELD_COUNTS,
     FIELD_POSITION,
     FILTER_BANDWIDTH,
-    LEAK_COUNTS,
+    LEVELS,
     OUT_OF_BAND_LEAK,
-    WAVELENGTH_COUNTS,
 )
 from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
-
-_SHARES = (1e-1, 1e-2, 1e-3, 1e-4)
-"""Of a PSF's light, that may fall beyond the reach within which it is looked at."""
 
 
 class Occlusion(OnOffEffect):
@@ -37,7 +32,7 @@ class Occlusion(OnOffEffect):
         )
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Sharp: what would shine through."""
+        """Return the relative error of the sharp picture if all layers are transparent."""
         whole = s.picture_probe.norm_bound
         if not whole:
             return 0.0
@@ -48,18 +43,21 @@ class Occlusion(OnOffEffect):
         how = "proved: light behind, as far as a PSF reaches from what hides, and what falls beyond"
         return sensor_error_bound(s, max_lamp_seconds(s) * self._hidden_light_bound(s), how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Of transforms beyond those of layers that are added: for every wavelength each layer's
-        transfer function, for what shines and what hides, and the picture of either."""
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
+        """Return the operations of occlusion, beyond those of layers whose light is added.
+
+        For every wavelength, each layer's transfer function is transformed, for its light and its
+        cover, and so are the pictures of both.
+        """
         if not levels[self.name]:
             return 0.0
         colour = s.camera.sensor.colour
         channels = len(colour.channels) if colour and levels.get("colour filter array", 0) else 1
         nodes = (
-            WAVELENGTH_COUNTS[levels.get(FILTER_BANDWIDTH, 0)]
-            + LEAK_COUNTS[levels.get(OUT_OF_BAND_LEAK, 0)]
+            LEVELS.wavelengths[levels.get(FILTER_BANDWIDTH, 0)]
+            + LEVELS.leak[levels.get(OUT_OF_BAND_LEAK, 0)]
         )
-        places = FIELD_COUNTS[levels.get(FIELD_POSITION, 0)] ** 2
+        places = LEVELS.places[levels.get(FIELD_POSITION, 0)] ** 2
         layers = s.target.layers
         covers = sum(one is not None for one in s.picture_probe.covers)
         pictures = covers + len(layers) * channels
@@ -72,15 +70,20 @@ class Occlusion(OnOffEffect):
         return f"near things hide what is behind them along {edges:.3g} pixels of edges"
 
     def _hidden_light_bound(self, s: Situation) -> float:
-        """L2 of electrons per second that come through what should hide them, at most.
+        """Return an upper bound of the L2 norm of the light that should be hidden.
 
-        A layer's blurred light times the blurred covers before it: light that starts within
-        twice a PSF's reach of a cover; and what falls farther away, which is a share of the
-        light for the layer, and of the covers.
+        In electrons per second.
+
+        It is a layer's blurred light times the blurred covers before it. It consists of light that
+        starts within twice a PSF's reach of a cover, and of the shares of light and covers that
+        fall beyond the reach.
         """
-        return min(self._hidden_light_within(s, share) for share in _SHARES)
+        # Shares of a PSF's light beyond its reach: whichever gives the least bound.
+        shares = (1e-1, 1e-2, 1e-3, 1e-4)
+        return min(self._hidden_light_within(s, share) for share in shares)
 
     def _hidden_light_within(self, s: Situation, share: float) -> float:
+        """Return the bound of the hidden light if `share` of a PSF is beyond its reach."""
         reach = s.pattern_probe.reach_of_share(share)
         pixels = math.ceil(reach / s.camera.sensor.pitch)
         beyond = min(share + self._side_order_share(s), 1.0)
@@ -96,7 +99,7 @@ class Occlusion(OnOffEffect):
         return total
 
     def _side_order_share(self, s: Situation) -> float:
-        """Share of a PSF's light in orders of the panel's pixels that may land in the frame."""
+        """Return the share of a PSF's light in side orders that may fall on the frame."""
         far = max(
             n * p
             for n, p in zip(s.picture_probe.plane.shape, s.picture_probe.plane.pitch, strict=True)
@@ -105,7 +108,7 @@ class Occlusion(OnOffEffect):
 
 
 def _dilate_mask(mask: torch.Tensor, pixels: int) -> torch.Tensor:
-    """A mask, and all within a square of so many pixels to each side."""
+    """Return a mask that is grown by a square of so many pixels to each side."""
     values = mask.numpy()
     for axis, n in enumerate(values.shape):
         values = maximum_filter1d(values, min(2 * pixels + 1, 2 * n + 1), axis, mode="constant")

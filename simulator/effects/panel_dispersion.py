@@ -1,4 +1,4 @@
-"""The panel's phase at the wavelengths of a band."""
+"""The effect of the panel's dispersion: its phase at the wavelengths of a band."""
 
 from __future__ import annotations
 
@@ -20,8 +20,6 @@ from simulator.panel_at_wavelength import modulator_at
 from simulator.planning import Bound
 from simulator.situation import Situation
 
-_NODES = 7
-
 
 class PanelDispersion(OnOffBlurEffect):
     name = PANEL_DISPERSION
@@ -34,7 +32,7 @@ class PanelDispersion(OnOffBlurEffect):
         how = f"audited ×{MARGIN:g}: Cauchy-Schwarz; the rms phase error over the band"
         return psf_error_bound(s, change, how, s.pattern_probe.peak)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         rows, columns = s.camera.panel.shape
         return 60.0 * rows * columns if levels[self.name] else 0.0
 
@@ -45,16 +43,20 @@ class PanelDispersion(OnOffBlurEffect):
 
 
 def _total_psf_change(s: Situation) -> float:
+    """Return an upper bound of ‖Δh‖₁ from dispersion over the band and the leak."""
     return _change(s, "band") + (_change(s, "leak") if s.band.leak else 0.0)
 
 
 def _change(s: Situation, which: Literal["band", "leak"]) -> float:
-    """‖Δh‖₁ at most, in the mean over wavelengths as the brightest channel sees them, or as that
-    part and channel does whose share is largest; of the leak by its share of the light."""
+    """Return an upper bound of ‖Δh‖₁ from dispersion, averaged over the band or the leak.
+
+    Each wavelength is weighted by its share of the brightest channel's electrons, or by the largest
+    share that it has in any part and channel. The leak counts by its share of the light.
+    """
     found, band = spectral_measure(s, which), spectral_measure(s, "band")
     if found.is_empty:
         return 0.0
-    nodes, weights = gauss_quadrature(found.wavelengths, found.electrons, _NODES)
+    nodes, weights = gauss_quadrature(found.wavelengths, found.electrons, 7)
     masses = np.maximum(found.electrons.sum(-1).max(0), band.electrons.sum(-1).max(0))
     lit = masses > 0
     shares = np.abs(weights[:, lit]) / masses[lit][None, :, None]
@@ -64,9 +66,10 @@ def _change(s: Situation, which: Literal["band", "leak"]) -> float:
 
 
 def _at(s: Situation, wavelength: float) -> float:
+    """Return an upper bound of ‖Δh‖₁ from dispersion at one wavelength."""
     pixels, panel = sample_pixels(s), s.camera.panel
     there = modulator_at(panel, wavelength)
-    # Only of a panel that is the same all over, some pixels do without the others.
+    # A response that varies over the panel has to be evaluated on all pixels.
     maps = panel.response is not None and panel.response.shares.shape[1:3] != (1, 1)
     figure = 0.0
     if panel.flatness is not None:

@@ -1,4 +1,4 @@
-"""What a panel does besides the pattern, each with the most that it changes of a PSF."""
+"""Effects of the panel's imperfections, each with a bound of what it changes of a PSF."""
 
 from __future__ import annotations
 
@@ -29,15 +29,11 @@ from simulator.planning import Bound
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
-_BLOCK = 64
-_BLOCKS = 4
-"""Along each axis: neighbours' coupling is looked at on so many squares of pixels."""
-
 
 class PanelEffect(OnOffBlurEffect):
-    """One whose datum is in the panel.
+    """An imperfection of the panel, described by one field of Panel.
 
-    panel_field: of Panel, which holds it; neutral_value: what is there without it.
+    panel_field: the name of that field. neutral_value: its value without the effect.
     """
 
     panel_field: ClassVar[str]
@@ -45,7 +41,10 @@ class PanelEffect(OnOffBlurEffect):
 
     @abstractmethod
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """‖Δh‖₁ at most with it against without, whatever else is on; and why."""
+        """Return an upper bound of ‖Δh‖₁ with the effect against without it, and how it is known.
+
+        It holds whatever other effects are on.
+        """
 
     def is_present(self, s: Situation) -> bool:
         return (
@@ -57,7 +56,7 @@ class PanelEffect(OnOffBlurEffect):
         change, how = self.psf_change_bound(s)
         return psf_error_bound(s, change, how, s.pattern_probe.peak)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         rows, columns = s.camera.panel.shape
         return 20.0 * rows * columns if levels[self.name] else 0.0
 
@@ -67,11 +66,11 @@ class PanelEffect(OnOffBlurEffect):
 
 
 class RedirectedLight(PanelEffect):
-    """One that takes a share of the light from where the pattern sends it."""
+    """An imperfection of the panel that moves a share of the light away from the pattern's PSF."""
 
     @abstractmethod
     def redirected_share(self, s: Situation) -> float:
-        """Of the light, at most."""
+        """Return the largest share of the light that the panel redirects."""
 
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
         return 2 * self.redirected_share(s), "proved: light that moves counts twice"
@@ -88,7 +87,7 @@ class Illumination(PanelEffect):
         assert panel.illumination is not None
         light = panel.illumination.at_pixels(panel)
         field = pixels(torch.sqrt(light / light.mean())).to(torch.complex128)
-        # The gap's light is lit as unevenly as the pixels'.
+        # The gaps between pixels are lit as unevenly as the pixels.
         found = psf_distance_bound(pixels, field, torch.ones_like(field)) * _gap_power(panel)
         return margin(s) * found, describe_proof(
             s, "Cauchy-Schwarz; amplitude that isn't the mean's"
@@ -133,7 +132,7 @@ class PanelResponse(PanelEffect):
 
 
 def phase_error_gain(panel: Panel) -> float:
-    """What coupling, illumination and the like may make of a phase error's size."""
+    """Return the factor by which coupling and illumination may enlarge a panel's phase error."""
     lit = 1.0
     if panel.illumination is not None:
         light = panel.illumination.at_pixels(panel)
@@ -169,16 +168,20 @@ class Coupling(PanelEffect):
 def _blocks(
     phase: torch.Tensor, aperture_share: torch.Tensor
 ) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    """Squares of neighbours all over the panel; the whole of a small one."""
+    """Return squares of neighbouring pixels from all over the panel, or the whole of a small one.
+
+    There are 4 x 4 squares of 64 x 64 pixels.
+    """
     rows, columns = phase.shape
-    if rows * columns <= (_BLOCKS * _BLOCK) ** 2:
+    count, side = 4, 64
+    if rows * columns <= (count * side) ** 2:
         return [(phase, aperture_share)]
     found = []
-    for j in range(_BLOCKS):
-        for i in range(_BLOCKS):
-            y = (rows - _BLOCK) * j // (_BLOCKS - 1)
-            x = (columns - _BLOCK) * i // (_BLOCKS - 1)
-            part = slice(y, y + _BLOCK), slice(x, x + _BLOCK)
+    for j in range(count):
+        for i in range(count):
+            y = (rows - side) * j // (count - 1)
+            x = (columns - side) * i // (count - 1)
+            part = slice(y, y + side), slice(x, x + side)
             found.append((phase[part].contiguous(), aperture_share[part]))
     return found
 
@@ -190,8 +193,11 @@ class Flicker(PanelEffect):
     source = "thesis §3.4"
 
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """A ripple's first order averages out: left are the mean field's loss, 1 - J₀, which
-        interferes, and the power that ripples, 2 (1 - J₀)."""
+        """Return an upper bound of ‖Δh‖₁ from flicker, and how it is known.
+
+        The ripple's first order averages out. What is left is the loss of the mean field, 1 - J₀,
+        which interferes, and the power of the ripple, 2 (1 - J₀).
+        """
         pixels, worst = sample_pixels(s), 0.0
         panel = s.camera.panel
         for phase in s.pattern_probe.phases:
@@ -202,7 +208,7 @@ class Flicker(PanelEffect):
             rms = math.sqrt(pixels.mean(lost**2).real)
             worst = max(worst, 2 * pixels.mean(lost).real + 2 * rms)
         spread = _gap_power(panel) * phase_error_gain(panel) ** 2
-        # A response may let phases reach farther than the pattern's own.
+        # A nonlinear response may make phases larger than the pattern's.
         return margin(s) * 1.5 * worst * spread, "audited ×1.5: mean and power of the ripple"
 
     def explain(self, s: Situation) -> str:
@@ -223,6 +229,7 @@ class Jitter(RedirectedLight):
 
 
 def _gap_power(panel: Panel) -> float:
+    """Return the panel's largest power relative to that of its pixels, with light from the gaps."""
     return (1 + gap_amplitude(panel)) ** 2
 
 
@@ -251,7 +258,7 @@ class Flatness(PanelEffect):
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
         panel, pixels = s.camera.panel, sample_pixels(s)
         assert panel.flatness is not None
-        # Short waves of the band see more of it.
+        # The figure's phase is largest at the band's shortest wavelength.
         path = panel.flatness.at_pixels(panel) * (2 * math.pi / s.band.support[0])
         change = (
             phase_error_psf_bound(s, pixels, pixels(path))
@@ -271,7 +278,7 @@ class UnmodulatedLight(RedirectedLight):
     source = "thesis §5.6"
 
     def redirected_share(self, s: Situation) -> float:
-        # All of it, if the cover glass reflected none.
+        # Without front reflection, all of the unmodulated light would be transmitted.
         return max(transmitted_unmodulated_share(s.camera.panel), s.camera.panel.unmodulated)
 
     def explain(self, s: Situation) -> str:

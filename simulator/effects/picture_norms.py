@@ -1,4 +1,4 @@
-"""The least that a picture with every effect has in it: what errors are relative to."""
+"""Lower bounds of the norms of a picture with every effect; errors are relative to these."""
 
 from __future__ import annotations
 
@@ -23,24 +23,20 @@ from simulator.situation import Situation
 
 T = TypeVar("T")
 
-_MARGIN = 0.8
-"""Audited: of what is estimated, what is counted on, for effects that blur besides."""
-
-_PARTS = 4
-
 _SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
-"""Of the light that may fall beyond a square around each point."""
+"""Shares of a PSF's light that may fall beyond a square around its image; each gives a bound."""
 
 
 def minimum_norms(s: Situation) -> MinimumNorms:
-    """Lower bounds of the norms of mean, variance and σ, electrons over the sensor's pixels.
+    """Return lower bounds of the norms of mean, variance and σ, in electrons.
 
-    Of the mean: the largest of three. A pixel has the light of the darkest place that its own
-    light may come from, at least. The light that surely stays on the sensor is least of all seen
-    if it is even (Cauchy-Schwarz); and by frequency no less is left of the sharp picture than
-    the least of its transfer function lets through. All that attenuates counts. Noise: shot noise
-    of that light, dark current and read noise. Of wells that are full, what they would hold if
-    they were deeper: a picture that is burnt has the errors of one that isn't.
+    The norms are over the sensor's pixels. That of the mean is the largest of three bounds. First,
+    a pixel has at least the light of the darkest place within the reach of its PSF. Second, the
+    light that surely stays on the sensor has the least norm if it is uniform (Cauchy-Schwarz).
+    Third, the least of the transfer function leaves at least so much of the sharp picture at each
+    frequency. All attenuation counts. The noise is the shot noise of that light, with dark current
+    and read noise. A full well counts with the electrons that it would hold if it were deeper: an
+    overexposed picture is compared as if it weren't clipped.
     """
     sensor = s.camera.sensor
     pixels = sensor.shape[0] * sensor.shape[1]
@@ -60,8 +56,9 @@ def minimum_norms(s: Situation) -> MinimumNorms:
 
 
 def _min_light(s: Situation) -> tuple[float, float]:
-    """Sum and norm of the picture's light at least, electrons per second."""
-    attenuated, spread = _MARGIN * _min_attenuation(s), _min_light_by_area(s)
+    """Return lower bounds of sum and norm of the picture's light, electrons per second."""
+    # The factor 0.8 is from audits: it allows for effects that blur the picture further.
+    attenuated, spread = 0.8 * _min_attenuation(s), _min_light_by_area(s)
     total = max((one for one, _ in spread), default=0.0)
     norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
     return attenuated * total, attenuated * max(
@@ -70,13 +67,19 @@ def _min_light(s: Situation) -> tuple[float, float]:
 
 
 def _min_attenuation(s: Situation) -> float:
-    """The least of vignetting in the frame, and of what a mosaic's channels see of the light that
-    the best one sees."""
+    """Return the least share of the light that vignetting and colour filters leave.
+
+    The colour filters' share is relative to the light of the best channel.
+    """
     least = vignetting_samples(s, s.camera.sensor.shape, set(s.picture_probe.distances)).min()
     return float(least) * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
 
 
 def _min_channel_share(s: Situation) -> float:
+    """Return the least share of electrons that a colour mosaic's mean pixel has of any part.
+
+    It is relative to the electrons of the part's best channel.
+    """
     colour = s.camera.sensor.colour
     if colour is None:
         return 1.0
@@ -92,7 +95,7 @@ def _min_channel_share(s: Situation) -> float:
 
 
 def _min_lamp_light(s: Situation) -> float:
-    """The least mean light of the lamp that any row sees."""
+    """Return the least mean light of the lamp that any row sees, relative to its mean."""
     lamp = s.target.lamp
     if lamp is None or lamp.is_constant:
         return 1.0
@@ -101,18 +104,20 @@ def _min_lamp_light(s: Situation) -> float:
 
 
 def _blur_margin(s: Situation, share: float) -> int:
-    """Pixels from a point's image beyond which less than a share of its light falls, with what a
-    moving object adds; rounded up to one of four in an octave, so that other patterns share what
-    is found of the picture."""
+    """Return the pixels from a point's image beyond which less than a share of its light falls.
+
+    The image's motion is added. The result is rounded up to one of four values per octave, so that
+    other patterns can use the same results of the picture.
+    """
     reach = (
         s.pattern_probe.reach_of_share(share) * s.band.support[1] / s.wavelength + s.image_motion
     )
     pixels = max(reach / s.camera.sensor.pitch, 1.0)
-    return math.ceil(2 ** (math.ceil(_PARTS * math.log2(pixels)) / _PARTS))
+    return math.ceil(2 ** (math.ceil(4 * math.log2(pixels)) / 4))
 
 
 def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int], T]) -> T:
-    """What follows from the sharp picture alone, found once for each edge."""
+    """Return a result that depends on the sharp picture alone, computed once for each edge."""
     causes = (what, edge, s.camera.sensor.shape)
     if causes not in s.picture_probe.results:
         s.picture_probe.results[causes] = find(edge)
@@ -121,7 +126,10 @@ def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int],
 
 
 def _inner(s: Situation, edge: int) -> torch.Tensor:
-    """The sharp picture in the frame, but for a margin of `edge` pixels; electrons per second."""
+    """Return the sharp picture within the frame, without an edge, in electrons per second.
+
+    edge: pixels of the frame that are set to zero on each side.
+    """
     rows, columns = s.camera.sensor.shape
     picture = s.picture_probe.sharp_picture
     y, x = ((n - m) // 2 + edge for n, m in zip(picture.shape, (rows, columns), strict=True))
@@ -133,7 +141,7 @@ def _inner(s: Situation, edge: int) -> torch.Tensor:
 
 
 def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
-    """Electrons per second that surely fall on so many pixels."""
+    """Return pairs of light and area: electrons per second that surely fall on so many pixels."""
     found = []
     for share in _SHARES:
         edge = _blur_margin(s, share)
@@ -150,7 +158,7 @@ def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
 
 
 def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
-    """The sum of a picture, and how many rows and columns it lies on."""
+    """Return the sum of a picture, and how many rows and columns its light covers."""
     rows, columns = (light > 0).any(1).nonzero(), (light > 0).any(0).nonzero()
     if not len(rows):
         return 0.0, (0, 0)
@@ -159,7 +167,10 @@ def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
 
 
 def _norm_by_neighbourhood(s: Situation) -> float:
-    """Norm, electrons per second, if every pixel had the least light of those around it."""
+    """Return the picture's norm if each pixel had the least light within its PSF's reach.
+
+    In electrons per second.
+    """
     if has_occlusion(s):
         return 0.0
     best = 0.0
@@ -178,7 +189,7 @@ def _norm_by_neighbourhood(s: Situation) -> float:
 
 
 def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
-    """The norm of the frame of which each pixel has the least of all up to an edge around it."""
+    """Return the norm of the frame if each pixel had the least light up to `edge` pixels away."""
     least = s.picture_probe.sharp_picture.clamp(min=0).numpy()
     for axis in (0, 1):
         least = minimum_filter1d(least, 2 * edge + 1, axis, mode="constant")
@@ -187,7 +198,7 @@ def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
 
 
 def _norm_by_frequency(s: Situation) -> float:
-    """Norm, electrons per second, that the transfer function surely leaves of the picture."""
+    """Return the norm in electrons per second that the transfer function leaves at least."""
     if s.target.is_moving or has_occlusion(s):
         return 0.0
     transfer, best = s.pattern_probe.transfer_bounds, 0.0
@@ -200,12 +211,13 @@ def _norm_by_frequency(s: Situation) -> float:
         mean = transfer.mean_square_between(power.low, power.high)
         pixel = np.clip(1 - (np.pi * power.high * s.camera.sensor.pitch) ** 2 / 3, 0, 1)
         squares = np.maximum(power.power * least**2, power.least * mean) * pixel
-        # What falls beyond the frame isn't seen.
+        # At most `share` of the light falls beyond the frame.
         best = max(best, math.sqrt(float(squares.sum())) * (1 - share))
     return best
 
 
 def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:
+    """Return the radial power spectrum of a picture; None without light."""
     return (
         RadialProfile.of(spectrum_of_samples(light), s.picture_probe.plane) if light.any() else None
     )

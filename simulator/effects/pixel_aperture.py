@@ -1,11 +1,13 @@
-"""A pixel sees the mean of the light on its area, not the light at its middle."""
+"""The effect of the pixel aperture: a pixel averages the irradiance over its area."""
 
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
+from simulator.effects.blur_effects import MAX_SINC_LOSS
 from simulator.effects.electron_bounds import (
     PixelwiseEffect,
     max_lamp_seconds,
@@ -14,15 +16,15 @@ from simulator.effects.electron_bounds import (
 from simulator.planning import Bound
 from simulator.situation import Situation
 
-_MOST = 1.2173
-"""Of |1 - sinc a sinc b|, anywhere."""
-
-_MARGIN = 2.0
-"""Audited: light that is finer than the pixels' own Nyquist frequency may carry so much more
-than the finest octave that they resolve."""
-
 
 class PixelAperture(PixelwiseEffect):
+    """The pixel aperture, which takes contrast from fine detail.
+
+    audit_margin: factor, from audits, by which light above the pixels' Nyquist frequency may exceed
+    that in the finest octave that they resolve.
+    """
+
+    audit_margin: ClassVar[float] = 2.0
     name = "pixel aperture"
     recipe_field = "pixel_aperture"
     operations_per_pixel = 6.0
@@ -45,11 +47,13 @@ class PixelAperture(PixelwiseEffect):
         finest = s.picture_probe.power_spectrum.filtered_norm_bound(
             lambda k: (k * pitch >= 0.25).astype(np.float64)
         )
-        change = math.hypot(self._resolved_loss(s), _MARGIN * _MOST * self._aliases(s) * finest)
+        change = math.hypot(
+            self._resolved_loss(s), self.audit_margin * MAX_SINC_LOSS * self._aliases(s) * finest
+        )
         return proportional_error_bound(
             s,
             max_lamp_seconds(s) * change,
-            f"audited ×{_MARGIN:g}: 1 - sinc sinc ≤ (π p k)²/6 in every frequency",
+            f"audited ×{self.audit_margin:g}: 1 - sinc sinc ≤ (π p k)²/6 in every frequency",
         )
 
     def explain(self, s: Situation) -> str:
@@ -58,14 +62,17 @@ class PixelAperture(PixelwiseEffect):
         return f"pixels of {pitch * 1e6:g} µm would take {share:.2g} of the sharp picture"
 
     def _resolved_loss(self, s: Situation) -> float:
-        """What pixels take of the frequencies that they resolve, L2 of electrons per second."""
+        """Return what the pixel aperture takes of the frequencies that the pixels resolve.
+
+        L2 norm in electrons per second.
+        """
         pitch = s.camera.sensor.pitch
         return s.picture_probe.power_spectrum.filtered_norm_bound(
-            lambda k: np.minimum((np.pi * k * pitch) ** 2 / 6, _MOST)
+            lambda k: np.minimum((np.pi * k * pitch) ** 2 / 6, MAX_SINC_LOSS)
         )
 
     def _aliases(self, s: Situation) -> float:
-        """Root of how many frequencies that the lens passes look the same to the pixels."""
+        """Return the root of how many of the light's frequencies alias to one on the pixels."""
         lens = s.camera.lens
         finest = 2 * lens.image_numerical_aperture / s.band.support[0]
         return max(math.ceil(2 * finest * s.camera.sensor.pitch), 1.0)

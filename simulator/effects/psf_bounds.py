@@ -1,14 +1,13 @@
-"""How little a blurred picture's light may be spread, and how far it may go: what many bounds
-need to know of the PSF, whichever effects are on.
+"""Bounds of a PSF's spread and reach that hold whichever effects are on.
 
-Waves are what is meant: that the rays of the same wavefront are told apart counts on its own.
+They hold for waves; the error of replacing waves by rays is counted separately.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -20,36 +19,47 @@ from optics.stop_shadow import share_through_stop
 from optics.validation import as_number
 from simulator.effects.result_cache import cached_per_situation
 from simulator.formation.vignetting import vignetting
-from simulator.formation.windows import max_blur_distance
+from simulator.formation.windows import ORDER_FADE_PIXELS, max_blur_distance
 from simulator.scene.drawable import UniformLight
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
-_MARGIN = 1.3
-"""Audited: a pattern may be brighter at another wavelength of the band, or with some of the
-panel's effects and not others, than with all or with none."""
 
-_FADING = 4.0
-"""Sensor pixels over which the middle order fades into the next."""
+@dataclass(frozen=True)
+class PSFBoundSettings:
+    """Tune the bounds of PSFs that hold whichever effects are on.
 
-_OCTAVE = 1.1
-"""Frequencies that are looked at around one, for the same reason."""
+    Attributes
+    ----------
+    margin : float
+        Factor, from audits: a PSF may be brighter at another wavelength of the band, or with some
+        of the panel's effects, than with all of them or with none.
+    frequency_factor : float
+        Factor by which frequencies around one are searched for the largest modulus, for the same
+        reason.
+    """
+
+    margin: float = 1.3
+    frequency_factor: float = 1.1
+
+
+_SETTINGS = PSFBoundSettings()
 
 
 def has_known_psf(s: Situation) -> bool:
-    """Whether all light has PSFs that are like those which are looked at: of one distance."""
+    """Whether all light has PSFs like the ones that are examined: those of one distance."""
     return len(set(s.picture_probe.distances)) == 1 and not has_occlusion(s)
 
 
 def has_occlusion(s: Situation) -> bool:
-    """Whether anything stands before something else."""
+    """Whether any layer of the target hides another."""
     return any(layer.cover is not None for layer in s.target.layers)
 
 
 @cached_per_situation
 def peak_pixel_share(s: Situation) -> float:
-    """Share of a point's light on a pixel, at most. 1 where the PSF isn't known."""
+    """Return the largest share of a point's light on one pixel; 1 if the PSF isn't known."""
     if not has_known_psf(s):
         return 1.0
     return _on_pixel(s, s.pattern_probe.peak)
@@ -57,8 +67,10 @@ def peak_pixel_share(s: Situation) -> float:
 
 @cached_per_situation
 def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
-    """Sum over pixels of the squared shares of a point's light that they get, at most; of what
-    falls beyond a square of so many metres to each side, if that is given."""
+    """Return the largest sum over pixels of the squared shares that a PSF gives them.
+
+    beyond: if given, only the light beyond a square of so many metres to each side counts.
+    """
     if not has_known_psf(s):
         return 1.0
     return _on_pixel(
@@ -70,40 +82,48 @@ def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
 
 
 def _on_pixel(s: Situation, density: float) -> float:
-    """Of a pixel's area, for a density in the middle of band and field, 1/m²."""
+    """Return a PSF's density in the middle of band and field, 1/m², as a share on a pixel.
+
+    The result is an upper bound over band and field.
+    """
     density *= _brighter(s)
     if s.camera.separation:
-        # Other places light other parts of the panel: amplitudes add.
+        # Off the axis, light passes another part of the panel: amplitudes add.
         lit = open_area(s.camera) / (s.wavelength * as_number(s.camera.ray_matrix_b)) ** 2
         density = (math.sqrt(density) + illuminated_area_change(s) * math.sqrt(lit)) ** 2
     return min(density * s.camera.sensor.pitch**2, 1.0)
 
 
 def zeroth_order_share(s: Situation) -> float:
-    """Share of a point's light that doesn't leave for orders which never come near, at most."""
+    """Return the largest share of a point's light that doesn't go to orders off the sensor."""
     if can_orders_reach_sensor(s) or is_uniform_scene(s):
         return 1.0
     return min(1.05 * s.pattern_probe.zeroth_order_share, 1.0)
 
 
 def can_orders_reach_sensor(s: Situation) -> bool:
-    """Whether any pixel lies half a period from any light's image, where the first one begins."""
+    """Whether side orders of any light can reach a pixel.
+
+    The first order begins half a period from the light's image.
+    """
     shortest = min(s.band.support[0], s.band.leak_range[0] if s.band.leak else math.inf)
     period = s.pattern_probe.period * shortest / s.wavelength
-    return max(max_blur_distance(s)) + _FADING * s.camera.sensor.pitch > period / 2
+    return max(max_blur_distance(s)) + ORDER_FADE_PIXELS * s.camera.sensor.pitch > period / 2
 
 
 def _brighter(s: Situation) -> float:
-    """Than at the middle of the band, at its short end."""
-    return _MARGIN * s.band.centre**2 / s.band.support[0] ** 2
+    """Return how much denser a PSF may be at the band's short end than at its centre."""
+    return _SETTINGS.margin * s.band.centre**2 / s.band.support[0] ** 2
 
 
 def mtf_bound(s: Situation, frequency: Array) -> Array:
-    """|H| at most, of any PSF that may be, at cycles per metre on the sensor."""
+    """Return an upper bound of the MTF |H| of any PSF, at cycles per metre on the sensor."""
     if not has_known_psf(s):
         return np.ones_like(frequency)
-    spread = _OCTAVE * s.band.support[1] / s.band.support[0]
-    most = _MARGIN * s.pattern_probe.transfer_bounds.modulus_bound(frequency.ravel(), spread)
+    spread = _SETTINGS.frequency_factor * s.band.support[1] / s.band.support[0]
+    most = _SETTINGS.margin * s.pattern_probe.transfer_bounds.modulus_bound(
+        frequency.ravel(), spread
+    )
     if s.camera.separation:
         differs = illuminated_area_change(s)
         most = most + 2 * math.sqrt(differs) + differs
@@ -111,8 +131,11 @@ def mtf_bound(s: Situation, frequency: Array) -> Array:
 
 
 def illuminated_area_change(s: Situation) -> float:
-    """Area of the panel that is lit from the axis or from a corner, and not from both, over what
-    is lit from the axis: a shadow that moves by v changes v times its width on either side."""
+    """Return the panel's area that is lit from only one of the axis and a corner of the field.
+
+    It is relative to the area that is lit from the axis. A shadow that moves by v changes v times
+    its width on either side.
+    """
     sensor, lens = s.camera.sensor, s.camera.lens
     corner = math.hypot(*(n * sensor.pitch / 2 for n in sensor.shape))
     moved = as_number(s.camera.separation) * corner / lens.image_distance
@@ -124,8 +147,10 @@ def illuminated_area_change(s: Situation) -> float:
 
 @cached_per_situation
 def max_vignetting_change(s: Situation) -> float:
-    """Share of a point's light that is lost or gained off the axis, on a few places of the frame
-    and its margin, corners among them."""
+    """Return the largest share of a point's light that is lost or gained off the axis.
+
+    It is computed at a few places of the frame and its margin, the corners included.
+    """
     distances = {min(s.picture_probe.distances), max(s.picture_probe.distances)}
     return float((vignetting_samples(s, s.picture_probe.plane.shape, distances) - 1).abs().max())
 
@@ -133,8 +158,10 @@ def max_vignetting_change(s: Situation) -> float:
 def vignetting_samples(
     s: Situation, shape: Sequence[int], distances: Collection[float]
 ) -> torch.Tensor:
-    """Share of the light that each distance's places keep: 9 x 9 of them over so many pixels,
-    from corner to corner."""
+    """Return the share of the light that vignetting leaves, for each distance.
+
+    It is computed at 9 x 9 places from corner to corner of `shape` pixels.
+    """
     camera = s.camera
     if not s.mount.is_aligned:
         camera = replace(camera, lens=s.mount.lens_in_panel_axes(camera.lens))
@@ -144,7 +171,7 @@ def vignetting_samples(
 
 
 def is_uniform_scene(s: Situation) -> bool:
-    """Whether all light is endless and even, and nothing stands before it."""
+    """Whether all light is uniform and endless, and no layer hides another."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return (
         bool(parts) and all(isinstance(one, UniformLight) for one in parts) and not has_occlusion(s)
@@ -152,6 +179,8 @@ def is_uniform_scene(s: Situation) -> bool:
 
 
 def blur_sensitivity(s: Situation) -> float:
-    """How much of the light a change of the PSF can change at all: endless even light stays so,
-    but for what vignetting makes of it."""
+    """Return the largest share of the light that a change of the PSF can change.
+
+    Uniform, endless light stays so, except for what vignetting changes of it.
+    """
     return min(max_vignetting_change(s), 1.0) if is_uniform_scene(s) else 1.0

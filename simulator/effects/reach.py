@@ -1,8 +1,9 @@
-"""How far from its image a point's light is followed."""
+"""The effect of a PSF's reach: how far from its image a point's light is computed."""
 
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 from optics.validation import as_number
 from simulator.effects.blur_effects import BlurEffect, occlusion_factor
@@ -13,69 +14,78 @@ from simulator.effects.electron_bounds import (
     total_electrons,
 )
 from simulator.effects.psf_bounds import blur_sensitivity, psf_energy_bound
-from simulator.effects.rendering_work import PSF_REACH, PSF_WINDOWS, first_level_reaching
+from simulator.effects.rendering_work import LEVELS, PSF_REACH, first_level_reaching
 from simulator.effects.spectra import leak_share
 from simulator.formation.windows import max_blur_distance
 from simulator.planning import Bound
 from simulator.situation import Situation
 
-_MARGIN = 1.5
-"""Audited: with some of the panel's effects off, or all on, more light may go far."""
-
-_FADING = 6.0
-"""Sensor pixels beyond a period, over which the next order comes in."""
-
 
 class PSFReach(BlurEffect):
+    """The light of a PSF outside its window.
+
+    audit_margin: factor of the error bound, from audits. With some of the panel's effects off, or
+    all on, more light may fall outside.
+    """
+
+    audit_margin: ClassVar[float] = 1.5
     name = PSF_REACH
     kind = "stage"
-    recipe_field, recipe_values = "window", PSF_WINDOWS
+    recipe_field, recipe_values = "window", LEVELS.windows
     physics = "a PSF's skirts reach far, and hold little light at a time"
     source = "far field of the shown pattern"
-    levels = tuple(f"{n} px" for n in PSF_WINDOWS)
+    levels = tuple(f"{n} px" for n in LEVELS.windows)
 
     def finest_level(self, s: Situation) -> int:
-        """All of the panel's middle order, at the longest wavelength, that can fall on a pixel."""
+        """Return the level whose window holds all of the zeroth order that can reach a pixel.
+
+        The order is widest at the longest wavelength.
+        """
         longest = max(s.band.support[1], s.band.leak_range[1] if s.band.leak else 0.0)
         period = longest * as_number(s.camera.ray_matrix_b) / s.camera.panel.pitch
         far = min(period, 2 * max(max_blur_distance(s)))
-        return first_level_reaching(PSF_WINDOWS, far / s.camera.sensor.pitch + _FADING)
+        # The next order fades in over 6 pixels beyond a period.
+        return first_level_reaching(LEVELS.windows, far / s.camera.sensor.pitch + 6.0)
 
     def estimated_error(self, s: Situation, level: int) -> float:
         return 0.0 if level >= self.finest_level(s) else 0.5 * _beyond(s, level)
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
-        how = f"audited ×{_MARGIN:g}: Young; light beyond, in the far field"
+        how = f"audited ×{self.audit_margin:g}: Young; light beyond, in the far field"
         missing = sum(
             share * math.sqrt(psf_energy_bound(s, _half(s, level, longest)))
             for share, longest in _waves(s)
         ) * total_electrons(s)
-        change = min(
-            _MARGIN * _beyond(s, level) * sharp_norm_bound(s), missing, light_norm_bound(s)
-        )
+        outside = self.audit_margin * _beyond(s, level)
+        change = min(outside * sharp_norm_bound(s), missing, light_norm_bound(s))
         return sensor_error_bound(s, occlusion_factor(s) * blur_sensitivity(s) * change, how)
 
     def explain(self, s: Situation) -> str:
-        half = PSF_WINDOWS[0] / 2
+        half = LEVELS.windows[0] / 2
         return f"{_beyond(s, 0):.2g} of a point's light falls more than {half:.0f} pixels from it"
 
 
 def _waves(s: Situation) -> list[tuple[float, float]]:
-    """Shares of the light, at most, and the longest wavelength of each, which is spread the
-    farthest: of the band, and of what leaks beside it."""
+    """Return the largest shares of the light and the longest wavelength, of band and leak.
+
+    PSFs are widest at the longest wavelength.
+    """
     leak = [(leak_share(s), s.band.leak_range[1])] if s.band.leak else []
     return [(1.0, s.band.support[1]), *leak]
 
 
 def _half(s: Situation, level: int, longest: float) -> float:
-    """Metres from a point's image to the sides of the window, as if light of a wavelength were of
-    the middle one."""
-    half = (PSF_WINDOWS[level] / 2 - 1) * s.camera.sensor.pitch
+    """Return the metres from a point's image to the side of a PSF's window, at the band's centre.
+
+    They are scaled from the longest wavelength to the centre.
+    """
+    half = (LEVELS.windows[level] / 2 - 1) * s.camera.sensor.pitch
     turned = abs(math.cos(2 * s.mount.rotation)) < 1 - 1e-9
     return half * s.wavelength / longest / (math.sqrt(2) if turned else 1.0)
 
 
 def _beyond(s: Situation, level: int) -> float:
+    """Return the share of a point's light outside the PSF's window."""
     found = (
         share * s.pattern_probe.share_beyond(_half(s, level, longest))
         for share, longest in _waves(s)

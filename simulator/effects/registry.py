@@ -1,4 +1,4 @@
-"""All effects, in the order in which light meets them."""
+"""List all effects, in the order in which light meets them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What a picture takes, by the levels of all effects: the rules that the ledger is filled by."""
+"""Predict the operations of rendering a picture from the levels of all effects.
+
+The ledger counts a rendered picture's operations by the same rules.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +17,41 @@ from simulator.formation.work import psf_operations, ray_operations, transform_o
 from simulator.recipe import SMALLEST_WINDOW
 from simulator.situation import Situation
 
-WAVELENGTH_COUNTS = (1, 2, 3, 5, 7, 9, 13, 17, 25, 33)
-LEAK_COUNTS = (0, 4, 8, 16)
-DEPTH_COUNTS = (1, 2, 3, 5, 9, 17, 33)
-FIELD_COUNTS = (1, 3, 5, 9)
-ORDER_COUNTS = (0, 1, 2)
-SAMPLE_COUNTS = (1, 2, 3, 4, 6, 8)
-PSF_WINDOWS = (SMALLEST_WINDOW, 128, 256, 512, 1024, 2048, 4096)
+
+@dataclass(frozen=True)
+class RenderingLevels:
+    """List what a recipe's fields are at each level of the effects, the coarsest first.
+
+    All values were chosen.
+
+    Attributes
+    ----------
+    wavelengths : tuple of int
+        Nodes in the filter's band.
+    leak : tuple of int
+        Nodes of the light that leaks outside the band.
+    depths : tuple of int
+        Nodes of distance.
+    places : tuple of int
+        Nodes along each axis of the field.
+    orders : tuple of int
+        Diffraction orders of the panel's pixel grid on each side.
+    samples : tuple of int
+        Samples of a picture along each axis of a pixel, before it is blurred.
+    windows : tuple of int
+        Sides of the PSF's window in sensor pixels.
+    """
+
+    wavelengths: tuple[int, ...] = (1, 2, 3, 5, 7, 9, 13, 17, 25, 33)
+    leak: tuple[int, ...] = (0, 4, 8, 16)
+    depths: tuple[int, ...] = (1, 2, 3, 5, 9, 17, 33)
+    places: tuple[int, ...] = (1, 3, 5, 9)
+    orders: tuple[int, ...] = (0, 1, 2)
+    samples: tuple[int, ...] = (1, 2, 3, 4, 6, 8)
+    windows: tuple[int, ...] = (SMALLEST_WINDOW, 128, 256, 512, 1024, 2048, 4096)
+
+
+LEVELS = RenderingLevels()
 
 FILTER_BANDWIDTH, OUT_OF_BAND_LEAK, FIELD_POSITION, PANEL_ORDERS = (
     "filter bandwidth",
@@ -48,16 +79,21 @@ ATTRIBUTION_ORDER = (
     VIGNETTING,
     PANEL_ORDERS,
 )
-"""In which their work is told apart: each adds to those before."""
+"""Order in which the effects' operations are told apart: each effect's operations are those that
+it adds to the effects before."""
 
 _RELEVANT_EFFECTS = (*ATTRIBUTION_ORDER, "depth layers", "colour filter array", "flicker")
-"""Effects whose levels make a difference."""
+"""Effects whose levels change the number of operations."""
 
 
 @dataclass(frozen=True)
 class _Counts:
-    """PSFs of the middle order, orders beside it, transforms of all samples but those of pictures
-    as they are drawn, pictures, samples a pixel."""
+    """Counts of the steps of rendering a picture.
+
+    psfs: PSFs of the zeroth order. orders: other orders of each PSF. transforms: Fourier transforms
+    of all samples, except for those of pictures when they are drawn. pictures: pictures that are
+    drawn. samples: along each axis of a pixel. wave: whether light is a wave, or rays.
+    """
 
     psfs: float
     orders: float
@@ -68,9 +104,12 @@ class _Counts:
 
 
 def added_operations(s: Situation, levels: Mapping[str, int], name: str) -> float:
-    """Operations that an effect adds to a picture with those before it in ATTRIBUTION_ORDER."""
+    """Return the operations that an effect adds to those of the effects before it.
+
+    The effects' order is ATTRIBUTION_ORDER.
+    """
     place = ATTRIBUTION_ORDER.index(name)
-    # What doesn't count isn't looked at: a plan asks again only where something else counts.
+    # Only levels that matter are read: a plan asks again only if one of those changes.
     seen = {
         one: levels.get(one, 0)
         for one in _RELEVANT_EFFECTS
@@ -80,17 +119,18 @@ def added_operations(s: Situation, levels: Mapping[str, int], name: str) -> floa
 
 
 def rendering_operations(s: Situation, levels: Mapping[str, int]) -> float:
-    """Of all that is rendered, without what the sensor does."""
+    """Return the operations of rendering a picture, without those of the sensor's stages."""
     return _operations(s, tuple(levels.get(one, 0) for one in _RELEVANT_EFFECTS))
 
 
 @cached_per_situation
 def _operations(s: Situation, found: tuple[int, ...]) -> float:
+    """Return the operations of rendering, cached by the levels of the relevant effects."""
     levels = dict(zip(_RELEVANT_EFFECTS, found, strict=True))
     counts = _count_steps(s, levels)
     reach, orders = (
-        PSF_WINDOWS[levels.get(PSF_REACH, 0)],
-        ORDER_COUNTS[levels.get(PANEL_ORDERS, 0)] * counts.wave,
+        LEVELS.windows[levels.get(PSF_REACH, 0)],
+        LEVELS.orders[levels.get(PANEL_ORDERS, 0)] * counts.wave,
     )
     down, across = (n * counts.samples for n in psf_window(s, reach))
     one = psf_operations if counts.wave else ray_operations
@@ -105,27 +145,28 @@ def _operations(s: Situation, found: tuple[int, ...]) -> float:
 
 
 def _picture_oversampling(s: Situation, levels: Mapping[str, int]) -> float:
-    """Samples of pictures over those of the light."""
-    along = math.ceil(SAMPLE_COUNTS[levels.get(LIGHT_SAMPLING, 0)] / s.coarsest_sampling)
+    """Return the samples of a picture when it is drawn, over the samples of the light."""
+    along = math.ceil(LEVELS.samples[levels.get(LIGHT_SAMPLING, 0)] / s.coarsest_sampling)
     return float(along**2)
 
 
 def _count_steps(s: Situation, levels: Mapping[str, int]) -> _Counts:
+    """Count the PSFs, transforms and pictures that rendering a picture takes."""
     target = s.target.for_camera(s.camera)
     parts = sum(len(layer.parts) for layer in target.layers)
     distances = {layer.distance for layer in target.layers}
     nodes = (
-        WAVELENGTH_COUNTS[levels.get(FILTER_BANDWIDTH, 0)]
-        + LEAK_COUNTS[levels.get(OUT_OF_BAND_LEAK, 0)]
+        LEVELS.wavelengths[levels.get(FILTER_BANDWIDTH, 0)]
+        + LEVELS.leak[levels.get(OUT_OF_BAND_LEAK, 0)]
     )
-    depths = min(DEPTH_COUNTS[levels.get("depth layers", 0)], len(distances))
-    places = FIELD_COUNTS[levels.get(FIELD_POSITION, 0)] ** 2
+    depths = min(LEVELS.depths[levels.get("depth layers", 0)], len(distances))
+    places = LEVELS.places[levels.get(FIELD_POSITION, 0)] ** 2
     fields = (2 if levels.get(POLARISATION_INTERFERENCE, 0) else 1) * _flicker_field_count(
         s, levels
     )
-    # Those that don't meet the sensor aren't computed.
+    # Orders that don't reach the sensor aren't computed.
     orders = (
-        (2 * ORDER_COUNTS[levels.get(PANEL_ORDERS, 0)] + 1) ** 2 - 1
+        (2 * LEVELS.orders[levels.get(PANEL_ORDERS, 0)] + 1) ** 2 - 1
         if can_orders_reach_sensor(s)
         else 0
     )
@@ -133,14 +174,16 @@ def _count_steps(s: Situation, levels: Mapping[str, int]) -> _Counts:
     cells = max(1, len(s.panel_content.pictures))
     psfs = nodes * depths * places * fields * cells
     if is_uniform_scene(s) and not levels.get(VIGNETTING, 0):
-        # Nothing to be blurred.
+        # Uniform light stays uniform however it is blurred: no PSF is needed.
         psfs = parts = 0
     channels = channels if levels.get("colour filter array", 0) else 1
     wave = bool(levels.get(DIFFRACTION, 0))
-    # Of objects: once, and if they are weighed, back and once for each place.
+    # Each part is transformed once. If its light is weighted over the field, it is transformed
+    # back, and then once for each place.
     weighing = 1 + places if levels.get(VIGNETTING, 0) or places > 1 else 0
     straight = parts * (1 + weighing) + places * min(nodes * len(distances), parts * channels)
-    # By orders each wavelength's picture stands elsewhere, and is drawn there.
+    # Each order shifts a picture by a distance that depends on the wavelength: the picture is
+    # drawn anew for each.
     pictures = parts * (1 + orders * nodes) if wave else parts
     aside = orders * nodes * parts * (1 + weighing + places) if wave else 0
     blurs = straight + aside - pictures
@@ -148,7 +191,7 @@ def _count_steps(s: Situation, levels: Mapping[str, int]) -> _Counts:
 
 
 def _flicker_field_count(s: Situation, levels: Mapping[str, int]) -> int:
-    """Fields that stand for a flickering one."""
+    """Return the number of fields that represent a panel's flickering field."""
     if not levels.get("flicker", 0):
         return 1
     reach = max(float(phase.abs().max()) for phase in s.pattern_probe.phases)
@@ -156,7 +199,7 @@ def _flicker_field_count(s: Situation, levels: Mapping[str, int]) -> int:
 
 
 def first_level_reaching(values: tuple[int, ...], least: float) -> int:
-    """The level of the first value that is as large, or of the last."""
+    """Return the level of the first value that is at least `least`, or the last level."""
     for level, value in enumerate(values):
         if value >= least:
             return level

@@ -1,4 +1,4 @@
-"""What is found once: for a situation, or for all exposures of what stands before a camera."""
+"""Keep results that effects compute for a situation, or for all exposures of a scene."""
 
 from __future__ import annotations
 
@@ -15,8 +15,11 @@ P = ParamSpec("P")
 def cached_per_situation(
     find: Callable[Concatenate[Situation, P], T],
 ) -> Callable[Concatenate[Situation, P], T]:
-    """Let a function's answers be kept with the situation that they are of, and go with it: a
-    cache of its own would hold situations, and all that they know, that nobody has any more."""
+    """Decorate a function of a situation so that its results are kept with the situation.
+
+    The results are deleted with the situation. A cache of the function's own would keep situations
+    alive that nothing else uses any more.
+    """
 
     @functools.wraps(find)
     def wrapper(s: Situation, /, *args: P.args, **options: P.kwargs) -> T:
@@ -31,10 +34,10 @@ def cached_per_situation(
 
 
 def cached_across_exposures(s: Situation, what: str, find: Callable[[], T]) -> T:
-    """What was found of a situation that differs in nothing but exposure and moment, or is now.
+    """Return a result that doesn't depend on exposure time and start, computing it once.
 
-    what: names it, and everything else that it follows from. Where anything moves, an exposure
-    has its own.
+    what: name of the result, and of everything else that it depends on. If the target moves, each
+    exposure time has a result of its own.
     """
     moving = s.exposure if s.target.is_moving else None
     causes = (what, s.picture_probe, s.band, s.camera, s.mount, moving)

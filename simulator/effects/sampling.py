@@ -1,58 +1,76 @@
-"""Samples of the light in each pixel."""
+"""The effect of sampling a picture in each pixel before it is blurred."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.effects.blur_effects import BlurEffect, transfer_error_bound
 from simulator.effects.psf_bounds import has_occlusion, mtf_bound
-from simulator.effects.rendering_work import LIGHT_SAMPLING, PSF_WINDOWS, SAMPLE_COUNTS
+from simulator.effects.rendering_work import LEVELS, LIGHT_SAMPLING
 from simulator.planning import Bound
 from simulator.probing.radial import Gain
 from simulator.situation import Situation
 
-_FINEST = 4
 
-_MARGIN = 2.0
-"""Audited: what is finer than pixels isn't known of a picture, only its finest detail."""
+@dataclass(frozen=True)
+class LightSamplingSettings:
+    """Tune how finely pictures are sampled, and the error bound of their samples.
 
-_TOP = 0.4
-"""Cycles a pixel, from which on detail tells of what is finer."""
+    Attributes
+    ----------
+    max_samples_per_pixel : int
+        Samples along each axis of a pixel at the finest level. Chosen.
+    max_samples : int
+        Samples of a whole picture, at most. Chosen.
+    margin : float
+        Factor of the error bound, from audits: of detail finer than pixels, only the finest that
+        pixels resolve is known.
+    fine_detail : float
+        Cycles per pixel from which on a picture's detail is taken to go on beyond what pixels
+        resolve. Chosen.
+    """
+
+    max_samples_per_pixel: int = 4
+    max_samples: int = 2**27
+    margin: float = 2.0
+    fine_detail: float = 0.4
 
 
-_MOST = 2**27
-"""Samples of a picture that are drawn at most."""
+_SETTINGS = LightSamplingSettings()
 
 
 class LightSampling(BlurEffect):
-    """Of pictures, before they are blurred: the light itself has always as many samples as
-    resolve its finest fringe."""
+    """The samples of pictures before they are blurred.
+
+    The blurred light always has enough samples to resolve its finest fringe.
+    """
 
     name = LIGHT_SAMPLING
     kind = "stage"
-    recipe_field, recipe_values = "picture_samples_per_pixel", SAMPLE_COUNTS
+    recipe_field, recipe_values = "picture_samples_per_pixel", LEVELS.samples
     typical_bound_share = 0.5
     physics = "detail of the object that is finer than the samples looks like coarser detail"
     source = "Shannon; Gaskill, Linear Systems"
-    levels = tuple(str(n) for n in SAMPLE_COUNTS)
+    levels = tuple(str(n) for n in LEVELS.samples)
 
     def finest_level(self, s: Situation) -> int:
         if _has_exact_spectra(s):
             return 0
-        pixels = math.prod(n + PSF_WINDOWS[0] for n in s.camera.sensor.shape)
+        pixels = math.prod(n + LEVELS.windows[0] for n in s.camera.sensor.shape)
         most = [
             level
-            for level, n in enumerate(SAMPLE_COUNTS)
-            if n <= _FINEST and n * n * pixels <= _MOST
+            for level, n in enumerate(LEVELS.samples)
+            if n <= _SETTINGS.max_samples_per_pixel and n * n * pixels <= _SETTINGS.max_samples
         ]
         return max(most)
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
-        samples = max(SAMPLE_COUNTS[level], s.coarsest_sampling)
-        how = f"audited ×{_MARGIN:g}: what a picture's edges fold back, as blurred"
+        samples = max(LEVELS.samples[level], s.coarsest_sampling)
+        how = f"audited ×{_SETTINGS.margin:g}: what a picture's edges fold back, as blurred"
         return transfer_error_bound(s, _aliasing_gain(s, samples), how)
 
     def explain(self, s: Situation) -> str:
@@ -63,12 +81,13 @@ class LightSampling(BlurEffect):
 
 
 def _aliasing_gain(s: Situation, samples: int) -> Gain:
-    """What so few samples in a pixel fold back, by frequency, of what is there.
+    """Return the bound of a picture's aliasing by frequency, for so many samples per pixel.
 
-    A picture's spectrum falls with 1/k where it has edges, and the mean over a sample's cell with
-    another: (k / (n - k))² of what is at k comes from beyond the samples' Nyquist frequency, k in
-    cycles a pixel. What lies between the pixels' Nyquist frequency and that is as much as just
-    below it, and falls on. The blur takes contrast from either.
+    Where a picture has edges, its spectrum falls with 1/k, and the mean over a sample's cell falls
+    with another 1/k: aliases from beyond the samples' Nyquist frequency add (k / (n - k))² of the
+    spectrum at k cycles per pixel, for n samples. Between the Nyquist frequencies of pixels and
+    samples, the spectrum begins as just below the former, and falls further. The blur takes
+    contrast from both.
     """
     pitch, falls = s.camera.sensor.pitch, min(_spectral_decay(s), 2)
 
@@ -81,13 +100,17 @@ def _aliasing_gain(s: Situation, samples: int) -> Gain:
     def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
         cycles = k * pitch
         known = aliased_share(np.minimum(cycles, samples / 2))
-        return _MARGIN * np.where(cycles >= _TOP, np.hypot(known, beyond.max()), known)
+        total = np.where(cycles >= _SETTINGS.fine_detail, np.hypot(known, beyond.max()), known)
+        return _SETTINGS.margin * total
 
     return gain
 
 
 def _spectral_decay(s: Situation) -> int:
-    """With which power of the frequency the pictures' spectra fall where pixels end, at least."""
+    """Return the least power of the frequency with which the pictures' spectra fall.
+
+    It is that at the pixels' Nyquist frequency.
+    """
     found = []
     for layer in s.target.layers:
         scale = s.camera.magnification(layer.distance)
@@ -98,6 +121,6 @@ def _spectral_decay(s: Situation) -> int:
 
 
 def _has_exact_spectra(s: Situation) -> bool:
-    """Whether the spectra of all pictures are known, whatever the samples."""
+    """Whether the spectra of all pictures are known by formula, for any samples."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return all(one.has_exact_spectrum for one in parts) and not has_occlusion(s)

@@ -1,4 +1,4 @@
-"""What the sensor's electronics do to the electrons of each pixel."""
+"""Effects of the sensor's electronics on the electrons of each pixel."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class DarkCurrent(PixelwiseEffect):
         change = dark_current_electrons(s) * sqrt_pixel_count(s) + hot_pixel_norm(s)
         how = "proved: so many more electrons in every pixel"
         bound = sensor_error_bound(s, change, how, read_noise=False)
-        # σ grows by the root of the variance that is added, at most.
+        # σ grows by at most the square root of the added variance.
         slope = bound.variance / change
         hot = s.camera.sensor.hot_current * s.exposure
         count = affected_pixel_bound(s.camera.sensor.hot, pixel_count(s))
@@ -90,7 +90,10 @@ class FixedPattern(PixelwiseEffect):
         )
 
     def _offsets(self, s: Situation) -> Bound:
-        """Offsets move means; variance only by rounding and at the converter's ends."""
+        """Return the error bound of the pixels' offsets (DSNU).
+
+        Offsets move means; they change variances only by rounding and at the converter's ends.
+        """
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         if not sensor.dsnu:
             return Bound()
@@ -137,7 +140,10 @@ class Clipping(PixelwiseEffect):
         )
 
     def _above(self, s: Situation) -> Bound:
-        """Of pixels that can come near the limit, at most so many as their squares allow."""
+        """Return the error bound of pixels that may clip at the upper end.
+
+        Their number is limited by the sum of their squared electrons.
+        """
         how = "proved: excess of the brightest pixel, in as many pixels as the light allows"
         if not can_clip(s):
             return Bound(how=how)
@@ -153,7 +159,7 @@ class Clipping(PixelwiseEffect):
         return Bound(excess * root, varied * root, math.sqrt(varied) * root, how=how)
 
     def _below(self, s: Situation) -> Bound:
-        """Of dark pixels whose noise reaches below the number 0."""
+        """Return the error bound of dark pixels whose noise reaches below the number 0."""
         sensor = s.camera.sensor
         noise = sensor.read_noise + sensor.gain
         how = "proved: noise below the number 0"
@@ -183,9 +189,10 @@ class ReadNoise(PixelwiseEffect):
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         read, step = sensor.read_noise, sensor.gain
-        # Rounding hides or shows some of it, and so does the converter's end.
+        # Rounding, and clipping at the converter's ends, change how much read noise appears.
         kink = 0.5 * (read + MAX_PIXEL_SIGMAS * sensor.dsnu) if self._can_be_clipped(s) else 0.0
-        # Whole electrons in steps of about as many: roundings follow the electrons for a while.
+        # If a step of the converter is about an electron, rounding depends on the number of
+        # electrons.
         beat = min(step, 1.0) * math.sqrt(electron_norm_bound(s) * root)
         knee = read * math.sqrt(peak_electrons(s)) if self._can_be_clipped(s) else 0.0
         return Bound(
@@ -203,6 +210,7 @@ class ReadNoise(PixelwiseEffect):
         )
 
     def _can_be_clipped(self, s: Situation) -> bool:
+        """Whether the converter's ends can clip read noise."""
         sensor = s.camera.sensor
         return can_clip_at_zero(sensor) or (
             can_clip(s) and clipping_onset(sensor) < sensor.full_well
@@ -225,8 +233,11 @@ class Quantisation(PixelwiseEffect):
         return sensor.gain**2 / 12 / (noise + sensor.gain**2 / 12)
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Rounding moves a number by half a step, and so its mean and, by Minkowski, its σ; the
-        variance by the sum of both σ times that."""
+        """Return the bound of the error without quantisation.
+
+        Rounding moves a number by at most half a step. So it moves the mean, and, by Minkowski, σ;
+        the variance changes by the sum of both σ times that.
+        """
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         half = sensor.gain / 2
         spread = math.sqrt(electron_norm_bound(s) * root) + sensor.read_noise * root

@@ -1,9 +1,10 @@
-"""Photons come by chance."""
+"""The effect of shot noise: the number of photons is random."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import ClassVar
 
 from optics.camera import Sensor
 from optics.sensor.stages import FEW_ELECTRONS
@@ -21,19 +22,15 @@ from simulator.effects.electron_bounds import (
 from simulator.planning import Bound, Effect
 from simulator.situation import Situation
 
-_DRAWING = (0.0, 20.0, 24.0, 180.0)
-"""Operations of a pixel by level: a normal number takes as long as 20 of a transform's, one of
-Poisson's distribution as 180."""
-
-_DISTANCE = 0.068
-"""Of the normal and Poisson's cumulative distributions, times sqrt(electrons): 1/(6 sqrt(2π)) of
-Edgeworth's first term, and 2 % for those that follow it from ten electrons on."""
-
-_BENT = 3e-4
-"""The same of one that is bent by the third and fourth moments, at ten electrons."""
-
 
 class ShotNoise(Effect):
+    """Shot noise, as Poisson's distribution or as a normal one that approximates it.
+
+    operations_by_level: per pixel. A normal number takes as long as 20 operations of a Fourier
+    transform, one of Poisson's distribution as long as 180.
+    """
+
+    operations_by_level: ClassVar[tuple[float, ...]] = (0.0, 20.0, 24.0, 180.0)
     name = "shot noise"
     kind = "stage"
     recipe_field, recipe_values = "shot", ("none", "Gaussian", "skewed", "Poisson")
@@ -55,8 +52,8 @@ class ShotNoise(Effect):
             level
         ](s)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
-        return _DRAWING[levels[self.name]] * pixel_count(s)
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
+        return self.operations_by_level[levels[self.name]] * pixel_count(s)
 
     def explain(self, s: Situation) -> str:
         most, least = peak_electrons(s), dark_current_electrons(s)
@@ -71,14 +68,18 @@ class ShotNoise(Effect):
         )
 
     def _bound_without_noise(self, s: Situation) -> Bound:
-        """A variance of the electrons' number, up to a rounding step, and as a knee bends it."""
+        """Return the bound of leaving shot noise out.
+
+        It is the variance of the number of electrons, with a rounding step and the full well's
+        effect.
+        """
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         step = sensor.gain
         kinked = 0.5 * math.sqrt(peak_electrons(s) * full_well_bounds(s).count)
         if can_clip_at_zero(sensor):
             kinked += 0.5 * (sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu) * root
         floor = 1.5 * sensor.read_noise**2 + step**2
-        # Of all pixels' electrons at most (Cauchy-Schwarz).
+        # The root of the sum of all pixels' electrons is at most this (Cauchy-Schwarz).
         spread = math.sqrt(electron_norm_bound(s) * root)
         normal = self._gaussian_bound(s)
         return Bound(
@@ -90,7 +91,12 @@ class ShotNoise(Effect):
         )
 
     def _gaussian_bound(self, s: Situation) -> Bound:
-        """Means and variances agree but where wells and roundings cut the distributions."""
+        """Return the bound of replacing Poisson's distribution by a normal one.
+
+        Means and variances agree except where full wells and rounding cut the distributions. The
+        cumulative distributions differ by 0.068 / √electrons: 1/(6 √(2π)) from Edgeworth's first
+        term, and 2 % more for the following terms, from ten electrons on.
+        """
         sensor, count = s.camera.sensor, sqrt_pixel_count(s)
         step = sensor.gain / math.sqrt(FEW_ELECTRONS)
         most = math.sqrt(peak_electrons(s))
@@ -102,27 +108,33 @@ class ShotNoise(Effect):
             mean * count + 0.2 * wells,
             variance * count + 0.6 * knee * wells,
             _sigma(variance, sensor) * count + math.sqrt(0.6 * knee) * wells,
-            _DISTANCE / math.sqrt(FEW_ELECTRONS),
+            0.068 / math.sqrt(FEW_ELECTRONS),
             "audited ×1.5: first term of Edgeworth's series",
         )
 
     def _skewed_gaussian_bound(self, s: Situation) -> Bound:
-        """What is left, at ten electrons; of more it's less."""
-        sensor, count = s.camera.sensor, sqrt_pixel_count(s)
-        mean = _BENT * (4 + sensor.gain)
-        variance = _BENT * (8 + 3 * sensor.gain**2)
+        """Return the bound of replacing Poisson's distribution by a skewed normal one.
+
+        The skewed one has the right third and fourth moments. The cumulative distributions differ
+        by 3e-4 at ten electrons, and by less for more electrons.
+        """
+        sensor, count, distance = s.camera.sensor, sqrt_pixel_count(s), 3e-4
+        mean = distance * (4 + sensor.gain)
+        variance = distance * (8 + 3 * sensor.gain**2)
         return Bound(
             mean * count,
             variance * count,
             _sigma(variance, sensor) * count,
-            _BENT,
+            distance,
             "audited ×1.1: against Poisson's distribution, from ten electrons on",
         )
 
 
 def _sigma(variance: float, sensor: Sensor) -> float:
-    """What a change of a variance is of the standard deviation, where it is least: a step of the
-    converter may hide all of it."""
+    """Return the largest change of a standard deviation for a change of the variance.
+
+    It is largest where the variance is least: a step of the converter may hide all of it.
+    """
     return (
         math.sqrt(variance)
         if sensor.gain**2 > FEW_ELECTRONS

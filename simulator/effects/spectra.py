@@ -1,4 +1,4 @@
-"""The light of a band by wavelength, and how well a few wavelengths stand for it."""
+"""The light of a filter's band by wavelength, and the quadrature errors of few wavelengths."""
 
 from __future__ import annotations
 
@@ -21,37 +21,45 @@ from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
-_NODES = 49
-"""Wavelengths by which transfer functions are known over a band."""
-
 
 @dataclass(frozen=True, eq=False)
 class SpectralMeasure:
-    """Light by wavelength: points in metres, and electrons of each channel and part there,
-    (channels, parts, points), relative to all of the brightest channel's."""
+    """The electrons that the light frees, by wavelength.
+
+    wavelengths: points in metres. electrons: those of each channel and part at the points,
+    (channels, parts, points), relative to all of the brightest channel's.
+    """
 
     wavelengths: Array
     electrons: Array
 
     @property
     def is_empty(self) -> bool:
+        """Whether no light frees any electron."""
         return not self.electrons.size or not self.electrons.any()
 
     @cached_property
     def nodes(self) -> Array:
-        """Chebyshev points of the range, metres: what is smooth over it is known by them."""
-        turns = np.pi * (np.arange(_NODES) + 0.5) / _NODES
+        """Return the 49 Chebyshev points of the wavelength range in metres.
+
+        A transfer function, which is smooth over the range, is interpolated between them.
+        """
+        count = 49
+        turns = np.pi * (np.arange(count) + 0.5) / count
         low, high = self.wavelengths.min(), self.wavelengths.max()
         return np.asarray((low + high) / 2 - (high - low) / 2 * np.cos(turns))
 
     def weight_errors(self, count: int) -> Array:
-        """By how much the nodes' weights that integrate whatever is smooth, as the points do,
-        differ from those of `count` of the picture's own nodes, relative to the brightest channel
-        of each part, (channels, parts, nodes)."""
+        """Return the errors of the nodes' weights if `count` Gauss nodes replace the spectrum.
+
+        The weights are those by which values at `nodes` are integrated. The errors are relative to
+        the brightest channel of each part, (channels, parts, nodes).
+        """
         return _wrong(self, count)
 
     @cached_property
     def _true(self) -> Array:
+        """Return the weights that integrate values at the nodes over the whole spectrum."""
         return np.asarray(
             self.electrons @ interpolation_weights(self.nodes.tolist(), self.wavelengths).T
         )
@@ -59,6 +67,7 @@ class SpectralMeasure:
 
 @lru_cache(maxsize=256)
 def _wrong(one: SpectralMeasure, count: int) -> Array:
+    """Return the errors of a spectral measure's weights; see SpectralMeasure.weight_errors."""
     found, weights = gauss_quadrature(one.wavelengths, one.electrons, count)
     masses = one.electrons.sum(-1).max(0)
     masses = np.where(masses > 0, masses, 1.0)[None, :, None]
@@ -67,6 +76,7 @@ def _wrong(one: SpectralMeasure, count: int) -> Array:
 
 
 def spectral_measure(s: Situation, which: Literal["band", "leak"]) -> SpectralMeasure:
+    """Return the electrons of a situation's light by wavelength, in the band or in the leak."""
     parts = [part for layer in s.target.for_camera(s.camera).layers for part in layer.parts]
     sensor = s.camera.sensor
     curves = [sensor.spectral_efficiency or Spectrum.flat(sensor.quantum_efficiency)]
@@ -81,13 +91,18 @@ def spectral_measure(s: Situation, which: Literal["band", "leak"]) -> SpectralMe
 def _measure(
     spectra: tuple[Spectrum, ...], curves: tuple[Spectrum, ...], band: Band, leak: bool
 ) -> SpectralMeasure:
-    """By value: light and filter are the same for every pattern."""
+    """Return a spectral measure, cached by the values of light and filter.
+
+    They are the same for every pattern.
+    """
     return SpectralMeasure(*electrons_by_wavelength(spectra, curves, band, leak))
 
 
 def leak_share(s: Situation) -> float:
-    """Electrons that light beside the band frees of any part and channel, over those of its
-    brightest channel."""
+    """Return the leak's largest share of the electrons of any part and channel.
+
+    It is relative to the electrons of the part's brightest channel.
+    """
     if not s.band.leak:
         return 0.0
     beside, inside = (

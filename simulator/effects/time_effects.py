@@ -1,4 +1,4 @@
-"""What goes on while the shutter is open: a lamp that isn't steady, and rows in turn."""
+"""Effects of time within an exposure: a flickering lamp, and a rolling shutter."""
 
 from __future__ import annotations
 
@@ -16,9 +16,6 @@ from simulator.effects.electron_bounds import (
 )
 from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
-
-_INSTANTS = 4096
-"""Parts of an exposure, whose means are exact, for the mean deviation within it."""
 
 
 class LampFlicker(OnOffEffect):
@@ -43,7 +40,7 @@ class LampFlicker(OnOffEffect):
             share, how = self._max_row_deviation(s), "proved: largest deviation of a row's exposure"
         return sensor_error_bound(s, share * s.picture_probe.norm_bound * s.exposure, how)
 
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         return float(s.camera.sensor.shape[0]) if levels[self.name] else 0.0
 
     def explain(self, s: Situation) -> str:
@@ -55,29 +52,32 @@ class LampFlicker(OnOffEffect):
         )
 
     def _max_row_deviation(self, s: Situation) -> float:
-        """Of all rows' exposures, the largest deviation of the mean from 1.
+        """Return the largest deviation of the lamp's mean light from 1 over any row's exposure.
 
-        Where a rolling shutter is left out, all are exposed with the first.
+        Without a rolling shutter, all rows are exposed with the first.
         """
         begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
         return float(np.abs(_lamp(s).mean(begins, begins + s.exposure) - 1).max())
 
     def _mean_deviation(self, s: Situation) -> float:
-        """Mean deviation: what is seen may favour the brighter or the darker times.
+        """Return an upper bound of the mean deviation of the lamp's light within the exposure.
 
-        Of means over parts; what they don't show of it is that of a part, at most.
+        The panel or a motion may favour bright or dark times. The deviation is computed from exact
+        means over 4096 parts of the exposure; a bound of what they can't show is added.
         """
         lamp = _lamp(s)
         if row_delay(s.camera.sensor):
             return lamp.ripple
-        ends = s.exposure_start + s.exposure * np.linspace(0, 1, _INSTANTS + 1)
+        count = 4096
+        ends = s.exposure_start + s.exposure * np.linspace(0, 1, count + 1)
         parts = np.abs(lamp.mean(ends[:-1], ends[1:]) - 1).mean()
-        # Each change of sign within a part hides no more than the part: two in a period.
-        hidden = (2 * s.exposure * lamp.frequency + 2) / _INSTANTS
+        # A change of sign hides at most the part that it occurs in; there are two in a period.
+        hidden = (2 * s.exposure * lamp.frequency + 2) / count
         return min(float(parts) + hidden * lamp.ripple, lamp.ripple)
 
 
 def _lamp(s: Situation) -> Waveform:
+    """Return the waveform of the target's lamp, which must have one."""
     assert s.target.lamp is not None
     return s.target.lamp
 
@@ -110,10 +110,10 @@ class RollingShutter(PixelwiseEffect):
         )
 
     def _row_difference(self, s: Situation) -> float:
-        """Of the light, what is another in some row than in the first, at most."""
+        """Return the largest share of the light that differs between any row and the first."""
         begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
         if s.target.is_moving or s.panel_content.is_changing:
-            # Both windows have light of their own, of the time by which they are apart.
+            # Each of the two exposures has light of its own for as long as they don't overlap.
             return float(2 * min(s.exposure_span / s.exposure - 1, 1.0))
         seen = _lamp(s).mean(begins, begins + s.exposure)
         return float(np.abs(seen - seen[0]).max())

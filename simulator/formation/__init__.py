@@ -1,8 +1,8 @@
-"""The picture of a situation, as a recipe says.
+"""Image formation: render the mean picture of a situation by its recipe.
 
-`exposure_cells`, `nodes` and `kernels` say which points spread how, `sample_grid` and
-`compositing` put pictures and kernels together, `mean_picture` does what a recipe says in the
-order of the light.
+`exposure_cells`, `nodes` and `kernels` compute how each point's light spreads. `sample_grid` and
+`compositing` convolve pictures with PSFs and combine them. `mean_picture` runs the recipe's stages
+in the order of the light.
 """
 
 from simulator.formation.mean_picture import expected_electrons

@@ -1,4 +1,4 @@
-"""From layers to the light on the sensor's samples: added up, or the near before the far."""
+"""Combine a scene's layers into the light on the sensor: as a sum, or near before far."""
 
 from __future__ import annotations
 
@@ -19,37 +19,43 @@ _ONE = np.ones((1, 1))
 
 
 class LightPath(Protocol):
-    """A way on which a layer's light comes to the sensor: straight, or by the panel's grid.
+    """A path of a layer's light to the sensor: the zeroth order, or the side orders of the panel.
 
-    number: of the layer. node: of wavelength. count: of the cell. Spectra are of light on samples,
-    electrons per second and pixel.
+    number: the layer's index. node: the wavelength's index. count: the index of the exposure cell.
+    Spectra are Fourier spectra of the light on samples, in electrons per second and pixel.
     """
 
     def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Of all wavelengths, one spectrum for each channel."""
+        """Return a layer's light of all wavelengths, one spectrum for each channel."""
         ...
 
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Of one wavelength, one spectrum for each channel."""
+        """Return a layer's light of one wavelength, one spectrum for each channel."""
         ...
 
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor:
-        """Of the blurred share that a layer hides, at one wavelength."""
+        """Return the spectrum of a layer's blurred cover at one wavelength.
+
+        The cover is the share of the light behind that the layer hides.
+        """
         ...
 
 
 class ZerothOrderPath:
-    """The light that the panel's grid doesn't send aside."""
+    """The path of the light that stays in the zeroth order of the panel's pixel grid."""
 
     def __init__(self, gathering: SampleGrid, objects: ObjectSpectra, spreading: LayerPSFs) -> None:
         self._gathering, self._objects, self._spreading = gathering, objects, spreading
 
     def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """PSFs of all wavelengths are added before anything is convolved."""
+        """Return a layer's light of all wavelengths, one spectrum for each channel.
+
+        The PSFs of all wavelengths are added before the convolution.
+        """
         layer, weights = self._spreading.layers[number], self._spreading.weights(number)
         total = self._gathering.zero_spectra(self._spreading.channels)
         where = self._objects.placement(layer, cell)
@@ -78,6 +84,7 @@ class ZerothOrderPath:
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
+        """Return a layer's light of one wavelength, one spectrum for each channel."""
         layer, weights = self._spreading.layers[number], self._spreading.weights(number)
         total = self._gathering.zero_spectra(self._spreading.channels)
         where = self._objects.placement(layer, cell)
@@ -93,6 +100,7 @@ class ZerothOrderPath:
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor:
+        """Return the spectrum of a layer's blurred cover at one wavelength."""
         layer = self._spreading.layers[number]
         where = self._objects.placement(layer, cell)
         assert where is not None
@@ -103,7 +111,7 @@ class ZerothOrderPath:
     def _transfers(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """One for each place."""
+        """Return the transfer functions of a layer at one wavelength, one for each place."""
         return [
             self._gathering.transfers(
                 [self._spreading.psf(number, node, place, cell, count)], _ONE, "occlusion"
@@ -113,6 +121,7 @@ class ZerothOrderPath:
 
 
 def _through(transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor]) -> torch.Tensor:
+    """Return the sum of spectra times their transfer functions."""
     total = transfers[0] * spectra[0]
     for transfer, spectrum in zip(transfers[1:], spectra[1:], strict=True):
         total += transfer * spectrum
@@ -121,7 +130,7 @@ def _through(transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor])
 
 @dataclass(frozen=True)
 class Compositor(ABC):
-    """All layers of a target, by all ways on which their light comes."""
+    """Combine all layers of a target, along all paths of their light."""
 
     gathering: SampleGrid
     spreading: LayerPSFs
@@ -129,11 +138,11 @@ class Compositor(ABC):
 
     @abstractmethod
     def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Of the light on samples, one for each channel."""
+        """Return the spectra of the light on samples, one for each channel."""
 
 
 class AdditiveCompositor(Compositor):
-    """Every layer's light, as if all were transparent."""
+    """Add the light of all layers, as if all were transparent."""
 
     def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
         total = self.gathering.zero_spectra(self.spreading.channels)
@@ -145,9 +154,10 @@ class AdditiveCompositor(Compositor):
 
 
 class OccludingCompositor(Compositor):
-    """From the farthest layer to the nearest, each before what lies behind.
+    """Combine a target's layers from the farthest to the nearest, where near layers hide far ones.
 
-    That is a product of blurred pictures, and so is formed wavelength by wavelength.
+    Blurred light is multiplied by blurred covers, and so has to be computed wavelength by
+    wavelength.
     """
 
     def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
@@ -158,7 +168,7 @@ class OccludingCompositor(Compositor):
         return [self.gathering.transform_samples(light, "occlusion") for light in total]
 
     def _wavelength_light(self, node: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Light on samples of one wavelength, for each channel."""
+        """Return the light of one wavelength on samples, for each channel."""
         samples, layers = self.gathering.samples, self.spreading.layers
         behind: list[torch.Tensor] = []
         for number in reversed(range(len(layers))):
@@ -180,12 +190,12 @@ class OccludingCompositor(Compositor):
 def composite_over(
     behind: torch.Tensor, front: torch.Tensor, cover_share: torch.Tensor
 ) -> torch.Tensor:
-    """Light on samples, of what lies behind with a nearer layer before it.
+    """Return the light on samples of what lies behind, with a nearer layer before it.
 
-    behind, front: blurred light of each. cover_share: the nearer layer's blurred cover, 0 to 1: of
-    the rays to a sample, the share that it stops. That those are as bright as the others of the
-    same sample is exact where either layer is in focus, and right to about a percent elsewhere
-    (Hasinoff and Kutulakos, A layer-based restoration framework for variable-aperture
-    photography, ICCV 2007).
+    behind, front: blurred light of each. cover_share: blurred cover of the nearer layer, 0 to 1:
+    the share of the rays to a sample that it stops. These rays are taken to be as bright as the
+    other rays to the sample. This is exact where either layer is in focus, and right to about a
+    percent elsewhere (Hasinoff and Kutulakos, A layer-based restoration framework for
+    variable-aperture photography, ICCV 2007).
     """
     return behind * (1 - cover_share.clamp(0, 1)) + front

@@ -1,8 +1,7 @@
-"""The exposure, cut into cells in which nothing needs to be told apart any more.
+"""Divide an exposure into cells, each with one mean PSF and one path of the object.
 
-What the panel shows, where the object is and how bright its lamp shines all change with time.
-A cell is light of one mean PSF and one path of the object; its weight is the time for which a
-pixel's row sees it, by the lamp's brightness meanwhile.
+The panel's picture, the object's place and the lamp's brightness change with time. A cell's weight
+is the time for which a pixel's row sees it, times the lamp's brightness during that time.
 """
 
 from __future__ import annotations
@@ -24,19 +23,14 @@ from simulator.situation import Situation
 Array = NDArray[np.float64]
 K = TypeVar("K")
 
-_PARTS_PER_FRAME = 8
-"""Parts of a video's frame for which rows, or a lamp, weigh a liquid crystal on its way."""
-
-_MOST_INTERVALS = 2_000_000
-
 
 @dataclass(frozen=True, eq=False)
 class ExposureCell:
-    """A part of an exposure.
+    """A part of an exposure with one mean PSF and one path of the object.
 
-    panel_state: on the panel, whose PSFs' mean is the cell's. shift: (y, x) metres on the object,
-    of the middle of its path. path: (y, x) metres that it moves on. weight: seconds of the lamp's
-    mean light that each row sees, (rows,), or (1,) where all see the same.
+    panel_state: what the panel shows, whose mean PSF is the cell's. shift: (y, x) metres on the
+    object to the middle of its path. path: (y, x) metres that the object moves. weight: seconds of
+    the lamp's mean light that each row sees, (rows,), or (1,) if all rows see the same.
     """
 
     panel_state: PictureShares | FrameSequence
@@ -46,7 +40,10 @@ class ExposureCell:
 
 
 def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
-    """Of an exposure. Raises ValueError for one that isn't positive and finite."""
+    """Divide a situation's exposure into cells.
+
+    Raises ValueError for an exposure that isn't positive and finite.
+    """
     if not 0 < s.exposure < math.inf:
         raise ValueError(f"exposure is {s.exposure:g} s; it must be positive and finite")
     starts = row_starts(s.camera.sensor, s.exposure_start, rolling=recipe.rolling).numpy()
@@ -69,7 +66,10 @@ def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
 
 
 def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, float]]:
-    """As many parts as a motion asks for of every exposure's length."""
+    """Yield the begins and ends of the parts into which a motion divides the exposure.
+
+    The recipe gives the number of parts per exposure time.
+    """
     first, whole = float(starts[0]), float(starts[-1] - starts[0]) + s.exposure
     count = 1
     if s.target.is_moving and recipe.motion > 1:
@@ -81,6 +81,7 @@ def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, 
 def _shift_and_path(
     s: Situation, recipe: Recipe, begin: float, end: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the moving target's shift and path, (y, x) metres, during a part of an exposure."""
     if not s.target.is_moving:
         return (0.0, 0.0), (0.0, 0.0)
     vy, vx = s.target.velocity
@@ -93,7 +94,7 @@ def _shift_and_path(
 
 @dataclass(frozen=True)
 class _PanelTimes:
-    """What each row sees of the panel between two times."""
+    """What each row sees of the panel's pictures between two times."""
 
     s: Situation
     recipe: Recipe
@@ -102,7 +103,10 @@ class _PanelTimes:
     end: float
 
     def still_picture_weights(self) -> list[tuple[PictureShares, Array]]:
-        """Of pictures that stand while they last: all in one if all rows see them alike."""
+        """Return the pictures and their weights if the crystal responds at once.
+
+        If all rows see the same, all pictures are in one cell.
+        """
         present = self._row_weights(1, lambda frame: self.s.panel_content.names[frame])
         if len(self.starts) > 1:
             return [(PictureShares(((name, 1.0),)), w) for name, w in sorted(present.items())]
@@ -111,9 +115,10 @@ class _PanelTimes:
         return [(PictureShares(shares), np.array([total]))] if present else []
 
     def responding_frame_weights(self) -> list[tuple[FrameSequence, Array]]:
-        """Of a crystal that is on its way: parts of frames."""
-        shown, seconds = self.s.panel_content, self.s.panel_content.frame_time / _PARTS_PER_FRAME
-        weights = self._row_weights(_PARTS_PER_FRAME, lambda part: divmod(part, _PARTS_PER_FRAME))
+        """Return parts of a video's frames and their weights if the crystal responds slowly."""
+        parts = 8  # Rows and lamp weight each eighth of a frame by itself.
+        shown, seconds = self.s.panel_content, self.s.panel_content.frame_time / parts
+        weights = self._row_weights(parts, lambda part: divmod(part, parts))
         spans = {
             (frame, part): Span(frame, part * seconds, (part + 1) * seconds, 1.0)
             for frame, part in sorted(weights)
@@ -132,7 +137,11 @@ class _PanelTimes:
         return [(FrameSequence(shown.names, shown.frame_time, shares), np.array([total]))]
 
     def _row_weights(self, parts: int, of: Callable[[int], K]) -> dict[K, Array]:
-        """Seconds of mean light that each row sees of what parts of frames stand for, if any."""
+        """Return the seconds of mean light that each row sees of each of a video's items.
+
+        of: returns the item, such as a picture's name, of a part of a frame. Items that no row sees
+        are left out.
+        """
         weights: defaultdict[K, Array] = defaultdict(lambda: np.zeros(len(self.starts)))
         for numbers, begins, ends in self._intervals(parts):
             seen = self._light_seconds(begins, ends)
@@ -142,14 +151,14 @@ class _PanelTimes:
         return {key: weight for key, weight in weights.items() if weight.any()}
 
     def _intervals(self, parts: int) -> Iterator[tuple[NDArray[np.int64], Array, Array]]:
-        """(which part of which frame, begins, ends), in batches, of all that is shown."""
+        """Yield (index of the part of a frame, begins, ends) in batches, for all that is shown."""
         shown = self.s.panel_content
         if not shown.is_changing or math.isinf(shown.frame_time):
             yield np.zeros(1, dtype=np.int64), np.array([self.begin]), np.array([self.end])
             return
         unit = shown.frame_time / parts
         first, last = math.floor(self.begin / unit), math.ceil(self.end / unit)
-        if last - first > _MOST_INTERVALS:
+        if last - first > 2_000_000:
             raise ValueError(
                 f"the video shows {last - first} parts of frames within the exposure, more than "
                 "are weighed one by one; expose shorter, or without flicker and rolling shutter"
@@ -161,7 +170,7 @@ class _PanelTimes:
             yield index % (parts * len(shown.names)), begins, np.maximum(ends, begins)
 
     def _light_seconds(self, begins: Array, ends: Array) -> Array:
-        """Seconds of mean light that rows see of intervals, (rows, intervals)."""
+        """Return the seconds of mean light that rows see of intervals, (rows, intervals)."""
         low = np.maximum(begins, self.starts[:, None])
         high = np.maximum(np.minimum(ends, self.starts[:, None] + self.s.exposure), low)
         lamp = self.s.target.lamp

@@ -1,4 +1,4 @@
-"""How the light of a point spreads: by one wavelength, one distance, one place in the field."""
+"""Compute the PSFs of points by wavelength, distance and place in the field."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from optics.stop_shadow import share_through_stop
 from optics.validation import as_number
 from simulator.exposure_fields import WeightedFields, exposure_fields
 from simulator.formation.rays import RayOperator
-from simulator.formation.windows import psf_window
+from simulator.formation.windows import ORDER_FADE_PIXELS, psf_window
 from simulator.formation.work import psf_operations, ray_operations
 from simulator.ledger import Ledger
 from simulator.panel_at_wavelength import modulator_at
@@ -27,20 +27,17 @@ from simulator.panel_content import FrameSequence, PictureShares
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
-_FADING = 4.0
-"""Sensor pixels over which one order of the panel's pixels fades into the next."""
-
-_LOOSEST = 0.1
-"""Relative error of an order's PSF that is put up with where it gets hardly any light."""
-
 Order = tuple[int, int]
-"""Of the panel's pixel grid, (y, x) in the panel's axes."""
+"""Number (y, x) of a diffraction order of the panel's pixel grid, in the panel's axes."""
 
 
 @dataclass(frozen=True)
 class PointSource:
-    """Whose light spreads: metres of wavelength, of distance from the panel, and (y, x) metres on
-    the sensor from the axis to its geometric image."""
+    """A point whose PSF is computed.
+
+    wavelength: metres. distance: metres from the panel. place: (y, x) metres on the sensor from the
+    axis to the point's geometric image.
+    """
 
     wavelength: float
     distance: float
@@ -48,11 +45,11 @@ class PointSource:
 
 
 class Kernels:
-    """PSFs as a recipe wants them; each is computed once as long as the cache holds it.
+    """Compute the PSFs of a recipe; each is computed once while the cache holds it.
 
-    A PSF is (rows, columns) of samples around the point's geometric image, or around an order of
-    it, each the share of the point's light that it gets. Vignetting is apart: a PSF at a place has
-    the light that one on the axis would have.
+    A PSF is (rows, columns) of samples around the point's geometric image, or around a diffraction
+    order of it, each as a share of the point's light. Vignetting is applied elsewhere: a PSF off
+    the axis has as much light as one on the axis.
     """
 
     def __init__(
@@ -77,7 +74,7 @@ class Kernels:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What all PSFs follow from besides the point, and what is on the panel."""
+        """Return the cache key of all that PSFs depend on, without point and panel state."""
         r = self._recipe
         beats = complex(self._s.path.interference) if self._s.path and r.interference else 0j
         axes = (self.plane.shape, r.window, r.samples_per_pixel, r.dispersion, beats, r.diffraction)
@@ -90,27 +87,30 @@ class Kernels:
         effect: str,
         order: Order | None = None,
     ) -> torch.Tensor:
-        """effect: that it is computed for, in the ledger. order: whose cell alone is wanted; all
-        that the window holds if None."""
+        """Return the PSF of a point, from the cache or computed.
+
+        effect: the effect in the ledger for which it is computed. order: the diffraction order
+        whose cell alone is returned; if None, all light in the window.
+        """
         causes = ("psf", self.key, panel_state, point, order)
         return self._cache.get(causes, lambda: self._compute_psf(panel_state, point, effect, order))
 
     def central(self, wavelength: float) -> Order | None:
-        """The order that stays in the middle, where the window holds more than that."""
+        """Return the zeroth order if the PSF's window holds more than its cell, otherwise None."""
         period, side = self.period(wavelength), max(self.plane.shape) * self.plane.pitch[0]
         wide = side > period - self._fading(period)
         return (0, 0) if wide and self._recipe.diffraction else None
 
     def _fading(self, period: float) -> float:
-        """Metres over which one order fades into the next."""
-        return min(_FADING * self.camera.sensor.pitch, period / 4)
+        """Return the metres over which one diffraction order fades into the next."""
+        return min(ORDER_FADE_PIXELS * self.camera.sensor.pitch, period / 4)
 
     def period(self, wavelength: float) -> float:
-        """Metres on the sensor from one order of the panel's pixels to the next."""
+        """Return the metres on the sensor from one diffraction order of the panel to the next."""
         return wavelength * as_number(self.camera.ray_matrix_b) / self.camera.panel.pitch
 
     def order_centre(self, wavelength: float, order: Order) -> tuple[float, float]:
-        """(y, x) metres on the sensor from a point's image to where an order's PSF is centred."""
+        """Return (y, x) metres on the sensor from a point's image to an order's PSF."""
         y, x = self._order_offset(wavelength, order)
         mount = self._s.mount
         y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
@@ -118,8 +118,10 @@ class Kernels:
         return y * cos + x * sin, x * cos - y * sin
 
     def _order_offset(self, wavelength: float, order: Order) -> tuple[float, float]:
-        """In the panel's axes, by whole samples: where two orders meet, one goes on as the other
-        ends."""
+        """Return an order's offset in the panel's axes, rounded to whole samples.
+
+        The samples of neighbouring orders then coincide where they meet.
+        """
         y, x = (
             round(k * self.period(wavelength) / pitch) * pitch
             for k, pitch in zip(order, self.plane.pitch, strict=True)
@@ -133,6 +135,7 @@ class Kernels:
         effect: str,
         order: Order | None,
     ) -> torch.Tensor:
+        """Compute the PSF of a point, in the sensor's axes."""
         mount, modulator = self._s.mount, modulator_at(self.camera.panel, point.wavelength)
         parts = self._record_fields(seen, modulator, effect, self._window(order).shape)
         if order and any(order):
@@ -150,6 +153,7 @@ class Kernels:
     def _light(
         self, operator: PSFOperator | RayOperator, modulator: Modulator, parts: WeightedFields
     ) -> torch.Tensor:
+        """Return the PSF of the panel's fields, by waves or rays."""
         if isinstance(operator, RayOperator):
             return _ray_psf(operator, modulator, parts)
         if not self._recipe.interference or self._s.path is None:
@@ -159,19 +163,23 @@ class Kernels:
     def _side_order_light(
         self, point: PointSource, order: Order, modulator: Modulator, parts: WeightedFields
     ) -> torch.Tensor:
-        """Of an order beside the middle one. Where next to nothing of the light goes, errors are
-        a share of next to nothing: it may be more of them than of the picture."""
+        """Return the PSF of a side order.
+
+        Where hardly any light goes, the error may be a large share of it. The tolerance is
+        therefore relaxed, up to a relative error of 0.1: such an order hardly counts in the
+        picture.
+        """
         kept, tol = list(parts), self._s.numerics
         while True:
             try:
                 return self._light(self._operator(point, order, tol), modulator, iter(kept))
             except ToleranceError:
                 tol *= 10
-                if tol > _LOOSEST:
+                if tol > 0.1:
                     raise
 
     def _vignetting_correction(self, point: PointSource) -> float:
-        """What a place's light has to be multiplied with to be as much as on the axis."""
+        """Return the factor that gives an off-axis PSF as much light as one on the axis."""
         if not (self.camera.separation and any(point.place)):
             return 1.0
         here = share_through_stop(
@@ -181,11 +189,14 @@ class Kernels:
         return axis / here if here else 0.0
 
     def _window(self, order: Order | None) -> Plane:
-        """Other orders than the middle one are far from any image: all of theirs counts."""
+        """Return the plane of a PSF's window.
+
+        A side order is far from any image, so that all of its square window counts.
+        """
         return self._around_orders if order and any(order) else self.plane
 
     def _around(self, point: PointSource, order: Order) -> Plane:
-        """Samples in the panel's axes."""
+        """Return the samples of a PSF around an order, in the panel's axes."""
         plane = self._window(order)
         if not self._s.mount.is_aligned:
             plane = self._s.mount.plane_in_panel_axes(plane)
@@ -194,7 +205,10 @@ class Kernels:
     def _operator(
         self, point: PointSource, order: Order, tol: float | None = None
     ) -> PSFOperator | RayOperator:
-        """Unmodulated light is the modulator's."""
+        """Return the operator that computes a PSF from the panel's field.
+
+        Unmodulated light is left to the modulator.
+        """
         plane, tol = self._around(point, order), tol or self._s.numerics
         place = self._s.mount.place_in_panel_axes(point.place)
         camera, recipe = self.camera, self._recipe
@@ -222,7 +236,10 @@ class Kernels:
         effect: str,
         shape: tuple[int, int],
     ) -> WeightedFields:
-        """The fields of a cell, with a check and an entry for each: they are made in between."""
+        """Yield the panel's fields of an exposure cell, with a check and a ledger entry for each.
+
+        The caller computes a PSF from each field before it asks for the next.
+        """
         count = psf_operations if self._recipe.diffraction else ray_operations
         panel = self.camera.panel
         self._check()
@@ -234,7 +251,10 @@ class Kernels:
     def _fields(
         self, seen: PictureShares | FrameSequence, modulator: Modulator
     ) -> Iterable[tuple[float, torch.Tensor]]:
-        """Kept where they will be asked for again: at other depths, places or wavelengths."""
+        """Return the panel's fields of an exposure cell.
+
+        They are kept if they are needed again, at other depths, places or wavelengths.
+        """
         r, s = self._recipe, self._s
         panel, pictures, tol = self.camera.panel, s.panel_content.pictures, s.numerics
         if not r.dispersion:
@@ -247,10 +267,10 @@ class Kernels:
         )
 
     def _cell(self, plane: Plane, wavelength: float, order: Order) -> torch.Tensor:
-        """How much of the light on each sample counts as an order's own, in the panel's axes.
+        """Return the share of the light on each sample that belongs to a diffraction order.
 
-        All orders' shares add up to 1. Where two meet, one fades out as the other fades in: a
-        PSF that ended at once would ring.
+        It is in the panel's axes. The shares of all orders add up to 1. Where two orders meet, one
+        fades out as the other fades in: a PSF that ended abruptly would cause ringing.
         """
         period = self.period(wavelength)
         inside = []
@@ -262,7 +282,10 @@ class Kernels:
 
 
 def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields) -> torch.Tensor:
-    """As modulated_psf(): what jitter scatters goes evenly over all orders, beyond the picture."""
+    """Return the geometric PSF of a modulator's fields, as modulated_psf() does for waves.
+
+    The light that jitter scatters goes evenly to all orders, beyond the picture.
+    """
     light, time = torch.zeros(operator.pixels.shape, dtype=torch.float64), 0.0
     for share, field in parts:
         light += share * (1 - modulator.jitter_scatter_share) * operator(None, field)
@@ -276,12 +299,13 @@ def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields)
 def _interference_psf(
     operator: PSFOperator, modulator: Modulator, parts: WeightedFields, strength: complex
 ) -> torch.Tensor:
-    """modulated_psf(), and Re(strength conj(p) q) of the pattern's field p and that of light that
-    the panel doesn't turn, q (see optics.polarisation.PathEffect).
+    """Return modulated_psf() with the interference of modulated and unmodulated light.
 
-    The panel's field and the sensor's are linear in each other, and |p + a q|² has the term: no
-    complex answer is needed. What the cover glass reflects is too far away to interfere, and what
-    jitter scatters has no phase.
+    The interference is Re(strength conj(p) q), of the pattern's field p and the field q of light
+    that the panel doesn't modulate (see optics.polarisation.PathEffect). The sensor's field is
+    linear in the panel's, so that |p + a q|² contains the term, and no complex result is needed.
+    Light that the cover glass reflects is too far away to interfere, and light that jitter scatters
+    has no fixed phase.
     """
     kept = list(parts)
     light = modulated_psf(operator, modulator, kept)

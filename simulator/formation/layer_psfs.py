@@ -1,4 +1,4 @@
-"""Which PSFs a layer is blurred by: for each wavelength, of the depths that stand for its own."""
+"""The PSFs that blur each layer: for each wavelength, those of the depths that represent it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from simulator.situation import Situation
 
 
 class LayerPSFs:
-    """Nodes, weights and PSFs of a target's layers.
+    """Wavelength nodes, weights and PSFs of a target's layers.
 
-    layers: the nearest first. nodes: of wavelength.
+    layers: the nearest first. nodes: the wavelengths.
     """
 
     def __init__(
@@ -32,7 +32,8 @@ class LayerPSFs:
         first = 0
         for layer in self.layers:
             part = found.weights[:, first : first + len(layer.parts)]
-            # A camera's light goes with the layer's own distance, whatever stands for its blur.
+            # The irradiance depends on the layer's own distance, even if the PSFs of other
+            # distances represent its blur.
             self._weights.append(part * electrons_per_radiance(kernels.camera, layer.distance))
             first += len(layer.parts)
         distances = [layer.distance for layer in self.layers]
@@ -40,13 +41,13 @@ class LayerPSFs:
         self._first = self._depths[distances[0]][0][0]
 
     def weights(self, layer: int) -> NDArray[np.float64]:
-        """Electrons per second and pixel of white, (channels, parts, nodes)."""
+        """Return a layer's electrons per second and pixel for white, (channels, parts, nodes)."""
         return self._weights[layer]
 
     def psf(
         self, layer: int, node: int, place: Place, cell: ExposureCell, number: int
     ) -> torch.Tensor:
-        """Of one wavelength."""
+        """Return a layer's PSF at one wavelength and place."""
         wavelength = self.nodes[node]
         order = self._kernels.central(wavelength.metres)
         total: torch.Tensor | None = None
@@ -61,7 +62,7 @@ class LayerPSFs:
     def order_psf(
         self, layer: int, node: int, place: Place, cell: ExposureCell, order: Order
     ) -> torch.Tensor:
-        """Of one wavelength, in an order of the panel's pixels, around its middle."""
+        """Return a layer's PSF in one diffraction order, around the order's centre."""
         total: torch.Tensor | None = None
         for distance, share in self._depths[self.layers[layer].distance]:
             point = PointSource(self.nodes[node].metres, distance, place)
@@ -71,10 +72,11 @@ class LayerPSFs:
         return total
 
     def order_centre(self, node: Wavelength, order: Order) -> Place:
+        """Return (y, x) metres on the sensor from an image to a diffraction order's PSF."""
         return self._kernels.order_centre(node.metres, order)
 
     def _effect(self, distance: float, node: int, place: Place, number: int) -> str:
-        """What a PSF is computed for, in the ledger."""
+        """Return the effect in the ledger for which a PSF is computed."""
         if self.nodes[node].leak:
             return "out-of-band leak"
         if place != self._places[0]:

@@ -1,4 +1,4 @@
-"""The mean picture of a situation, as a recipe says: electrons on each pixel."""
+"""Render the mean picture of a situation by a recipe: electrons on each pixel."""
 
 from __future__ import annotations
 
@@ -33,11 +33,33 @@ def expected_electrons(
     ledger: Ledger,
     check: Callable[[], None] = lambda: None,
 ) -> torch.Tensor:
-    """Photo-electrons on each pixel over the exposure, (rows, columns) float32, in the mean.
+    """Render the mean photo-electrons on each pixel of a situation's picture.
 
-    What the sensor does with them comes afterwards; its filters and its pixels' area are in it.
-    check: is called between the steps of a long computation, and may raise. Raises ValueError for
-    an exposure that isn't positive, and for a recipe that nothing can be rendered by.
+    The colour filters and the pixel aperture are included; the sensor's other stages come later.
+
+    Parameters
+    ----------
+    s : Situation
+        The situation whose picture is rendered.
+    recipe : Recipe
+        Nodes and stages of the rendering.
+    cache : ByteCache
+        Keeps light, spectra and PSFs for later pictures.
+    ledger : Ledger
+        Counts the operations by effect.
+    check : Callable, optional
+        Function without arguments that is called between the steps of a long computation. It may
+        raise, to end the computation.
+
+    Returns
+    -------
+    torch.Tensor
+        Mean electrons over the exposure, (rows, columns) float32, 0 or more.
+
+    Raises
+    ------
+    ValueError
+        For an exposure that isn't positive, and for a recipe by which nothing can be rendered.
     """
     _require(recipe)
     target = s.target.for_camera(s.camera)
@@ -58,6 +80,7 @@ def expected_electrons(
 
 
 def _require(recipe: Recipe) -> None:
+    """Raise ValueError for a recipe with a count that is too small."""
     for name in ("window", "samples_per_pixel", "wavelengths", "depths", "places", "motion"):
         if getattr(recipe, name) < 1:
             raise ValueError(f"the recipe's {name} is {getattr(recipe, name)}; it is 1 at least")
@@ -67,7 +90,7 @@ def _require(recipe: Recipe) -> None:
 
 
 class _Rendering:
-    """What is the same for all cells of an exposure."""
+    """Render the light of exposure cells; it holds what all cells of an exposure share."""
 
     def __init__(
         self,
@@ -98,9 +121,10 @@ class _Rendering:
         self._layered = layered(self._gathering, spreading, ways)
 
     def light(self, cell: ExposureCell, number: int) -> torch.Tensor:
-        """Electrons per second, (channels, rows, columns), of a cell."""
+        """Return the light of an exposure cell, electrons per second, (channels, rows, columns)."""
         s, r = self._s, self._recipe
-        # Of the recipe, what a cell and the sensor's own stages don't already say.
+        # The light doesn't depend on the recipe's fields for time, which the cell contains, or for
+        # the sensor's later stages: these are set to one value in the cache key.
         axes = r.with_changes(
             lamp=False, rolling=False, motion=1, crystal=False, dark_current=False,
             fixed_pattern=False, shot="none", clipping=False, read_noise=False,
@@ -114,6 +138,7 @@ class _Rendering:
         return self._cache.get(causes, lambda: self._compute_light(cell, number))
 
     def _compute_light(self, cell: ExposureCell, number: int) -> torch.Tensor:
+        """Render the light of an exposure cell on the sensor's pixels."""
         aperture = self._recipe.pixel_aperture
         light = []
         for spectrum in self._layered.spectra(cell, number):
@@ -122,7 +147,7 @@ class _Rendering:
         return self._with_glare(torch.stack(light)) if self._recipe.glare else torch.stack(light)
 
     def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
-        """A part of the light, evenly over the sensor."""
+        """Return the light with veiling glare: a share is spread evenly over the sensor."""
         self._ledger.add("veiling glare", 3.0 * light.numel(), 4 * light.numel())
         mean = light.mean(dim=(-2, -1), keepdim=True, dtype=torch.float64).to(light)
         return torch.lerp(light, mean, self._s.camera.glare)

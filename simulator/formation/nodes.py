@@ -1,4 +1,4 @@
-"""The nodes of the axes: wavelengths, depths, places in the field."""
+"""The nodes of a recipe's axes: wavelengths, depths, and places in the field."""
 
 from __future__ import annotations
 
@@ -22,16 +22,10 @@ from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
-_FINE = 24
-"""Gauss-Legendre nodes between two neighbouring kinks of all the spectra."""
-
-_PIECES = 20
-"""Parts of the band's support, at least, over each of which so many nodes are spread."""
-
 
 @dataclass(frozen=True)
 class Wavelength:
-    """A node, metres; leak: whether it stands for light beside the band."""
+    """A wavelength node in metres; leak: whether it represents light outside the band."""
 
     metres: float
     leak: bool = False
@@ -39,10 +33,10 @@ class Wavelength:
 
 @dataclass(frozen=True, eq=False)
 class Wavelengths:
-    """Nodes and what each counts.
+    """The wavelength nodes of a picture, and the weights of its parts at them.
 
-    weights: electrons per second and pixel where a part's picture is 1 and all light arrives,
-    (channels, parts, nodes), from electrons_per_radiance() of each part's distance.
+    weights: (channels, parts, nodes). Times electrons_per_radiance() of a part's distance, they are
+    electrons per second and pixel where the part's picture is 1 and all light arrives.
     """
 
     nodes: tuple[Wavelength, ...]
@@ -50,10 +44,10 @@ class Wavelengths:
 
 
 def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Wavelengths:
-    """Gauss' nodes of all the light that counts, and each part's weights at them.
+    """Return the Gauss nodes of all light that counts, and each part's weights at them.
 
-    A part's weights are those of the polynomial that goes through its nodes: they add up to all
-    of its electrons, however few nodes there are. Without any light there are no nodes.
+    A part's weights are those of the interpolating polynomial through the nodes: they add up to all
+    of the part's electrons, for any number of nodes. Without light there are no nodes.
     """
     curves = channel_efficiencies(s, recipe)
     spectra = [part.spectrum for part in parts]
@@ -72,9 +66,12 @@ def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Waveleng
 def electrons_by_wavelength(
     spectra: Sequence[Spectrum], curves: Sequence[Spectrum], band: Band, leak: bool
 ) -> tuple[Array, Array]:
-    """Of what a filter passes within its band, or leaks beside it: points in metres that
-    integrate everything, and each one's share of the integral, electrons per joule of white
-    light, (curves, spectra, points). No points where nothing shines or is seen."""
+    """Return the electrons by wavelength of light that a filter passes in its band, or leaks.
+
+    The result is points in metres that integrate all spectra, and each point's share of the
+    integral in electrons per joule of white light, (curves, spectra, points). There are no points
+    where no light is emitted or detected.
+    """
     ends = band.leak_range if leak else band.support
     low, high = _seen_range(spectra, curves, *ends)
     if low >= high or (leak and not band.leak):
@@ -85,8 +82,10 @@ def electrons_by_wavelength(
 
 
 def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
-    """Electrons per photon of each channel; of all pixels alike where filters don't count: a
-    mosaic's is then the mean over its pixels."""
+    """Return the electrons per photon of each channel.
+
+    If the recipe has no mosaic, the only channel is the mean over the mosaic's pixels.
+    """
     sensor = s.camera.sensor
     if sensor.colour is not None:
         curves = tuple(sensor.colour.efficiencies[name] for name in sensor.colour.channels)
@@ -95,7 +94,7 @@ def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
 
 
 def mean_curve(colour: Mosaic) -> Spectrum:
-    """Electrons per photon of a mosaic's mean pixel."""
+    """Return the electrons per photon of a colour mosaic's mean pixel."""
     letters = "".join(colour.pattern)
     curves = [(colour.efficiencies[name], letters.count(name)) for name in colour.channels]
     nodes = sorted({x for curve, _ in curves for x in curve.wavelengths})
@@ -108,7 +107,7 @@ def mean_curve(colour: Mosaic) -> Spectrum:
 def _seen_range(
     spectra: Sequence[Spectrum], curves: Sequence[Spectrum], low: float, high: float
 ) -> tuple[float, float]:
-    """The part of a range in which anything shines and is seen."""
+    """Return the part of a wavelength range in which light is emitted and detected."""
     if not spectra:
         return low, low
     low = max(low, min(one.low for one in spectra), min(one.low for one in curves))
@@ -116,14 +115,18 @@ def _seen_range(
 
 
 def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Array, Array]:
-    """Points and weights that integrate everything: Gauss-Legendre between the kinks."""
+    """Return Gauss-Legendre points and weights between all kinks of the spectra.
+
+    They integrate every spectrum.
+    """
     kinks = {low, high}
     for one in every:
         kinks.update(x for x in one.wavelengths if low < x < high)
-    kinks.update(np.linspace(low, high, _PIECES + 1).tolist())
+    kinks.update(np.linspace(low, high, 20 + 1).tolist())  # There are at least 20 intervals.
     edges = np.array(sorted(kinks))
-    # Tables may have a hundred kinks: as many points in all, whatever there are.
-    count = max(4, min(_FINE, 4000 // len(edges)))
+    # Tables may have hundreds of kinks: the points per interval are limited to 4 to 24, for about
+    # 4000 in all.
+    count = max(4, min(24, 4000 // len(edges)))
     node, weight = gauss_legendre(count)
     half = np.diff(edges)[:, None] / 2
     x = (edges[:-1] + edges[1:])[:, None] / 2 + half * node
@@ -131,19 +134,19 @@ def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Ar
 
 
 def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) -> Array:
-    """Electrons per metre of wavelength and joule of white light, (curves, spectra, x)."""
+    """Return electrons per metre of wavelength and joule of white light, (curves, spectra, x)."""
     photons = x / (constants.h * constants.c)
     sent = np.stack([one.at(x) for one in spectra])
     return np.stack([one.at(x) for one in curves])[:, None] * (sent * photons)
 
 
 def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
-    """Gauss' nodes for the sum of some measures of points x, and each measure's weights there.
+    """Return the Gauss nodes of the sum of some measures of points x, and each measure's weights.
 
     measures: (..., points), not negative. The weights, (..., nodes), integrate polynomials of a
-    degree below the number of nodes as the measure does; all together, as Gauss' rule, up to
-    twice that. Fewer nodes than count where fewer points have any weight.
-    Golub and Welsch (1969), from the three-term recursion that Lanczos' method finds.
+    degree below the number of nodes as the measure does; for the sum of the measures, up to twice
+    that, as Gauss' rule. There are fewer nodes than `count` if fewer points have any weight. Golub
+    and Welsch (1969), from the three-term recursion that Lanczos' method finds.
     """
     total = measures.sum(tuple(range(measures.ndim - 1)))
     mass = total.sum()
@@ -158,7 +161,7 @@ def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Arra
         diagonal.append(float(basis[-1] @ rest))
         if len(diagonal) == count:
             break
-        for _ in range(2):  # once isn't orthogonal enough
+        for _ in range(2):  # One pass isn't orthogonal enough.
             for known in basis:
                 rest = rest - (known @ rest) * known
         length = float(np.linalg.norm(rest))
@@ -168,7 +171,7 @@ def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Arra
         beside.append(length)
     matrix = np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1)
     nodes, vectors = np.linalg.eigh(matrix)
-    # A measure's moments by the orthogonal polynomials, taken to the nodes.
+    # Each measure's moments with the orthogonal polynomials give its weights at the nodes.
     lit = root > 0
     polynomials = np.stack(basis)[:, lit] / root[lit]
     moments = measures[..., lit] @ polynomials.T
@@ -177,17 +180,19 @@ def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Arra
 
 
 def electrons_per_radiance(camera: Camera, distance: float) -> float:
-    """What turns radiance times photons' electrons into electrons per second and pixel, m² sr:
-    the camera equation of optics.throughput.electron_rate, without its light."""
+    """Return the factor from spectral electrons to electrons per second and pixel, m² sr.
+
+    It is the camera equation of optics.throughput.electron_rate without the light.
+    """
     return irradiance_per_radiance(camera, distance) * camera.sensor.pitch**2
 
 
 def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tuple[float, float]]]:
-    """For each distance, the distances whose PSFs stand for its own, and their weights.
+    """Return, for each distance, the distances whose PSFs represent it, and their weights.
 
-    count nodes, evenly spaced in 1/distance from the farthest to the nearest; one is in the
-    middle. PSFs between two nodes are their weighted mean. As many nodes as there are distances,
-    or more, are these distances.
+    `count` nodes are evenly spaced in 1/distance from the farthest to the nearest; a single node is
+    in the middle. PSFs between two nodes are their weighted mean. If there are as many nodes as
+    distances, or more, the nodes are the distances.
     """
     if count < 1:
         raise ValueError(f"{count} depths; there is one at least")
@@ -209,19 +214,25 @@ def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tupl
 
 
 def _distance(vergence: float) -> float:
+    """Return the distance in metres of a vergence, infinite for 0."""
     return 1 / vergence if vergence > 0 else math.inf
 
 
 def field_nodes(count: int, half: float) -> list[float]:
-    """Chebyshev points of the second kind along an axis, from -half to half; one is the middle."""
+    """Return the Chebyshev points of the second kind along an axis of the field.
+
+    They go from -half to half; a single one is in the middle.
+    """
     if count == 1:
         return [0.0]
     return [-half * math.cos(math.pi * k / (count - 1)) for k in range(count)]
 
 
 def interpolation_weights(nodes: Sequence[float], at: Array) -> Array:
-    """Of the values at the nodes in the polynomial through them, (nodes, points); beyond the
-    outermost it stays as it is there."""
+    """Return the weights of values at the nodes in the interpolating polynomial, (nodes, points).
+
+    Beyond the outermost nodes, the polynomial's value there is kept.
+    """
     if len(nodes) == 1:
         return np.ones((1, len(at)))
     where = np.clip(at, nodes[0], nodes[-1])

@@ -1,4 +1,4 @@
-"""The layers of a target on the samples of a picture, weighed by where they are in the field."""
+"""Spectra of a target's layers on the samples of a picture, weighted over the field."""
 
 from __future__ import annotations
 
@@ -18,12 +18,16 @@ from simulator.scene.target import Layer
 from simulator.situation import Situation
 
 Place = tuple[float, float]
+"""(y, x) metres on the sensor."""
 
 
 @dataclass(frozen=True)
 class LayerPlacement:
-    """A layer's picture during a cell: magnification, (y, x) metres on the object that it has
-    moved, and (y, x) metres on the sensor on which it is on its way."""
+    """The placement of a layer's picture during an exposure cell.
+
+    magnification: of the layer. shift: (y, x) metres on the object by which it has moved. path: (y,
+    x) metres on the sensor along which it moves.
+    """
 
     magnification: float
     shift: tuple[float, float]
@@ -31,10 +35,10 @@ class LayerPlacement:
 
 
 class ObjectSpectra:
-    """Spectra of pictures, one for each place in the field, whose PSF it is to be convolved with.
+    """Spectra of a target's pictures, one for each place in the field and its PSF.
 
-    Vignetting and the weights of the places are of the points that shine, and so come before any
-    blur.
+    Vignetting and the weights of the places apply to the points that emit light, and so come before
+    any blur.
     """
 
     def __init__(
@@ -55,8 +59,11 @@ class ObjectSpectra:
     def placement(
         self, layer: Layer, cell: ExposureCell, off: Place = (0.0, 0.0)
     ) -> LayerPlacement | None:
-        """off: (y, x) metres on the sensor by which the picture is moved besides. None where
-        a layer at infinity can't be moved."""
+        """Return the placement of a layer's picture during an exposure cell.
+
+        off: (y, x) metres on the sensor by which the picture is shifted further. The result is None
+        if a layer at infinity would have to be shifted.
+        """
         scale = self._s.camera.magnification(layer.distance)
         shift = cell.shift
         if any(off):
@@ -66,8 +73,7 @@ class ObjectSpectra:
         return LayerPlacement(scale, shift, (cell.path[0] * scale, cell.path[1] * scale))
 
     def is_off_plane(self, picture: Drawable, layer: Layer, cell: ExposureCell, off: Place) -> bool:
-        """Whether nothing of a picture that is moved so far is on the plane: then it needn't be
-        drawn."""
+        """Whether a picture that is shifted by `off` lies wholly outside the plane of samples."""
         scale = self._s.camera.magnification(layer.distance)
         ends = picture.extent(scale, cell.shift)
         plane = self._plane
@@ -80,7 +86,7 @@ class ObjectSpectra:
     def picture_spectrum(
         self, picture: Drawable, where: LayerPlacement, effect: str
     ) -> torch.Tensor:
-        """The spectrum of a picture, and of the path that it takes."""
+        """Return the spectrum of a picture, smeared along its path."""
         return self._cache.get(
             ("object", picture, where, self._plane, self._recipe.picture_samples_per_pixel),
             lambda: self._compute_picture_spectrum(picture, where, effect),
@@ -89,6 +95,7 @@ class ObjectSpectra:
     def _compute_picture_spectrum(
         self, picture: Drawable, where: LayerPlacement, effect: str
     ) -> torch.Tensor:
+        """Compute the spectrum of a picture, smeared along its path."""
         spectrum = self._gathering.spectrum(picture, where.magnification, where.shift, effect)
         smear = self._gathering.motion_transfer(where.path)
         return spectrum if smear is None else spectrum * smear
@@ -96,10 +103,11 @@ class ObjectSpectra:
     def light_spectra(
         self, picture: Drawable, layer: Layer, where: LayerPlacement, off: Place = (0.0, 0.0)
     ) -> list[torch.Tensor]:
-        """Of what shines, vignetting in it, for each place; off: as it was moved besides.
+        """Return the spectra of a picture's light for each place, with vignetting.
 
-        Of endless even light, by how much vignetting makes it less than even, if at all: see
-        is_uniform().
+        off: (y, x) metres on the sensor by which the picture was shifted further. For uniform
+        light, the spectra are those of the deviation from uniform that vignetting causes, if any:
+        see is_uniform().
         """
         if self.is_uniform(picture) and not self._recipe.vignetting:
             return []
@@ -113,39 +121,42 @@ class ObjectSpectra:
         even = self.is_uniform(picture)
 
         def weighted_spectra() -> list[torch.Tensor]:
-            # Nobody will ask for the bare one again: it isn't kept beside this.
+            # The unweighted spectrum isn't needed again, so it isn't cached.
             bare = self._compute_picture_spectrum(picture, where, "picture")
             return self._weight_by_place(bare, self._attenuation(layer, off), even)
 
         return self._cache.get(causes, weighted_spectra)
 
     def is_uniform(self, picture: Drawable) -> bool:
-        """Whether a picture is endless and even, and nothing stands before it: then it is even
-        however it is blurred, and whatever goes aside."""
+        """Whether a picture is uniform and endless, and nothing stands before it.
+
+        Such light stays uniform however it is blurred, and whatever share goes to side orders.
+        """
         return isinstance(picture, UniformLight) and not self._recipe.occlusion
 
     def uniform_dc_term(self, picture: Drawable) -> float:
-        """The spectrum's entry at frequency 0 of such a picture, blurred; 0 of any other."""
+        """Return the spectrum at frequency 0 of uniform light, blurred; 0 for any other picture."""
         rows, columns = self._plane.shape
         if not isinstance(picture, UniformLight) or not self.is_uniform(picture):
             return 0.0
         return picture.value * rows * columns
 
     def cover_spectra(self, cover: Drawable, where: LayerPlacement) -> list[torch.Tensor]:
-        """Of what covers, for each place."""
+        """Return the spectra of a layer's cover for each place."""
         bare = self.picture_spectrum(cover, where, "occlusion")
         if len(self.places) == 1:
             return [bare]
         return self._weight_by_place(bare, None)
 
     def _attenuation(self, layer: Layer, off: Place) -> torch.Tensor | None:
+        """Return the vignetting of a layer on the samples, or None if the recipe has none."""
         if not self._recipe.vignetting:
             return None
         camera, mount, plane = self._kernels.camera, self._s.mount, self._plane
         if not any(off):
             causes = ("vignetting", camera, mount, plane, layer.distance)
             return self._cache.get(causes, lambda: vignetting(camera, mount, plane, layer.distance))
-        # What was moved shines from where it was.
+        # Light that was shifted is vignetted by its original place.
         centre = (plane.centre[0] - off[0], plane.centre[1] - off[1])
         away = type(plane)(plane.shape, plane.pitch, centre)
         return vignetting(camera, mount, away, layer.distance)
@@ -153,6 +164,7 @@ class ObjectSpectra:
     def _weight_by_place(
         self, bare: torch.Tensor, attenuation: torch.Tensor | None, even: bool = False
     ) -> list[torch.Tensor]:
+        """Return a picture's spectra, weighted by vignetting and by each place of the field."""
         effect = "vignetting" if len(self.places) == 1 else "field position"
         light = self._gathering.samples(bare, effect)
         if attenuation is not None:

@@ -1,4 +1,4 @@
-"""The geometric blur of a point: where the rays of a wave go, by its slope."""
+"""The geometric blur of a point: rays follow the slope of the wavefront."""
 
 from __future__ import annotations
 
@@ -14,20 +14,14 @@ from optics.stop.coverage import coverage
 from optics.validation import as_number
 from optics.zernike import zernike
 
-_MOST_RAYS = 16
-"""Along each axis of a panel pixel."""
-
-_STEP = 1e-4
-"""Of the stop's radius, by which aberrations' slopes are differences."""
-
 
 class RayOperator:
-    """What a PSFOperator is for waves: called with the panel's field, it gives light on pixels.
+    """Compute the geometric PSF of the panel's field, as a PSFOperator does for waves.
 
-    camera, distance, wavelength, pixels, field: as for a PSFOperator. Every panel pixel is a
-    bundle of rays that turn by its wave's slope, panel, lens and aberrations together; between
-    pixels the slope is interpolated. Their light falls on the samples as the share of the light
-    that leaves the pupil.
+    camera, distance, wavelength, pixels, field: as for a PSFOperator. Every panel pixel is a bundle
+    of rays, which the slope of its wavefront deflects: that of panel, lens and aberrations
+    together. Between pixels the slope is interpolated. The light on the samples is a share of the
+    light that leaves the pupil.
     """
 
     def __init__(
@@ -47,17 +41,20 @@ class RayOperator:
         self._open = self._stop_transmission()
 
     def _rays(self) -> int:
-        """Along an axis of a pixel: so that neighbours land within half a sample."""
+        """Return the rays along an axis of a panel pixel, at most 16.
+
+        Neighbouring rays land within half a sample of each other, if the limit allows.
+        """
         camera, away = self.camera, object_to_lens_distance(self.camera, self._distance)
         vergence = abs(1 / away - 1 / camera.lens.focus_distance)
         step = camera.panel.pitch * self._spread * camera.lens.image_distance * vergence
-        return min(max(1, math.ceil(2 * step / min(self.pixels.pitch))), _MOST_RAYS)
+        return min(max(1, math.ceil(2 * step / min(self.pixels.pitch))), 16)
 
     def _stop_transmission(self) -> torch.Tensor:
-        """Share of each bundle that passes the stop, or its shadow on the panel."""
+        """Return the share of each bundle of rays that passes the stop, or its shadow."""
         panel, lens = self.camera.panel, self.camera.lens
         radius = as_number(lens.stop_diameter) / 2 / self._spread
-        # Bundles lie evenly in their pixel, around its centre.
+        # Bundles are evenly spaced in their pixel, around its centre.
         inner = -(self._finer - 1) / 2 / self._finer * panel.pitch
         whole = [(n * self._finer) // 2 - (n // 2) * self._finer for n in panel.shape]
         y, x = (
@@ -69,7 +66,7 @@ class RayOperator:
         return coverage(lens.stop, radius, plane)
 
     def __call__(self, phase: None, field: torch.Tensor) -> torch.Tensor:
-        """Light on the samples, (rows, columns) float64, of a field (rows, columns)."""
+        """Return the light on the samples, (rows, columns) float64, of a field (rows, columns)."""
         del phase
         light = (field.real**2 + field.imag**2).to(torch.float64)
         k, lever = (
@@ -85,41 +82,47 @@ class RayOperator:
         return self._splat(landed[0], landed[1], weight)
 
     def straight(self, field: torch.Tensor | None = None, *, keep: bool = False) -> torch.Tensor:
-        """Of light that no phase is put on; a PSFOperator's keep has no meaning here."""
+        """Return the geometric PSF of light without a pattern's phase.
+
+        keep: has no effect; a PSFOperator has it.
+        """
         del keep
         one = torch.ones(self.camera.panel.shape, dtype=torch.complex64)
         return self(None, one if field is None else field.to(torch.complex64))
 
     @property
     def _straight(self) -> torch.Tensor:
+        """Return the light of a unit field that leaves the pupil."""
         return pupil_amplitude(replace(self.camera, separation=0.0)).sum()
 
     def _ray_displacement(self, axis: int, at: torch.Tensor) -> torch.Tensor:
-        """Metres from the geometric image that defocus and aberrations send a ray, by its place."""
+        """Return how far rays land from the geometric image by defocus and aberrations, metres."""
         lens, away = self.camera.lens, object_to_lens_distance(self.camera, self._distance)
+        share = 1e-4  # Slopes are differences over this share of the stop's radius.
         z2, radius = lens.image_distance, as_number(lens.stop_diameter) / 2
-        # Places already lie by the field's offset nearer to the middle of the lens.
+        # The places already contain the field's offset towards the middle of the lens.
         y, x = (place * self._spread for place in (self._y, self._x))
         here = at * self._spread
         if lens.kind == "thin":
             bent = here * (1 / away - 1 / lens.focus_distance)
         else:
-            step = _STEP * radius
+            step = share * radius
             ends = [(here + sign * step) ** 2 + self._other(axis) ** 2 for sign in (1, -1)]
             paths = [defocus_path(lens, away, end) for end in ends]
             bent = (paths[0] - paths[1]) / (2 * step)
         for n, m, path in lens.aberrations:
-            dy, dx = (_STEP, 0.0) if axis == 0 else (0.0, _STEP)
+            dy, dx = (share, 0.0) if axis == 0 else (0.0, share)
             ahead = zernike(n, m, y / radius + dy, x / radius + dx)
             behind = zernike(n, m, y / radius - dy, x / radius - dx)
-            bent = bent + path * (ahead - behind) / (2 * _STEP * radius)
+            bent = bent + path * (ahead - behind) / (2 * share * radius)
         return bent * z2
 
     def _other(self, axis: int) -> torch.Tensor:
+        """Return the rays' places in the lens along the other axis, in metres."""
         return (self._x if axis == 0 else self._y) * self._spread
 
     def _splat(self, y: torch.Tensor, x: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-        """Each ray's light on the four samples around it, by how near they are."""
+        """Divide each ray's light among the four samples around it, by their distances."""
         rows, columns = self.pixels.shape
         py, px = self.pixels.pitch
         y = ((y - self.pixels.centre[0]) / py + rows // 2).expand(weight.shape).reshape(-1)
@@ -138,7 +141,10 @@ class RayOperator:
 
 
 def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
-    """Radians a pixel, float64: steps to both neighbours modulo a wave, in the mean."""
+    """Return the wavefront's slope in radians per pixel, float64.
+
+    It is the mean of the phase steps to both neighbours, modulo a wave.
+    """
     n = field.shape[axis]
     if n == 1:
         return torch.zeros(field.shape, dtype=torch.float64)
@@ -149,7 +155,7 @@ def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
 
 
 def _between(slopes: torch.Tensor, k: int) -> torch.Tensor:
-    """At k places along each axis of every pixel, linear between the pixels' centres."""
+    """Return slopes at k places along each axis of every pixel, linear between pixels' centres."""
     if k == 1:
         return slopes
     shape = (slopes.shape[0] * k, slopes.shape[1] * k)

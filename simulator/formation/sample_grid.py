@@ -1,4 +1,4 @@
-"""Pictures and kernels on samples of the sensor plane, and from samples to pixels."""
+"""The samples of the sensor plane: spectra of pictures and PSFs, and the light on pixels."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ Array = NDArray[np.float64]
 
 
 class SampleGrid:
-    """The samples of a picture: the sensor with what may shine on it.
+    """The samples of a picture, on the sensor and on a margin whose light may be blurred into it.
 
-    min_shape: pixels of the picture, (rows, columns), as many as the sensor's at least.
-    samples_per_pixel: along each axis. picture_samples_per_pixel: the same of pictures, before
-    what is finer than the others is left out. check: is called before every transform, and may
+    min_shape: fewest pixels of the picture, (rows, columns), at least the sensor's.
+    samples_per_pixel: along each axis. picture_samples_per_pixel: the same when pictures are drawn;
+    detail finer than the samples is then removed. check: is called before every transform, and may
     raise.
 
-    Spectra are on its rfft2 grid, complex64, with the origin in the corner. What a PSF carries
-    around the plane's edges stays outside the sensor.
+    Spectra are on the rfft2 grid, complex64, with the origin in the corner. Light that a PSF
+    carries periodically around the plane's edges doesn't reach the sensor.
     """
 
     def __init__(
@@ -59,22 +59,23 @@ class SampleGrid:
 
     @property
     def operations(self) -> float:
-        """Of one transform of all samples."""
+        """Return the operations of one Fourier transform of all samples."""
         return transform_operations(*self.plane.shape)
 
     def _count(self, effect: str) -> None:
+        """Enter one transform in the ledger."""
         self._check()
         self._ledger.add(effect, self.operations, 8 * math.prod(self.plane.shape))
 
     def zero_spectra(self, count: int) -> list[torch.Tensor]:
-        """Spectra of no light."""
+        """Return spectra of no light."""
         rows, columns = self.plane.shape
         return [torch.zeros(rows, columns // 2 + 1, dtype=torch.complex64) for _ in range(count)]
 
     def spectrum(
         self, picture: Drawable, magnification: float, shift: tuple[float, float], effect: str
     ) -> torch.Tensor:
-        """Of a picture, moved by (y, x) metres on the object."""
+        """Return the spectrum of a picture that is shifted by (y, x) metres on the object."""
         if picture.has_exact_spectrum or self._drawn == self.plane:
             self._count(effect)
             return picture.spectrum(self.plane, magnification, shift).to(torch.complex64)
@@ -84,21 +85,21 @@ class SampleGrid:
         return _crop_spectrum(spectrum, self._drawn.shape, self.plane.shape)
 
     def samples(self, spectrum: torch.Tensor, effect: str) -> torch.Tensor:
-        """The picture of a spectrum, (rows, columns) of the plane."""
+        """Return the picture of a spectrum on the samples, (rows, columns)."""
         self._count(effect)
         return origin_to_centre(irfft2(spectrum, self.plane.shape))
 
     def transform_samples(self, samples: torch.Tensor, effect: str) -> torch.Tensor:
-        """The spectrum of a picture on the plane."""
+        """Return the spectrum of a picture on the samples."""
         self._count(effect)
         return rfft2(origin_to_corner(samples)).to(torch.complex64)
 
     def transfers(
         self, psfs: Sequence[torch.Tensor], weights: Array, effect: str
     ) -> list[torch.Tensor]:
-        """Transfer functions of weighted sums of PSFs; weights: (sums, PSFs).
+        """Return the transfer functions of weighted sums of PSFs; weights: (sums, PSFs).
 
-        Sums are formed before the transform or behind it, whichever takes fewer of them.
+        The sums are formed before or after the transform, whichever needs fewer transforms.
         """
         if len(psfs) <= len(weights):
             known = [self._transfer(psf, effect) for psf in psfs]
@@ -106,11 +107,15 @@ class SampleGrid:
         return [self._transfer(_sum(psfs, row), effect) for row in weights]
 
     def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
+        """Return the transfer function of one PSF."""
         self._count(effect)
         return _transform_centred_part(psf.to(torch.float32), self.plane.shape)
 
     def motion_transfer(self, path: tuple[float, float]) -> torch.Tensor | None:
-        """What a straight path on the sensor, (y, x) metres, makes of a spectrum; None if none."""
+        """Return the transfer function of a uniform motion along `path`, or None without motion.
+
+        path: (y, x) metres on the sensor.
+        """
         if not any(path):
             return None
         fy, fx = rfft2_frequencies(self.plane)
@@ -118,10 +123,14 @@ class SampleGrid:
 
     @cached_property
     def _aperture(self) -> torch.Tensor:
+        """Return the transfer function of the pixel aperture."""
         return pixel_transfer(*self.plane.shape, self.finer).to(torch.float32)
 
     def light_on_pixels(self, spectrum: torch.Tensor, aperture: bool) -> torch.Tensor:
-        """Light on the sensor's pixels, (rows, columns): its mean over each, or at its centre."""
+        """Return the light on the sensor's pixels, (rows, columns).
+
+        aperture: whether it is the mean over each pixel, or the light at its centre.
+        """
         if aperture:
             self._ledger.add("pixel aperture", 2.0 * spectrum.numel(), 4 * spectrum.numel())
             spectrum = spectrum * self._aperture
@@ -131,8 +140,10 @@ class SampleGrid:
 
 
 def _transform_centred_part(part: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """The rfft2 of a picture of some shape that is 0 but for a part around its origin, n // 2 of
-    both: rows without light aren't transformed."""
+    """Return the rfft2 of a picture that is zero except for a part around its origin.
+
+    The origin is at n // 2 of both. Rows without light aren't transformed.
+    """
     (rows, columns), (y, x) = part.shape, (n // 2 for n in part.shape)
     lines = np.zeros((rows, shape[1]), dtype=np.float32)
     lines[:, : columns - x] = part[:, x:]
@@ -147,8 +158,7 @@ def _transform_centred_part(part: torch.Tensor, shape: tuple[int, int]) -> torch
 def _crop_spectrum(
     spectrum: torch.Tensor, shape: tuple[int, int], new_shape: tuple[int, int]
 ) -> torch.Tensor:
-    """The rfft2 of a picture of `new_shape` samples that has what these resolve of one of more, and
-    nothing that is finer."""
+    """Return the rfft2 of a picture on fewer samples, without detail finer than they resolve."""
     rows, columns = new_shape
     half = (rows + 1) // 2
     kept = torch.cat([spectrum[:half], spectrum[shape[0] - (rows - half) :]])
@@ -159,14 +169,17 @@ def _crop_spectrum(
 def downsample_spectrum(
     spectrum: torch.Tensor, shape: tuple[int, int], factor: int
 ) -> torch.Tensor:
-    """Every `factor`th sample, from the origin on, of a picture whose rfft2 is given, (rows,
-    columns) of shape with the origin in the corner: frequencies that look alike are added before
-    they are transformed."""
+    """Return every `factor`th sample of a picture from its rfft2, (rows, columns) of `shape`.
+
+    The samples begin at the origin, which is in the corner. Frequencies that are aliases of each
+    other are added before the transform.
+    """
     if factor == 1:
         return irfft2(spectrum, shape)
     rows, columns = shape
     lines = spectrum.reshape(factor, rows, spectrum.shape[1]).sum(0) / factor
-    # Now a real picture's spectrum along x alone: what is beyond its end is known by symmetry.
+    # The lines are now spectra along x of a real picture: values beyond the rfft's end follow by
+    # symmetry.
     lines = fft(lines, rows, 0, inverse=True)
     kept = columns // 2 + 1
     total = torch.zeros((rows, kept), dtype=lines.dtype)
@@ -182,5 +195,6 @@ def downsample_spectrum(
 
 
 def _sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
+    """Return the weighted sum of PSFs or transfer functions."""
     first, *others = (float(w) * part for part, w in zip(parts, weights, strict=True))
     return sum(others, first)

@@ -1,4 +1,4 @@
-"""The diffraction orders of the panel's pixel grid: pale copies of the picture, far away."""
+"""Render the side diffraction orders of the panel's pixel grid: faint, distant copies."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _ONE = np.ones((1, 1))
 
 
 class SideOrdersPath:
-    """Light that the grid sends aside, by wavelength over its pitch, where it meets the sensor.
+    """The path of light that the panel's pixel grid diffracts into side orders.
 
-    Every wavelength goes elsewhere. An order's PSF is computed around where it lands, and
-    convolved with the object as if that had been there.
+    An order's offset is proportional to the wavelength. Its PSF is computed around the order's
+    centre, and convolved with the object as if the object were there.
     """
 
     def __init__(
@@ -26,11 +26,11 @@ class SideOrdersPath:
     ) -> None:
         self._gathering, self._objects, self._spreading = gathering, objects, spreading
         span = range(-most, most + 1)
-        # All but the one in the middle.
+        # All orders but the zeroth.
         self._orders: list[Order] = [(y, x) for y in span for x in span if y or x]
 
     def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """As ZerothOrderPath."""
+        """Return a layer's light in side orders of all wavelengths; see LightPath."""
         total = self._gathering.zero_spectra(self._spreading.channels)
         for node in range(len(self._spreading.nodes)):
             for channel, light in enumerate(self.wavelength_spectra(number, node, cell, count)):
@@ -40,7 +40,7 @@ class SideOrdersPath:
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """As ZerothOrderPath."""
+        """Return a layer's light in side orders of one wavelength; see LightPath."""
         del count
         layer, weights = self._spreading.layers[number], self._spreading.weights(number)
         total = self._gathering.zero_spectra(self._spreading.channels)
@@ -63,7 +63,7 @@ class SideOrdersPath:
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor:
-        """As ZerothOrderPath."""
+        """Return the spectrum of a layer's cover in side orders; see LightPath."""
         del count
         layer = self._spreading.layers[number]
         assert layer.cover is not None
@@ -82,7 +82,7 @@ class SideOrdersPath:
     def _order_spectrum(
         self, number: int, node: int, order: Order, cell: ExposureCell, spectra: list[torch.Tensor]
     ) -> torch.Tensor | None:
-        """The spectrum of a picture that an order carries; None if nothing of it comes near."""
+        """Return the spectrum of a picture in one side order; None if none of its light is near."""
         if not any(bool(one.any()) for one in spectra):
             return None
         total = self._gathering.zero_spectra(1)[0]

@@ -1,4 +1,4 @@
-"""How much of a point's light arrives, by where its image lies."""
+"""Vignetting: the share of a point's light that arrives, by the place of its image."""
 
 from __future__ import annotations
 
@@ -11,16 +11,14 @@ from optics.plane import Plane
 from optics.stop_shadow import share_through_stop
 from simulator.mount import Mount
 
-_PLACES = 33
-"""Along each axis of the field, at which the stop's shadow is looked at."""
-
 
 def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
-    """Share of the light that a point on the axis would send, (rows, columns) of plane, float32.
+    """Return vignetting: the light of each place over that on the axis, float32.
 
-    camera: in the panel's axes. cos⁴ of the angle at which the lens is seen from the sensor, and
-    by how much more the stop cuts of the panel's light than on the axis (share_through_stop()),
-    linear between places; beyond the outermost, on the plane's edges, there is nothing.
+    The result is (rows, columns) of the plane. camera: in the panel's axes. Vignetting is cos⁴ of
+    the angle at which the lens appears from the sensor, times the panel's light that passes the
+    stop, relative to that on the axis (share_through_stop()). The latter is interpolated linearly
+    between 33 x 33 places, the outermost of which are on the plane's edges.
     """
     y, x = plane.mesh()
     z = camera.lens.image_distance
@@ -31,6 +29,7 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
 
 
 def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
+    """Return the light that passes the stop, relative to that on the axis, on a plane's samples."""
     axis = share_through_stop(camera, distance, (0.0, 0.0))
     if not axis:
         raise ValueError(
@@ -38,7 +37,7 @@ def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> tor
             "panel nearer to the lens, or open the stop"
         )
     ends = [(float(one.min()), float(one.max())) for one in plane.mesh()]
-    grid = [np.linspace(low, high, _PLACES) for low, high in ends]
+    grid = [np.linspace(low, high, 33) for low, high in ends]
     known = np.array(
         [
             [
@@ -57,7 +56,7 @@ def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> tor
 def _linear(
     values: NDArray[np.float64], at: NDArray[np.float64], nodes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Along the first axis, between even nodes."""
+    """Interpolate vignetting linearly along the first axis, between evenly spaced nodes."""
     step = nodes[1] - nodes[0]
     if not step:
         return np.repeat(values[:1], len(at), axis=0)

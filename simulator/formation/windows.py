@@ -1,8 +1,8 @@
-"""How far from an image its light is followed, and how large a picture has to be for that.
+"""The windows of PSFs, and the size that a picture needs for them.
 
-No light goes farther than from the outermost of the target to the outermost pixel: a PSF that is
-known up to there is as good as a larger one, and what is carried around the picture's edges stays
-outside the sensor all the same.
+No light goes farther than from the outermost point of the target to the outermost pixel. A PSF up
+to that distance is as good as a larger one. Light that is carried periodically around the picture's
+edges doesn't reach the sensor.
 """
 
 from __future__ import annotations
@@ -12,20 +12,26 @@ import math
 from simulator.situation import Situation
 
 _SPARE = 32
-"""Pixels more than the outermost light needs: of detail that is finer than the samples, these
-ring beside it."""
+"""Pixels beyond the outermost light: detail finer than the samples causes ringing beside it."""
+
+ORDER_FADE_PIXELS = 4.0
+"""Sensor pixels over which one diffraction order of the panel fades into the next."""
 
 
 def light_extent(s: Situation) -> tuple[float, float]:
-    """Metres on the sensor, (y, x), from the axis to the outermost light, at any time of an
-    exposure; infinite of what has no end."""
+    """Return the metres on the sensor, (y, x), from the axis to a scene's outermost light.
+
+    They hold for any time of the exposure, and are infinite for endless light.
+    """
     y, x = (side + s.image_motion for side in s.picture_probe.extent)
     return y, x
 
 
 def max_blur_distance(s: Situation) -> tuple[float, float]:
-    """Metres on the sensor, along each of the panel's axes, from any light's image to any pixel,
-    at most."""
+    """Return the largest distance from any light's image to any pixel, (y, x).
+
+    In metres on the sensor, along each of the panel's axes.
+    """
     sensor = s.camera.sensor
     y, x = (
         side + n * sensor.pitch / 2 for side, n in zip(light_extent(s), sensor.shape, strict=True)
@@ -37,21 +43,23 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
 
 
 def psf_window(s: Situation, window: int) -> tuple[int, int]:
-    """Sensor pixels, (rows, columns), of a PSF whose window has so many to a side, or of which
-    all that can count lies within less."""
+    """Return the sensor pixels, (rows, columns), of a PSF's window.
+
+    window: its side; the result is smaller where no light goes so far.
+    """
     pitch = s.camera.sensor.pitch
-    # Infinity has no whole number.
+    # min() comes first, as an infinite distance has no ceil().
     sides = (2 * math.ceil(min(one / pitch, window)) + _SPARE for one in max_blur_distance(s))
     rows, columns = (min(window, side) for side in sides)
     return rows, columns
 
 
 def picture_shape(s: Situation, window: int, orders: int) -> tuple[int, int]:
-    """Sensor pixels, (rows, columns), of a picture around the frame on which PSFs of such a window
-    may be carried around the edges: not as far as onto the sensor.
+    """Return the sensor pixels, (rows, columns), of a picture with a margin around the frame.
 
-    orders: of the panel's pixels that are looked for. Theirs begin far from any image, and need
-    all of the window.
+    The margin is so wide that light carried periodically around the edges doesn't reach the sensor.
+    orders: side orders of the panel that are rendered. Their light is far from any image, and needs
+    the whole window.
     """
     sides = (window, window) if orders else psf_window(s, window)
     lit = [math.inf if orders else one / s.camera.sensor.pitch for one in light_extent(s)]

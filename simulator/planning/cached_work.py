@@ -46,7 +46,7 @@ class CachedWork:
             found = found.children.get(levels[found.name])
         if found is None:
             watched = _RecordingLevels(levels)
-            found = self._effect.work(self._s, watched)
+            found = self._effect.added_operations(self._s, watched)
             self.levels_read.update(watched.reads)
             self._keep(list(watched.reads.items()), found)
         return found

@@ -57,7 +57,7 @@ class Effect(ABC):
         """The same at a level below the finest."""
 
     @abstractmethod
-    def work(self, s: Situation, levels: Mapping[str, int]) -> float:
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         """Operations that its level adds, given the levels of all that are caused."""
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""Screens that nobody sees, for a panel to be driven as, and an eye on them that isn't ours."""
+"""X servers without a monitor, as screens for SLM panels, and screenshots of them by xwd."""
 
 from simulator.screens.server import NoXServer, XServer, require_program, running_server, xvfb
 from simulator.screens.two_screens import NEIGHBOUR, PANEL, lay_out, xorg

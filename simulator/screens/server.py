@@ -1,4 +1,4 @@
-"""X servers of our own, asked by the tools that come with X: xwd, xrandr and the like."""
+"""X servers that this process starts, and their inspection by X's own tools, xwd and xrandr."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,27 +17,48 @@ from numpy.typing import NDArray
 from drivers.hosted.child_process import terminate_or_kill
 from simulator.screens.xwd import pixels_of
 
-_PATIENCE = 60.0
-"""Seconds in which a tool must have answered, on a computer that has other things to do."""
 
-_STARTING = 30.0
-"""Seconds in which a server must be there, and in which it must have gone."""
+@dataclass(frozen=True)
+class XServerSettings:
+    """Limit how long X servers and X's tools may take.
+
+    Attributes
+    ----------
+    tool_timeout : float
+        Seconds within which a tool must answer, also on a busy computer. Chosen.
+    start_timeout : float
+        Seconds within which a server must be up, and within which a program must end. Chosen.
+    """
+
+    tool_timeout: float = 60.0
+    start_timeout: float = 30.0
+
+
+SETTINGS = XServerSettings()
 
 
 class NoXServer(OSError):
-    """A server can't be started; why, and what helps, in words."""
+    """An X server can't be started; the message says why, and what helps."""
 
 
 class XServer:
-    """A display that is up. process: the server's number."""
+    """Run X's tools on the display of a running X server.
+
+    Parameters
+    ----------
+    display : str
+        The server's display, such as ":1".
+    process : int
+        The server's process id.
+    """
 
     def __init__(self, display: str, process: int) -> None:
         self.display, self.process = display, process
 
     def run(self, *command: str, stdin: str = "") -> str:
-        """What a tool prints when it is given these words.
+        """Run an X tool on the display and return what it prints.
 
-        OSError if it isn't installed, subprocess.SubprocessError if it fails.
+        Raises OSError if the tool isn't installed, and subprocess.SubprocessError if it fails.
         """
         done = subprocess.run(
             command,
@@ -44,30 +66,33 @@ class XServer:
             env=self._environment(),
             capture_output=True,
             text=True,
-            timeout=_PATIENCE,
+            timeout=SETTINGS.tool_timeout,
             check=True,
         )
         return done.stdout
 
     def xrandr(self, words: str) -> str:
+        """Run xrandr on the display with these arguments and return what it prints."""
         return self.run("xrandr", *words.split())
 
     def pixels(self) -> NDArray[np.uint8]:
-        """The whole screen as xwd sees it: (rows, columns, 3), blue, green, red.
+        """Return the whole screen as xwd reads it: (rows, columns, 3) of blue, green, red.
 
-        OSError if xwd isn't installed, or sees nothing.
+        Raises OSError if xwd isn't installed, or returns no picture.
         """
         command = ["xwd", "-display", self.display, "-root", "-silent"]
-        late = time.monotonic() + _PATIENCE
+        late = time.monotonic() + SETTINGS.tool_timeout
         while time.monotonic() < late:
-            done = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)
-            if done.stdout:  # it fails when a window goes while it looks
+            done = subprocess.run(
+                command, capture_output=True, timeout=SETTINGS.tool_timeout, check=False
+            )
+            if done.stdout:  # xwd fails if a window closes meanwhile: try again
                 return pixels_of(done.stdout)
         raise OSError(f"xwd sees nothing on {self.display}: {done.stderr.decode()!r}")
 
     @contextmanager
     def program(self, *command: str) -> Iterator[subprocess.Popen[bytes]]:
-        """A program on this display while the block lasts."""
+        """Run a program on the display while the block lasts."""
         process = subprocess.Popen(
             command,
             env=self._environment(),
@@ -78,16 +103,34 @@ class XServer:
         try:
             yield process
         finally:
-            terminate_or_kill(process, _STARTING)
+            terminate_or_kill(process, SETTINGS.start_timeout)
 
     def _environment(self) -> dict[str, str]:
+        """Return the environment variables with which a program finds the display."""
         return {**os.environ, "DISPLAY": self.display}
 
 
 @contextmanager
 def running_server(command: list[str]) -> Iterator[XServer]:
-    """A server of a free number while the block lasts. NoXServer if it doesn't start."""
-    # Whatever ends this process, or the thread that begins the block, ends the server.
+    """Run an X server on a free display while the block lasts.
+
+    Parameters
+    ----------
+    command : list of str
+        The server's program and its arguments.
+
+    Yields
+    ------
+    XServer
+        The running server.
+
+    Raises
+    ------
+    NoXServer
+        If the server doesn't start.
+    """
+    # setpriv lets the kernel end the server when this process, or the thread that starts the
+    # block, ends.
     guard = ["setpriv", "--pdeathsig", "KILL", "--"] if shutil.which("setpriv") else []
     reading, writing = os.pipe()
     with os.fdopen(reading) as told:
@@ -98,28 +141,43 @@ def running_server(command: list[str]) -> Iterator[XServer]:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                # Ctrl-C is for this process, which ends it last.
+                # Ctrl-C must reach this process only, which ends the server last.
                 start_new_session=True,
             )
         finally:
             os.close(writing)
         try:
-            # It tells its number once it listens, or ends without a word.
-            ready, _, _ = select.select([told], [], [], _STARTING)
+            # The server writes its display number once it listens, or ends without writing.
+            ready, _, _ = select.select([told], [], [], SETTINGS.start_timeout)
             number = told.readline().strip() if ready else ""
             if not number:
                 program = os.path.basename(command[0])
                 raise NoXServer(f"{program} didn't start. Try it by hand: {program} -displayfd 1")
             yield XServer(f":{number}", server.pid)
         finally:
-            terminate_or_kill(server, _STARTING)
+            terminate_or_kill(server, SETTINGS.start_timeout)
 
 
 @contextmanager
 def xvfb(columns: int, rows: int, display: str = "") -> Iterator[XServer]:
-    """One screen of 24 bits that is scanned out nowhere.
+    """Run an X server with one invisible screen of 24 bits while the block lasts.
 
-    display: such as ":1"; one that is free if empty. NoXServer if it can't be had.
+    Parameters
+    ----------
+    columns, rows : int
+        Size of the screen in pixels.
+    display : str, default ""
+        The display, such as ":1"; a free one if empty.
+
+    Yields
+    ------
+    XServer
+        The running server.
+
+    Raises
+    ------
+    NoXServer
+        If Xvfb isn't installed or doesn't start.
     """
     program = require_program("Xvfb", "xvfb")
     number = [display] if display else []
@@ -128,7 +186,25 @@ def xvfb(columns: int, rows: int, display: str = "") -> Iterator[XServer]:
 
 
 def require_program(name: str, packages: str) -> str:
-    """Where a program is. NoXServer names the packages to install if it isn't there."""
+    """Return the path of an installed program that an X server needs.
+
+    Parameters
+    ----------
+    name : str
+        The program's name.
+    packages : str
+        The Debian packages that contain it, for the error message.
+
+    Returns
+    -------
+    str
+        The program's path.
+
+    Raises
+    ------
+    NoXServer
+        If the program isn't installed; the message names the packages.
+    """
     found = shutil.which(name)
     if found is None:
         raise NoXServer(f"{name} isn't installed: sudo apt-get install {packages}")

@@ -1,4 +1,4 @@
-"""A bench's two screens, the operator's and the panel: Xorg with its dummy driver."""
+"""An X server with a bench's two screens, the operator's and the panel: Xorg's dummy driver."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import numpy as np
 from simulator.screens.server import NoXServer, XServer, require_program, running_server
 
 PANEL = np.s_[:1080, 1280:3200]
-"""Where the panel lies among the pixels of both screens."""
+"""Rows and columns of the panel's screen among the pixels of both screens."""
 
 NEIGHBOUR = np.s_[:, :1280]
+"""Rows and columns of the operator's screen, at the left of the panel's."""
 
 _PACKAGES = "xserver-xorg-core xserver-xorg-video-dummy x11-xserver-utils x11-apps"
 
@@ -44,9 +45,25 @@ EndSection
 
 @contextmanager
 def xorg(folder: Path) -> Iterator[XServer]:
-    """DUMMY0, 1280x1024, is the operator's; DUMMY1, 1920x1080 at 60 Hz, lies at its right.
+    """Run an X server with two screens, the operator's and the panel's, while the block lasts.
 
-    folder: for its configuration and its log. NoXServer if it can't be had.
+    DUMMY0, 1280x1024, is the operator's screen; DUMMY1, 1920x1080 at 60 Hz, is the panel's, at its
+    right.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder for the server's configuration and log.
+
+    Yields
+    ------
+    XServer
+        The running server.
+
+    Raises
+    ------
+    NoXServer
+        If Xorg or one of its tools isn't installed, it doesn't start, or the user isn't root.
     """
     program = require_program("Xorg", _PACKAGES)
     for tool in ("xrandr", "xwd"):
@@ -64,10 +81,17 @@ def xorg(folder: Path) -> Iterator[XServer]:
 
 
 def lay_out(server: XServer) -> None:
-    """As they are on a bench, whatever was done to them."""
+    """Lay out the X server's two screens as on a bench, whatever their layout was before.
+
+    Parameters
+    ----------
+    server : XServer
+        A server with the two screens of `xorg`.
+    """
     server.xrandr(
         "--output DUMMY0 --mode 1280x1024 --rate 60.02 --pos 0x0 --primary --rotate normal "
         "--output DUMMY1 --mode 1920x1080 --pos 1280x0 --rotate normal --gamma 1:1:1"
     )
-    # Asked, it looks what is plugged in: the dummy driver's screens are, once they are lit.
+    # A query lets the server detect its outputs again: the dummy driver's count as connected once
+    # they have a mode.
     server.xrandr("")

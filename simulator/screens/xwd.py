@@ -1,4 +1,4 @@
-"""Pictures of a screen as xwd writes them, by the header's layout in X11/XWDFile.h."""
+"""Read screenshots in xwd's file format, whose header X11/XWDFile.h defines."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ _HEADER = struct.Struct(">25I")
 
 
 def pixels_of(dump: bytes) -> NDArray[np.uint8]:
-    """Of a screen of 24 bits: (rows, columns, 3), blue, green, red."""
+    """Return the pixels of an xwd screenshot of 24 bits: (rows, columns, 3), blue, green, red."""
     header = _HEADER.unpack_from(dump)
-    # Its own size, columns and rows, bits a pixel, bytes a line and entries of a colour map.
+    # Header fields: [0] its own size, [4] columns, [5] rows, [11] bits per pixel, [12] bytes per
+    # line, and [19] entries of the colour map, of 12 bytes each.
     columns, rows, bits, line = header[4], header[5], header[11], header[12]
     begin = header[0] + 12 * header[19]
-    # With windows of several visuals it packs pixels into 3 bytes, and lines all the same.
+    # If the windows have several visuals, xwd packs pixels into 3 bytes and lines without padding,
+    # whatever number of bytes per line the header gives.
     size = columns * bits // 8
     line = line if len(dump) - begin >= rows * line else size
     data = np.frombuffer(dump, np.uint8, rows * line, begin).reshape(rows, line)

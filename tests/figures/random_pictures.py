@@ -71,7 +71,7 @@ class Case:
     def finest_work(self) -> float:
         """Operations of a picture with every effect at its finest."""
         levels = {_ORDERS: 0} | self.finest
-        return sum(one.work(self.situation, levels) for one in self.effects)
+        return sum(one.added_operations(self.situation, levels) for one in self.effects)
 
     @property
     def finest_recipe(self) -> Recipe:

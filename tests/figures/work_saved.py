@@ -110,7 +110,7 @@ def _demanded() -> dict[str, list[int]]:
 
 def _work(s: Situation, levels: Mapping[str, int]) -> float:
     whole = dict.fromkeys((one.name for one in EFFECTS), 0) | dict(levels)
-    return sum(one.work(s, whole) for one in EFFECTS if one.name in levels)
+    return sum(one.added_operations(s, whole) for one in EFFECTS if one.name in levels)
 
 
 @contextmanager

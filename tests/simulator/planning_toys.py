@@ -38,7 +38,7 @@ class Toy(Effect):
     def error_bound_below_finest(self, s, level):
         return self.bounds[level]
 
-    def work(self, s, levels):
+    def added_operations(self, s, levels):
         work = self.works[levels[self.name]]
         for other in self.coupled:
             work *= 1 + levels[other]

@@ -122,8 +122,8 @@ def test_bounds_fall_with_the_level_and_are_nothing_at_the_finest(seed):
         assert all(0 <= effect.estimated_error(s, level) < math.inf for level in levels)
         assert effect.explain(s)
         names = {one.name: one.finest_level(s) for one in EFFECTS if one.is_present(s)}
-        assert effect.work(s, names) >= 0
-        assert effect.work(s, {**names, effect.name: 0}) == 0
+        assert effect.added_operations(s, names) >= 0
+        assert effect.added_operations(s, {**names, effect.name: 0}) == 0
 
 
 def test_what_interferes_stays_within_its_bound():

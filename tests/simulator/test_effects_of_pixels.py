@@ -186,6 +186,6 @@ def test_they_say_what_they_are(effect):
     s.target.layers = (SimpleNamespace(distance=2.0, parts=(part,), cover=None),)
     assert effect.is_present(s)
     assert effect.explain(s)
-    assert effect.work(s, {effect.name: 0}) == 0
-    assert effect.work(s, {effect.name: 1}) > 0
+    assert effect.added_operations(s, {effect.name: 0}) == 0
+    assert effect.added_operations(s, {effect.name: 1}) > 0
     assert effect.error_bound(s, 1).mean == 0 < effect.error_bound(s, 0).mean

@@ -209,12 +209,16 @@ def test_an_even_path_is_exact_in_one_piece():
 def test_work_grows_with_the_level():
     s = situation(sheets(np.random.default_rng(0), 4), reach=lambda share: 2 * PITCH)
     for effect in (DepthLayers(), Occlusion()):
-        done = [effect.work(s, {effect.name: k}) for k in range(effect.finest_level(s) + 1)]
+        done = [
+            effect.added_operations(s, {effect.name: k}) for k in range(effect.finest_level(s) + 1)
+        ]
         assert done == sorted(done)
         assert done[0] == 0
     s = situation(moving(np.random.default_rng(1), LAMPS[0]))
     for effect in (Motion(), LampFlicker()):
-        done = [effect.work(s, {effect.name: k}) for k in range(effect.finest_level(s) + 1)]
+        done = [
+            effect.added_operations(s, {effect.name: k}) for k in range(effect.finest_level(s) + 1)
+        ]
         assert done == sorted(done)
         assert done[0] == 0
 

@@ -135,7 +135,9 @@ def test_effects_say_what_they_are(effect):
     assert effect.explain(s)
     assert effect.physics
     assert effect.source
-    works = [effect.work(s, {effect.name: level}) for level in range(len(effect.levels))]
+    works = [
+        effect.added_operations(s, {effect.name: level}) for level in range(len(effect.levels))
+    ]
     assert works[0] == 0
     assert works == sorted(works)
     assert effect.estimated_error(s, len(effect.levels) - 1) == 0

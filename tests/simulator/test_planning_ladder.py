@@ -150,9 +150,9 @@ def test_effects_are_asked_for_their_work_once_for_the_same_levels():
     asked = []
 
     class Counted(Toy):
-        def work(self, s, levels):
+        def added_operations(self, s, levels):
             asked.append((self.name, levels[self.name], *(levels[n] for n in self.coupled)))
-            return super().work(s, levels)
+            return super().added_operations(s, levels)
 
     made = [
         Counted(f"e{n}", (Bound(2.0), Bound(1.0), Bound()), (0.0, 1.0, 2.0),

@@ -258,7 +258,7 @@ def test_what_the_panel_has_not_got_costs_nothing(monkeypatch):
     absent = [effect for effect in EFFECTS if effect.name in there]
     assert len(absent) == len(there)
     for effect in absent:
-        for name in ("error_bound", "estimated_error", "work", "add_to_recipe"):
+        for name in ("error_bound", "estimated_error", "added_operations", "add_to_recipe"):
             monkeypatch.setattr(type(effect), name, never)
     monkeypatch.setattr(simulator.mount.Mount, "to_sensor_axes", never)
     w = world()
