@@ -9,35 +9,21 @@ the sensor.
 
 from __future__ import annotations
 
-from optics.patterns.aberrations import zernike_pattern
-from optics.patterns.constant import constant_phase
-from optics.patterns.extended_depth import (
-    annular_phase_mask,
-    cubic_phase_mask,
-    logarithmic_asphere,
-)
-from optics.patterns.gratings import (
-    binary_grating,
-    blazed_grating,
-    sine_grating,
-    steering_grating,
-)
-from optics.patterns.lenses import axicon, fresnel_lens
-from optics.patterns.patches import random_patches
-from optics.patterns.slope import superpose
+from optics.patterns import aberrations, constant, extended_depth, gratings, lenses, patches, slope
+from optics.patterns.aberrations import *
+from optics.patterns.constant import *
+from optics.patterns.extended_depth import *
+from optics.patterns.gratings import *
+from optics.patterns.lenses import *
+from optics.patterns.patches import *
+from optics.patterns.slope import *
 
-__all__ = [
-    "annular_phase_mask",
-    "axicon",
-    "binary_grating",
-    "blazed_grating",
-    "constant_phase",
-    "cubic_phase_mask",
-    "fresnel_lens",
-    "logarithmic_asphere",
-    "random_patches",
-    "sine_grating",
-    "steering_grating",
-    "superpose",
-    "zernike_pattern",
-]
+# Each module says what of it is public, so that a pattern is added in one place.
+__all__: list[str] = []
+__all__ += aberrations.__all__
+__all__ += constant.__all__
+__all__ += extended_depth.__all__
+__all__ += gratings.__all__
+__all__ += lenses.__all__
+__all__ += patches.__all__
+__all__ += slope.__all__

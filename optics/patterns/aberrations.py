@@ -13,6 +13,8 @@ from optics.patterns.slope import scale_within_slope
 from optics.validation import require_positive, rounded_down
 from optics.zernike import require_zernike_indices, zernike
 
+__all__ = ["zernike_pattern"]
+
 
 def zernike_pattern(
     panel: Panel,

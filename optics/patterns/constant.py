@@ -8,6 +8,8 @@ import torch
 
 from optics.camera import Panel
 
+__all__ = ["constant_phase"]
+
 
 def constant_phase(panel: Panel, phase: float = 0.0) -> torch.Tensor:
     """Compute the neutral pattern, which has the same phase everywhere.

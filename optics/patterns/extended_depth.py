@@ -10,6 +10,8 @@ from optics.camera import Panel
 from optics.patterns.slope import largest_phase_step, require_slope, scale_within_slope
 from optics.validation import require_positive, rounded_down
 
+__all__ = ["annular_phase_mask", "cubic_phase_mask", "logarithmic_asphere"]
+
 
 def cubic_phase_mask(panel: Panel, strength: float, radius: float | None = None) -> torch.Tensor:
     """Compute the cubic phase mask, a pattern of strength (x³ + y³) (thesis Eq. 2.41).

@@ -10,6 +10,8 @@ from optics.camera import Panel
 from optics.patterns.slope import require_slope
 from optics.validation import require_positive, rounded_down, rounded_up
 
+__all__ = ["binary_grating", "blazed_grating", "sine_grating", "steering_grating"]
+
 
 def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch.Tensor:
     """Compute a blazed grating, a pattern that sends all light into one order.

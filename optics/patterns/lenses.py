@@ -10,6 +10,8 @@ from optics.camera import Panel
 from optics.patterns.slope import require_slope, scale_within_slope
 from optics.validation import require_positive, rounded_down, rounded_up
 
+__all__ = ["axicon", "fresnel_lens"]
+
 
 def fresnel_lens(
     panel: Panel,

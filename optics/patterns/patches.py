@@ -9,6 +9,8 @@ import torch
 from optics.camera import Panel
 from optics.validation import require_positive
 
+__all__ = ["random_patches"]
+
 
 def random_patches(
     panel: Panel,

@@ -10,6 +10,8 @@ import torch
 from optics.camera import Panel
 from optics.validation import accepts_numpy, require_finite, rounded_down
 
+__all__ = ["superpose"]
+
 _ROUNDING = 1 + 1e-9
 """Factor on the largest allowed phase step, so that rounding errors aren't refused."""
 

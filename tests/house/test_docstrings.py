@@ -26,6 +26,14 @@ CHECKED = {
 
 
 PACKAGES = (
+    "drivers.aravis",
+    "drivers.cs2000",
+    "drivers.screen",
+    "drivers.thorlabs_wheel",
+    "drivers.uvc",
+    "drivers.varispec",
+    "drivers.x11",
+    "labapp.runs.export",
     "optics.accuracy",
     "optics.chain",
     "optics.deconvolution",
@@ -34,12 +42,16 @@ PACKAGES = (
     "optics.fourier",
     "optics.light",
     "optics.operators",
+    "optics.patterns",
     "optics.propagation",
     "optics.psf",
     "optics.retrieval",
     "optics.sensor",
     "optics.slm",
     "optics.targets",
+    "simulator.devices",
+    "simulator.formation",
+    "simulator.screens",
 )
 """Whose faces are in that style."""
 
