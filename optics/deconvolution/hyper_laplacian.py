@@ -1,4 +1,4 @@
-"""Deconvolution with a hyper-Laplacian prior, for the heavy-tailed gradients of natural pictures."""
+"""Deconvolution with a hyper-Laplacian prior, which suits the gradients of natural pictures."""
 
 from __future__ import annotations
 
