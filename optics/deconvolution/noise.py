@@ -161,7 +161,7 @@ def _fit_binned_spectrum(
 ) -> PowerLaw:
     """Fit a power law and noise to a photograph's power spectrum, whose frequencies are binned.
 
-    The fit starts from two noise levels, since its likelihood may have several maxima.
+    The fit starts from two noise levels, and the likelier result is used.
     """
     pools = _SpectrumBins.of(power, squares, squared_mtf)
     lowest = float(pools.power.min())

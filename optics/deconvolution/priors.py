@@ -99,7 +99,7 @@ class TotalVariation(Penalty):
 
 
 class NonNegativity(Prior):
-    """The prior that light isn't negative, and is 0 outside the scene's support if that is known."""
+    """The prior that light isn't negative, and is 0 outside a known support of the scene."""
 
     def __init__(
         self, shape: tuple[int, int], support: torch.Tensor | None, dtype: torch.dtype
