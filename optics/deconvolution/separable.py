@@ -248,7 +248,7 @@ class SeparableFilter:
         return down @ image @ along.mT
 
     def axis_filters(self, weight: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the restoring filter of each axis as matrices, (rows, rows), (columns, columns)."""
+        """Return the restoring filter of each axis, (rows, rows) and (columns, columns)."""
         require_positive("weight", weight, "")
         down, along = (
             (axis.right_vectors * (axis.singular_values / (axis.singular_values.square() + weight)))

@@ -48,7 +48,7 @@ class SplittingSettings:
 
 
 def damped_weight(target: float, weight: float, initial: float, max_factor: float = 2.5) -> float:
-    """Move the regularisation weight part of the way to its target, in logarithms.
+    """Move the regularisation weight 30 % of the way to its target, in logarithms.
 
     The target is limited to `max_factor` times the initial weight, up or down.
     """
@@ -189,7 +189,7 @@ class Splitting:
             before, picture = picture, self._picture()
             for prior in self._priors:
                 prior.update(picture)
-            # In the first five iterations, the picture is too far from its limit to tell a weight.
+            # The weight is estimated from the sixth iteration on.
             if steps.weight is None and number >= 5:
                 self._reweigh()
             change.append(relative_change(picture, before))

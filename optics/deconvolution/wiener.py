@@ -25,7 +25,7 @@ Frequencies = tuple[slice, slice]
 """Rows and columns of an rfft2 grid."""
 
 _TRIAL_WEIGHTS = torch.logspace(-8, 2, 61, dtype=torch.float64)
-"""Weights among which the best one is chosen."""
+"""Weights among which the best one is chosen: K at a frequency of one cycle per pixel."""
 
 
 @single_threaded
