@@ -68,7 +68,7 @@ class GaussianMixture:
             raise ValueError(f"deviations are {self.deviations}; they must be positive")
 
     def with_scale(self, factor: float) -> GaussianMixture:
-        """Return the distribution of gradients of pictures whose light is multiplied by a factor."""
+        """Return the gradients' distribution for pictures whose light is multiplied by a factor."""
         return GaussianMixture(self.shares, tuple(factor * one for one in self.deviations))
 
     def log_density(self, values: torch.Tensor) -> torch.Tensor:

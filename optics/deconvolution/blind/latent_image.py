@@ -64,7 +64,7 @@ class LatentImageSampler:
         self.picture = torch.nn.functional.pad(middle, around, mode="replicate")[0, 0]
 
     def sample(self, kernel: torch.Tensor, deviation: float) -> None:
-        """Draw the next sharp picture for a kernel and the standard deviation of a pixel's noise."""
+        """Draw the next sharp picture for a kernel and the standard deviation of the noise."""
         along, down = (self._sample_precisions(one) for one in _differences(self.picture))
         self.picture = self.sample_picture(kernel, deviation, along, down)
 

@@ -104,7 +104,7 @@ def minimise_nonnegative(
         change = following - now
         ahead = following + (pace - 1) / next_pace * change
         now, pace = following, next_pace
-        # Kernels sum to about 1, so that this is a change relative to the sum.
+        # The tolerance is for kernels that sum to about 1.
         if float(change.abs().max()) < 1e-6:
             break
     return now.reshape(start.shape)
