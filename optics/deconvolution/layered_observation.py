@@ -82,6 +82,7 @@ class LayeredObservation(Observation):
         )
 
     def _squared_mtf_on(self, shape: tuple[int, int]) -> torch.Tensor:
+        """Compute the layers' mean squared MTF on a period of the given shape."""
         powers = squared_modulus(transfer_function(self.psfs / self.psf_sum, shape))
         return (self.areas[:, None, None] * powers).sum(0)
 

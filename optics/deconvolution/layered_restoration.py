@@ -291,9 +291,11 @@ class _LayerEquations:
         self._weighted_data = seen.normalised_image * self._weights
 
     def _blur_pictures(self, pictures: torch.Tensor) -> torch.Tensor:
+        """Blur the pictures of the depth layers to one photograph on the whole period."""
         light: torch.Tensor = self._blur(pictures if self._occlusion else pictures[0])
         return light
 
     def _blur_adjoint(self, frame: torch.Tensor) -> torch.Tensor:
+        """Apply the adjoint of the depth layers' blur to light in the frame."""
         back: torch.Tensor = self._blur.adjoint(centred_pad(frame, self._observation.period_shape))
         return back if self._occlusion else back[None]

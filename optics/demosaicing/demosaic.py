@@ -118,6 +118,7 @@ def demosaic(
 
 
 def _validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
+    """Return the rows of a colour filter pattern; raise ValueError if they are malformed."""
     rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
     if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
         raise ValueError(
@@ -131,6 +132,7 @@ def _validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
 
 
 def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
+    """Return a mosaic's raw picture in floating point; raise ValueError if it isn't usable."""
     if raw.ndim != 2:
         raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
     require_finite("raw", raw)
@@ -138,6 +140,7 @@ def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
 
 
 def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
+    """Return the colour filters' response, by default the identity; check its shape."""
     if response is None:
         return torch.eye(len(channels))
     require_finite("response", response)

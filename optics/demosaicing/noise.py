@@ -34,8 +34,8 @@ def estimate_mosaic_noise(raw: torch.Tensor, period: Sequence[int]) -> float:
     if not found:
         return 0.0
     smooth = float(torch.quantile(torch.stack(found), _SMOOTHEST))
-    # Neighbouring second differences of white noise are correlated. These are the sums of their
-    # squared correlation coefficients along an axis: so many samples count as one.
+    # Neighbouring second differences of white noise are correlated. Along an axis, this number of
+    # them counts as one independent sample: the sum of the squared correlation coefficients.
     samples_per_independent = 1 + 2 * ((4 / 6) ** 2 + (1 / 6) ** 2)
     count = (_BLOCK / samples_per_independent) ** 2
     expected = float(chi2.ppf(_SMOOTHEST, count)) / count if len(found) > 1 / _SMOOTHEST else 1.0

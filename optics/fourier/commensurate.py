@@ -18,7 +18,7 @@ def commensurate_length(geometry: FourierGeometry, axis: int) -> int:
     exact = 1 / geometry.step(axis)
     length = max(round(exact), 1)
     farthest = geometry.pupil.shape[axis] / 2 * geometry.image.shape[axis] / 2
-    # A rounded length changes the phase between the outermost samples; 1e-12 turns are allowed.
+    # Rounding the length changes the phase between the outermost samples, by 1e-12 turns at most.
     error = abs(1 / length - geometry.step(axis)) * farthest
     return length if error < 1e-12 else 0
 

@@ -180,6 +180,7 @@ def _needs_torch(x: torch.Tensor) -> bool:
 
 
 def _array(x: torch.Tensor) -> NDArray[Any]:
+    """Convert the samples of an FFT from torch to NumPy without a copy if possible."""
     return x.detach().resolve_conj().numpy()
 
 

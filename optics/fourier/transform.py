@@ -114,6 +114,7 @@ class Transform(CandidateMethod):
 
 
 def _needs_gradient(field: torch.Tensor) -> bool:
+    """Tell whether a Fourier transform of a field must record derivatives."""
     return field.requires_grad and torch.is_grad_enabled()
 
 
@@ -223,5 +224,6 @@ class PlaneTransform(Transform):
 
 
 def _require_shape(plane: Plane | RectilinearGrid, field: torch.Tensor) -> None:
+    """Raise ValueError if a field's last axes aren't the samples of a plane."""
     if field.shape[-2:] != plane.shape:
         raise ValueError(f"field is {tuple(field.shape)}; its plane has {plane.shape} samples")

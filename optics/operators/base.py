@@ -124,5 +124,6 @@ class _Transpose(Operator):
 
 
 def _require_shape(name: str, array: torch.Tensor, shape: Shape) -> None:
+    """Raise ValueError if an array's last axes don't fit a forward operator."""
     if tuple(array.shape[-len(shape) :]) != shape:
         raise ValueError(f"{name} is {tuple(array.shape)}; its last axes must be {shape}")

@@ -41,6 +41,7 @@ class GramOperator:
 
     @property
     def _squares(self) -> torch.Tensor:
+        """The sum over the bands of the squared weights of each pixel."""
         return self.weights.square().sum(-3)
 
     def __call__(self, x: torch.Tensor) -> torch.Tensor:

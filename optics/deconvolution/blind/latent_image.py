@@ -129,22 +129,27 @@ class LatentImageSampler:
         return (..., slice(y, y + rows), slice(x, x + columns))
 
     def _crop_to_field(self, whole: torch.Tensor) -> torch.Tensor:
+        """Crop a period to the sharp picture, which is larger than the frame by a kernel."""
         return whole[: self._field_shape[0], : self._field_shape[1]]
 
     def _blur(self, x: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
+        """Blur a sharp picture by the kernel with the given spectrum; the result is a period."""
         return irfft2(padded_spectrum(x, self._period) * spectrum, self._period)
 
     def _blur_adjoint(self, light: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
+        """Apply the adjoint of the blur to light in the frame."""
         whole = light.new_zeros(self._period)
         whole[self._frame_slices] = light
         return self._crop_to_field(irfft2(rfft2(whole) * spectrum.conj(), self._period))
 
 
 def _differences(x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Compute a picture's differences along the rows and down the columns."""
     return x[:, 1:] - x[:, :-1], x[1:] - x[:-1]
 
 
 def _add_adjoint(x: torch.Tensor, along: torch.Tensor, down: torch.Tensor) -> None:
+    """Add the adjoint of a picture's differences to x, in place."""
     x[:, 1:] += along
     x[:, :-1] -= along
     x[1:] += down
@@ -160,4 +165,5 @@ def _sum_at_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
 
 
 def _inner(a: torch.Tensor, b: torch.Tensor) -> float:
+    """Compute the inner product of two pictures."""
     return float((a * b).sum())

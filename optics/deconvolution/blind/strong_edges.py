@@ -76,7 +76,7 @@ class StrongEdges:
         edges = gradients(picture) * self._interior
         rows, columns = self._size
         period = fast_period(edges.shape[-2] + rows, edges.shape[-1] + columns)
-        # Lags of -n // 2 become 0.
+        # The padding shifts the lags, so that the lag of -(n // 2) becomes 0.
         shift = torch.nn.functional.pad(self._valid_gradients, (columns // 2, 0, rows // 2, 0))
         problem = least_squares_problem(
             padded_spectrum(edges, period), padded_spectrum(shift, period), self._size
