@@ -152,6 +152,7 @@ def minimise_within_bounds(
         raise ValueError(f"start is {tuple(first.shape)}; it must be {operator.domain}")
     require_finite("start", first)
     within = Bounds((low / light).flatten().numpy(), (high / light).flatten().numpy())
+    # `maxcor` is the number of steps that L-BFGS-B remembers; `maxls` limits its line search.
     found = minimize(
         evaluate,
         (torch.clamp(first, low, high) / light).flatten().numpy(),

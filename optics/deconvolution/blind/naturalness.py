@@ -35,7 +35,7 @@ def unnaturalness(photo: NormalisedPhotograph, kernel: torch.Tensor) -> float:
     """
     seen = build_observation(photo.image, kernel, photo.noise or None, clipped=photo.valid == 0)
     answer = total_variation(seen)
-    # The unknown border affects a rim of the picture, which is left out: half a kernel and 5 pixels.
+    # The unknown border affects a rim of half a kernel and 5 pixels, which is left out.
     rim = min(kernel.shape[0] // 2 + 5, min(answer.image.shape) // 4)
     inside = gradients(answer.image[rim:-rim, rim:-rim])
     size = float(inside.square().mean().sqrt())
