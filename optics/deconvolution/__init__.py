@@ -1,7 +1,7 @@
-"""Undoing a known blur: `restore` takes a photograph with its PSF and says what can be known.
+"""Deconvolution, the restoration of a photograph with a known PSF: see `restore`.
 
-What is imported here is loaded when it is asked for: the names of the methods, which command line
-and window offer, stand in `method_names` and cost no second of loading torch.
+The exported names are loaded when they are first used. The command line and the window need only
+the names of the methods; these are in `method_names`, which doesn't load torch.
 """
 
 from __future__ import annotations

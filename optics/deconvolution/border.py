@@ -1,4 +1,7 @@
-"""What lies beyond the picture: it was blurred into it and nobody measured it."""
+"""Periodic continuation of a photograph beyond its border, for deconvolution by FFTs.
+
+The scene beyond the frame is blurred into the photograph, but it isn't measured.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,10 @@ from optics.plane import centred_pad
 
 
 def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """The picture continued to `shape` so that its opposite edges meet smoothly.
+    """Extend a picture to the period `shape` so that its opposite edges meet smoothly.
 
-    Beyond the edge the picture is mirrored, and the mirrored parts of two opposite edges
-    are blended into each other across the gap by a raised cosine.
+    The picture is mirrored at each edge. Across the gap, the mirrored parts of two opposite edges
+    are blended into each other by a raised cosine.
     """
     whole = centred_pad(image, shape)
     for dim in (-1, -2):
@@ -20,7 +23,7 @@ def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Te
 
 
 def _fill(whole: torch.Tensor, n: int, dim: int) -> None:
-    """What lies before and after n known samples along an axis, in place."""
+    """Fill in place the samples before and after the n known ones of a picture along an axis."""
     length = whole.shape[dim]
     gap, first = length - n, length // 2 - n // 2
     if gap == 0:
@@ -38,5 +41,6 @@ def _fill(whole: torch.Tensor, n: int, dim: int) -> None:
 
 
 def _mirror(index: torch.Tensor, n: int, period: int) -> torch.Tensor:
+    """Fold an index beyond a picture of n samples back into it by mirroring at its edges."""
     folded = index % period
     return torch.where(folded < n, folded, period - folded)

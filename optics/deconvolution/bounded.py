@@ -1,4 +1,4 @@
-"""Restoration within bounds, through any forward operator (thesis Eq. 2.27 and 2.32)."""
+"""Restoration within bounds of the light, for any forward operator (thesis Eq. 2.27 and 2.32)."""
 
 from __future__ import annotations
 
@@ -29,27 +29,28 @@ from optics.validation import (
 )
 
 _SMOOTHING = 1e-2
-"""Of the light's scale: lengths of gradients below it count by their squares."""
-
-_MEMORY = 10
-"""Steps that the quasi-Newton method remembers."""
-
-_LINE_SEARCH_TRIALS = 40
-"""Trials in one step, at most."""
-
-_WEIGHT_ITERATIONS = 15
-"""Iterations of total variation that tell its weight."""
+"""Default smoothing of total variation, relative to the light's scale: it counts gradients that
+are shorter about by their squares."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where an objective is least within bounds.
+    """The minimum of a restoration's objective within bounds.
 
-    value: of the operator's domain. objective: there, without the data's own constant.
-    projected_gradient: of the projected gradient the largest entry, on the light's scale, at which
-    it ended. iterations: taken. converged: whether `projected_gradient` fell to what was asked.
+    Attributes
+    ----------
+    value : torch.Tensor
+        The minimiser, in the operator's domain.
+    objective : float
+        Value of the objective at the minimiser.
+    projected_gradient : float
+        Largest entry of the projected gradient at the minimiser, on the light's scale.
+    iterations : int
+        Number of iterations done.
+    converged : bool
+        Whether `projected_gradient` is at most the tolerance.
     """
 
     value: torch.Tensor
@@ -79,17 +80,51 @@ def minimise_within_bounds(
     tol: float = 1e-4,
     progress: Progress | None = None,
 ) -> Minimum:
-    """The x, lower <= x <= upper, with the least |A x - y|² / 2 + weight * prior(x), by L-BFGS-B
-    (Byrd et al. 1995, doi 10.1137/0916069; thesis Eq. 2.32), in double precision.
+    """Restore a picture x by minimising |A x - y|² / 2 + weight * prior(x) within bounds.
 
-    operator: A, from pictures (..., rows, columns) to data. prior, periodic: see Smoothness.
-    smoothing: length of a gradient, light per pixel, below which total variation is rounded; it
-    raises the least objective of unrounded total variation by weight * smoothing * pixels at most.
-    A hundredth of the light's scale if None; less takes more iterations. lower, upper: numbers, or
-    arrays for each sample. weights: trust of each datum, 0 where it's dead. clipped: True where
-    the light is at least what was measured. iterations: at most; it ends where no entry of the
-    projected gradient is above tol, both on the light's scale.
-    Raises ValueError for what doesn't fit, isn't finite, or bounds that cross.
+    The minimiser is L-BFGS-B (Byrd et al. 1995, doi 10.1137/0916069; thesis Eq. 2.32), in double
+    precision.
+
+    Parameters
+    ----------
+    operator : Operator
+        A, from pictures (..., rows, columns) to data.
+    data : torch.Tensor or numpy.ndarray
+        y, of the operator's codomain.
+    weight : float
+        Regularisation weight, 0 or more.
+    prior : {"total variation", "gradient", "tikhonov"}, default "total variation"
+        The penalty: see Smoothness.
+    smoothing : float, optional
+        Length of a gradient, in light per pixel, below which total variation is smooth. It raises
+        the least objective of exact total variation by at most weight * smoothing * pixels. A
+        hundredth of the light's scale if None; smaller values need more iterations.
+    lower, upper : float or torch.Tensor, optional
+        Bounds of all samples, or of each sample; 0 and infinity by default.
+    weights : torch.Tensor, optional
+        Weight of each datum, 0 where it isn't used. All 1 if None.
+    clipped : torch.Tensor of bool, optional
+        True where the light is at least what was measured.
+    start : torch.Tensor, optional
+        Picture from which the minimisation starts.
+    periodic : bool, optional
+        Whether opposite edges of the picture are neighbours.
+    iterations : int, optional
+        Largest number of iterations.
+    tol : float, optional
+        Largest entry of the projected gradient, on the light's scale, at which the search ends.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    Minimum
+        The restored picture, with the objective and the projected gradient there.
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape or isn't finite, or if the bounds cross.
     """
     progress = progress or Progress()
     _require(operator, data, weight, prior, iterations, tol)
@@ -117,6 +152,7 @@ def minimise_within_bounds(
         raise ValueError(f"start is {tuple(first.shape)}; it must be {operator.domain}")
     require_finite("start", first)
     within = Bounds((low / light).flatten().numpy(), (high / light).flatten().numpy())
+    # `maxcor` is the number of steps that L-BFGS-B remembers; `maxls` limits its line search.
     found = minimize(
         evaluate,
         (torch.clamp(first, low, high) / light).flatten().numpy(),
@@ -124,13 +160,13 @@ def minimise_within_bounds(
         jac=True,
         bounds=within,
         callback=done,
-        options={"maxiter": iterations, "maxfun": 20 * iterations, "maxcor": _MEMORY,
-                 "ftol": 0.0, "gtol": tol, "maxls": _LINE_SEARCH_TRIALS},
+        options={"maxiter": iterations, "maxfun": 20 * iterations, "maxcor": 10,
+                 "ftol": 0.0, "gtol": tol, "maxls": 40},
     )  # fmt: skip
     value, gradient = evaluate(found.x)
     left = float(np.abs(np.clip(found.x - gradient, within.lb, within.ub) - found.x).max())
     x = torch.from_numpy(found.x).reshape(operator.domain) * light
-    # Rounding of the units may carry a value past its bound.
+    # The change of units may round a value past its bound.
     x = torch.clamp(x, low, high)
     return Minimum(x, value * unit * light, left, int(found.nit), left <= tol)
 
@@ -149,27 +185,27 @@ def restore_within_bounds(
 ) -> RestoredImage:
     """Restore a photograph so that no pixel lies below or above given bounds.
 
-    The least of |A x - y|² / 2 + weight · prior(x) within the bounds, by L-BFGS-B in double
-    precision. With an unknown border the scene around the frame is estimated too, within the same
-    bounds. See `optics.deconvolution.bounded.minimise_within_bounds`.
+    The result minimises |A x - y|² / 2 + weight · prior(x) within the bounds; the minimiser is
+    L-BFGS-B in double precision. With an unknown border, the scene around the frame is estimated
+    too, within the same bounds. See `optics.deconvolution.bounded.minimise_within_bounds`.
 
     Parameters
     ----------
     observation : Observation
         Photograph and PSF.
     weight : float, optional
-        Regularisation weight, 0 or more. If None, the one that total_variation() finds, or that
-        wiener() predicts for the other priors.
+        Regularisation weight, 0 or more. If None, total_variation() estimates it for total
+        variation, and wiener() predicts it for the other priors.
     prior : {"total variation", "gradient", "tikhonov"}, default "total variation"
-        What is penalised: lengths of gradients, their squares, or the squares of the light.
+        The penalty: the lengths of gradients, their squares, or the squares of the light.
     smoothing : float, optional
-        Length of a gradient, light per pixel, below which total variation is rounded. A hundredth
-        of the light's scale if None; less takes more iterations.
+        Length of a gradient, in light per pixel, below which total variation is smooth. A hundredth
+        of the light's scale if None; smaller values need more iterations.
     lower, upper : float or torch.Tensor, (rows, columns), optional
-        Bounds of each pixel of the frame, by default 0 and infinity. Beyond the frame the lowest of
-        `lower` and the highest of `upper` hold.
+        Bounds of each pixel of the frame, by default 0 and infinity. Beyond the frame, the smallest
+        value of `lower` and the largest value of `upper` hold.
     iterations : int, default 200
-        Iterations at most.
+        Largest number of iterations.
     tol : float, default 1e-3
         Largest entry of the projected gradient, on the light's scale, at which the search ends.
     progress : Progress, optional
@@ -178,12 +214,12 @@ def restore_within_bounds(
     Returns
     -------
     RestoredImage
-        The picture in the photograph's frame, on the bounds or between them.
+        The picture in the photograph's frame, within the bounds.
 
     Raises
     ------
     ValueError
-        If an argument doesn't fit or isn't finite, or if bounds cross.
+        If an argument has the wrong shape or isn't finite, or if the bounds cross.
 
     References
     ----------
@@ -230,7 +266,7 @@ def restore_within_bounds(
 
 
 class _ProgressCallback:
-    """Tells the progress after each iteration."""
+    """The callback of L-BFGS-B that reports the restoration's progress after each iteration."""
 
     def __init__(self, progress: Progress, iterations: int) -> None:
         self._progress, self._iterations, self._done = progress, iterations, 0
@@ -245,6 +281,7 @@ class _ProgressCallback:
 def _require(
     operator: Operator, data: torch.Tensor, weight: float, prior: str, iterations: int, tol: float
 ) -> None:
+    """Raise ValueError for arguments that a restoration within bounds can't use."""
     if prior not in SMOOTH_PRIORS:
         raise ValueError(f"prior is {prior!r}; take one of {', '.join(SMOOTH_PRIORS)}")
     if not (weight >= 0 and math.isfinite(weight)):
@@ -257,7 +294,7 @@ def _require(
 
 
 def _gain(operator: Operator) -> float:
-    """Of even light, or where that cancels of what gets through best."""
+    """Return the gain of a forward operator for even light, or its norm if that gain is 0."""
     even = float(operator(torch.ones(operator.domain, dtype=torch.float64)).mean())
     gain = abs(even) or operator.norm()
     if not gain > 0:
@@ -268,6 +305,7 @@ def _gain(operator: Operator) -> float:
 def _validate_weights(
     y: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
+    """Check the weights and the clipping map of the data, and convert them for the misfit."""
     require_same_shape("data", y, weights=weights, clipped=clipped)
     if weights is not None:
         require_weights(weights)
@@ -278,6 +316,7 @@ def _validate_weights(
 def _bounds(
     operator: Operator, lower: float | torch.Tensor, upper: float | torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
+    """Broadcast the bounds of the restored picture to its shape, and check that none cross."""
     low, high = (
         torch.as_tensor(one, dtype=torch.float64).broadcast_to(operator.domain)
         for one in (lower, upper)
@@ -291,7 +330,7 @@ def _bounds(
 def _extend_bound(
     bound: float | torch.Tensor, observation: Observation, name: str
 ) -> float | torch.Tensor:
-    """A bound of the frame's pixels on the whole period."""
+    """Extend a bound of the frame's pixels to the whole period on which the scene is restored."""
     given = torch.as_tensor(bound, dtype=torch.float64)
     if not given.ndim:
         return float(given)
@@ -309,10 +348,11 @@ def _extend_bound(
 
 
 def _default_weight(observation: Observation, prior: SmoothPrior) -> float:
+    """Estimate the regularisation weight of a restoration within bounds by a faster method."""
     if prior == "total variation":
-        found = total_variation(observation, iterations=_WEIGHT_ITERATIONS).weight
+        found = total_variation(observation, iterations=15).weight
     elif prior == "gradient":
-        # wiener() weighs the square of cycles per pixel.
+        # The weight of wiener() is for frequencies in cycles per pixel, not in radians.
         found = (wiener(observation, steps=0).weight or 0.0) / (2 * math.pi) ** 2
     else:
         found = wiener(observation, penalty_kind="flat", steps=0).weight
@@ -320,7 +360,7 @@ def _default_weight(observation: Observation, prior: SmoothPrior) -> float:
 
 
 def _residual(observation: Observation, spread: torch.Tensor) -> float:
-    """Rms of what is left unexplained of trusted pixels, over the noise."""
+    """Return the rms residual of a restoration's trusted pixels, relative to the noise."""
     squares = (spread - observation.normalised_image).square()
     if observation.effective_weights is not None:
         squares = (

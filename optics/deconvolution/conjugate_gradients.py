@@ -1,4 +1,4 @@
-"""Conjugate gradients, for whatever inner product the unknowns have."""
+"""Preconditioned conjugate gradients for a given inner product of the unknowns."""
 
 from __future__ import annotations
 
@@ -18,12 +18,32 @@ def conjugate_gradients(
     tolerance: float,
     steps: int,
 ) -> tuple[torch.Tensor, int]:
-    """The x with normal(x) = right-hand side, and how many steps it took from `start`.
+    """Solve a linear system normal(x) = b by preconditioned conjugate gradients, from `start`.
 
-    By Hestenes and Stiefel (1952, doi 10.6028/jres.049.044). residual: the right-hand side less
-    normal(start); it is written over. preconditioner: about that of `normal`, for each unknown.
-    inner_product: the product of two such x. tolerance: of what is left with what it is turned
-    into, below which it ends; after so many steps it ends as well.
+    The method is that of Hestenes and Stiefel (1952, doi 10.6028/jres.049.044).
+
+    Parameters
+    ----------
+    normal : callable
+        Applies the symmetric positive definite matrix to an x.
+    residual : torch.Tensor
+        b less normal(start); it is overwritten.
+    start : torch.Tensor
+        First estimate of x.
+    preconditioner : torch.Tensor
+        Approximate inverse of `normal`, one factor for each unknown.
+    inner_product : callable
+        Inner product of two such x.
+    tolerance : float
+        The solver ends when the inner product of the residual and the preconditioned residual is
+        at most this.
+    steps : int
+        Largest number of steps.
+
+    Returns
+    -------
+    tuple of torch.Tensor and int
+        x, and the number of steps done.
     """
     turned = residual * preconditioner
     way, length = turned.clone(), inner_product(residual, turned)

@@ -1,4 +1,4 @@
-"""A small network that takes noise of a known level from pictures."""
+"""The neural network of plug-and-play deconvolution, which removes white noise from pictures."""
 
 from __future__ import annotations
 
@@ -8,18 +8,15 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-_WIDTHS = (32, 64, 96)
-"""Channels at a half, a quarter and an eighth of the picture's sampling."""
-
-_BLOCKS = 2
-"""Residual blocks at each sampling, on the way down and on the way up."""
-
 MULTIPLE = 8
-"""Sides of pictures inside the network are whole multiples of this many samples."""
+"""The sides of the network's pictures must be multiples of this number of samples."""
 
 
 class _ResidualBlock(nn.Module):
-    """Two convolutions beside a short cut (He et al. 2016, doi 10.1109/CVPR.2016.90)."""
+    """A residual block of the denoiser: two convolutions with a skip connection.
+
+    See He et al. 2016, doi 10.1109/CVPR.2016.90.
+    """
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -32,22 +29,25 @@ class _ResidualBlock(nn.Module):
 
 
 def _blocks(width: int) -> nn.Sequential:
-    return nn.Sequential(*(_ResidualBlock(width) for _ in range(_BLOCKS)))
+    """Build the two residual blocks that the denoiser has at each resolution."""
+    return nn.Sequential(*(_ResidualBlock(width) for _ in range(2)))
 
 
 class Denoiser(nn.Module):
-    """Grey pictures of any level of white noise, and that level, to the pictures without it.
+    """A neural network that removes white noise of a given level from grey pictures.
 
-    A U-net (Ronneberger et al. 2015, doi 10.1007/978-3-319-24574-4_28) of residual blocks on
-    pictures whose samples are folded to four channels, told the noise by a channel of its own
-    (Zhang et al. 2018, doi 10.1109/TIP.2018.2839891). It has no additive constants: a picture and
-    a noise twice as bright give an answer twice as bright, which generalises to levels that were
-    never shown (Mohan et al. 2020, arXiv 1906.05478).
+    It is a U-net (Ronneberger et al. 2015, doi 10.1007/978-3-319-24574-4_28) of residual blocks.
+    The pictures are rearranged to four channels at half resolution, and a further channel holds
+    the noise level (Zhang et al. 2018, doi 10.1109/TIP.2018.2839891). The network has no additive
+    constants, so that a picture and a noise level that are twice as large give a result twice as
+    large. Therefore it generalises to noise levels on which it wasn't trained (Mohan et al. 2020,
+    arXiv 1906.05478).
     """
 
     def __init__(self) -> None:
         super().__init__()
-        fine, middle, coarse = _WIDTHS
+        # Numbers of channels at a half, a quarter and an eighth of the picture's resolution.
+        fine, middle, coarse = 32, 64, 96
         self.head = nn.Conv2d(5, fine, 3, padding=1, bias=False)
         self.fine_in = _blocks(fine)
         self.to_middle = nn.Conv2d(fine, middle, 2, 2, bias=False)
@@ -62,7 +62,10 @@ class Denoiser(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, pictures: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """(pictures, 1, rows, columns), each side a multiple of 8; level of each: (pictures,)."""
+        """Denoise a batch of pictures, (pictures, 1, rows, columns), each side a multiple of 8.
+
+        `level` is the standard deviation of the noise of each picture, (pictures,).
+        """
         folded = functional.pixel_unshuffle(pictures, 2)
         told = level[:, None, None, None].expand(-1, 1, *folded.shape[-2:])
         whole = torch.cat([folded, told], dim=1).contiguous(memory_format=torch.channels_last)
@@ -76,7 +79,7 @@ class Denoiser(nn.Module):
 
     @torch.no_grad()
     def denoise(self, picture: torch.Tensor, level: float) -> torch.Tensor:
-        """One picture, (rows, columns) of any size, without noise of a standard deviation."""
+        """Denoise one picture, (rows, columns) of any size, with noise of the given level."""
         rows, columns = picture.shape
         more = (0, -columns % MULTIPLE, 0, -rows % MULTIPLE)
         single = picture[None, None].to(torch.float32)
@@ -86,9 +89,9 @@ class Denoiser(nn.Module):
 
 
 def load_denoiser(weights: Mapping[str, torch.Tensor]) -> Denoiser:
-    """The network with these weights, by the names of its state_dict(), ready to be asked.
+    """Build a denoiser with trained weights, named as in its state_dict(), for inference.
 
-    Raises ValueError if a weight is missing, too many, or of another shape.
+    Raises ValueError if a weight is missing, isn't expected, or has another shape.
     """
     network = Denoiser()
     try:

@@ -1,4 +1,4 @@
-"""Deconvolution by the heavy tails of natural pictures' gradients: a few closed forms in turn."""
+"""Deconvolution with a hyper-Laplacian prior, which suits the gradients of natural pictures."""
 
 from __future__ import annotations
 
@@ -23,12 +23,6 @@ from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_positive
 
-_FIRST_COUPLING, _LAST_COUPLING = 1.0, 1e3
-"""Couplings of the split gradient, first and last, for pictures of unit scale and steps."""
-
-_STEPS = 3
-"""Of conjugate gradients, in each round: each starts where the last one ended."""
-
 
 @single_threaded
 @torch.no_grad()
@@ -40,19 +34,41 @@ def hyper_laplacian(
     rounds: int = 10,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """The photograph with its blur undone: the least of |H x - y|² / 2, trusted pixels alone,
-    + weight * the sum of |∇x|^power (Krishnan and Fergus 2009, "Fast image deconvolution using
-    hyper-Laplacian priors", NIPS 22).
+    """Restore a photograph with a hyper-Laplacian prior, the sum of gradients to a power.
 
-    Half-quadratic splitting: gradients that are split off, each shrunk by itself, and the picture
-    that is nearest to them and to the data, in turn, while their coupling grows. Lengths of
-    gradients count in all directions alike. The problem has many minima: it ends near a good one,
-    and more rounds lead to a lower one.
+    The result minimises |H x - y|² / 2 + weight * the sum of |∇x|^power, where the first term
+    counts trusted pixels only (Krishnan and Fergus 2009, "Fast image deconvolution using
+    hyper-Laplacian priors", NIPS 22). |∇x| is the length of the gradient, independent of its
+    direction.
 
-    power: above 0 to 1; 1/2 to 0.8 are natural pictures'. weight: light per pixel to the power
-    2 - power; by the evidence of the picture if None. rounds: couplings, evenly spaced in
-    logarithms; each costs an FFT pair on a period seen whole, else a few.
-    Raises ValueError for a power outside 0 to 1, a weight that isn't positive, or too few rounds.
+    The solver is half-quadratic splitting. In turn, it shrinks the split gradients one by one, and
+    computes the picture that is nearest to them and to the data, while their coupling grows. The
+    problem has many minima. The solver ends near a good one, and more rounds lead to a lower one.
+
+    Parameters
+    ----------
+    observation : Observation
+        Photograph and PSF.
+    power : float, optional
+        Power of the gradients' lengths, above 0 and up to 1. It is 0.5 to 0.8 for natural pictures.
+    weight : float, optional
+        Regularisation weight, in light per pixel to the power 2 - power. Estimated from the
+        evidence of the picture if None.
+    rounds : int, optional
+        Number of couplings, spaced evenly in logarithms, 2 or more. Each round costs one pair of
+        FFTs if the whole period was measured, otherwise a few pairs.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    RestoredImage
+        The picture in the photograph's frame, never negative.
+
+    Raises
+    ------
+    ValueError
+        For a power outside 0 to 1, a weight that isn't positive, or too few rounds.
     """
     require_power(power)
     if weight is not None:
@@ -68,7 +84,8 @@ def hyper_laplacian(
     for number, coupling in enumerate(_couplings(observation.scale, power, rounds)):
         progress.report(number / rounds, f"hyper-Laplacian {number + 1}/{rounds}")
         near = _fit_shrunk_gradient(picture, power, coupling, square)
-        spectrum, _ = equations.solve(square * (used * coupling), spectrum, _STEPS, near)
+        # Three steps of conjugate gradients are enough, since each round starts from the last one.
+        spectrum, _ = equations.solve(square * (used * coupling), spectrum, 3, near)
         before, picture = picture, equations.picture(spectrum)
         if observation.support is not None:
             picture.mul_(observation.support)
@@ -88,14 +105,18 @@ def hyper_laplacian(
 
 
 def _couplings(scale: float, power: float, rounds: int) -> list[float]:
-    ways = torch.logspace(0, 1, rounds, base=_LAST_COUPLING / _FIRST_COUPLING, dtype=torch.float64)
-    return (ways * _FIRST_COUPLING / scale ** (2 - power)).tolist()
+    """Return the couplings of the split gradient, from loose to tight.
+
+    For pictures of unit scale they go from 1 to 1000.
+    """
+    ways = torch.logspace(0, 1, rounds, base=1e3, dtype=torch.float64)
+    return (ways / scale ** (2 - power)).tolist()
 
 
 def _fit_shrunk_gradient(
     picture: torch.Tensor, power: float, coupling: float, square: torch.Tensor
 ) -> torch.Tensor:
-    """Spectrum of the picture whose gradient is nearest to the shrunk one of this."""
+    """Return the spectrum of the picture whose gradient is nearest to the shrunk gradient."""
     down, along = torch.zeros_like(picture), torch.zeros_like(picture)
     add_gradient(picture, down, along)
     share = shrinkage_factor(torch.addcmul(down * down, along, along), power, coupling)
@@ -108,7 +129,7 @@ def _fit_shrunk_gradient(
 def _estimate_weight(
     observation: Observation, picture: torch.Tensor, power: float, residual: float
 ) -> float:
-    """The weight by the evidence of this picture."""
+    """Estimate the hyper-Laplacian's weight from the evidence of the restored picture."""
     freedom = max(1 - residual**2, MIN_EXPLAINED_SHARE)
     return weight_by_evidence(
         mean_gradient(picture, power), power, observation.scene_noise, freedom
@@ -118,10 +139,12 @@ def _estimate_weight(
 def _solve(
     observation: Observation, weight: float | None, *, iterations: int, progress: Progress
 ) -> RestoredImage:
+    """Restore with the hyper-Laplacian method through the interface of all restorations."""
     return hyper_laplacian(observation, weight=weight, rounds=iterations, progress=progress)
 
 
 def _round_cost(observation: Observation) -> RestorationCost:
+    """Return the cost of one round of the hyper-Laplacian restoration."""
     return RestorationCost(2, 60) if observation.is_fully_measured else RestorationCost(14, 200)
 
 

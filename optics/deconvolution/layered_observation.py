@@ -1,4 +1,4 @@
-"""A photograph of several depths, each blurred by a PSF of its own."""
+"""The observation of a scene with several depth layers, each blurred by its own PSF."""
 
 from __future__ import annotations
 
@@ -18,18 +18,15 @@ from optics.plane import centred_pad
 from optics.validation import accepts_numpy, as_floating_point, require_finite
 
 _SHARE_TOLERANCE = 1e-3
-"""By which shares of a place may miss 1."""
-
-_RISE, _MIN_WINDOW_SHARE = 16, 0.02
-"""Pixels over which a layer's window rises; share of the frame that it must have to tell noise."""
+"""Largest deviation from 1 of the sum of a pixel's shares."""
 
 
 @dataclass(frozen=True, eq=False)
 class LayeredObservation(Observation):
-    """What a camera measured of a scene of several depths: see build_layered_observation().
+    """The photograph of a scene with several depth layers: see build_layered_observation().
 
-    psf: the mean of all. psfs: (layers, rows, columns), on the photograph's scale. shares: how much
-    of each pixel of the photograph is which layer, (layers, rows, columns).
+    `psf` is the mean of all PSFs. `psfs` holds the PSF of each layer, (layers, rows, columns).
+    `shares` is the share of each layer in each pixel of the photograph, (layers, rows, columns).
     """
 
     psfs: torch.Tensor = field(default_factory=lambda: torch.empty(0))
@@ -37,12 +34,15 @@ class LayeredObservation(Observation):
 
     @cached_property
     def areas(self) -> torch.Tensor:
-        """Share of the frame that is each layer, (layers,)."""
+        """The share of the frame that each depth layer covers, (layers,)."""
         return self.shares.mean((-2, -1))
 
     @cached_property
     def period_shares(self) -> torch.Tensor:
-        """The layers of the whole period: beyond the frame those of the nearest pixel of it."""
+        """The depth layers' shares on the whole period.
+
+        Pixels beyond the frame have the shares of the nearest pixel in it.
+        """
         rows, columns = (
             (torch.arange(whole) - (whole // 2 - n // 2)).clamp(0, n - 1)
             for whole, n in zip(self.period_shape, self.image.shape, strict=True)
@@ -51,20 +51,24 @@ class LayeredObservation(Observation):
 
     @cached_property
     def squared_mtf(self) -> torch.Tensor:
-        """Mean of |H|² on the whole period."""
+        """The mean of the layers' squared MTFs on the whole period, weighted by their areas."""
         return self._squared_mtf_on(self.period_shape)
 
     @cached_property
     def power_law(self) -> PowerLaw:
-        """What the photograph's spectrum shows, on the photograph's scale: layers add powers."""
+        """The power law and noise of the spectrum of a photograph with depth layers.
+
+        The spectra of the layers add in power. The result is on the photograph's scale.
+        """
         shape = (int(self.image.shape[0]), int(self.image.shape[1]))
         image = self.inpainted_image * self.psf_sum
         law = fit_power_law_with_mtf(image, self._squared_mtf_on(shape))
-        # The sharpest layer's detail looks like noise, the most blurred one's doesn't.
+        # Fine detail of a sharp layer looks like noise. Therefore the noise is estimated in the
+        # most blurred layer, if that covers enough of the frame.
         powers = squared_modulus(transfer_function(self.psfs / self.psf_sum, shape))
         dullest = int(powers.mean((-2, -1)).argmin())
         region = _interior_window(self.shares[dullest])
-        if float(region.mean()) < _MIN_WINDOW_SHARE:
+        if float(region.mean()) < 0.02:
             return law
         return replace(
             law,
@@ -72,20 +76,21 @@ class LayeredObservation(Observation):
         )
 
     def as_single_layer(self, number: int) -> Observation:
-        """The photograph as if all of it were that layer."""
+        """Return the observation of the photograph with one layer's PSF everywhere."""
         return Observation(
             self.image, self.psfs[number], self.noise, self.border, self.weights, self.clipped
         )
 
     def _squared_mtf_on(self, shape: tuple[int, int]) -> torch.Tensor:
+        """Compute the layers' mean squared MTF on a period of the given shape."""
         powers = squared_modulus(transfer_function(self.psfs / self.psf_sum, shape))
         return (self.areas[:, None, None] * powers).sum(0)
 
 
 def _interior_window(share: torch.Tensor) -> torch.Tensor:
-    """A window that rises smoothly from where a layer ends, over a few pixels."""
+    """Compute a window inside a depth layer that rises smoothly from its edge over 16 pixels."""
     depth = distance_transform_edt(np.pad(share.numpy() > 1 - _SHARE_TOLERANCE, 1, mode="edge"))
-    rise = torch.from_numpy(depth[1:-1, 1:-1] / _RISE).clamp(0, 1)
+    rise = torch.from_numpy(depth[1:-1, 1:-1] / 16).clamp(0, 1)
     return (torch.pi * rise / 2).sin().square()
 
 
@@ -99,7 +104,7 @@ def build_layered_observation(
     weights: torch.Tensor | None = None,
     clipped: torch.Tensor | None = None,
 ) -> LayeredObservation:
-    """Build the observation of a scene of several depths, each blurred by its own PSF.
+    """Build the observation of a scene with several depth layers, each blurred by its own PSF.
 
     Arrays may be of any kind. The photograph is restored in double precision if `image` is double,
     otherwise in single precision.
@@ -109,16 +114,18 @@ def build_layered_observation(
     image : torch.Tensor or numpy.ndarray, (rows, columns)
         The photograph, light per pixel.
     psfs : torch.Tensor or numpy.ndarray, (layers, rows, columns), or a sequence of (rows, columns)
-        PSF of each layer, origin at n // 2; the nearest layer first where one hides another.
+        PSF of each layer, origin at n // 2. The nearest layer comes first if layers hide each
+        other.
     layers : torch.Tensor or numpy.ndarray
-        Which layer is seen at each pixel: whole numbers from 0, (rows, columns). Or how much of
-        each layer: shares, (layers, rows, columns), not negative, that add up to 1 at each pixel.
+        Number of the layer that each pixel shows, (rows, columns), whole numbers from 0. Or the
+        share of each layer in each pixel, (layers, rows, columns), not negative; the shares of a
+        pixel add up to 1.
     noise : float, optional
         Standard deviation of a pixel of weight 1. Estimated from the photograph if None.
     border : {"unknown", "dark", "periodic"}, default "unknown"
         What the scene does beyond the frame: see `Observation`.
     weights : torch.Tensor or numpy.ndarray, (rows, columns), optional
-        How much each pixel is to be trusted: see `Observation`.
+        Weight of each pixel in the data term: see `Observation`.
     clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
         True where the well was full.
 
@@ -130,8 +137,8 @@ def build_layered_observation(
     Raises
     ------
     ValueError
-        If shapes don't fit, shares are negative or miss 1 by more than 1e-3, a PSF sends no light,
-        or `Observation` refuses what is given.
+        If shapes don't fit, if shares are negative or their sum differs from 1 by more than 1e-3,
+        if a PSF has no light, or if `Observation` raises it.
     """
     image = as_floating_point(image)
     each = [torch.as_tensor(psf).to(image) for psf in psfs]
@@ -156,7 +163,7 @@ def build_layered_observation(
 
 
 def _layer_shares(layers: torch.Tensor, count: int, shape: tuple[int, ...]) -> torch.Tensor:
-    """(layers, rows, columns)."""
+    """Check a map of depth layers or their shares, and return shares (layers, rows, columns)."""
     require_finite("layers", layers)
     if tuple(layers.shape) == shape:
         return layer_weights(layers, count)

@@ -1,4 +1,4 @@
-"""Restoration of a photograph of several depths, all of them together."""
+"""Joint restoration of all depth layers of a photograph, each with its own PSF."""
 
 from __future__ import annotations
 
@@ -26,10 +26,6 @@ from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_count, require_positive
 
-_WEIGHT_DELAY, _MAX_WEIGHT_FACTOR = 3, 8.0
-"""Iterations after which a weight that is looked for moves, and how far it may, as a factor: the
-spectrum of several depths tells little about where it begins."""
-
 
 @single_threaded
 @torch.no_grad()
@@ -45,22 +41,51 @@ def restore_layers(
     positive: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """The scene of least |H X - O|² / 2, trusted pixels alone, + weight * gradients' lengths to a
-    power, with the PSF of each depth where that depth is (thesis Fig. 2.17).
+    """Restore a photograph with several depth layers, each blurred by its own PSF.
 
-    weight, power, positive, tol: as for total_variation(). occlusion: whether nearer layers, the
-    first ones, hide the farther ones, as things do; then each layer is looked for behind what hides
-    it as well, and the picture is put together of what is seen. cg_steps: steps of conjugate
-    gradients in each iteration.
+    The result X minimises |H X - O|² / 2 + weight * the sum of |∇X|^power, where the first term
+    counts trusted pixels only, and H blurs each depth layer by its PSF (thesis Fig. 2.17).
 
-    By the alternating direction method of multipliers with gradients split off (Boyd et al. 2011,
-    doi 10.1561/2200000016). The picture's step has no closed form where PSFs differ; it is solved
-    from the last one on by conjugate gradients, preconditioned by the layers' mean power. What was
-    clipped counts where the picture has less light there than was measured.
+    The solver is the alternating direction method of multipliers with the gradients split off (Boyd
+    et al. 2011, doi 10.1561/2200000016). The step for the picture has no closed form, since the
+    PSFs differ. It is solved by conjugate gradients from the previous picture, preconditioned by
+    the mean squared MTF of the layers. A clipped pixel counts where the blurred estimate is below
+    the measured value.
 
-    Not modelled: depth beyond the frame, where the layers of its edge go on; layers that aren't
-    where the map says; and what OccludingBlur leaves out.
-    Raises ValueError for a weight that isn't positive, a power outside 0 to 1, or no iteration.
+    The model doesn't include depths beyond the frame, where the layers at its edge continue; errors
+    of the map of layers; and what OccludingBlur neglects.
+
+    Parameters
+    ----------
+    observation : LayeredObservation
+        Photograph, PSFs and layers.
+    weight : float, optional
+        Regularisation weight, as for total_variation(). Estimated if None.
+    power : float, optional
+        Power of the gradients' lengths, above 0 and up to 1.
+    occlusion : bool, optional
+        Whether nearer layers, which come first, hide those behind them. Each layer is then
+        estimated also where it is hidden, and the picture is composed of the visible parts.
+    iterations : int, optional
+        Largest number of iterations.
+    cg_steps : int, optional
+        Steps of conjugate gradients in each iteration.
+    tol : float, optional
+        Relative change of the picture at which the iteration ends; 0 for all iterations.
+    positive : bool, optional
+        Whether the light is kept from being negative in each iteration.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    RestoredImage
+        The picture in the photograph's frame, never negative.
+
+    Raises
+    ------
+    ValueError
+        For a weight that isn't positive, a power outside 0 to 1, or no iteration.
     """
     if weight is not None:
         require_positive("weight", weight, "")
@@ -75,6 +100,9 @@ def restore_layers(
         equations.picture_count, *observation.period_shape
     ).clone()
     spectra = rfft2(pictures)
+    # The spectrum of a photograph with several depths predicts the weight poorly. Therefore the
+    # weight may move by a large factor, from the fourth iteration on.
+    weight_delay, max_weight_factor = 3, 8.0
     for number in range(iterations):
         progress.report(number / iterations, f"depths {number + 1}/{iterations}")
         below = torch.stack([one.denominator(used) for one in priors])
@@ -85,12 +113,12 @@ def restore_layers(
         equations.update_residual(pictures)
         for one, picture in zip(priors, pictures, strict=True):
             one.update(picture)
-        if weight is None and number >= _WEIGHT_DELAY:
+        if weight is None and number >= weight_delay:
             freedom = max(1 - equations.mean_squared_residual, MIN_EXPLAINED_SHARE)
             each = (
                 one.gradients.estimate_weight(observation.scene_noise, freedom) for one in priors
             )
-            used = damped_weight(1 / sum(1 / w for w in each), used, first, _MAX_WEIGHT_FACTOR)
+            used = damped_weight(1 / sum(1 / w for w in each), used, first, max_weight_factor)
         change.append(
             relative_change(equations.visible_picture(pictures), equations.visible_picture(before))
         )
@@ -120,12 +148,16 @@ def restore_layers_linearly(
     occlusion: bool = True,
     steps: int = 40,
 ) -> RestoredImage:
-    """The same with a weight on the gradient's square: wiener()'s "gradient", linear, for a PSF
-    that differs with depth. weight: the one with the least predicted error if None."""
+    """Restore a photograph with several depth layers by a linear filter.
+
+    The filter penalises the squared gradient, as wiener() does with "gradient", for PSFs that
+    differ with depth. If `weight` is None, it is the one with the least predicted error.
+    """
     penalty, used = penalty_of(observation, weight, "gradient")
     equations = _LayerEquations(observation, occlusion)
     pictures = observation.extended_image.expand(equations.picture_count, *observation.period_shape)
-    # A layer that the frame doesn't show, and where nothing is known of it, is as bright as others.
+    # Without this lower limit, nothing would determine the mean of a layer that the frame doesn't
+    # show.
     below = penalty.clamp(min=1e-6 * used).expand(equations.picture_count, *penalty.shape)
     nothing = [None] * equations.picture_count
     spectra = equations.solve(rfft2(pictures), below, nothing, steps)
@@ -141,14 +173,16 @@ def restore_layers_linearly(
 def paste_layers(
     observation: LayeredObservation, restore: Callable[[Observation], RestoredImage]
 ) -> torch.Tensor:
-    """Of restorations of all of the photograph with each layer's PSF, what is that layer: quick,
-    but wrong where a layer's light has spread over another."""
+    """Restore the photograph once with each depth layer's PSF, and compose the layers' parts.
+
+    This is fast, but it is wrong where the blurred light of one layer covers another.
+    """
     each = [restore(observation.as_single_layer(k)).image for k in range(len(observation.psfs))]
     return (torch.stack(each) * observation.shares).sum(0)
 
 
 class _PicturePriors:
-    """Of one picture."""
+    """The priors of one picture in the restoration of depth layers."""
 
     def __init__(self, observation: LayeredObservation, power: float, positive: bool) -> None:
         dtype = observation.image.dtype
@@ -162,21 +196,28 @@ class _PicturePriors:
         self._all: list[Prior] = [self.gradients, *bounds]
 
     def denominator(self, weight: float) -> torch.Tensor:
+        """Return what the priors add to the denominator of the picture's step, per frequency."""
         parts = [prior.coupling(weight, 1.0) * prior.gram_spectrum for prior in self._all]
         return sum(parts[1:], parts[0])
 
     def right_hand_side(self, weight: float) -> torch.Tensor | None:
+        """Return what the priors add to the right-hand side of the picture's step, on pixels."""
         backs = [prior.adjoint_target * prior.coupling(weight, 1.0)
                  for prior in self._all if prior.adjoint_target is not None]  # fmt: skip
         return sum(backs[1:], backs[0]) if backs else None
 
     def update(self, picture: torch.Tensor) -> None:
+        """Update the splits of all priors for the next picture."""
         for prior in self._all:
             prior.update(picture)
 
 
 class _LayerEquations:
-    """(H* M H + K) x = H* M y + what priors want, of one picture or one for each layer."""
+    """The normal equations of the restoration of depth layers.
+
+    They are (H* M H + K) x = H* M y + the priors' right-hand side, where M are the pixels' weights.
+    x is one picture for each layer with occlusion, otherwise one picture.
+    """
 
     def __init__(self, observation: LayeredObservation, occlusion: bool) -> None:
         self._observation, self._occlusion = observation, occlusion
@@ -200,7 +241,7 @@ class _LayerEquations:
         self.mean_squared_residual = 1.0
 
     def visible_picture(self, pictures: torch.Tensor) -> torch.Tensor:
-        """Of all layers what is seen, on the whole period."""
+        """Compose the visible parts of all depth layers to one picture on the whole period."""
         return (
             (pictures * self._observation.period_shares).sum(0) if self._occlusion else pictures[0]
         )
@@ -212,8 +253,11 @@ class _LayerEquations:
         targets: Sequence[torch.Tensor | None],
         steps: int,
     ) -> torch.Tensor:
-        """Spectra of x, from those that are given. denominators: K of each frequency of each
-        picture."""
+        """Solve the normal equations of the depth layers for the spectra of x.
+
+        Conjugate gradients start from `spectra`. `denominators` are K of each frequency of each
+        picture, and `targets` are the priors' right-hand sides.
+        """
         right = rfft2(self._blur_adjoint(self._weighted_data))
         for k, one in enumerate(targets):
             if one is not None:
@@ -231,7 +275,10 @@ class _LayerEquations:
         return found
 
     def update_residual(self, pictures: torch.Tensor) -> None:
-        """What they leave unexplained, and which clipped pixels have too little light."""
+        """Update the residual of the depth layers, and the weights of clipped pixels.
+
+        A clipped pixel has weight only where the blurred pictures are below the measured value.
+        """
         seen, light = self._observation, self._blur_pictures(pictures)
         self.mean_squared_residual = seen.mean_squared_residual(light)
         if seen.clipped is None:
@@ -244,9 +291,11 @@ class _LayerEquations:
         self._weighted_data = seen.normalised_image * self._weights
 
     def _blur_pictures(self, pictures: torch.Tensor) -> torch.Tensor:
+        """Blur the pictures of the depth layers to one photograph on the whole period."""
         light: torch.Tensor = self._blur(pictures if self._occlusion else pictures[0])
         return light
 
     def _blur_adjoint(self, frame: torch.Tensor) -> torch.Tensor:
+        """Apply the adjoint of the depth layers' blur to light in the frame."""
         back: torch.Tensor = self._blur.adjoint(centred_pad(frame, self._observation.period_shape))
         return back if self._occlusion else back[None]

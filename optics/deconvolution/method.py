@@ -1,4 +1,4 @@
-"""What every restoration says of itself: how it is asked for, what it gains, and its price."""
+"""The description of a restoration method: its interface, its gain in PSNR and its cost."""
 
 from __future__ import annotations
 
@@ -16,17 +16,24 @@ from optics.fourier.fft import fft_operations
 from optics.progress import Progress
 
 Denoise = Callable[[torch.Tensor, float], torch.Tensor]
-"""Of a picture, (rows, columns) with white at about 1, and the standard deviation of its noise: the
-picture without it."""
+"""A function that denoises a picture, (rows, columns) with white at about 1; its second argument is
+the standard deviation of the noise."""
 
 
 @dataclass(frozen=True)
 class RestorationCost:
-    """What a restoration does with the photograph, in the order of its time.
+    """The operations of a restoration, from which its time is predicted.
 
-    transforms: two-dimensional FFTs of the whole period; passes: over all of its numbers.
-    multiply_adds: a pixel of it. centre_passes: passes over the photograph's middle, for its
-    spectrum.
+    Attributes
+    ----------
+    transforms : float
+        Number of two-dimensional real FFTs of the whole period.
+    passes : float
+        Number of passes over all samples of the period.
+    multiply_adds : float
+        Number of multiplications and additions per pixel of the period.
+    centre_passes : float
+        Number of passes over the middle of the photograph, whose spectrum is computed.
     """
 
     transforms: float
@@ -35,7 +42,7 @@ class RestorationCost:
     centre_passes: float = 0.0
 
     def seconds(self, observation: Observation, speed: MachineSpeed) -> float:
-        """Of one thread."""
+        """Predict the seconds of a restoration in one thread, for a photograph and a machine."""
         pixels = math.prod(observation.period_shape)
         number = 0.5 * fft_operations(pixels) * self.transforms * speed.fft
         number += pixels * (self.passes * speed.touch + self.multiply_adds * speed.multiply_add)
@@ -44,6 +51,7 @@ class RestorationCost:
         return 10 * speed.call + number + self.centre_passes * min(pixels, 1 << 18) * speed.touch
 
     def plus(self, other: RestorationCost, times: float = 1.0) -> RestorationCost:
+        """Add another restoration cost, `times` times."""
         return RestorationCost(
             self.transforms + times * other.transforms,
             self.passes + times * other.passes,
@@ -53,7 +61,11 @@ class RestorationCost:
 
 
 class Solve(Protocol):
-    """How a restoration is asked for: weight by itself if None, so many iterations or rounds."""
+    """The function of a restoration method.
+
+    It chooses the regularisation weight itself if `weight` is None, and does `iterations`
+    iterations or rounds.
+    """
 
     def __call__(
         self, observation: Observation, weight: float | None, *, iterations: int, progress: Progress
@@ -62,12 +74,24 @@ class Solve(Protocol):
 
 @dataclass(frozen=True)
 class RestorationMethod:
-    """A way to restore a photograph.
+    """A method that restores a photograph, with its gain and its cost.
 
-    description: in a few words. gains: by its count of iterations or rounds, decibels that it gains
-    over the blurred photograph. default_count: the count where nothing else is asked for.
-    setup_cost, iteration_cost: work once, and in each iteration. needs_denoiser: whether `solve`
-    takes a `denoise` as well.
+    Attributes
+    ----------
+    description : str
+        The method in a few words.
+    solve : Solve
+        The function that restores a photograph.
+    gains : mapping of int to float
+        Gain in PSNR over the blurred photograph in dB, by the number of iterations or rounds.
+    default_count : int
+        Default number of iterations or rounds.
+    setup_cost : RestorationCost
+        Cost that occurs once.
+    iteration_cost : callable
+        Cost of each iteration, for an observation.
+    needs_denoiser : bool
+        Whether `solve` needs the argument `denoise` as well.
     """
 
     description: str
@@ -79,16 +103,19 @@ class RestorationMethod:
     needs_denoiser: bool = False
 
     def seconds(self, observation: Observation, count: int, speed: MachineSpeed) -> float:
-        """Predicted processor time."""
+        """Predict the processor time of a restoration with `count` iterations, in seconds."""
         return self.setup_cost.plus(self.iteration_cost(observation), count).seconds(
             observation, speed
         )
 
 
 SETUP_COST = RestorationCost(5, 60, centre_passes=250)
-"""The photograph's spectrum, noise and transfer function."""
+"""Cost of the photograph's spectrum, its noise and the transfer function."""
 
 
 def splitting_cost(observation: Observation) -> RestorationCost:
-    """Of an iteration that splits off a gradient, and the light where part of it was seen."""
+    """Return the cost of one ADMM iteration of a restoration with a split gradient.
+
+    If part of the period wasn't measured, the blurred light is split off too, which costs more.
+    """
     return RestorationCost(2, 40) if observation.is_fully_measured else RestorationCost(4, 55)

@@ -1,6 +1,7 @@
-"""The restorations that there are: the one list of them all. Importing it loads nothing.
+"""The list of all restoration methods by name; importing it doesn't load torch.
 
-To add one, write a module with a METHOD (see optics.deconvolution.method), and name it here.
+To add a method, write a module with a METHOD (see optics.deconvolution.method) and add its name
+here.
 """
 
 from __future__ import annotations
@@ -9,7 +10,10 @@ from typing import NamedTuple
 
 
 class RestorationEntry(NamedTuple):
-    """What a person reads, the module whose METHOD it is, and whether reports compare it."""
+    """The entry of a restoration method: its title, its module, and whether reports compare it.
+
+    The module has the method's description in METHOD.
+    """
 
     title: str
     module: str
@@ -29,12 +33,12 @@ RESTORATIONS: dict[str, RestorationEntry] = {
     "l-bfgs-b": RestorationEntry("L-BFGS-B", "optics.deconvolution.bounded"),
     "plug-and-play": RestorationEntry("learned denoiser", "optics.deconvolution.plug_and_play"),
 }
-"""As commands, files and rows of tables call them."""
+"""Restoration methods by the names that commands, files and tables use."""
 
 AUTO = "auto"
-"""What serves best in the time."""
+"""Name that stands for the method with the largest gain in the given time."""
 
 ALIASES = {"tv": "total-variation"}
 
 METHOD_CHOICES = (AUTO, *RESTORATIONS, *ALIASES)
-"""What a person may ask for."""
+"""All names that a user may give."""

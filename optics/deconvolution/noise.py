@@ -1,4 +1,7 @@
-"""How much noise a blurred photograph has: read off where the blur lets nothing else through."""
+"""Estimation of a blurred photograph's noise and of the power law of its spectrum.
+
+The noise shows best at frequencies that the blur suppresses.
+"""
 
 from __future__ import annotations
 
@@ -12,27 +15,50 @@ from optics.fourier import rfft2
 from optics.operators.blur import transfer_function
 from optics.plane import Plane
 
-_MIN_PERIODS = 3
-"""Periods in the frame of the lowest frequency that is looked at: taper and trend lie below."""
 
-_RADIUS_BINS, _MTF_BINS = 24, 16
-"""Rings of frequencies, and classes of how much light gets through there, that are pooled."""
+@dataclass(frozen=True)
+class SpectrumFitSettings:
+    """Tune the fit of a power law and noise to a photograph's spectrum.
 
-_MIN_SQUARED_MTF = 1e-8
-"""Of the light's power, below which one class holds all."""
+    All values are chosen.
 
-_STEPS = 40
+    Attributes
+    ----------
+    min_periods : int
+        Lowest frequency that is used, in periods per frame. The window and slow trends of the
+        picture dominate the frequencies below.
+    radius_bins : int
+        Number of bins of the frequency's modulus.
+    mtf_bins : int
+        Number of bins of the squared MTF.
+    min_squared_mtf : float
+        Squared MTF below which all frequencies are in one bin.
+    steps : int
+        Largest number of scoring steps of the fit.
+    max_signal_to_noise : float
+        Ratio of signal to noise power below which a frequency shows the noise alone.
+    min_noise_frequencies : int
+        Number of such frequencies from which the noise is taken from them alone.
+    """
 
-_MAX_SIGNAL_TO_NOISE, _MIN_NOISE_FREQUENCIES = 0.1, 300
-"""Frequencies with less signal than this share of the noise; how many of them tell it alone."""
+    min_periods: int = 3
+    radius_bins: int = 24
+    mtf_bins: int = 16
+    min_squared_mtf: float = 1e-8
+    steps: int = 40
+    max_signal_to_noise: float = 0.1
+    min_noise_frequencies: int = 300
+
+
+_SETTINGS = SpectrumFitSettings()
 
 
 @dataclass(frozen=True)
 class WienerPrediction:
-    """What a linear filter gets from a photograph.
+    """A prediction of what the Wiener filter restores of a photograph.
 
-    explained_share: share of the data that it explains. gradient: rms length of the restored
-    picture's gradient, per pixel, times the PSF's sum.
+    `explained_share` is the share of the data that the filter explains. `gradient` is the rms
+    length of the restored picture's gradient, in light per pixel, times the sum of the PSF.
     """
 
     explained_share: float
@@ -41,9 +67,10 @@ class WienerPrediction:
 
 @dataclass(frozen=True)
 class PowerLaw:
-    """What a photograph's spectrum shows: signal |H|² strength / frequency^slope, and noise.
+    """A model of a photograph's power spectrum: |H|² strength / frequency^slope + noise_variance.
 
-    strength, noise_variance: variance a pixel, of the photograph; frequency in cycles per pixel.
+    `strength` and `noise_variance` are variances per pixel of the photograph; the frequency is in
+    cycles per pixel.
     """
 
     strength: float
@@ -53,15 +80,17 @@ class PowerLaw:
     def wiener_prediction(
         self, squared_mtf: torch.Tensor, shape: tuple[int, int]
     ) -> WienerPrediction:
-        """By the filter with the least mean square error for this spectrum (Wiener 1949).
+        """Predict what the Wiener filter restores of a photograph with this power spectrum.
 
-        squared_mtf: |H|² on the rfft2 grid of a period of `shape`.
+        The Wiener filter has the least mean square error for the spectrum (Wiener 1949).
+        `squared_mtf` is |H|² on the rfft2 grid of a period of `shape`.
         """
         squares = squared_frequencies(shape).to(squared_mtf)
         squares[0, 0] = max(shape) ** -2
         scene = self.strength * squares ** (-self.slope / 2)
         share = scene * squared_mtf / (scene * squared_mtf + max(self.noise_variance, 1e-30))
-        # Of differences between neighbours, both axes: 4 sin² of half the phase, about f² below.
+        # The squared transfer function of differences between neighbours is 4 sin²(π f) per axis,
+        # which is about (2 π f)² at low frequencies and no more than 8 for both axes.
         steep = (4 * math.pi**2 * squares).clamp(max=8)
         return WienerPrediction(
             float(share.mean()), math.sqrt(float((scene * share * steep).mean()))
@@ -70,14 +99,13 @@ class PowerLaw:
 
 @torch.no_grad()
 def fit_power_law(image: torch.Tensor, psf: torch.Tensor) -> PowerLaw:
-    """Strength, slope and noise of a photograph, (rows, columns), that a PSF has blurred.
+    """Fit a power law and white noise to the spectrum of a blurred photograph, (rows, columns).
 
-    psf: with a sum of 1. The spectrum of the frame, tapered by a Hann window, is taken for that of
-    a picture whose power falls as a power of the frequency, through the PSF, and of white noise
-    that nothing has smoothed; strength, slope and noise by the greatest likelihood of independent
-    exponential powers (Whittle 1953). Where the PSF lets next to nothing through, the noise is what
-    is there. A photograph that isn't blurred shows its noise badly: the answer then has what the
-    picture's finest detail looks like.
+    `psf` has a sum of 1. The spectrum of the frame, with a Hann window, is modelled as the sum of
+    white noise and of a scene blurred by the PSF, whose power falls as a power of the frequency.
+    Strength, slope and noise maximise the likelihood of independent, exponentially distributed
+    powers (Whittle 1953). Frequencies that the PSF suppresses show the noise. In a photograph
+    without blur, the finest detail of the scene counts as noise.
     """
     transfer = transfer_function(psf.to(image), (image.shape[0], image.shape[1]))
     return fit_power_law_with_mtf(image, squared_modulus(transfer))
@@ -87,23 +115,26 @@ def fit_power_law(image: torch.Tensor, psf: torch.Tensor) -> PowerLaw:
 def fit_power_law_with_mtf(
     image: torch.Tensor, squared_mtf: torch.Tensor, region: torch.Tensor | None = None
 ) -> PowerLaw:
-    """The same, of what lets a share of each frequency's power through.
+    """Fit a power law and noise to a blurred photograph's spectrum, for a given squared MTF.
 
-    squared_mtf: that share, on the photograph's rfft2 grid: several PSFs let the mean of theirs.
-    region: a smooth window, of which part of it."""
+    `squared_mtf` is on the photograph's rfft2 grid; for several PSFs it is the mean of theirs.
+    `region` is a smooth window, (rows, columns), of the part that is used.
+    """
     shape = int(image.shape[0]), int(image.shape[1])
-    if min(shape) < 2 * _MIN_PERIODS + 2 or float(image.std()) == 0:
+    if min(shape) < 2 * _SETTINGS.min_periods + 2 or float(image.std()) == 0:
         return PowerLaw(0.0, 2.0, float(image.var(correction=0)) if image.numel() > 1 else 0.0)
     power, squares = _windowed_periodogram(image, region), squared_frequencies(shape).to(image)
-    used = (squares > (_MIN_PERIODS / min(shape)) ** 2).flatten().nonzero()[:, 0]
+    used = (squares > (_SETTINGS.min_periods / min(shape)) ** 2).flatten().nonzero()[:, 0]
     return _fit_binned_spectrum(
         *(each.flatten()[used] for each in (power, squares, squared_mtf.to(image)))
     )
 
 
 def _windowed_periodogram(image: torch.Tensor, region: torch.Tensor | None) -> torch.Tensor:
-    """Power of the frame times a window that falls to 0 at its border; of white noise its
-    variance."""
+    """Compute the power spectrum of a photograph with a Hann window.
+
+    It is scaled so that white noise gives its variance.
+    """
     rows, columns = (torch.hann_window(n + 2, False, dtype=image.dtype)[1:-1] for n in image.shape)
     window = rows[:, None] * columns
     if region is not None:
@@ -115,28 +146,32 @@ def _windowed_periodogram(image: torch.Tensor, region: torch.Tensor | None) -> t
 
 
 def squared_frequencies(shape: tuple[int, int]) -> torch.Tensor:
-    """Squares of the frequencies of the rfft2 grid, cycles per pixel, float64."""
+    """Return the squared spatial frequencies of an rfft2 grid, (cycles per pixel)², float64."""
     fy, fx = rfft2_frequencies(Plane(shape, (1.0, 1.0)))
     return fy.square() + fx.square()
 
 
 def squared_modulus(spectrum: torch.Tensor) -> torch.Tensor:
-    """Of the modulus."""
+    """Return the squared modulus of a complex spectrum."""
     return spectrum.real.square().addcmul_(spectrum.imag, spectrum.imag)
 
 
 def _fit_binned_spectrum(
     power: torch.Tensor, squares: torch.Tensor, squared_mtf: torch.Tensor
 ) -> PowerLaw:
+    """Fit a power law and noise to a photograph's power spectrum, whose frequencies are binned.
+
+    The fit starts from two noise levels, and the likelier result is used.
+    """
     pools = _SpectrumBins.of(power, squares, squared_mtf)
     lowest = float(pools.power.min())
     fits = [pools.fit(lowest * share) for share in (1.0, 0.03)]
     strength, slope, noise = min(fits, key=pools.negative_log_likelihood)
     signal = pools.signal_power(strength, slope)
     for _ in range(3):
-        quiet = signal < _MAX_SIGNAL_TO_NOISE * noise
+        quiet = signal < _SETTINGS.max_signal_to_noise * noise
         share = pools.share[quiet]
-        if float(share.sum()) * len(power) < _MIN_NOISE_FREQUENCIES:
+        if float(share.sum()) * len(power) < _SETTINGS.min_noise_frequencies:
             break
         left = share * (pools.power[quiet] - signal[quiet])
         noise = max(float(left.sum() / share.sum()), 0.1 * noise)
@@ -145,8 +180,11 @@ def _fit_binned_spectrum(
 
 @dataclass(frozen=True)
 class _SpectrumBins:
-    """Means over frequencies of about the same radius and transfer, in float64; share: of all
-    frequencies that each pool has."""
+    """A photograph's power spectrum, averaged over frequencies of similar modulus and MTF.
+
+    `share` is the share of all frequencies in each bin; `radius` is the mean logarithm of the
+    frequency's modulus. All values are float64.
+    """
 
     share: torch.Tensor
     power: torch.Tensor
@@ -157,36 +195,42 @@ class _SpectrumBins:
     def of(
         cls, power: torch.Tensor, squares: torch.Tensor, squared_mtf: torch.Tensor
     ) -> _SpectrumBins:
+        """Average a power spectrum over bins of the frequency's modulus and of the MTF."""
+        radius_bins, mtf_bins = _SETTINGS.radius_bins, _SETTINGS.mtf_bins
         radius = 0.5 * squares.log()
-        ring = _bin_index(radius, _RADIUS_BINS)
-        kind = _bin_index(squared_mtf.clamp(min=_MIN_SQUARED_MTF).log(), _MTF_BINS)
-        pool = ring * _MTF_BINS + kind
-        count = torch.bincount(pool, minlength=_RADIUS_BINS * _MTF_BINS)
+        ring = _bin_index(radius, radius_bins)
+        kind = _bin_index(squared_mtf.clamp(min=_SETTINGS.min_squared_mtf).log(), mtf_bins)
+        pool = ring * mtf_bins + kind
+        count = torch.bincount(pool, minlength=radius_bins * mtf_bins)
         full = count > 0
         number = count[full].to(torch.float64)
 
         def mean(of: torch.Tensor) -> torch.Tensor:
-            sums = torch.bincount(pool, of, minlength=_RADIUS_BINS * _MTF_BINS)
+            sums = torch.bincount(pool, of, minlength=radius_bins * mtf_bins)
             return sums[full].to(torch.float64) / number
 
         return cls(number / number.sum(), mean(power), mean(radius), mean(squared_mtf))
 
     def signal_power(self, strength: float, slope: float) -> torch.Tensor:
-        """The signal's power."""
+        """Return the blurred scene's power in each bin of the spectrum, without noise."""
         return strength * self.squared_mtf * torch.exp(-slope * self.radius)
 
     def negative_log_likelihood(self, fit: tuple[float, float, float]) -> float:
-        """Whittle's, of a strength, slope and noise."""
+        """Return Whittle's negative log-likelihood of a strength, slope and noise variance."""
         model = self.signal_power(*fit[:2]) + fit[2]
         return float((self.share * (model.log() + self.power / model)).sum())
 
     def fit(self, noise: float) -> tuple[float, float, float]:
-        """By Fisher's scoring in logarithms, from a noise on; steps that don't help get shorter."""
+        """Fit strength, slope and noise variance of the power law by Fisher scoring.
+
+        `noise` is the first noise variance. Strength and noise are fitted as logarithms. A step
+        that doesn't raise the likelihood is repeated with more damping.
+        """
         above = (self.share * (self.power - noise).clamp(min=0)).sum()
         signal = (self.share * self.signal_power(1.0, 2.4)).sum()
         now = (max(float(above / signal), 1e-30), 2.4, max(noise, 1e-30))
         best, damping = self.negative_log_likelihood(now), 1e-3
-        for _ in range(_STEPS):
+        for _ in range(_SETTINGS.steps):
             tried = self._scoring_step(now, damping)
             score = self.negative_log_likelihood(tried)
             if score < best:
@@ -201,6 +245,7 @@ class _SpectrumBins:
     def _scoring_step(
         self, now: tuple[float, float, float], damping: float
     ) -> tuple[float, float, float]:
+        """Do one damped scoring step of the power law's fit; return strength, slope and noise."""
         strength, slope, noise = now
         signal = self.signal_power(strength, slope)
         model = signal + noise
@@ -218,7 +263,7 @@ class _SpectrumBins:
 
 
 def _bin_index(value: torch.Tensor, count: int) -> torch.Tensor:
-    """Which of so many even parts of its range each value is in."""
+    """Return the index of each value's bin among `count` bins of equal width over its range."""
     low, high = value.min(), value.max()
     place = (value - low) / (high - low).clamp(min=1e-12) * count
     return place.long().clamp(0, count - 1)

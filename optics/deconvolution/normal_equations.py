@@ -1,4 +1,8 @@
-"""The linear part of a restoration: (H* M H + K) x = H* M y + K z, on frequencies."""
+"""The normal equations of a restoration with a quadratic penalty, solved on frequencies.
+
+They are (H* M H + K) x = H* M y + K z, with the blur H, the pixels' weights M, the photograph y,
+the penalty K of each frequency, and the picture z to which the penalty pulls x.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +16,13 @@ from optics.deconvolution.observation import Observation
 from optics.fourier import irfft2, rfft2, rfft_column_weights
 from optics.plane import centred_pad
 
-_CG_TOLERANCE = 1e-5
-"""Of the right-hand side, in the preconditioner's norm, that may be left."""
-
 
 class NormalEquations:
-    """Of a photograph less a brightness that is set apart, which no K darkens.
+    """The normal equations of a photograph's restoration, for the photograph less its mean.
 
-    A period that was seen whole is solved at once, anything else by conjugate gradients that the
-    solution for the whole period preconditions.
+    The mean is added to the solution, so that the penalty K doesn't darken it. If the whole period
+    was measured, the solution has a closed form. Otherwise it is found by conjugate gradients,
+    preconditioned by that closed form.
     """
 
     def __init__(self, observation: Observation) -> None:
@@ -30,7 +32,7 @@ class NormalEquations:
 
     @cached_property
     def _data(self) -> torch.Tensor:
-        """H* M y."""
+        """The spectrum of H* M y, the data's part of the right-hand side."""
         return self._apply_adjoint(
             centred_pad(
                 self._observation.inpainted_image - self.mean, self._observation.period_shape
@@ -38,7 +40,7 @@ class NormalEquations:
         )
 
     def initial_spectrum(self, penalty: torch.Tensor) -> torch.Tensor:
-        """The solution if the smooth continuation of the photograph had been measured."""
+        """Solve the restoration as if the photograph's smooth continuation had been measured."""
         spectrum = rfft2(self._observation.extended_image - self.mean).mul_(
             self._observation.conjugate_otf
         )
@@ -51,10 +53,10 @@ class NormalEquations:
         steps: int,
         target_spectrum: torch.Tensor | None = None,
     ) -> tuple[torch.Tensor, int]:
-        """The spectrum of x, and how many steps it took from the one that is given.
+        """Solve the normal equations of the restoration; return x's spectrum and the step count.
 
-        penalty: K, of each frequency. target_spectrum: spectrum of z less the brightness; 0 if
-        None.
+        The solver starts from `spectrum`. `penalty` is K of each frequency. `target_spectrum` is
+        the spectrum of z less the mean, or 0 if None.
         """
         if steps == 0 or (self._observation.is_fully_measured and target_spectrum is None):
             return spectrum, 0
@@ -67,24 +69,27 @@ class NormalEquations:
         )
 
     def picture(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """On the whole period, with its brightness."""
+        """Convert a spectrum to the restored picture on the whole period, with its mean."""
         return irfft2(spectrum, self._observation.period_shape).add_(self.mean)
 
     def residual(self, spectrum: torch.Tensor) -> float:
-        """Rms of what is left unexplained of trusted pixels, over the noise."""
+        """Return the restoration's rms residual of trusted pixels, relative to the noise."""
         return (
             self._observation.mean_squared_residual(self.picture(spectrum * self._observation.otf))
             ** 0.5
         )
 
     def _denominator(self, penalty: torch.Tensor) -> torch.Tensor:
+        """Return |H|² + K, with a lower limit that allows its inversion."""
         return (self._observation.squared_mtf + penalty).clamp_(min=1e-12)
 
     def _apply_normal(self, x: torch.Tensor, penalty: torch.Tensor) -> torch.Tensor:
+        """Apply H* M H + K to a spectrum."""
         light = irfft2(x * self._observation.otf, self._observation.period_shape)
         return self._apply_adjoint(light).add_(x * penalty)
 
     def _apply_adjoint(self, light: torch.Tensor) -> torch.Tensor:
+        """Apply H* M to light on the whole period; return the spectrum."""
         inside, trust = self._observation.crop_to_frame(light), self._observation.effective_weights
         kept = inside if trust is None else inside * trust
         return rfft2(centred_pad(kept, self._observation.period_shape)).mul_(
@@ -100,19 +105,21 @@ def solve_on_frequencies(
     count: torch.Tensor,
     steps: int,
 ) -> tuple[torch.Tensor, int]:
-    """The spectrum of the x with normal(x) = right_hand_side, and how many steps it took.
+    """Solve a restoration's normal equations on rfft2 spectra by conjugate gradients.
 
-    From the one that is given: see conjugate_gradients(). count: see
-    optics.fourier.rfft_column_weights().
+    The solver starts from `spectrum` and returns the solution's spectrum and the number of steps:
+    see conjugate_gradients(). `count` comes from optics.fourier.rfft_column_weights().
     """
 
     inner = partial(_inner, count=count)
-    enough = _CG_TOLERANCE**2 * inner(right_hand_side, right_hand_side * preconditioner)
+    # The residual may be 1e-5 of the right-hand side, in the preconditioner's norm.
+    enough = 1e-5**2 * inner(right_hand_side, right_hand_side * preconditioner)
     left = right_hand_side - normal(spectrum)
     return conjugate_gradients(normal, left, spectrum, preconditioner, inner, enough, steps)
 
 
 @torch.no_grad()
 def _inner(a: torch.Tensor, b: torch.Tensor, count: torch.Tensor) -> float:
+    """Compute the inner product of two real pictures from their rfft2 spectra, up to a factor."""
     products = (a.real * b.real + a.imag * b.imag) * count
     return float(products.sum(dtype=torch.float64))

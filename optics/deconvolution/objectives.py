@@ -1,4 +1,4 @@
-"""Smooth objectives of restorations, each with its gradient."""
+"""Differentiable terms of a restoration's objective, each with its gradient."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ SmoothPrior = Literal["total variation", "gradient", "tikhonov"]
 SMOOTH_PRIORS: tuple[SmoothPrior, ...] = ("total variation", "gradient", "tikhonov")
 
 ValueAndGradient = tuple[torch.Tensor, torch.Tensor]
-"""A number, and its gradient."""
+"""The value of an objective, and its gradient."""
 
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """Half the sum of (A x - y)², each pixel by its trust; of a clipped one only what falls short
-    of y, for there the light is at least that. pixel_weights: 1 everywhere if None."""
+    """The data term of a restoration: half the weighted sum of (A x - y)².
+
+    A clipped pixel counts only where A x is below y, since its light is at least y.
+    `pixel_weights` are 1 everywhere if None.
+    """
 
     operator: Operator
     data: torch.Tensor
@@ -37,11 +40,12 @@ class Misfit:
 
 @dataclass(frozen=True, eq=False)
 class Smoothness:
-    """What pictures, (..., rows, columns), are asked to be, band by band.
+    """The prior's penalty of a restoration within bounds, for each band of a picture.
 
-    "tikhonov", half the sum of x²; "gradient", half that of |∇x|²; "total variation", the sum of
-    √(|∇x|² + smoothing²) - smoothing: below |∇x| by no more than `smoothing` a pixel. periodic:
-    whether a picture's opposite edges are neighbours.
+    "tikhonov" is half the sum of x², and "gradient" is half the sum of |∇x|². "total variation" is
+    the sum of √(|∇x|² + smoothing²) - smoothing, which is below the sum of |∇x| by at most
+    `smoothing` per pixel. `periodic` says whether a picture's opposite edges are neighbours.
+    Pictures are (..., rows, columns).
     """
 
     prior: SmoothPrior
@@ -61,7 +65,10 @@ class Smoothness:
 
 
 def differences(x: torch.Tensor, periodic: bool) -> tuple[torch.Tensor, torch.Tensor]:
-    """Forward ones, down and along; at the last row and column 0, or around to the first."""
+    """Compute a picture's forward differences down the columns and along the rows.
+
+    At the last row and column they are 0, or for a periodic picture the differences to the first.
+    """
     down, along = x.roll(-1, -2).sub_(x), x.roll(-1, -1).sub_(x)
     if not periodic:
         down[..., -1, :] = 0
@@ -70,4 +77,5 @@ def differences(x: torch.Tensor, periodic: bool) -> tuple[torch.Tensor, torch.Te
 
 
 def differences_adjoint(down: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
+    """Apply the adjoint of a picture's forward differences."""
     return down.roll(1, -2).sub_(down).add_(along.roll(1, -1)).sub_(along)

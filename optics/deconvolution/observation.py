@@ -1,4 +1,4 @@
-"""A photograph, the blur in it, and what is known of its pixels."""
+"""The observation that a restoration starts from: photograph, PSF, noise and pixel weights."""
 
 from __future__ import annotations
 
@@ -16,45 +16,41 @@ from optics.plane import centred_crop, centred_pad
 from optics.validation import require_finite, require_same_shape
 
 LEAST_NOISE = 1e-6
-"""Standard deviation, relative to the photograph's own: what single precision leaves."""
-
-_SCALE_ROWS_LOG2 = 7
-"""Binary digits of the number of rows from which lengths are taken, at least."""
-
-_CENTRE_SIDE, _CENTRE_PSF_SIDES = 512, 4
-"""Pixels of a photograph's side whose spectrum tells enough of it, or so many sides of the PSF."""
+"""Standard deviation of the rounding in single precision, relative to that of the photograph."""
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """A photograph, the PSF that blurred the scene, and what is known of each pixel.
+    """A photograph to be restored, with its PSF, noise, border and pixel weights.
 
     It states the problem that a restoration solves. `build_observation` makes one from arrays of
-    any kind. Where the PSF sums to less than 1, the missing light doesn't arrive, and the restored
-    scene is that much brighter than the photograph.
+    any kind. If the PSF sums to less than 1, part of the light is lost, and the restored scene is
+    brighter than the photograph by the inverse of that sum.
 
     Parameters
     ----------
     image : torch.Tensor, (rows, columns)
-        What the camera measured, light per pixel, of a scene that `psf` has blurred.
+        The photograph, in light per pixel, of a scene that `psf` has blurred.
     psf : torch.Tensor, (rows, columns)
-        Point spread function with its origin at n // 2. Its sum is the share of light that arrives.
+        Point spread function with its origin at n // 2. Its sum is the share of the scene's light
+        that reaches the sensor.
     given_noise : float, optional
         Standard deviation of a pixel of weight 1, in the image's unit. Estimated from the
         photograph if None.
     border : {"unknown", "dark", "periodic"}, default "unknown"
-        What the scene does beyond the frame. "unknown" is right for what a camera sees.
+        What the scene does beyond the frame. "unknown" is right for photographs of a real scene.
     weights : torch.Tensor, (rows, columns), optional
-        How much each pixel is to be trusted: the inverse of its variance, relative to noise²; 0
-        where it is dead. All 1 if None.
+        Weight of each pixel in the data term: noise² over the pixel's variance; 0 where a pixel is
+        dead. All 1 if None.
     clipped : torch.Tensor of bool, (rows, columns), optional
         True where the well was full: there the light is at least what was measured.
 
     Raises
     ------
     ValueError
-        If shapes don't fit, a value isn't finite, the noise or a weight is negative, the PSF sends
-        no light anywhere, `border` is another word, or no pixel is left that measured anything.
+        If shapes don't fit, if a value isn't finite, if the noise or a weight is negative, if the
+        PSF has no light, if `border` is another word, or if all pixels are clipped or have no
+        weight.
     """
 
     image: torch.Tensor
@@ -85,12 +81,12 @@ class Observation:
 
     @property
     def psf_sum(self) -> float:
-        """Share of the scene's light that arrives: the sum of the PSF."""
+        """The sum of the PSF, which is the share of the scene's light that reaches the sensor."""
         return float(self.psf.sum(dtype=torch.float64))
 
     @cached_property
     def effective_weights(self) -> torch.Tensor | None:
-        """Weights, with 0 for each clipped pixel; None where all are 1."""
+        """The photograph's pixel weights with 0 for clipped pixels; None if all are 1."""
         if self.clipped is None or not bool(self.clipped.any()):
             return self.weights
         sound = (~self.clipped).to(self.image)
@@ -98,73 +94,78 @@ class Observation:
 
     @property
     def is_fully_measured(self) -> bool:
-        """Whether the whole period was measured, and each of its pixels counts fully."""
+        """Whether the photograph is a whole period of which all pixels have weight 1."""
         return self.border == "periodic" and self.effective_weights is None
 
     @cached_property
     def period_shape(self) -> tuple[int, int]:
-        """Shape (rows, columns) of the period on which the scene is estimated."""
+        """The (rows, columns) of the period on which the scene is restored."""
         rows, columns = self.image.shape
         frame = rows, columns
         return frame if self.border == "periodic" else blur_shape(frame, self.psf.shape)
 
     @cached_property
     def otf(self) -> torch.Tensor:
-        """Optical transfer function of the PSF with a sum of 1, on the period; complex."""
+        """The OTF of the normalised PSF on the period of the restoration, complex."""
         return transfer_function(self.psf / self.psf_sum, self.period_shape)
 
     @cached_property
     def scale(self) -> float:
-        """Scale of the scene's light, by which lengths and weights are chosen.
+        """The scale of the scene's light, by which a restoration chooses thresholds and weights.
 
-        It is the photograph's standard deviation, or a share of its mean where the photograph is
-        even, on the scene's scale; 1 where nothing shines.
+        It is the photograph's standard deviation over the sum of the PSF, but at least 1e-3 of the
+        mean; 1 for a dark photograph.
         """
-        image = self.image.detach()[:: max(1, len(self.image) >> _SCALE_ROWS_LOG2)].to(
-            torch.float64
-        )
+        # Statistics of every n-th row are enough, as long as there are at least 128 rows.
+        image = self.image.detach()[:: max(1, len(self.image) >> 7)].to(torch.float64)
         spread = max(float(image.std(correction=0)), 1e-3 * float(image.abs().mean()))
         return spread / self.psf_sum if spread > 0 else 1.0
 
     @cached_property
     def squared_mtf(self) -> torch.Tensor:
-        """Squared modulation transfer function |H|² on the period."""
+        """The squared MTF |H|² on the period of the restoration."""
         return squared_modulus(self.otf)
 
     @cached_property
     def conjugate_otf(self) -> torch.Tensor:
-        """Complex conjugate H* of the transfer function on the period."""
+        """The complex conjugate H* of the OTF on the period of the restoration."""
         return self.otf.conj().resolve_conj()
 
     @cached_property
     def power_law(self) -> PowerLaw:
-        """Power law and noise of the spectrum of the photograph's middle, on its own scale."""
+        """The power law and noise of the spectrum of the photograph's middle, on its own scale."""
         rows, columns = self._centre_shape
         middle = centred_crop(self.inpainted_image, (rows, columns)) * self.psf_sum
         return fit_power_law(middle, self.psf / self.psf_sum)
 
     @property
     def wiener_prediction(self) -> WienerPrediction:
-        """What the best linear filter is predicted to recover, by that power law."""
+        """The prediction of what the Wiener filter restores, from the photograph's power law."""
         return self.power_law.wiener_prediction(
             self._squared_mtf_on(self._centre_shape), self._centre_shape
         )
 
     def _squared_mtf_on(self, shape: tuple[int, int]) -> torch.Tensor:
-        """|H|² on a period of that shape."""
+        """Compute the squared MTF |H|² on a period of the given shape."""
         return squared_modulus(transfer_function(self.psf / self.psf_sum, shape))
 
     @property
     def _centre_shape(self) -> tuple[int, int]:
+        """The (rows, columns) of the photograph's middle, whose spectrum is fitted.
+
+        512 pixels, or four times the PSF, are enough for the fit.
+        """
         rows, columns = (
-            min(n, max(_CENTRE_SIDE, _CENTRE_PSF_SIDES * m))
-            for n, m in zip(self.image.shape, self.psf.shape, strict=True)
+            min(n, max(512, 4 * m)) for n, m in zip(self.image.shape, self.psf.shape, strict=True)
         )
         return rows, columns
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of a pixel of weight 1, given or estimated, in the image's unit."""
+        """The noise of the photograph: the standard deviation of a pixel of weight 1.
+
+        It is given or estimated, in the unit of the image.
+        """
         return (
             math.sqrt(self.power_law.noise_variance)
             if self.given_noise is None
@@ -173,17 +174,17 @@ class Observation:
 
     @property
     def scene_noise(self) -> float:
-        """Noise on the scene's scale, no less than what rounding leaves."""
+        """The photograph's noise over the sum of the PSF, but at least the rounding error."""
         return max(self.noise / self.psf_sum, LEAST_NOISE * self.scale)
 
     @cached_property
     def normalised_image(self) -> torch.Tensor:
-        """The photograph on the scene's scale: divided by the sum of the PSF."""
+        """The photograph divided by the sum of the PSF, on the scale of the scene's light."""
         return self.image / self.psf_sum
 
     @cached_property
     def inpainted_image(self) -> torch.Tensor:
-        """The normalised photograph, with untrusted pixels filled in from their neighbours."""
+        """The normalised photograph, with pixels of weight 0 filled in from their neighbours."""
         if self.effective_weights is None:
             return self.normalised_image
         known = self.effective_weights > 0
@@ -193,10 +194,10 @@ class Observation:
 
     @cached_property
     def extended_image(self) -> torch.Tensor:
-        """The inpainted photograph continued to the whole period, so that opposite edges meet
-        smoothly.
+        """The inpainted photograph, extended to the whole period with smooth transitions.
 
-        With a dark border, zeros are put around it instead.
+        Opposite edges of the period meet smoothly. With a dark border, zeros surround the
+        photograph instead.
         """
         if self.border == "dark":
             return centred_pad(self.inpainted_image, self.period_shape)
@@ -204,21 +205,21 @@ class Observation:
 
     @cached_property
     def support(self) -> torch.Tensor | None:
-        """Mask of the period: 1 where the scene may shine; None where that is everywhere."""
+        """The mask of the scene on the period, 1 where it may have light; None if everywhere."""
         if self.border != "dark":
             return None
         return centred_pad(torch.ones_like(self.image), self.period_shape)
 
     def crop_to_frame(self, period_image: torch.Tensor) -> torch.Tensor:
-        """Crop a picture on the whole period to what the camera sees; a view."""
+        """Crop a picture on the whole period to the photograph's frame; the result is a view."""
         return centred_crop(period_image, self.image.shape)
 
     @torch.no_grad()
     def mean_squared_residual(self, light: torch.Tensor) -> float:
-        """Mean squared residual of trusted pixels, over the noise variance.
+        """Compute the mean squared residual of the photograph, relative to the noise variance.
 
         The residual is the normalised photograph less `light`, the blurred picture on the whole
-        period.
+        period. The mean is over pixels with a weight.
         """
         squares = (self.crop_to_frame(light) - self.normalised_image).square_()
         if self.effective_weights is None:
@@ -231,13 +232,14 @@ class Observation:
 
 
 def require_weights(weights: torch.Tensor) -> None:
+    """Raise ValueError for pixel weights that are negative, all zero or not finite."""
     require_finite("weights", weights)
     if float(weights.min()) < 0 or not float(weights.max()) > 0:
         raise ValueError("weights must be positive somewhere, and negative nowhere")
 
 
 def require_psf(psf: torch.Tensor) -> None:
-    """Raise ValueError for a PSF that no deconvolution can use."""
+    """Raise ValueError for a PSF with values that aren't finite or without a positive sum."""
     if not torch.isfinite(psf).all():
         raise ValueError("psf has NaN or infinite values; measure or compute it again")
     if not float(psf.sum()) > 0:
@@ -245,7 +247,7 @@ def require_psf(psf: torch.Tensor) -> None:
 
 
 def _inpaint(image: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
-    """Unknown pixels by the mean of known ones around them, from ever farther away."""
+    """Fill pixels that aren't valid with the mean of the nearest valid pixels around them."""
     value = torch.where(valid, image, 0.0)[None, None]
     share = valid.to(image)[None, None]
     answer, missing = value.clone(), share == 0

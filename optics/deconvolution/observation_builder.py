@@ -1,4 +1,4 @@
-"""From what somebody has in hand to a restoration's problem."""
+"""Construction of a restoration's observation from arrays of any kind."""
 
 from __future__ import annotations
 
@@ -28,25 +28,27 @@ def build_observation(
     image : torch.Tensor or numpy.ndarray, (rows, columns)
         The photograph, light per pixel. Whole numbers become float32.
     psf : torch.Tensor or numpy.ndarray, (rows, columns)
-        Point spread function, origin at n // 2. Its sum is the share of light that arrives.
+        Point spread function, origin at n // 2. Its sum is the share of the scene's light that
+        reaches the sensor.
     noise : float, optional
-        Standard deviation of a pixel. Estimated from the photograph if None.
+        Standard deviation of a pixel, in the unit of `image`. Estimated from the photograph if
+        None.
     border : {"unknown", "dark", "periodic"}, default "unknown"
         What the scene does beyond the frame.
     weights : torch.Tensor or numpy.ndarray, (rows, columns), optional
-        How much each pixel is to be trusted; 0 where it is dead.
+        Weight of each pixel in the data term; 0 where a pixel is dead.
     clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
         True where the well was full.
 
     Returns
     -------
     Observation
-        What `restore` takes.
+        The observation that `restore` takes.
 
     Raises
     ------
     ValueError
-        If `Observation` refuses what is given.
+        If `Observation` raises it.
     """
     image = as_floating_point(image)
     weights = weights if weights is None else weights.to(image)

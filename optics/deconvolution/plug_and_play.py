@@ -1,4 +1,4 @@
-"""Deconvolution with a denoiser in the prior's place."""
+"""Plug-and-play deconvolution, which uses a denoiser in place of a prior."""
 
 from __future__ import annotations
 
@@ -17,28 +17,46 @@ from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_count, require_positive
 
-_FIRST_LEVEL, _MIN_LEVEL = 0.15, 0.002
-"""Levels of the denoiser, of white: in the first round, and at least in any."""
 
-_LEVEL_FACTOR, _WORST_FREQUENCY_SHARE = 1.3, 0.6
-"""The level that is told, over the noise that a linear step leaves; that noise is between its rms
-over all frequencies and at the worst one, a logarithmic share of the way: some frequencies have
-far more than others, and a denoiser that is told the mean takes them for texture."""
+@dataclass(frozen=True)
+class PlugAndPlaySettings:
+    """Tune plug-and-play deconvolution and the noise level that its denoiser gets.
 
-_MIN_PENALTY = 1e-7
-"""Penalty, over |H|² of what isn't blurred, below which the first round never goes."""
+    All values are chosen.
 
-_STEPS = 6
-"""Of conjugate gradients, in each round: each starts where the last one ended."""
+    Attributes
+    ----------
+    first_level : float
+        Noise level of the denoiser in the first round, relative to white.
+    min_level : float
+        Smallest noise level of the denoiser in any round, relative to white.
+    level_factor : float
+        Factor between the denoiser's noise level and the noise that a linear step leaves.
+    worst_frequency_share : float
+        Weight of the worst frequency in that noise, which is a geometric mean of the rms over all
+        frequencies and of the noise at the worst frequency. Some frequencies have far more noise
+        than others, and a denoiser that gets the rms takes them for texture.
+    min_penalty : float
+        Smallest penalty of the first round, relative to |H|² of a frequency without blur.
+    cg_steps : int
+        Steps of conjugate gradients in each round, which starts from the result of the last one.
+    start_iterations : int
+        Iterations of the total variation that gives the first picture.
+    white_quantile : float
+        Quantile of a picture's light that counts as white.
+    """
 
-_START = 15
-"""Iterations of total variation to start from."""
+    first_level: float = 0.15
+    min_level: float = 0.002
+    level_factor: float = 1.3
+    worst_frequency_share: float = 0.6
+    min_penalty: float = 1e-7
+    cg_steps: int = 6
+    start_iterations: int = 15
+    white_quantile: float = 0.999
 
-_SAMPLED_FREQUENCIES = 1 << 14
-"""Frequencies of which the noise is reckoned, about."""
 
-_WHITE = 0.999
-"""Quantile of a picture that counts as white."""
+_SETTINGS = PlugAndPlaySettings()
 
 
 @single_threaded
@@ -51,43 +69,69 @@ def plug_and_play(
     rounds: int = 12,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """The photograph with its blur undone, as a denoiser would have pictures be (Venkatakrishnan
-    et al. 2013, doi 10.1109/GlobalSIP.2013.6737048).
+    """Restore a photograph by plug-and-play, with a denoiser in place of a prior.
 
-    Half-quadratic splitting (Zhang et al. 2021, doi 10.1109/TPAMI.2021.3088914): in turn the
-    denoised picture z, and the x of the least |H x - y|² + K |x - z|², trusted pixels alone, from
-    a restoration by total variation on. K grows evenly in logarithms up to `strength`, or as far
-    as there is noise. The denoiser is told the noise that the step before leaves in x, which K and
-    the blur tell.
-    Raises ValueError for a strength that isn't positive, or no round.
+    The method is that of Venkatakrishnan et al. (2013, doi 10.1109/GlobalSIP.2013.6737048) with
+    half-quadratic splitting (Zhang et al. 2021, doi 10.1109/TPAMI.2021.3088914). The first picture
+    comes from total_variation(). Each round denoises the picture to z, and then computes the x that
+    minimises |H x - y|² + K |x - z|², where the first term counts trusted pixels only. K grows
+    geometrically up to `strength`, or less far for data with little noise. The denoiser's noise
+    level in each round is the noise that the last step left in x, which follows from K and the
+    blur.
+
+    Parameters
+    ----------
+    observation : Observation
+        Photograph and PSF.
+    denoise : callable
+        Denoiser of a picture, (rows, columns) with white at about 1; its second argument is the
+        standard deviation of the noise.
+    strength : float, optional
+        Largest K, relative to |H|² of a frequency without blur.
+    rounds : int, optional
+        Number of rounds, 1 or more.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    RestoredImage
+        The picture in the photograph's frame, never negative.
+
+    Raises
+    ------
+    ValueError
+        For a strength that isn't positive, or no round.
     """
     require_positive("strength", strength, "")
     require_count("rounds", rounds)
     progress = progress or Progress()
     start = total_variation(
-        observation, iterations=_START, progress=progress.part(0, 0.1)
+        observation, iterations=_SETTINGS.start_iterations, progress=progress.part(0, 0.1)
     ).period_image
     assert start is not None
     white = max(
-        float(torch.quantile(_subsample(observation.crop_to_frame(start)), _WHITE)),
+        float(
+            torch.quantile(_subsample(observation.crop_to_frame(start)), _SETTINGS.white_quantile)
+        ),
         observation.scale,
     )
     left = _RemainingNoise.of(observation, white)
-    # Where next to no noise is left, the data need no help.
-    tightest = min(left.penalty_for(_MIN_LEVEL), strength)
-    loosest = min(left.penalty_for(_FIRST_LEVEL), tightest)
+    # For data with hardly any noise, K stays small: the denoiser isn't needed.
+    tightest = min(left.penalty_for(_SETTINGS.min_level), strength)
+    loosest = min(left.penalty_for(_SETTINGS.first_level), tightest)
     penalties = torch.logspace(math.log10(loosest), math.log10(tightest), rounds).tolist()
     equations = NormalEquations(observation)
     picture, spectrum, change = start, rfft2(start - equations.mean), list[float]()
     for number, penalty in enumerate(penalties):
         progress.report(0.1 + 0.9 * number / rounds, f"plug-and-play {number + 1}/{rounds}")
-        level = max(left.denoiser_level(penalty), _MIN_LEVEL)
+        level = max(left.denoiser_level(penalty), _SETTINGS.min_level)
         wanted = denoise(picture / white, level).mul_(white).clamp_(min=0)
         if observation.support is not None:
             wanted.mul_(observation.support)
         near = rfft2(wanted - equations.mean)
         everywhere = torch.full_like(observation.squared_mtf, penalty)
-        spectrum, _ = equations.solve(everywhere, spectrum, _STEPS, near)
+        spectrum, _ = equations.solve(everywhere, spectrum, _SETTINGS.cg_steps, near)
         before, picture = picture, equations.picture(spectrum)
         change.append(relative_change(picture, before))
     return RestoredImage(
@@ -104,9 +148,10 @@ def plug_and_play(
 
 @dataclass(frozen=True, eq=False)
 class _RemainingNoise:
-    """The noise in the x of the least |H x - y|² + K |x - z|², relative to white.
+    """The noise that a linear step of plug-and-play leaves in x, relative to white.
 
-    noise: of the photograph. power, count: |H|² of each frequency, and for how many it stands.
+    `noise` is the noise of the photograph. `power` is |H|² of each sampled frequency, and `count`
+    is the number of frequencies of the full FFT that it represents.
     """
 
     noise: float
@@ -115,7 +160,8 @@ class _RemainingNoise:
 
     @classmethod
     def of(cls, observation: Observation, white: float) -> _RemainingNoise:
-        every = max(1, math.isqrt(observation.squared_mtf.numel() // _SAMPLED_FREQUENCIES))
+        """Sample about 16,000 frequencies of a photograph's blur to predict the noise left."""
+        every = max(1, math.isqrt(observation.squared_mtf.numel() // (1 << 14)))
         count = rfft_column_weights(observation.period_shape[1])[::every].expand(
             observation.squared_mtf[::every, ::every].shape
         )
@@ -126,20 +172,19 @@ class _RemainingNoise:
         )
 
     def denoiser_level(self, penalty: float) -> float:
-        """The level that the denoiser is told for a K."""
+        """Return the noise level that the denoiser gets for a penalty K."""
+        share = _SETTINGS.worst_frequency_share
         squares = self.power / (self.power + penalty).square() * self.count
         mean = math.sqrt(float(squares.sum() / self.count.sum()))
         worst = 0.5 / math.sqrt(penalty)
-        return (
-            _LEVEL_FACTOR
-            * self.noise
-            * mean ** (1 - _WORST_FREQUENCY_SHARE)
-            * worst**_WORST_FREQUENCY_SHARE
-        )
+        return _SETTINGS.level_factor * self.noise * mean ** (1 - share) * worst**share
 
     def penalty_for(self, level: float) -> float:
-        """The K for which that is the level, or the loosest: by bisection in logarithms."""
-        low, high = math.log(_MIN_PENALTY), math.log(1e3)
+        """Find the penalty K for which the denoiser's noise level is `level`, by bisection.
+
+        The result isn't below the smallest penalty.
+        """
+        low, high = math.log(_SETTINGS.min_penalty), math.log(1e3)
         for _ in range(40):
             middle = 0.5 * (low + high)
             low, high = (
@@ -149,7 +194,7 @@ class _RemainingNoise:
 
 
 def _subsample(picture: torch.Tensor) -> torch.Tensor:
-    """Of large pictures not every value, for statistics."""
+    """Return about 2^18 evenly spaced values of a large picture, for statistics."""
     return picture.flatten()[:: max(1, picture.numel() >> 18)]
 
 
@@ -161,19 +206,20 @@ def _solve(
     progress: Progress,
     denoise: Denoise | None = None,
 ) -> RestoredImage:
+    """Restore by plug-and-play through the interface of all restorations."""
     if denoise is None:
         raise ValueError("method is plug-and-play, and no denoiser is given; give one")
     chosen = {} if weight is None else {"strength": weight}
     return plug_and_play(observation, denoise, rounds=iterations, progress=progress, **chosen)
 
 
-_MULTIPLY_ADDS_PER_PIXEL = 4.4e4
-"""Multiplications and additions of the denoiser, a pixel."""
-
-
 def _round_cost(observation: Observation) -> RestorationCost:
-    """A denoised picture, and where part of the period was seen, conjugate gradients."""
-    network = RestorationCost(2, 100, 1.4 * _MULTIPLY_ADDS_PER_PIXEL)
+    """Return the cost of one round of plug-and-play: denoising, and perhaps conjugate gradients.
+
+    Conjugate gradients are needed if part of the period wasn't measured.
+    """
+    # The denoiser takes 4.4e4 multiplications and additions per pixel.
+    network = RestorationCost(2, 100, 1.4 * 4.4e4)
     return network if observation.is_fully_measured else network.plus(RestorationCost(12, 150))
 
 

@@ -1,4 +1,4 @@
-"""Deconvolution of counted photons that keeps edges: Poisson's likelihood and total variation."""
+"""Deconvolution with the Poisson likelihood of counted photons and total variation."""
 
 from __future__ import annotations
 
@@ -26,22 +26,49 @@ def poisson_total_variation(
     positive: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """The picture x with the least m * sum of (H x - y log H x) + weight * sum of |∇x|, trusted
-    pixels y alone, m their mean: photons' likelihood, where total_variation() has squares.
+    """Restore a photograph with the Poisson likelihood of photons and total variation.
 
-    Photons counted as y where v are expected are as likely as exp(y log v - v) (thesis Eq. 2.30);
-    negative light, which dark subtraction leaves, counts as none. Near v = y the misfit is
-    m / y * (v - y)² / 2: a dim pixel, which has less noise, counts for more, and one of mean
-    brightness for as much as in least squares, so that `weight` means the same and is found the
-    same way. The problem is convex (Figueiredo and Bioucas-Dias 2010, doi 10.1109/TIP.2010.2053941;
-    Chambolle and Pock 2011, doi 10.1007/s10851-010-0251-1, solve it too); it is split as in
-    Splitting, with v = H x held to what the scene sends, and v's step is a quadratic's root.
+    The result x minimises m * the sum of (H x - y log H x) + weight * the sum of |∇x|. The first
+    sum is over trusted pixels y, and m is their mean. total_variation() has squares instead of
+    this likelihood.
 
-    weight: light per pixel, by the evidence of the picture if None. iterations: at most; ends when
-    the picture's relative change is tol. positive: whether x may be negative nowhere while it is
-    looked for, which single photons and stars on darkness need, and more iterations; H x never is,
-    and the answer is cut at 0.
-    Raises ValueError for a weight that isn't positive, or no iteration.
+    The likelihood of counting y photons where v are expected is proportional to exp(y log v - v)
+    (thesis Eq. 2.30). Negative light, which the subtraction of dark frames leaves, counts as 0.
+    Near v = y the data term is m / y * (v - y)² / 2. A dim pixel, which has less noise, therefore
+    counts more. A pixel of mean brightness counts as much as in least squares, so that `weight` has
+    the same meaning and is estimated in the same way.
+
+    The problem is convex (Figueiredo and Bioucas-Dias 2010, doi 10.1109/TIP.2010.2053941; Chambolle
+    and Pock 2011, doi 10.1007/s10851-010-0251-1, solve it too). It is split as in Splitting, with
+    v = H x split off, and the step for v is the root of a quadratic.
+
+    Parameters
+    ----------
+    observation : Observation
+        Photograph and PSF.
+    weight : float, optional
+        Regularisation weight, in light per pixel. Estimated from the evidence of the picture if
+        None.
+    iterations : int, optional
+        Largest number of iterations.
+    tol : float, optional
+        Relative change of the picture at which the iteration ends; 0 for all iterations.
+    positive : bool, optional
+        Whether x is kept from being negative in each iteration. Photographs of few photons and of
+        stars on a dark sky need this, and more iterations. H x is never negative, and the result is
+        clipped at 0.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    RestoredImage
+        The picture in the photograph's frame, never negative.
+
+    Raises
+    ------
+    ValueError
+        For a weight that isn't positive, or no iteration.
     """
     how: dict[str, Any] = {"iterations": iterations, "tol": tol, "positive": positive}
     return total_variation(
@@ -50,10 +77,11 @@ def poisson_total_variation(
 
 
 def poisson_data_prox(observation: Observation) -> DataProx:
-    """The light v with the least m t (v - y log v) + coupling / 2 * (v - light)², t the trust.
+    """Build the proximal step of the Poisson data term of a photograph.
 
-    Where its slope m t (1 - y / v) + coupling * (v - light) is 0: the root of
-    v² - (light - p) v - p y that isn't negative, with p = m t / coupling.
+    The step returns the light v that minimises m t (v - y log v) + coupling / 2 * (v - light)²,
+    where t is a pixel's weight. There the derivative m t (1 - y / v) + coupling * (v - light) is 0,
+    so that v is the non-negative root of v² - (light - p) v - p y with p = m t / coupling.
     """
     data = observation.normalised_image.clamp(min=0)
     trust = (
@@ -62,14 +90,14 @@ def poisson_data_prox(observation: Observation) -> DataProx:
         else observation.effective_weights
     )
     share = trust * ((data * trust).sum() / trust.sum())
-    # Roots apart: the product of two small numbers may be none.
+    # The square roots are taken first, since the product of two small numbers may underflow to 0.
     product = share.sqrt() * data.sqrt()
 
     def fit(light: torch.Tensor, coupling: float) -> torch.Tensor:
         half = (light - share / coupling) / 2
         middle = product / coupling**0.5
         root = torch.hypot(half, middle).add_(half.abs())
-        # Of the two roots' product, so that no digits cancel.
+        # The other root follows from the product of both, which avoids cancellation.
         other = middle / root.clamp(min=torch.finfo(root.dtype).tiny) * middle
         return torch.where(half > 0, root, other)
 

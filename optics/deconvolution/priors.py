@@ -1,4 +1,4 @@
-"""What is known of pictures beforehand, each as a split of its own."""
+"""Priors of pictures for a restoration by ADMM; each prior is one split of the problem."""
 
 from __future__ import annotations
 
@@ -7,29 +7,31 @@ from abc import ABC, abstractmethod
 
 import torch
 
-_ROW_STRIDE = 4
-"""Rows of which one is looked at for statistics."""
-
-_EVIDENCE_FACTOR = 0.78
-"""Of the weight by the evidence, that restores best: the share of the gradient's freedom that
-counts, for of its two components the one along an edge is nearly free."""
-
 
 def weight_by_evidence(penalty: float, power: float, noise: float, explained_share: float) -> float:
-    """Of a penalty that grows with a power of the picture, by the evidence (MacKay 1992, doi
-    10.1162/neco.1992.4.3.415): power * weight * penalty = freedom * noise².
+    """Estimate the regularisation weight of a prior from the evidence of a picture.
 
-    penalty: mean of a pixel. explained_share: share of the data that the picture explains.
+    For a penalty that grows with a power of the picture, the evidence (MacKay 1992, doi
+    10.1162/neco.1992.4.3.415) gives power * weight * penalty = freedom * noise². `penalty` is the
+    mean penalty of a pixel, and `explained_share` is the share of the data that the picture
+    explains.
     """
-    return _EVIDENCE_FACTOR * explained_share * noise**2 / max(power * penalty, 1e-30)
+    # 0.78 of the weight by the evidence restores best. Of the two components of the gradient, the
+    # one along an edge is nearly free, so that not all of the gradient's freedom counts.
+    return 0.78 * explained_share * noise**2 / max(power * penalty, 1e-30)
 
 
 class Prior(ABC):
-    """What is asked of D x, with D x split off.
+    """Base class of priors on D x in a restoration by ADMM, where D is linear and D x is split off.
 
-    gram_spectrum: (rows, columns // 2 + 1), D^T D on the frequencies of a period, or a number.
-    adjoint_target: D^T (d - b), what the split wants of the next picture, for a coupling of 1; None
-    before the first step. It may be the same array each time.
+    Attributes
+    ----------
+    gram_spectrum : torch.Tensor
+        D^T D on the frequencies of a period, (rows, columns // 2 + 1), or one number.
+    adjoint_target : torch.Tensor or None
+        D^T (d - b), the split's contribution to the right-hand side of the next picture's step for
+        a coupling of 1; d is the split and b its scaled dual variable. None before the first step.
+        Each step may overwrite the array.
     """
 
     gram_spectrum: torch.Tensor
@@ -37,29 +39,29 @@ class Prior(ABC):
 
     @abstractmethod
     def update(self, x: torch.Tensor) -> None:
-        """Take the next picture in, (rows, columns)."""
+        """Update the prior's split and dual variable for the next picture, (rows, columns)."""
 
     @abstractmethod
     def coupling(self, weight: float, data: float) -> float:
-        """Of the split, for a weight of the penalty and a coupling of the data."""
+        """Return the coupling of the prior's split, for a weight and the data's coupling."""
 
 
 class Penalty(Prior):
-    """A weight times the sum of a penalty of D x."""
+    """Base class of priors that add a weight times the sum of a penalty of D x."""
 
     @abstractmethod
     def estimate_weight(self, noise: float, explained_share: float) -> float:
-        """That the last picture says the penalty should have, for a noise and for the share of the
-        data that it explains: see weight_by_evidence()."""
+        """Estimate the prior's weight from the last picture: see weight_by_evidence()."""
 
 
 class TotalVariation(Penalty):
-    """The length of the gradient to a power, in all directions alike: 1 for total variation
-    (Rudin, Osher and Fatemi 1992, doi 10.1016/0167-2789(92)90242-F), less for the heavier tails of
-    natural pictures (Krishnan and Fergus 2009), by Chartrand's shrinkage (2009, doi
-    10.1109/ISBI.2009.5192999).
+    """The prior that penalises the length of the gradient to a power.
 
-    threshold: length of a gradient that a first iteration takes for none.
+    A power of 1 is total variation (Rudin, Osher and Fatemi 1992, doi
+    10.1016/0167-2789(92)90242-F). A lower power suits the heavier tails of natural pictures
+    (Krishnan and Fergus 2009); it uses the shrinkage of Chartrand (2009, doi
+    10.1109/ISBI.2009.5192999). The penalty doesn't depend on the gradient's direction. `threshold`
+    is the length, in light per pixel, below which a first iteration sets gradients to 0.
     """
 
     def __init__(
@@ -83,12 +85,12 @@ class TotalVariation(Penalty):
         down, along, size, kept = self._down, self._along, self._size, self._kept
         add_gradient(x, down, along)
         torch.mul(down, down, out=size).addcmul_(along, along)
-        # The share of it that the penalty takes: all of what is shorter than a step.
+        # `size` becomes the share that the shrinkage removes; it is 1 below the threshold.
         size.rsqrt_().mul_(self._threshold)
         if self._power != 1:
             size.pow_(2 - self._power)
         size.clamp_(max=1)
-        # d - b is the gradient less twice that share, and b what it has taken.
+        # The new b is the removed part, and d - b is the gradient less twice that part.
         torch.mul(size, -2, out=kept).add_(1)
         wanted = down * kept, along * kept
         down.mul_(size)
@@ -97,7 +99,7 @@ class TotalVariation(Penalty):
 
 
 class NonNegativity(Prior):
-    """Light is nowhere negative; and nothing shines beyond the frame, where that is known."""
+    """The prior that light isn't negative, and is 0 outside a known support of the scene."""
 
     def __init__(
         self, shape: tuple[int, int], support: torch.Tensor | None, dtype: torch.dtype
@@ -119,15 +121,17 @@ class NonNegativity(Prior):
 
 
 def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
-    """The gradient's adjoint times itself, on the frequencies of a period: (rows, columns // 2 + 1)
-    in double precision."""
+    """Return the spectrum of the negative Laplacian, the gradient's adjoint times the gradient.
+
+    It is on the rfft2 grid of a period, (rows, columns // 2 + 1), in double precision.
+    """
     y = 2 - 2 * torch.cos(2 * math.pi * torch.fft.fftfreq(shape[0], dtype=torch.float64))
     x = 2 - 2 * torch.cos(2 * math.pi * torch.fft.rfftfreq(shape[1], dtype=torch.float64))
     return y[:, None] + x[None, :]
 
 
 def add_gradient(x: torch.Tensor, down: torch.Tensor, along: torch.Tensor) -> None:
-    """Forward differences, around the period, added to what is there."""
+    """Add the periodic forward differences of a picture to `down` and `along`, in place."""
     down[:-1].add_(x[1:]).sub_(x[:-1])
     down[-1].add_(x[0]).sub_(x[-1])
     along[:, :-1].add_(x[:, 1:]).sub_(x[:, :-1])
@@ -135,7 +139,7 @@ def add_gradient(x: torch.Tensor, down: torch.Tensor, along: torch.Tensor) -> No
 
 
 def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
-    """The adjoint of the gradient."""
+    """Apply the adjoint of a picture's periodic gradient, and write the result to `out`."""
     torch.add(down, along, out=out).neg_()
     out[1:].add_(down[:-1])
     out[0].add_(down[-1])
@@ -145,15 +149,15 @@ def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor)
 
 
 def mean_gradient(x: torch.Tensor, power: float) -> float:
-    """Mean length of the gradient to a power, in every fourth row."""
-    rows = x[:-1:_ROW_STRIDE]
-    down, along = (x[1::_ROW_STRIDE] - rows)[:, :-1], rows[:, 1:] - rows[:, :-1]
+    """Compute the mean of a picture's gradient length to a power, from every fourth row."""
+    rows = x[:-1:4]
+    down, along = (x[1::4] - rows)[:, :-1], rows[:, 1:] - rows[:, :-1]
     length = torch.addcmul(along * along, down, down).sqrt_()
     return float((length if power == 1 else length.pow_(power)).mean())
 
 
 def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
-    """div(∇x / |∇x|), of a gradient whose length is smoothed by a length."""
+    """Compute div(∇x / |∇x|) of a picture, with |∇x| replaced by √(|∇x|² + smooth²)."""
     down, along = torch.zeros_like(x), torch.zeros_like(x)
     add_gradient(x, down, along)
     length = torch.addcmul(down * down, along, along).add_(smooth**2).rsqrt_()
@@ -161,7 +165,7 @@ def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
 
 
 def laplacian_of(x: torch.Tensor) -> torch.Tensor:
-    """∇²x by differences, around the period."""
+    """Compute the Laplacian ∇²x of a periodic picture by differences."""
     down, along = torch.zeros_like(x), torch.zeros_like(x)
     add_gradient(x, down, along)
     return gradient_adjoint(down, along, torch.empty_like(x)).neg_()

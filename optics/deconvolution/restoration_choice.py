@@ -1,4 +1,4 @@
-"""The restoration that serves best in the time given."""
+"""The choice of the restoration method with the largest gain in a given time."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from optics.progress import Progress
 from optics.validation import require_count, require_positive
 
 DEFAULT_METHOD = "total-variation"
-"""What restores where nothing else is asked for."""
+"""Name of the default restoration method."""
 
-# Gains are medians of 12 photographs, each through one of 6 blurs, with noise of .005 to .02:
-# `make figures ONLY=budget` measures them.
+# The gains of the methods are medians over 12 photographs, each blurred by one of 6 PSFs, with
+# noise of 0.005 to 0.02. `make figures ONLY=budget` measures them.
 METHODS: dict[str, RestorationMethod] = {
     name: import_module(one.module).METHOD for name, one in RESTORATIONS.items()
 }
@@ -40,21 +40,22 @@ def restore(
     observation : Observation
         Photograph and PSF: see `build_observation`.
     budget : float, optional
-        Seconds of processor time, as predicted for the machine's speed. Without it the usual
-        method, total variation, runs with its usual number of iterations.
+        Seconds of processor time, as predicted for the machine's speed. Without it, the method
+        runs with its default number of iterations.
     method : str, optional
-        Name of a method, one of `optics.deconvolution.restoration_choice.METHODS`; with a budget it
-        gets as many iterations as there is time for.
+        Name of a method, one of `optics.deconvolution.restoration_choice.METHODS`. Without it and
+        without a budget, the method is total variation. With a budget, the method does as many
+        iterations as there is time for.
     progress : Progress, optional
         Receives reports, and can cancel the work.
     weight : float, optional
-        Regularisation weight of the method's prior; chosen by the method if None. Needs `method`.
+        Regularisation weight of the method's prior; the method chooses it if None. Needs `method`.
     count : int, optional
         Number of iterations or rounds, 1 or more. Needs `method`, and excludes `budget`.
     denoise : callable, optional
-        Denoiser for plug-and-play, which isn't considered without one. It maps a picture, (rows,
-        columns) with white at about 1, and the standard deviation of its noise to the picture
-        without the noise.
+        Denoiser for plug-and-play, which isn't considered without one. Its arguments are a
+        picture, (rows, columns) with white at about 1, and the standard deviation of the noise. It
+        returns the denoised picture.
     speed : MachineSpeed, optional
         Speed of the machine, by which times are predicted.
 
@@ -66,8 +67,8 @@ def restore(
     Raises
     ------
     ValueError
-        If nothing fits in the budget, there is no such method, `count` is below 1, arguments
-        exclude each other, or the method itself refuses what is given.
+        If no method fits in the budget, if there is no such method, if `count` is below 1, if
+        arguments exclude each other, or if the method raises it.
     """
     speed, progress = speed or MachineSpeed(), progress or Progress()
     _require(budget, method, weight, count)
@@ -83,6 +84,7 @@ def restore(
 def _require(
     budget: float | None, method: str | None, weight: float | None, count: int | None
 ) -> None:
+    """Raise ValueError for arguments of restore() that are out of range or exclude each other."""
     if budget is not None:
         require_positive("budget", budget, "s")
     select_methods(METHODS, method)
@@ -102,7 +104,7 @@ def _choose_method(
     denoise: Denoise | None,
     speed: MachineSpeed,
 ) -> tuple[str, int]:
-    """Name and count of the one that gains most in the time."""
+    """Return the restoration method with the largest gain in the budget, and its iterations."""
     if budget is None:
         name = method or DEFAULT_METHOD
         return name, METHODS[name].default_count if count is None else count

@@ -1,4 +1,4 @@
-"""What a restoration gives, and how far to trust it."""
+"""The result of a restoration: the picture with its residual, weight and convergence."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import torch
 
 @dataclass(frozen=True, eq=False)
 class RestoredImage:
-    """A restored picture, and how far to trust it.
+    """A restored picture, with the data by which its quality can be judged.
 
     Parameters
     ----------
     image : torch.Tensor, (rows, columns)
-        Light per pixel of the scene in the photograph's frame. Never negative but for linear
-        filters.
+        Light per pixel of the scene in the photograph's frame. Only linear filters make it
+        negative.
     method : str
         Name of the method, in words.
     noise : float
-        Standard deviation that a pixel of the photograph was taken to have.
+        Standard deviation of a pixel of the photograph, as given or estimated.
     residual_source : float or callable
         The residual, or a function without arguments that computes it on first use: see `residual`.
     weight : float, optional
-        Regularisation weight of the prior against the data; None for methods without one.
+        Regularisation weight of the prior; None for methods without one.
     iterations : int, default 1
         Number of iterations done.
     relative_changes : list of float, optional
@@ -32,8 +32,8 @@ class RestoredImage:
     converged : bool, default True
         Whether the last change fell below the tolerance asked for.
     period_image : torch.Tensor, optional
-        The scene around the frame as well, as far as its light comes into the frame. A later
-        restoration can start from it.
+        The restored scene on the whole period, which includes the surroundings whose light reaches
+        the frame. A later restoration can start from it.
     """
 
     image: torch.Tensor
@@ -48,21 +48,21 @@ class RestoredImage:
 
     @property
     def residual(self) -> float:
-        """Rms of the photograph less the blurred restoration, over the noise.
+        """The rms of the photograph less the blurred restoration, relative to the noise.
 
-        About 1 where model, PSF and noise are right; above 1.2 one of them isn't.
+        It is about 1 if model, PSF and noise are right. Above 1.2, one of them is wrong.
         """
         if not callable(self.residual_source):
             return self.residual_source
         residual = self.residual_source()
-        # What it was worked out from may be large, and is needed no more.
+        # This releases the function, which may hold large arrays.
         object.__setattr__(self, "residual_source", residual)
         return residual
 
 
 @torch.no_grad()
 def relative_change(now: torch.Tensor, before: torch.Tensor) -> float:
-    """Of a picture, in every fourth row."""
+    """Return the relative L2 change between two iterations' pictures, from every fourth row."""
     rows, old = now[::4], before[::4]
     scale = float(torch.linalg.vector_norm(rows))
     return float(torch.linalg.vector_norm(rows - old)) / scale if scale else 0.0

@@ -17,15 +17,6 @@ from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_count
 
-_FLOOR = 1e-6
-"""Of the mean light: less isn't divided by."""
-
-_MIN_SENSITIVITY = 0.01
-"""Share of the best-seen place's light that gets into the frame, below which a place is left be."""
-
-_MAX_REGULARISATION = 0.9
-"""Of what a regulariser may take or give in one iteration: its factor stays positive."""
-
 
 @single_threaded
 def richardson_lucy(
@@ -38,18 +29,42 @@ def richardson_lucy(
     continue_past_noise: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """The picture under which the photons that were counted are the likeliest, (rows, columns).
+    """Restore a photograph by the Richardson-Lucy iteration, (rows, columns).
 
-    Negative light, which dark subtraction leaves, counts as none, and so do negative values of the
-    PSF. What wasn't measured, beyond the frame or in it, is restored with the rest (Bertero and
-    Boccacci 2005, doi 10.1051/0004-6361:20052717), so that it leaves no rings.
+    The iteration converges towards the picture of greatest likelihood under photon noise. Negative
+    light, which the subtraction of dark frames leaves, counts as 0, and so do negative values of
+    the PSF. Pixels that weren't measured, beyond the frame or in it, are restored with the others
+    (Bertero and Boccacci 2005, doi 10.1051/0004-6361:20052717), so that they cause no ringing.
 
-    accelerate: whether each iteration starts from where the last two lead (Biggs and Andrews
-    1997, doi 10.1364/AO.36.001766), which does the work of several. total_variation, tikhonov:
-    weights w of Eq. 2.30's regulariser, whose factor 1 / (1 - w Γ) has Γ = div(∇I / |∇I|) (Dey et
-    al. 2006, doi 10.1002/jemt.20294) and Γ = ∇²I over the mean light. continue_past_noise: whether
-    it goes on where no more is left unexplained than noise, which it would make detail of (Morozov
-    1966). Raises ValueError for weights that are negative, or too few iterations.
+    Parameters
+    ----------
+    observation : Observation
+        Photograph and PSF.
+    iterations : int, optional
+        Largest number of iterations.
+    accelerate : bool, optional
+        Whether each iteration starts from an extrapolation of the last two (Biggs and Andrews 1997,
+        doi 10.1364/AO.36.001766), which replaces several iterations.
+    total_variation : float, optional
+        Weight w of the regulariser in Eq. 2.30 of the thesis, whose factor is 1 / (1 - w Γ), with
+        Γ = div(∇I / |∇I|) (Dey et al. 2006, doi 10.1002/jemt.20294).
+    tikhonov : float, optional
+        Weight w of the same factor with Γ = ∇²I over the mean light.
+    continue_past_noise : bool, optional
+        Whether the iteration continues when the residual is no larger than the noise (Morozov
+        1966). It then turns noise into detail.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    RestoredImage
+        The picture in the photograph's frame, never negative.
+
+    Raises
+    ------
+    ValueError
+        For negative weights, or too few iterations.
     """
     require_count("iterations", iterations)
     for name, value in (("total_variation", total_variation), ("tikhonov", tikhonov)):
@@ -84,7 +99,7 @@ def richardson_lucy(
 
 @dataclass(frozen=True, eq=False)
 class _Likelihood:
-    """Of pictures on the whole period: Poisson's, of the pixels that are trusted."""
+    """The Poisson likelihood of pictures on the whole period, for the Richardson-Lucy iteration."""
 
     observation: Observation
     otf: torch.Tensor
@@ -97,6 +112,7 @@ class _Likelihood:
 
     @classmethod
     def of(cls, observation: Observation) -> _Likelihood:
+        """Precompute the Poisson likelihood of an observation."""
         psf = observation.psf.clamp(min=0) / observation.psf_sum
         transfer = transfer_function(psf, observation.period_shape)
         data = observation.normalised_image.clamp(min=0)
@@ -108,8 +124,9 @@ class _Likelihood:
         measured = centred_pad(trust, observation.period_shape)
         back = transfer.conj().resolve_conj()
         reached = irfft2(rfft2(measured) * back, observation.period_shape)
-        least = _MIN_SENSITIVITY * float(reached.max())
-        # Where almost no light comes from into the picture, nothing is known: leave it be.
+        # A place that sends less than 1 % of the largest share of light into the frame can't be
+        # restored, and isn't changed.
+        least = 0.01 * float(reached.max())
         known = reached > least
         if observation.support is not None:
             known &= observation.support > 0
@@ -123,18 +140,23 @@ class _Likelihood:
         )
 
     def initial_picture(self) -> torch.Tensor:
-        """Even light; none where nothing shines."""
+        """Return the first picture of Richardson-Lucy, even light inside the scene's support."""
         even = torch.full_like(self.data, self.mean_light)
         return even if self.observation.support is None else even * self.observation.support
 
     def blur(self, picture: torch.Tensor) -> torch.Tensor:
+        """Blur a picture on the whole period by the PSF."""
         return irfft2(rfft2(picture) * self.otf, self.observation.period_shape)
 
     def updated_picture(
         self, picture: torch.Tensor, expected: torch.Tensor, factor: torch.Tensor | None
     ) -> torch.Tensor:
-        """Eq. 2.30. expected: the picture as it falls on the sensor."""
-        ratio = self.data / expected.clamp(min=_FLOOR * self.mean_light)
+        """Update a picture by one Richardson-Lucy step (thesis Eq. 2.30).
+
+        `expected` is the blurred picture, and `factor` is that of the regulariser.
+        """
+        # The lower limit avoids a division by 0.
+        ratio = self.data / expected.clamp(min=1e-6 * self.mean_light)
         ratio.mul_(self.period_weights)
         moved = irfft2(rfft2(ratio).mul_(self.conjugate_otf), self.observation.period_shape)
         moved.mul_(self.inverse_sensitivity).clamp_(min=0).mul_(picture)
@@ -144,7 +166,7 @@ class _Likelihood:
 
 
 class _Iterates:
-    """Pictures one after the other, and where the last two lead."""
+    """The iterates of Richardson-Lucy, and their extrapolation."""
 
     def __init__(self, start: torch.Tensor, accelerate: bool) -> None:
         self.current, self._accelerate = start, accelerate
@@ -152,7 +174,7 @@ class _Iterates:
         self._gains: list[torch.Tensor] = []
 
     def extrapolate(self) -> torch.Tensor:
-        """Where the next iteration starts."""
+        """Extrapolate the last two pictures of Richardson-Lucy to where the next step starts."""
         if not self._accelerate or self._direction is None or len(self._gains) < 2:
             return self.current
         before, last = self._gains
@@ -162,7 +184,7 @@ class _Iterates:
         return torch.add(self.current, self._direction, alpha=share).clamp_(min=0)
 
     def advance(self, fresh: torch.Tensor, ahead: torch.Tensor) -> float:
-        """The next picture; how much it changes, relative."""
+        """Store the next picture of Richardson-Lucy and return its relative change."""
         self._direction = fresh - self.current
         if self._accelerate:
             self._gains = [*self._gains[-1:], (fresh - ahead).detach()]
@@ -173,7 +195,7 @@ class _Iterates:
 def _regulariser_factor(
     picture: torch.Tensor, level: float, total_variation: float, tikhonov: float
 ) -> torch.Tensor | None:
-    """1 / (1 - w Γ)."""
+    """Return the factor 1 / (1 - w Γ) of the regulariser of Richardson-Lucy, or None."""
     if not total_variation and not tikhonov:
         return None
     taken = torch.zeros_like(picture)
@@ -181,12 +203,14 @@ def _regulariser_factor(
         taken.add_(divergence_of_direction(picture, 1e-3 * level), alpha=total_variation)
     if tikhonov:
         taken.add_(laplacian_of(picture), alpha=tikhonov / level)
-    return taken.clamp_(max=_MAX_REGULARISATION).neg_().add_(1).reciprocal_()
+    # The limit of 0.9 keeps the factor positive.
+    return taken.clamp_(max=0.9).neg_().add_(1).reciprocal_()
 
 
 def _solve(
     observation: Observation, weight: float | None, *, iterations: int, progress: Progress
 ) -> RestoredImage:
+    """Restore by Richardson-Lucy through the interface of all restorations."""
     return richardson_lucy(
         observation, iterations, total_variation=weight or 0.0, progress=progress
     )

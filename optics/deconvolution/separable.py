@@ -1,20 +1,23 @@
-"""Linear restoration axis by axis, where the PSF is a column times a row, as a cubic plate's is.
+"""Linear restoration axis by axis, for a separable PSF such as that of a cubic phase mask.
 
-The photograph is Y = A X B^T, with a matrix for the blur down the columns and one for that along
-the rows, and with any border: where the scene goes on beyond the frame, A and B have more columns
-than rows. What separates, with their singular values s and t:
+A separable PSF is a column times a row. The photograph is then Y = A X B^T, where the matrix A
+blurs down the columns and B blurs along the rows. Any border is possible: if the scene continues
+beyond the frame, A and B have more columns than rows. With the singular values s of A and t of B,
+these restorations are separable:
 
-- a weight on |X|²: the solution has s t / (s² t² + weight) between the two bases. Its denominator
-  is no product, so that no two filters give it; but the bases are each an axis' own (Hansen, Nagy
-  and O'Leary, Deblurring Images, 2006, chapter 4, doi 10.1137/1.9780898718874);
-- a Gaussian prior whose covariance is itself a column's times a row's: the same, after each axis
-  was whitened;
-- a filter for each axis, s / (s² + weight) times t / (t² + weight) (thesis section 2.5): two
-  products of matrices, but it pays for noise on each axis as if the other weren't blurred.
+- A penalty on |X|². The coefficients of the photograph in the two bases of singular vectors are
+  multiplied by s t / (s² t² + weight). This isn't a product of a filter for each axis, but each
+  basis belongs to one axis (Hansen, Nagy and O'Leary, Deblurring Images, 2006, chapter 4, doi
+  10.1137/1.9780898718874).
+- A Gaussian prior whose covariance is a product of one for the columns and one for the rows. After
+  each axis is whitened, it is the first case.
+- One filter for each axis, s / (s² + weight) times t / (t² + weight) (thesis section 2.5). It takes
+  only two matrix products, but it weighs the noise on each axis as if the other had no blur.
 
-What doesn't: a weight on the gradient's square, |D X|² + |X D^T|². It would need A^T A, D^T D and 1
-to have the same eigenvectors, and they do on a period alone, where they are Fourier's; nor weights
-of single pixels. See optics.deconvolution.wiener for those.
+A penalty on the squared gradient, |D X|² + |X D^T|², isn't separable. A^T A, D^T D and the identity
+would need the same eigenvectors, and they have them only on a period, where these are the Fourier
+vectors. Weights of single pixels aren't separable either. For both, see
+optics.deconvolution.wiener.
 """
 
 from __future__ import annotations
@@ -37,20 +40,14 @@ ScenePrior = Literal["flat", "neighbours"]
 
 SCENE_PRIORS: tuple[ScenePrior, ...] = ("neighbours", "flat")
 
-_CORRELATION = 0.95
-"""Of neighbouring pixels, as that of photographs (Jain 1989, chapter 2)."""
-
-_DECADES = range(-8, 4)
-"""Powers of ten that are tried as weights."""
-
 
 @accepts_numpy
 def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor, torch.Tensor]:
-    """The column and the row whose product is the PSF, (rows, columns): psf = down x along.
+    """Split a separable PSF, (rows, columns), into a column and a row: psf = down x along.
 
-    The nearest ones (Eckart and Young 1936), in the PSF's precision; down sums to 1. tol: the
-    largest part of the PSF, relative L2, that they may leave out. Raises ValueError that says how
-    large it is where it is larger.
+    Their product is the nearest one to the PSF (Eckart and Young 1936). `down` sums to 1. `tol` is
+    the largest relative L2 difference between PSF and product that is allowed; a larger one raises
+    a ValueError that states it.
     """
     require_finite("psf", psf)
     if psf.ndim != 2:
@@ -71,10 +68,11 @@ def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor,
 
 @accepts_numpy
 def blur_matrix(kernel: torch.Tensor, length: int, border: Border) -> torch.Tensor:
-    """The blur of one axis, (length, scene): what each of `length` pixels gets of the scene.
+    """Build the blur matrix of one axis, (length, scene), from a kernel (n,) with origin n // 2.
 
-    kernel: (n,), origin at n // 2. The scene is as long as the frame, but for an "unknown" border:
-    n - 1 longer, all that light comes from; n - 1 - n // 2 of it before the frame.
+    The scene is as long as the frame of `length` pixels. With an "unknown" border it is n - 1
+    pixels longer, which are all that send light into the frame; n - 1 - n // 2 of them lie before
+    the frame.
     """
     require_border(border)
     n = len(kernel)
@@ -94,10 +92,10 @@ def blur_matrix(kernel: torch.Tensor, length: int, border: Border) -> torch.Tens
 
 @dataclass(frozen=True, eq=False)
 class _Axis:
-    """One axis' blur U diag(s) V^T of a whitened scene, and what makes a scene of that.
+    """The singular value decomposition U diag(s) V^T of one axis' blur of a whitened scene.
 
-    left_vectors: U, (frame, rank). singular_values: s. right_vectors: the prior's root times V, of
-    what the frame sees, (frame, rank).
+    `left_vectors` is U, (frame, rank), and `singular_values` is s. `right_vectors` is the root of
+    the prior's covariance times V, for the pixels in the frame, (frame, rank).
     """
 
     left_vectors: torch.Tensor
@@ -106,6 +104,7 @@ class _Axis:
 
     @classmethod
     def of(cls, kernel: torch.Tensor, length: int, border: Border, prior: ScenePrior) -> _Axis:
+        """Decompose the blur of one axis of a separable PSF."""
         blur = blur_matrix(kernel.to(torch.float64), length, border)
         root = _prior_root(blur.shape[1], border, prior)
         u, s, vh = torch.linalg.svd(blur if root is None else blur @ root, full_matrices=False)
@@ -116,30 +115,51 @@ class _Axis:
 
 
 def _prior_root(length: int, border: Border, prior: ScenePrior) -> torch.Tensor | None:
-    """R of a scene's covariance R R^T along an axis, relative to its variance; None for 1."""
+    """Return the root R of the scene prior's correlation R R^T along an axis.
+
+    The result is None for the identity.
+    """
     if prior == "flat":
         return None
+    # Correlation of neighbouring pixels in photographs (Jain 1989, chapter 2).
+    r = 0.95
     if border == "periodic":
         f = torch.fft.fftfreq(length, dtype=torch.float64)
-        r = _CORRELATION
-        # Of a correlation that falls geometrically, around the period.
+        # This is the power spectrum of a correlation that falls geometrically, on a period.
         spectrum = ((1 - r**2) / (1 - 2 * r * torch.cos(2 * torch.pi * f) + r**2)).sqrt()
         wave = torch.fft.ifft(spectrum.to(torch.complex128)).real
         index = torch.arange(length)
         return wave[(index[:, None] - index) % length]
     index = torch.arange(length, dtype=torch.float64)
-    return torch.linalg.cholesky(_CORRELATION ** (index[:, None] - index).abs())
+    return torch.linalg.cholesky(r ** (index[:, None] - index).abs())
 
 
 class SeparableFilter:
-    """A linear restoration of frames of one shape, blurred by down x along: planned once, by the
-    singular values of two matrices, and called many times. Differentiable.
+    """A linear restoration of photographs of one shape with a separable PSF; differentiable.
 
-    down, along: see separable_parts(). shape: of a frame, (rows, columns). prior: "flat", for a
-    scene whose pixels know nothing of each other; "neighbours", where they correlate by 0.95 a
-    pixel along each axis. joint: whether the weight is set against both axes' blur together, as
-    Wiener's filter does; each axis has a filter of its own if False.
-    Raises ValueError for another prior or border, or kernels that aren't finite.
+    The singular values of two matrices are computed once, for any number of photographs.
+
+    Parameters
+    ----------
+    down, along : torch.Tensor or numpy.ndarray
+        Column and row of the PSF: see separable_parts().
+    shape : tuple of int
+        The photograph's (rows, columns).
+    border : {"unknown", "dark", "periodic"}, optional
+        What the scene does beyond the frame.
+    prior : {"flat", "neighbours"}, optional
+        "flat" takes the scene's pixels as uncorrelated. "neighbours" takes them as correlated by
+        0.95 per pixel along each axis.
+    joint : bool, optional
+        Whether the weight is compared with the product of both axes' singular values, as in a
+        Wiener filter. Otherwise each axis has its own filter.
+    dtype : torch.dtype, optional
+        Precision of the restoration.
+
+    Raises
+    ------
+    ValueError
+        For another prior or border, or kernels that aren't finite.
     """
 
     @accepts_numpy
@@ -178,7 +198,10 @@ class SeparableFilter:
 
     @property
     def multiplications(self) -> int:
-        """Of one call: four products of a picture and a matrix, and the gain; two without it."""
+        """The number of multiplications of one separable restoration.
+
+        It has four products of matrices and the gain; with a filter for each axis it has two.
+        """
         m, n = self.shape
         p, q = len(self._rows.singular_values), len(self._columns.singular_values)
         if not self.joint:
@@ -187,14 +210,16 @@ class SeparableFilter:
 
     @accepts_numpy
     def coefficients(self, image: torch.Tensor) -> torch.Tensor:
-        """Of frames (..., rows, columns) in the two bases."""
+        """Return the coefficients of photographs, (..., rows, columns), in the two SVD bases."""
         if tuple(image.shape[-2:]) != self.shape:
             raise ValueError(f"image is {tuple(image.shape)}; its last axes must be {self.shape}")
         return self._rows.left_vectors.mT @ image @ self._columns.left_vectors
 
     def coefficient_gain(self, weight: float) -> torch.Tensor:
-        """Of each coefficient of the photograph, that of the scene; times the blur's own it is 1
-        where nothing is lost."""
+        """Return the factor from each SVD coefficient of the photograph to that of the scene.
+
+        Its product with the singular values is 1 where nothing is lost.
+        """
         require_positive("weight", weight, "")
         s, t = self._rows.singular_values[:, None], self._columns.singular_values
         if self.joint:
@@ -203,7 +228,7 @@ class SeparableFilter:
 
     @accepts_numpy
     def restore(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
-        """The scene in the frame, from coefficients()."""
+        """Restore the scene in the frame from the photograph's coefficients()."""
         return (
             self._rows.right_vectors
             @ (coefficients * self.coefficient_gain(weight))
@@ -212,15 +237,18 @@ class SeparableFilter:
 
     @accepts_numpy
     def __call__(self, image: torch.Tensor, weight: float) -> torch.Tensor:
-        """The X with the least |A X B^T - image|² + weight * (X by its prior's covariance), in the
-        frame; of `image` less its brightness, for the prior wants darkness."""
+        """Restore a photograph with a separable PSF; the result is in the frame.
+
+        The restored X minimises |A X B^T - image|² + weight * (X in the norm of the inverse prior
+        covariance). Subtract the mean from `image` first, since the prior pulls X to 0.
+        """
         if self.joint:
             return self.restore(self.coefficients(image), weight)
         down, along = self.axis_filters(weight)
         return down @ image @ along.mT
 
     def axis_filters(self, weight: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Of each axis by itself, (rows, rows) and (columns, columns)."""
+        """Return the restoring filter of each axis, (rows, rows) and (columns, columns)."""
         require_positive("weight", weight, "")
         down, along = (
             (axis.right_vectors * (axis.singular_values / (axis.singular_values.square() + weight)))
@@ -230,7 +258,7 @@ class SeparableFilter:
         return down, along
 
     def residual_coefficients(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
-        """What a restoration leaves of the photograph, in its coefficients."""
+        """Return the residual of a separable restoration as coefficients of the photograph."""
         through = (
             self._rows.singular_values[:, None]
             * self._columns.singular_values
@@ -248,14 +276,36 @@ def restore_separable(
     joint: bool = True,
     tol: float = 1e-3,
 ) -> RestoredImage:
-    """The picture of least |H X - O|² + weight * (X by its prior), exactly and without iterations,
-    (rows, columns): linear, so that it may be negative where the light is dim. Differentiable.
+    """Restore a photograph with a separable PSF by a linear filter, without iterations.
 
-    prior, joint: see SeparableFilter; "flat" is wiener()'s "flat" with as many steps as it likes.
-    weight: if None, by cross-validation, or for a flat prior the one with the least error that the
-    photograph's spectrum predicts. The mean brightness is set apart. tol: as in separable_parts().
-    Raises ValueError for a PSF that doesn't separate, a weight that isn't positive, or pixels that
-    have weights or were clipped, which don't separate.
+    The result X minimises |H X - O|² + weight * (X in the norm of the inverse prior covariance)
+    exactly. It is linear, so that it may be negative where the light is dim, and differentiable.
+    The mean of the photograph is subtracted before and added afterwards.
+
+    Parameters
+    ----------
+    observation : Observation
+        Photograph and PSF.
+    weight : float, optional
+        Regularisation weight. If None, it comes from cross-validation, or for a flat prior it is
+        the one with the least error that the photograph's spectrum predicts.
+    prior : {"flat", "neighbours"}, optional
+        See SeparableFilter. "flat" is the limit of wiener() with "flat" and many steps.
+    joint : bool, optional
+        See SeparableFilter.
+    tol : float, optional
+        Largest part of the PSF that isn't separable: see separable_parts().
+
+    Returns
+    -------
+    RestoredImage
+        The picture in the photograph's frame, (rows, columns).
+
+    Raises
+    ------
+    ValueError
+        For a PSF that isn't separable, a weight that isn't positive, or pixels that have weights or
+        are clipped, which aren't separable.
     """
     if observation.effective_weights is not None:
         raise ValueError("weights or clipped pixels don't separate into rows and columns; use "
@@ -283,8 +333,11 @@ def _choose_weight(
     coefficients: torch.Tensor,
     kernels: tuple[torch.Tensor, torch.Tensor],
 ) -> float:
-    """Weight. A flat prior is so far from photographs that no comparison of data and prior finds
-    it: there the spectrum says what is lost."""
+    """Choose the weight of a separable restoration.
+
+    A flat prior describes photographs too poorly for cross-validation. Its weight therefore comes
+    from the error that the photograph's spectrum predicts.
+    """
     if separable_filter.prior == "neighbours":
         return _cross_validated_weight(separable_filter, coefficients)
     if not separable_filter.joint:
@@ -294,7 +347,10 @@ def _choose_weight(
 
 
 def _predicted_weight(observation: Observation, down: torch.Tensor, along: torch.Tensor) -> float:
-    """Of a flat prior and a filter for each axis, as if the period were seen whole."""
+    """Predict the best weight of one filter for each axis with a flat prior.
+
+    The prediction assumes that the whole period was measured.
+    """
     rows, columns = observation.period_shape
     y = squared_modulus(torch.fft.fft(down.to(torch.float64), rows))[:, None]
     x = squared_modulus(torch.fft.rfft(along.to(torch.float64), columns))
@@ -307,9 +363,12 @@ def _predicted_weight(observation: Observation, down: torch.Tensor, along: torch
 
 
 def _cross_validated_weight(separable_filter: SeparableFilter, coefficients: torch.Tensor) -> float:
-    """By generalised cross-validation (Golub, Heath and Wahba 1979, doi
-    10.1080/00401706.1979.10489751): the one with which each pixel is best told from the others. It
-    takes the border into account, and needs no noise."""
+    """Choose the weight of a separable restoration by generalised cross-validation.
+
+    With this weight, each pixel is predicted best from the others (Golub, Heath and Wahba 1979, doi
+    10.1080/00401706.1979.10489751). The method takes the border into account and doesn't need the
+    noise.
+    """
     data = coefficients.to(torch.float64)
     ones = torch.ones_like(data)
 
@@ -320,7 +379,7 @@ def _cross_validated_weight(separable_filter: SeparableFilter, coefficients: tor
         )
         return float(left.square().mean() / free.mean().square())
 
-    coarse = min(_DECADES, key=cross_validation_error)
+    coarse = min(range(-8, 4), key=cross_validation_error)
     fine = minimize_scalar(
         cross_validation_error,
         bounds=(coarse - 1, coarse + 1),

@@ -1,4 +1,4 @@
-"""Restoration by splitting: priors, data and blur each in the domain where it is easy."""
+"""Restoration by ADMM, which splits priors, data and blur into steps with closed forms."""
 
 from __future__ import annotations
 
@@ -15,32 +15,30 @@ from optics.deconvolution.restored_image import RestoredImage, relative_change
 from optics.fourier import irfft2, rfft2, rfft_column_weights
 from optics.progress import Progress
 
-_TINY = 1e-9
-"""Of the data's own denominator: where no light gets through and no prior looks, nothing is asked
-for."""
-
-_DATA_COUPLING = 2.0
-"""Coupling of the data's split, over the root of the prior's weight on the picture's scale: the
-fastest of 0.5 to 4 for kernels and noise of all kinds."""
-
-_WEIGHT_DELAY, _WEIGHT_DAMPING, _MAX_WEIGHT_FACTOR = 5, 0.3, 2.5
-"""Iterations after which a weight that is looked for moves; the share of its way, in logarithms,
-that it goes in each; and how far it goes, as a factor, from what it was at first."""
-
 MIN_EXPLAINED_SHARE = 3e-3
-"""Share of the data that a picture explains at least: its mean and its coarsest features."""
+"""Smallest share of the data that a picture is taken to explain: its mean and coarsest features."""
 
 DataProx = Callable[[torch.Tensor, float], torch.Tensor]
-"""The light in the frame with the least misfit + coupling / 2 * its squared distance to a light
-that is given, pixel by pixel; of a light and a coupling."""
+"""The proximal step of a data term. For a light in the frame and a coupling, it returns the light
+that minimises data term + coupling / 2 * its squared distance to the given light, pixel by pixel.
+"""
 
 
 @dataclass(frozen=True)
 class SplittingSettings:
-    """How a splitting goes on.
+    """The iterations, tolerance and weight of a restoration by splitting.
 
-    iterations: at most. tol: change of the picture, relative, below which it ends. weight: of the
-    penalty; `initial_weight` to begin with, then what is found, if None.
+    Attributes
+    ----------
+    iterations : int
+        Largest number of iterations.
+    tol : float
+        Relative change of the picture at which the iteration ends; 0 for all iterations.
+    weight : float, optional
+        Regularisation weight of the penalty. If None, it starts at `initial_weight` and is
+        estimated during the iteration.
+    initial_weight : float
+        The weight of the first iterations if `weight` is None.
     """
 
     iterations: int
@@ -49,39 +47,44 @@ class SplittingSettings:
     initial_weight: float = 0.0
 
 
-def damped_weight(
-    target: float, weight: float, initial: float, max_factor: float = _MAX_WEIGHT_FACTOR
-) -> float:
-    """The next weight on the way to one that is wanted, not too far from the first."""
+def damped_weight(target: float, weight: float, initial: float, max_factor: float = 2.5) -> float:
+    """Move the regularisation weight 30 % of the way to its target, in logarithms.
+
+    The target is limited to `max_factor` times the initial weight, up or down.
+    """
     target = min(max(target, initial / max_factor), initial * max_factor)
-    return weight * (target / weight) ** _WEIGHT_DAMPING
+    return weight * (target / weight) ** 0.3
 
 
 class _DataTerm(ABC):
-    """What the photograph wants of the picture."""
+    """Base class of the data term of a restoration by splitting."""
 
     def __init__(self, observation: Observation) -> None:
         self.observation = observation
 
     @abstractmethod
     def right_hand_side(self, data_coupling: float) -> torch.Tensor:
-        """Spectrum of what it wants, times the coupling; not to be written over."""
+        """Return the spectrum that the data add to the right-hand side of the picture's step.
+
+        It includes the coupling. Callers mustn't overwrite it.
+        """
 
     @abstractmethod
-    def coupling(self, data_coupling: float) -> float: ...
+    def coupling(self, data_coupling: float) -> float:
+        """Return the factor of |H|² in the denominator of the picture's step."""
 
     @abstractmethod
     def update(self, spectrum: torch.Tensor, data_coupling: float) -> None:
-        """The next picture's spectrum, which may be written over."""
+        """Update the data term's split for the next picture; it may overwrite the spectrum."""
 
     @property
     @abstractmethod
     def mean_squared_residual(self) -> float:
-        """Mean square of what the last picture leaves unexplained, over the noise's."""
+        """The last picture's mean squared residual, relative to the noise variance."""
 
 
 class _FullPeriodData(_DataTerm):
-    """All of a period was measured: nothing has to be split off."""
+    """The data term of a photograph that is a whole period, which needs no split."""
 
     def __init__(self, observation: Observation) -> None:
         super().__init__(observation)
@@ -107,7 +110,7 @@ class _FullPeriodData(_DataTerm):
 
 
 class _SplitDataTerm(_DataTerm):
-    """H x is split off: some of the period was measured, or its misfit isn't of squares."""
+    """The data term with H x split off, for a part of a period or a data term without squares."""
 
     def __init__(self, observation: Observation, data_prox: DataProx | None) -> None:
         super().__init__(observation)
@@ -130,12 +133,13 @@ class _SplitDataTerm(_DataTerm):
         light.add_(self._dual)
         wanted = self._data_prox(light, data_coupling)
         if seen.clipped is not None:
-            # There the light is at least what was measured.
+            # The light of a clipped pixel is at least the measured value.
             wanted = torch.where(seen.clipped, torch.maximum(light, seen.normalised_image), wanted)
         torch.sub(light, wanted, out=self._dual)
         torch.sub(wanted, self._dual, out=light)
 
     def _least_squares(self, light: torch.Tensor, data_coupling: float) -> torch.Tensor:
+        """Do the proximal step of the weighted least-squares data term."""
         data, trust = self.observation.normalised_image, self.observation.effective_weights
         if trust is None:
             return torch.lerp(light, data, 1 / (1 + data_coupling))
@@ -147,13 +151,15 @@ class _SplitDataTerm(_DataTerm):
 
 
 class Splitting:
-    """The least of |H x - y|² / 2, trusted pixels alone, + weight * penalty(D x), of the pictures
-    that the other priors allow. data_prox: of another misfit of H x than those squares.
+    """A restoration that minimises |H x - y|² / 2 + weight * penalty(D x) by ADMM.
 
-    By the alternating direction method of multipliers (Boyd et al. 2011, doi 10.1561/2200000016)
-    with H x and every D x split off (Almeida and Figueiredo 2013, doi 10.1109/TIP.2013.2258354):
-    each step has a closed form, the picture's on frequencies, the data's on pixels, whatever the
-    border and whichever pixels are missing.
+    The first term counts trusted pixels only, and x is limited to what the other priors allow.
+    `data_prox` replaces the squares by another data term of H x.
+
+    The solver is the alternating direction method of multipliers (Boyd et al. 2011, doi
+    10.1561/2200000016) with H x and every D x split off (Almeida and Figueiredo 2013, doi
+    10.1109/TIP.2013.2258354). Each step has a closed form: the picture's step on frequencies, and
+    the data's step on pixels, for any border and any missing pixels.
     """
 
     def __init__(
@@ -175,6 +181,7 @@ class Splitting:
         self._inverse_for = 0.0
 
     def solve(self, method: str, progress: Progress) -> RestoredImage:
+        """Run the iterations of the restoration; `method` names it in reports and in the result."""
         steps, change = self._steps, list[float]()
         picture, converged = self._observation.extended_image, steps.tol == 0
         for number in range(steps.iterations):
@@ -182,7 +189,8 @@ class Splitting:
             before, picture = picture, self._picture()
             for prior in self._priors:
                 prior.update(picture)
-            if steps.weight is None and number >= _WEIGHT_DELAY:
+            # The weight is estimated from the sixth iteration on.
+            if steps.weight is None and number >= 5:
                 self._reweigh()
             change.append(relative_change(picture, before))
             if steps.tol and change[-1] <= steps.tol:
@@ -201,8 +209,9 @@ class Splitting:
         )
 
     def _picture(self) -> torch.Tensor:
-        """The one that is nearest to what data and priors want."""
-        held = _DATA_COUPLING * (self._weight / self._observation.scale) ** 0.5
+        """Compute the next picture from the right-hand sides of the data and the priors."""
+        # A factor of 2 was the fastest of 0.5 to 4, for kernels and noise of all kinds.
+        held = 2.0 * (self._weight / self._observation.scale) ** 0.5
         own = self._data.coupling(held)
         spectrum = self._right_hand_side(held, own).mul_(self._inverse_denominator(own))
         picture = irfft2(spectrum, self._observation.period_shape)
@@ -210,7 +219,7 @@ class Splitting:
         return picture
 
     def _right_hand_side(self, data_coupling: float, data_factor: float) -> torch.Tensor:
-        """What they want, a spectrum that may be written over."""
+        """Add up the right-hand sides of data and priors; callers may overwrite the spectrum."""
         first, *others = self._priors
         wanted, pull = first.adjoint_target, self._data.right_hand_side(data_coupling)
         if wanted is None:
@@ -224,17 +233,18 @@ class Splitting:
         return torch.add(pull, spectrum, alpha=coupled, out=spectrum)
 
     def _inverse_denominator(self, data_factor: float) -> torch.Tensor:
-        """By which that is divided, inverse; the same for as long as the weight is."""
+        """Return the inverse denominator of the picture's step; it is kept while weights stay."""
         if self._inverse is None or self._inverse_for != self._weight:
             below = self._observation.squared_mtf * data_factor
-            below.add_(_TINY * data_factor)
+            # This keeps frequencies at 0 that neither the blur nor a prior determines.
+            below.add_(1e-9 * data_factor)
             for prior in self._priors:
                 below.add_(prior.gram_spectrum, alpha=prior.coupling(self._weight, data_factor))
             self._inverse, self._inverse_for = below.reciprocal_(), self._weight
         return self._inverse
 
     def _reweigh(self) -> None:
-        """Towards the weight by the evidence."""
+        """Move the regularisation weight towards the one by the evidence of the last picture."""
         freedom = max(1 - self._data.mean_squared_residual, MIN_EXPLAINED_SHARE)
         wanted = self._penalty.estimate_weight(self._observation.scene_noise, freedom)
         self._weight = damped_weight(wanted, self._weight, self._steps.initial_weight)

@@ -1,4 +1,4 @@
-"""Deconvolution that keeps edges: total variation, and the heavier tails of natural pictures."""
+"""Deconvolution with a total variation prior, or with a lower power of the gradients."""
 
 from __future__ import annotations
 
@@ -20,15 +20,8 @@ from optics.threads import single_threaded
 from optics.validation import require_count, require_positive
 
 GRADIENT_THRESHOLD = 0.2
-"""Of the picture's standard deviation: the gradient that a first iteration takes for none. A fifth
-is fastest."""
-
-_CLIPPED_GRADIENT_THRESHOLD = 1.0
-"""The same where some light was clipped: what is looked for there may be many times brighter than
-what was seen, and with short steps takes long to get there."""
-
-_MEAN_TO_RMS_GRADIENT = 0.32
-"""Mean length of photographs' gradients over its rms."""
+"""Length of the gradients that a first iteration sets to 0, relative to the picture's standard
+deviation. This value is the fastest."""
 
 
 @single_threaded
@@ -44,14 +37,38 @@ def total_variation(
     data_prox: DataProx | None = None,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """The photograph with its blur undone: few edges, sharp ones (thesis Eq. 2.27).
+    """Restore a photograph with total variation, which keeps edges sharp (thesis Eq. 2.27).
 
-    weight: of the sum of gradients' lengths, light per pixel; by the evidence of the picture if
-    None, from a start that its spectrum tells. power: of those lengths, above 0 to 1; 0.6 is
-    natural pictures'. iterations: at most; ends when the picture's relative change is tol.
-    positive: whether light may be negative nowhere while it is looked for, which dark pictures
-    need; the answer is never negative. data_prox: of another misfit than squares, see Splitting.
-    Raises ValueError for a weight that isn't positive, or a power outside 0 to 1.
+    Parameters
+    ----------
+    observation : Observation
+        Photograph and PSF.
+    weight : float, optional
+        Regularisation weight of the sum of the gradients' lengths, in light per pixel. If None, the
+        photograph's spectrum predicts a first value, and the evidence of the picture refines it.
+    power : float, optional
+        Power of the gradients' lengths, above 0 and up to 1. It is 0.6 for natural pictures.
+    iterations : int, optional
+        Largest number of iterations.
+    tol : float, optional
+        Relative change of the picture at which the iteration ends; 0 for all iterations.
+    positive : bool, optional
+        Whether the light is kept from being negative in each iteration, which dark pictures need.
+        The result is never negative.
+    data_prox : callable, optional
+        Proximal step of another data term than least squares: see Splitting.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    RestoredImage
+        The picture in the photograph's frame, never negative.
+
+    Raises
+    ------
+    ValueError
+        For a weight that isn't positive, or a power outside 0 to 1.
     """
     if weight is not None:
         require_positive("weight", weight, "")
@@ -76,21 +93,27 @@ def total_variation(
 
 
 def _gradient_threshold(observation: Observation) -> float:
-    """Length of a gradient that a first iteration takes for none."""
+    """Return the length of gradients that a first iteration of total variation sets to 0."""
     bright = observation.clipped is not None and bool(observation.clipped.any())
-    return (_CLIPPED_GRADIENT_THRESHOLD if bright else GRADIENT_THRESHOLD) * observation.scale
+    # Clipped light may be many times brighter than the measured value. With a small threshold, it
+    # would take many iterations to reach it.
+    return (1.0 if bright else GRADIENT_THRESHOLD) * observation.scale
 
 
 def initial_weight(observation: Observation, power: float = 1.0) -> float:
-    """The weight by the evidence of the best linear restoration, which the spectrum tells."""
+    """Predict the weight of total variation from the photograph's spectrum.
+
+    It is the weight by the evidence of the Wiener filter's restoration, which is predicted.
+    """
     explained = observation.wiener_prediction
-    length = (_MEAN_TO_RMS_GRADIENT * explained.gradient / observation.psf_sum) ** power
+    # The mean length of photographs' gradients is 0.32 of the rms length.
+    length = (0.32 * explained.gradient / observation.psf_sum) ** power
     return weight_by_evidence(
         length, power, observation.scene_noise, max(explained.explained_share, MIN_EXPLAINED_SHARE)
     )
 
 
-# A PSF of a hundred pixels with a peak in its centre takes 20 to 30 iterations.
+# With a PSF of a hundred pixels that has a central peak, total variation takes 20 to 30 iterations.
 METHOD = RestorationMethod(
     "few edges, sharp ones (Eq. 2.27)",
     total_variation, {6: 4.0, 8: 4.1, 12: 4.4, 20: 4.6, 30: 4.7}, 30, SETUP_COST, splitting_cost,

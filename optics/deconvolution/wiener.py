@@ -1,4 +1,4 @@
-"""Linear restoration: Wiener's filter (thesis Eq. 2.28), with an unknown border."""
+"""Linear restoration by the Wiener filter (thesis Eq. 2.28), with an unknown border."""
 
 from __future__ import annotations
 
@@ -24,14 +24,8 @@ PENALTY_KINDS: tuple[PenaltyKind, ...] = ("gradient", "spectrum", "flat")
 Frequencies = tuple[slice, slice]
 """Rows and columns of an rfft2 grid."""
 
-_STEPS = 30
-"""Of conjugate gradients, after which what isn't measured hardly changes what lies inside."""
-
 _TRIAL_WEIGHTS = torch.logspace(-8, 2, 61, dtype=torch.float64)
-"""Weights that are tried, relative to what a gradient of one period a pixel would be worth."""
-
-_SAMPLED_FREQUENCIES = 1 << 12
-"""Frequencies of which the error is predicted, about."""
+"""Weights among which the best one is chosen: K at a frequency of one cycle per pixel."""
 
 
 @single_threaded
@@ -40,21 +34,41 @@ def wiener(
     weight: float | None = None,
     penalty_kind: PenaltyKind = "gradient",
     *,
-    steps: int = _STEPS,
+    steps: int = 30,
 ) -> RestoredImage:
-    """The picture H* O / (|H|² + K), (rows, columns): linear, so that it may be negative where the
-    light is dim. Differentiable.
+    """Restore a photograph by the Wiener filter, H* O / (|H|² + K), (rows, columns).
 
-    penalty_kind: what K is. "gradient", a weight times the frequency's square; "spectrum", the
-    noise over the picture's power at each frequency, which the photograph tells: the least error
-    that a linear filter can have, where PSF and noise are exact; "flat", a weight everywhere, as in
-    Eq. 2.28. weight: of K; the one with the least predicted error if None. The mean brightness is
-    set apart: no K darkens it.
+    The filter is linear, so that the result may be negative where the light is dim, and it is
+    differentiable. The mean of the photograph isn't changed by K.
 
-    steps: where not all of a period was measured, the filter for the measured pixels alone is the
-    solution of (H* M H + K) x = H* M y, by conjugate gradients on frequencies, from what the filter
-    makes of a smooth continuation; so many steps at most.
-    Raises ValueError for a weight that isn't positive, or another name.
+    If part of the period wasn't measured, the filter for the measured pixels is the solution of
+    (H* M H + K) x = H* M y. Conjugate gradients on frequencies find it, starting from the filtered
+    smooth continuation of the photograph.
+
+    Parameters
+    ----------
+    observation : Observation
+        Photograph and PSF.
+    weight : float, optional
+        Factor of K. If None, the one with the least predicted error.
+    penalty_kind : {"gradient", "spectrum", "flat"}, optional
+        The shape of K. "gradient": the squared frequency. "spectrum": the ratio of noise to signal
+        power at each frequency, which is estimated from the photograph. No linear filter has a
+        smaller error if PSF and noise are exact. "flat": the same for all frequencies, as in
+        Eq. 2.28 of the thesis.
+    steps : int, optional
+        Largest number of steps of conjugate gradients. After 30 steps, the unmeasured surroundings
+        hardly change the picture in the frame.
+
+    Returns
+    -------
+    RestoredImage
+        The picture in the photograph's frame.
+
+    Raises
+    ------
+    ValueError
+        For a weight that isn't positive, or another name of the penalty.
     """
     if penalty_kind not in PENALTY_KINDS:
         raise ValueError(
@@ -72,7 +86,7 @@ def wiener(
         observation.crop_to_frame(equations.picture(spectrum)),
         f"Wiener, {penalty_kind}",
         observation.noise,
-        # It takes as long as a third of the rest.
+        # The residual takes a third of the other time. Therefore it is computed only if needed.
         lambda: equations.residual(found),
         used,
         1 + taken,
@@ -82,7 +96,7 @@ def wiener(
 def penalty_of(
     observation: Observation, weight: float | None, penalty_kind: PenaltyKind
 ) -> tuple[torch.Tensor, float]:
-    """K of each frequency of the whole period, and its weight: see wiener()."""
+    """Return the Wiener filter's penalty K of each frequency of the period, and its weight."""
     squares = squared_frequencies(observation.period_shape)
     if penalty_kind == "spectrum":
         shape, best = _noise_to_signal(observation, squares), 1.0
@@ -99,8 +113,10 @@ def penalty_of(
 
 
 def _noise_to_signal(observation: Observation, squares: torch.Tensor) -> torch.Tensor:
-    """Of each frequency, by its square; what lies below the lowest of the frame is as likely as
-    that."""
+    """Return the noise-to-signal power ratio of a photograph, by squared frequency.
+
+    Frequencies below the lowest one of the period have the ratio of that one.
+    """
     law, at = observation.power_law, squares.clamp(min=max(observation.period_shape) ** -2)
     noise = (observation.scene_noise * observation.psf_sum) ** 2
     return noise / (max(law.strength, 1e-30) * at ** (-law.slope / 2))
@@ -109,14 +125,13 @@ def _noise_to_signal(observation: Observation, squares: torch.Tensor) -> torch.T
 def least_error_weight(
     observation: Observation, system_response: Callable[[float, Frequencies], torch.Tensor]
 ) -> float:
-    """The weight with the least mean square error that the photograph's spectrum predicts.
+    """Find the weight of a linear filter with the least mean square error that is predicted.
 
-    system_response: of a weight, the share of the scene that gets through blur and filter at some
-    of the frequencies of the whole period.
+    The prediction uses the photograph's spectrum. `system_response` returns, for a weight and some
+    of the frequencies of the period, the transfer function of blur and filter together.
     """
-    every = slice(
-        None, None, max(1, math.isqrt(observation.squared_mtf.numel() // _SAMPLED_FREQUENCIES))
-    )
+    # About 4000 frequencies are enough for the prediction.
+    every = slice(None, None, max(1, math.isqrt(observation.squared_mtf.numel() // (1 << 12))))
     at = every, every
     signal = 1 / _noise_to_signal(observation, squared_frequencies(observation.period_shape)[at])
     lost = observation.squared_mtf[at].to(torch.float64).clamp(min=1e-30)
@@ -128,23 +143,21 @@ def least_error_weight(
     return min(_TRIAL_WEIGHTS.tolist(), key=error)
 
 
-_MASKED_STEPS = 10
-"""Where pixels within the frame are missing, at least."""
-
-
 def _solve(
     observation: Observation, weight: float | None, *, iterations: int, progress: Progress
 ) -> RestoredImage:
-    least = 0 if observation.effective_weights is None else _MASKED_STEPS
+    """Restore by the Wiener filter through the interface of all restorations."""
+    # Pixels that are missing within the frame need at least 10 steps.
+    least = 0 if observation.effective_weights is None else 10
     return wiener(observation, weight, steps=max(iterations - 1, least))
 
 
 def _iteration_cost(observation: Observation) -> RestorationCost:
-    """Of conjugate gradients, of which a period seen whole takes none."""
+    """Return the cost of a step of conjugate gradients; a fully measured period needs none."""
     return RestorationCost(0, 0) if observation.is_fully_measured else RestorationCost(2, 24)
 
 
-# Without a step, what lies beyond the frame is continued smoothly.
+# A count of 1 means no step of conjugate gradients: the photograph is only continued smoothly.
 METHOD = RestorationMethod(
     "linear filter, gradients' power known (Eq. 2.28)",
     _solve, {1: 1.7, 11: 3.3, 31: 3.4}, 31, SETUP_COST, _iteration_cost,

@@ -1,4 +1,4 @@
-"""All colours of each pixel, from a sensor whose pixels see one each."""
+"""Demosaicing, which estimates all colours of each pixel of a sensor with colour filters."""
 
 from optics.demosaicing.demosaic import METHODS, Method, demosaic
 

@@ -1,4 +1,4 @@
-"""What is known of colour pictures: brightness bends at edges, colours hardly anywhere."""
+"""The prior of demosaicing: brightness has little curvature, and colour differences have less."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from optics.deconvolution.priors import laplacian_spectrum
 
 
 def helmert_matrix(bands: int) -> torch.Tensor:
-    """Orthonormal directions of colour, (bands, bands): the mean of all, then differences that
-    are wider each (Helmert's matrix)."""
+    """Compute Helmert's orthonormal matrix of colour axes, (bands, bands).
+
+    The first row is the mean of all bands, which is the brightness. Row k is the difference
+    between band k and the mean of the bands before it.
+    """
     rows = [torch.full((bands,), 1 / math.sqrt(bands), dtype=torch.float64)]
     for k in range(1, bands):
         row = torch.zeros(bands, dtype=torch.float64)
@@ -21,14 +24,17 @@ def helmert_matrix(bands: int) -> torch.Tensor:
 
 
 class CurvaturePrior:
-    """The curvature of a picture's brightness, and of all its colour differences in one, as lengths
-    of their second derivatives: |w ∇²L| + |∇²C|, summed over the pixels.
+    """Penalises the curvature of a colour picture's brightness and of its colour differences.
 
-    Second-order total variation (Lefkimmiatis, Bourquard and Unser 2012, doi
-    10.1109/TIP.2011.2168232) of luminance and chrominance apart (Condat and Mosaddegh 2012, doi
-    10.1109/ICIP.2012.6467476). A split of its own for the alternating direction method.
+    The penalty is |w ∇²L| + |∇²C|, summed over the pixels: the length of the second derivatives of
+    the brightness L, and the joint length of those of all colour differences C. This is
+    second-order total variation (Lefkimmiatis, Bourquard and Unser 2012, doi
+    10.1109/TIP.2011.2168232) of luminance and of chrominance separately (Condat and Mosaddegh
+    2012, doi 10.1109/ICIP.2012.6467476). The class holds the split of this penalty in the
+    alternating direction method of multipliers (ADMM).
 
-    brightness: w. threshold: curvature that a first step takes for none.
+    `brightness` is w, and `threshold` is the length of the second derivatives, in the unit of the
+    light, below which one iteration sets them to zero.
     """
 
     def __init__(
@@ -43,7 +49,11 @@ class CurvaturePrior:
         self._dual = torch.zeros((3, bands, *shape), dtype=dtype)
 
     def update(self, colours: torch.Tensor) -> torch.Tensor:
-        """D^T (d - b) of the next picture's split, of colours, (bands, rows, columns)."""
+        """Update the colour prior's split and return D^T (d - b) for the next picture.
+
+        `colours` is the current picture on the colour axes, (bands, rows, columns); so is the
+        result. d is the split of D x, and b is its scaled dual variable.
+        """
         weights = self.weights[:, None, None]
         wanted = _second_differences(colours * weights).add_(self._dual)
         squares = wanted.square().sum(0)
@@ -51,13 +61,17 @@ class CurvaturePrior:
         lengths[:1] = squares[:1]
         lengths[1:] = squares[1:].sum(0, keepdim=True)
         taken = lengths.sqrt_().reciprocal_().mul_(self._threshold).clamp_(max=1)
-        # b is what the threshold has taken, and d - b the rest less that.
+        # The new b is the part that the threshold removes, d is the rest, and the next line
+        # computes d - b.
         self._dual = wanted * taken
         return _second_differences_adjoint(wanted.sub_(self._dual, alpha=2)).mul_(weights)
 
 
 def _second_differences(x: torch.Tensor) -> torch.Tensor:
-    """Second derivatives by differences around the period: down, along, and across times √2."""
+    """Compute second differences of a periodic colour picture.
+
+    The result holds those down the columns, those along the rows, and the mixed ones times √2.
+    """
     down = x.roll(-1, -2).sub_(x)
     along = x.roll(-1, -1).sub_(x)
     return torch.stack(
@@ -70,6 +84,7 @@ def _second_differences(x: torch.Tensor) -> torch.Tensor:
 
 
 def _second_differences_adjoint(d: torch.Tensor) -> torch.Tensor:
+    """Apply the adjoint of `_second_differences` to d, (3, bands, rows, columns)."""
     across = d[2] * math.sqrt(2)
     down = (d[0] - d[0].roll(-1, -2)).add_(across.roll(1, -1)).sub_(across)
     along = d[1] - d[1].roll(-1, -1)

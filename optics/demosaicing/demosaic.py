@@ -1,4 +1,4 @@
-"""From the picture of a mosaic of colour filters to all colours of each pixel."""
+"""The entry point of demosaicing, which checks its arguments and calls the chosen method."""
 
 from __future__ import annotations
 
@@ -43,36 +43,38 @@ def demosaic(
     iterations: int = 30,
     progress: Progress | None = None,
 ) -> torch.Tensor:
-    """Estimate all colours of each pixel of a mosaic of colour filters.
+    """Demosaic a raw picture: estimate all colours of each pixel of a mosaic of colour filters.
 
-    The method "prior" is the thesis' Eq. 4.7 with a prior worth having: few bends of brightness,
-    and fewer of colours, see CurvaturePrior. The others are OpenCV's, for Bayer's pattern only; of
-    the optional arguments they take `channels` alone. Colours bend least where white is even: give
-    ``diag(gains)`` as `response` for channels that aren't balanced.
+    The method "prior" solves Eq. 4.7 of the thesis with a prior that penalises the curvature of
+    the brightness, and that of colour differences more: see CurvaturePrior. The other methods are
+    those of OpenCV, for the Bayer pattern only; of the optional arguments they accept only
+    `channels`. The prior assumes that all bands of a white surface are equal: for channels that
+    aren't balanced, give ``diag(gains)`` as `response`.
 
     Parameters
     ----------
     raw : torch.Tensor or numpy.ndarray, (rows, columns)
-        Light of each pixel less the dark level; any size of frame.
+        Light of each pixel less the dark level, of a frame of any size.
     pattern : sequence of str
         Rows of one letter per pixel that repeat from the first pixel on, as ``("RG", "GB")``.
     method : {"prior", "bilinear", "edge-aware", "vng"}, default "prior"
-        How colours are found, one of `METHODS`.
+        Method of demosaicing, one of `METHODS`.
     channels : str, default "RGB"
         Letters of the channels. Without a response each channel is a band, in this order.
     response : torch.Tensor or numpy.ndarray, (channels, bands), optional
-        What the filter of each letter transmits of each band; the identity if None.
+        Share of each band that the filter of each letter transmits; the identity if None.
     noise : float, optional
-        Standard deviation of a pixel. Estimated if None.
+        Standard deviation of a pixel, in the unit of `raw`. Estimated if None.
     psf : torch.Tensor or numpy.ndarray, optional
-        Blur of the lens, (rows, columns), or (bands, rows, columns) for one per band; sharp if
+        PSF of the lens, (rows, columns), or (bands, rows, columns) for one per band; no blur if
         None.
     weights : torch.Tensor or numpy.ndarray, (rows, columns), optional
-        How much each pixel is to be trusted; 0 where it is dead.
+        Weight of each pixel in the data term; 0 where a pixel is dead.
     clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
         True where the well was full: there the light is at least what was measured.
     weight : float, optional
-        Regularisation weight of the prior. From the noise and the scale of the light if None.
+        Regularisation weight of the prior. Chosen from the noise and the scale of the light if
+        None.
     iterations : int, default 30
         Number of iterations, 1 or more.
     progress : Progress, optional
@@ -81,13 +83,13 @@ def demosaic(
     Returns
     -------
     torch.Tensor or numpy.ndarray, (bands, rows, columns)
-        Light of each band, which noise may leave below 0 where it is dark.
+        Light of each band. Noise may make it negative in dark places.
 
     Raises
     ------
     ValueError
-        If an argument doesn't fit or isn't finite, the method doesn't take it, or no pixel sees a
-        band.
+        If an argument has the wrong shape or isn't finite, if the method doesn't accept it, or if
+        no pixel sees one of the bands.
     """
     rows = _validate_pattern(pattern, channels)
     raw = _validate_raw(raw)
@@ -116,6 +118,7 @@ def demosaic(
 
 
 def _validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
+    """Return the rows of a colour filter pattern; raise ValueError if they are malformed."""
     rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
     if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
         raise ValueError(
@@ -129,6 +132,7 @@ def _validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
 
 
 def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
+    """Return a mosaic's raw picture in floating point; raise ValueError if it isn't usable."""
     if raw.ndim != 2:
         raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
     require_finite("raw", raw)
@@ -136,6 +140,7 @@ def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
 
 
 def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
+    """Return the colour filters' response, by default the identity; check its shape."""
     if response is None:
         return torch.eye(len(channels))
     require_finite("response", response)
@@ -150,7 +155,7 @@ def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Te
 def _effective_weights(
     raw: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> torch.Tensor | None:
-    """Weights, with 0 for what was clipped; None where all are 1."""
+    """Return the mosaic's pixel weights with 0 for clipped pixels, or None if all are 1."""
     require_same_shape("raw", raw, weights=weights, clipped=clipped)
     trust = weights if weights is None else weights.to(raw)
     if clipped is None:

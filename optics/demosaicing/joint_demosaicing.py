@@ -1,8 +1,9 @@
-"""All bands at once, by a convex prior on brightness and colours."""
+"""Demosaicing of all bands together, with a convex prior on brightness and colour differences."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 
@@ -14,16 +15,32 @@ from optics.fourier import irfft2, rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_BRIGHTNESS = 0.4
-"""Weight of brightness' curvature beside that of colours."""
 
-_CURVATURE_THRESHOLD = 0.5
-"""Of the light's standard deviation: the curvature that a first iteration takes for none."""
+@dataclass(frozen=True)
+class DemosaicingSettings:
+    """Tune the prior and the splitting of the demosaicing of all bands together.
 
-_NOISELESS_WEIGHT, _NOISE_WEIGHT = 1e-3, 2.2
-"""Weights on the light's scale: of a picture without noise, and a noise's square to be added."""
+    All values are chosen.
 
-_TINY = 1e-9
+    Attributes
+    ----------
+    brightness : float
+        Weight of the brightness' curvature relative to that of the colour differences.
+    curvature_threshold : float
+        Curvature that one iteration sets to zero, relative to the standard deviation of the light.
+    noiseless_weight : float
+        Regularisation weight of a picture without noise, relative to the scale of the light.
+    noise_weight : float
+        Factor of the squared relative noise, which is added to `noiseless_weight`.
+    """
+
+    brightness: float = 0.4
+    curvature_threshold: float = 0.5
+    noiseless_weight: float = 1e-3
+    noise_weight: float = 2.2
+
+
+_SETTINGS = DemosaicingSettings()
 
 
 @single_threaded
@@ -36,13 +53,16 @@ def demosaic_with_prior(
     iterations: int = 30,
     progress: Progress | None = None,
 ) -> torch.Tensor:
-    """(bands, rows, columns) of light: the least of |S G x - y|² / 2 + weight * P(x), P being
-    CurvaturePrior, trusted
-    pixels alone.
+    """Demosaic an observation with the curvature prior; return light of (bands, rows, columns).
 
-    By the alternating direction method of multipliers (Boyd et al. 2011, doi 10.1561/2200000016):
-    curvatures and the light before the filters are split off, and each step has a closed form, the
-    filters' a pixel's own (Sherman and Morrison's). period: of the pattern, (rows, columns).
+    The result x minimises |S G x - y|² / 2 + weight * P(x), where S are the filters, G is the blur,
+    P is CurvaturePrior, and the first term counts trusted pixels only. `period` is the period of
+    the filter pattern in (rows, columns).
+
+    The solver is the alternating direction method of multipliers (Boyd et al. 2011, doi
+    10.1561/2200000016). The curvatures and the light before the filters are split off, so that
+    each step has a closed form. The filters' step treats each pixel on its own (Sherman-Morrison
+    formula).
     """
     splitting = _Splitting(observation, period, weight)
     progress = progress or Progress()
@@ -53,12 +73,15 @@ def demosaic_with_prior(
 
 
 def default_weight(noise: float, scale: float) -> float:
-    """Of the prior, for a noise and a scale of the light."""
-    return scale * (_NOISELESS_WEIGHT + _NOISE_WEIGHT * (noise / scale) ** 2)
+    """Return the demosaicing prior's default weight for a noise and a scale of the light."""
+    return scale * (_SETTINGS.noiseless_weight + _SETTINGS.noise_weight * (noise / scale) ** 2)
 
 
 class _Splitting:
-    """The state between two iterations, of light over the filters' gain."""
+    """The state of the demosaicing's ADMM between two iterations.
+
+    The data and the filters are divided by the gain of the filters.
+    """
 
     def __init__(
         self, observation: MosaicObservation, period: Sequence[int], weight: float | None
@@ -75,12 +98,12 @@ class _Splitting:
             if weight is None
             else weight
         )
-        step = _CURVATURE_THRESHOLD * observation.scale
-        # Coupling of both splits: it makes one step of the length that is told.
+        step = _SETTINGS.curvature_threshold * observation.scale
+        # With this coupling of both splits, the prior's threshold is `step`.
         self._coupling = used / step
         bands = len(observation.filters)
         self._curvature_prior = CurvaturePrior(
-            bands, observation.period_shape, _BRIGHTNESS, step, self._data.dtype
+            bands, observation.period_shape, _SETTINGS.brightness, step, self._data.dtype
         )
         self._inverse = self._invert_normal_matrix()
         self._x = torch.stack(
@@ -95,6 +118,7 @@ class _Splitting:
         self._light = self._update_data_split(self._blur(rfft2(self._x), self._x))
 
     def step(self) -> None:
+        """Do one iteration of the demosaicing: update the picture, then both splits."""
         colours = self._curvature_prior.colour_axes
         pulled = rfft2(self._light)
         if self._observation.otf is not None:
@@ -107,13 +131,14 @@ class _Splitting:
         self._light = self._update_data_split(self._blur(spectrum, self._x))
 
     def picture(self) -> torch.Tensor:
+        """Return the demosaiced picture in the frame, (bands, rows, columns)."""
         return self._observation.crop_to_frame(self._x).clone()
 
     def _to_colour_axes(self, x: torch.Tensor) -> torch.Tensor:
         return _transform_bands(self._curvature_prior.colour_axes, x)
 
     def _blur(self, spectrum: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """The light before the filters; may be written over."""
+        """Return the blurred light before the colour filters; callers may overwrite it."""
         transfer = self._observation.otf
         return (
             x.clone()
@@ -122,7 +147,10 @@ class _Splitting:
         )
 
     def _update_data_split(self, light: torch.Tensor) -> torch.Tensor:
-        """v - u of the next step: what the numbers make of the light, and what it was pulled."""
+        """Update the split v of the light before the filters and its dual u; return v - u.
+
+        Outside the frame, where nothing was measured, the light is returned as it is.
+        """
         inside = self._observation.crop_to_frame(light)
         moved = inside + self._dual
         left = self._data - (self._filters * moved).sum(0)
@@ -132,24 +160,30 @@ class _Splitting:
             trust = self._pixel_weights
         below = self._coupling + trust * self._filters.square().sum(0)
         taken = self._filters * (trust * left / below)
-        # u is now -taken, and v - u is twice that from where it was moved.
+        # The new v is moved + taken and the new u is -taken, so v - u is moved + 2 * taken.
         self._dual = -taken
         inside.copy_(moved.add_(taken, alpha=2))
         return light
 
     def _invert_normal_matrix(self) -> torch.Tensor:
-        """Of G* G + D^T D: of each colour where all bands are blurred alike, else of all bands,
-        (bands, bands) a frequency."""
+        """Invert G* G + D^T D of the demosaicing at each frequency.
+
+        If all bands have the same PSF, the matrix is diagonal on the colour axes and the result is
+        (bands, rows, columns). Otherwise it is one matrix (bands, bands) per frequency.
+        """
+        # A small number keeps the inverse finite at frequencies that neither term constrains.
+        tiny = 1e-9
         bends, transfer = self._curvature_prior, self._observation.otf
         weights = bends.weights.square()
         if transfer is None or len(transfer) == 1:
             power = 1.0 if transfer is None else transfer.abs().square()
-            return (weights[:, None, None] * bends.gram_spectrum + power + _TINY).reciprocal_()
+            return (weights[:, None, None] * bends.gram_spectrum + power + tiny).reciprocal_()
         shared = bends.colour_axes.mT @ (weights[:, None] * bends.colour_axes)
-        own = torch.diag_embed(transfer.abs().square().movedim(0, -1) + _TINY)
+        own = torch.diag_embed(transfer.abs().square().movedim(0, -1) + tiny)
         return torch.linalg.inv(own + bends.gram_spectrum[..., None, None] * shared)
 
     def _solve_spectrum(self, right_hand_side: torch.Tensor) -> torch.Tensor:
+        """Multiply the right-hand side's spectrum by the inverse of the normal matrix."""
         if self._inverse.ndim == 3:
             colours = self._curvature_prior.colour_axes
             return _transform_bands(
@@ -160,5 +194,5 @@ class _Splitting:
 
 
 def _transform_bands(matrix: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """A matrix times the bands of each pixel."""
+    """Multiply the bands of each pixel by a matrix."""
     return torch.tensordot(matrix.to(x.dtype), x, 1)

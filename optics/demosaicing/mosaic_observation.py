@@ -1,4 +1,4 @@
-"""What a sensor with colour filters measured, and through which filters."""
+"""The observation of a sensor with a mosaic of colour filters, with its filters and noise."""
 
 from __future__ import annotations
 
@@ -14,19 +14,34 @@ from optics.operators.blur import blur_shape, transfer_function
 from optics.plane import centred_crop
 from optics.validation import require_finite
 
-_MARGIN = (8, 8)
-"""Pixels by which the scene goes on around a sharp frame, so that its edges don't meet."""
-
 
 @dataclass(frozen=True, eq=False)
 class MosaicObservation:
-    """One number a pixel, (rows, columns) light, of a scene's bands.
+    """The raw picture of a mosaic of colour filters, (rows, columns), with filters and noise.
 
-    filters: (bands, rows, columns), what each pixel's filter lets through of each band. noise:
-    standard deviation of a pixel. psf: (rows, columns) of all bands, or one for each; origin at
-    n // 2; None for a sharp picture. pixel_weights: 0 where a pixel tells nothing, else its weight.
-    clipped: True where the light is at least what was measured, at weight 0. Beyond the frame the
-    scene is unknown. Raises ValueError for what doesn't fit, or isn't finite.
+    The scene beyond the frame is unknown.
+
+    Attributes
+    ----------
+    raw : torch.Tensor
+        Light of each pixel, (rows, columns).
+    filters : torch.Tensor
+        Share of each band that each pixel's filter transmits, (bands, rows, columns).
+    noise : float
+        Standard deviation of a pixel, in the unit of `raw`.
+    psf : torch.Tensor, optional
+        PSF with its origin at n // 2: (rows, columns) for all bands, or (bands, rows, columns).
+        None for a picture without blur.
+    pixel_weights : torch.Tensor, optional
+        Weight of each pixel in the data term, (rows, columns); 0 where a pixel isn't used. All 1 if
+        None.
+    clipped : torch.Tensor, optional
+        True where the light is at least what was measured. The weight is 0 there.
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape or isn't finite, or if no pixel sees one of the bands.
     """
 
     raw: torch.Tensor
@@ -72,40 +87,49 @@ class MosaicObservation:
 
     @property
     def frame_shape(self) -> tuple[int, int]:
+        """The (rows, columns) of the mosaic's frame."""
         return self.raw.shape[0], self.raw.shape[1]
 
     @cached_property
     def period_shape(self) -> tuple[int, int]:
-        """(rows, columns) of the period on which the scene is looked for."""
-        return blur_shape(self.frame_shape, _MARGIN if self.psf is None else self.psf.shape[-2:])
+        """The (rows, columns) of the period on which the demosaiced scene is estimated."""
+        # Without a PSF, a margin of 8 pixels keeps opposite edges of the frame apart.
+        return blur_shape(self.frame_shape, (8, 8) if self.psf is None else self.psf.shape[-2:])
 
     @cached_property
     def filter_gain(self) -> float:
-        """Of the filters, rms over the pixels."""
+        """The gain of the colour filters: the norm over the bands, as an rms over the pixels."""
         return math.sqrt(float(self.filters.square().sum(0).mean()))
 
     @cached_property
     def scale(self) -> float:
-        """Of the scene's light: standard deviation, or a share of the mean; 1 where it is dark."""
+        """The scale of the scene's light, by which weights of the demosaicing are chosen.
+
+        It is the standard deviation of the raw picture over the gain of the filters, but at least
+        1e-3 of the mean; 1 for a dark picture.
+        """
         raw = self.raw.to(torch.float64)
         spread = max(float(raw.std(correction=0)), 1e-3 * float(raw.abs().mean()))
         return spread / self.filter_gain if spread > 0 else 1.0
 
     @cached_property
     def otf(self) -> torch.Tensor | None:
-        """Of the PSF on that period, (1 or bands, rows, columns // 2 + 1); None if sharp."""
+        """The OTF on the period, (1 or bands, rows, columns // 2 + 1), or None without a PSF."""
         if self.psf is None:
             return None
         psf = self.psf if self.psf.ndim == 3 else self.psf[None]
         return transfer_function(psf.to(self.raw), self.period_shape)
 
     def crop_to_frame(self, period_image: torch.Tensor) -> torch.Tensor:
-        """What of the period lies in the frame, a view."""
+        """Crop a picture on the whole period to the mosaic's frame; the result is a view."""
         return centred_crop(period_image, self.frame_shape)
 
     def initial_bands(self, period: Sequence[int]) -> torch.Tensor:
-        """Each band from the pixels around that see it, (bands, rows, columns); right where the
-        scene is even and grey."""
+        """Interpolate each band of the mosaic from the pixels around that see it.
+
+        This is the start of the demosaicing, (bands, rows, columns). It is exact where the scene is
+        even and grey. `period` is the period of the filter pattern.
+        """
         trust = torch.ones_like(self.raw) if self.pixel_weights is None else self.pixel_weights
         told = _tent_filter(self.filters * (self.raw * trust), period)
         share = _tent_filter(self.filters * self.filters.sum(0) * trust, period)
@@ -115,7 +139,7 @@ class MosaicObservation:
 
 
 def _tent_filter(pictures: torch.Tensor, period: Sequence[int]) -> torch.Tensor:
-    """Summed with weights that fall evenly to 0 at a period's distance."""
+    """Convolve pictures with a tent, whose weights fall linearly to 0 at a pattern's period."""
     kernels = [1 - torch.arange(1 - n, n).abs() / n for n in (max(int(m), 2) for m in period)]
     down, along = (kernel.to(pictures) for kernel in kernels)
     rows = torch.nn.functional.conv2d(

@@ -1,4 +1,4 @@
-"""How much noise a mosaic has: read off where the scene is smoothest."""
+"""Estimation of the noise of a mosaic of colour filters from its smoothest blocks."""
 
 from __future__ import annotations
 
@@ -9,25 +9,21 @@ import torch
 from scipy.stats import chi2
 
 _BLOCK = 16
-"""Samples of one filter along each side of a block that is looked at."""
+"""Side of a block of the mosaic, in samples of one filter."""
 
 _SMOOTHEST = 0.02
-"""Quantile of the blocks that is taken for smooth."""
-
-_SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
-
-_SAMPLES_PER_INDEPENDENT = 1 + 2 * ((4 / 6) ** 2 + (1 / 6) ** 2)
-"""Neighbouring answers of _BEND to white noise are alike: of so many, along an axis, one counts."""
+"""Quantile of the blocks' variances that is taken as the variance of smooth blocks."""
 
 
 def estimate_mosaic_noise(raw: torch.Tensor, period: Sequence[int]) -> float:
-    """Standard deviation of a pixel of a mosaic, (rows, columns), whose pattern repeats by
-    (rows, columns).
+    """Estimate the standard deviation of a pixel of a raw mosaic of colour filters.
 
-    Of what second differences both ways leave of the samples of one filter (Immerkaer 1996, doi
-    10.1006/cviu.1996.0060), in blocks: the smoothest few, as white noise would have them. The
-    scene's finest detail counts as noise where nothing is smooth; 0 for frames of less than three
-    samples a filter.
+    `raw` is (rows, columns), and its filter pattern repeats after `period` (rows, columns). The
+    samples of each filter are filtered by second differences along both axes (Immerkaer 1996, doi
+    10.1006/cviu.1996.0060). The variances of blocks are sorted; the noise is the one for which
+    white noise would give the variance that is found at a low quantile. Where no part of the scene
+    is smooth, its finest detail counts as noise. The result is 0 if a filter has fewer than three
+    samples along an axis.
     """
     found = [
         value
@@ -38,16 +34,22 @@ def estimate_mosaic_noise(raw: torch.Tensor, period: Sequence[int]) -> float:
     if not found:
         return 0.0
     smooth = float(torch.quantile(torch.stack(found), _SMOOTHEST))
-    count = (_BLOCK / _SAMPLES_PER_INDEPENDENT) ** 2
+    # Neighbouring second differences of white noise are correlated. Along an axis, this number of
+    # them counts as one independent sample: the sum of the squared correlation coefficients.
+    samples_per_independent = 1 + 2 * ((4 / 6) ** 2 + (1 / 6) ** 2)
+    count = (_BLOCK / samples_per_independent) ** 2
     expected = float(chi2.ppf(_SMOOTHEST, count)) / count if len(found) > 1 / _SMOOTHEST else 1.0
     return math.sqrt(smooth / expected)
 
 
 def _block_variances(plane: torch.Tensor) -> list[torch.Tensor]:
-    """Mean squares of what is no straight line, over that of white noise of unit variance."""
+    """Compute the noise variance of each block of one filter's samples by second differences.
+
+    White noise of unit variance gives 1.
+    """
     if min(plane.shape) < 3:
         return []
-    bend = torch.tensor(_SECOND_DIFFERENCE, dtype=torch.float64)
+    bend = torch.tensor((1.0, -2.0, 1.0), dtype=torch.float64)
     kernel = bend[:, None] * bend
     left = torch.nn.functional.conv2d(plane.to(torch.float64)[None, None], kernel[None, None])
     squares = left[0, 0].square() / float(kernel.square().sum())

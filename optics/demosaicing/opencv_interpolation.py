@@ -1,4 +1,4 @@
-"""OpenCV's interpolations of Bayer's mosaic."""
+"""Demosaicing of a Bayer mosaic by the interpolations of OpenCV."""
 
 from __future__ import annotations
 
@@ -15,19 +15,17 @@ INTERPOLATIONS: tuple[Interpolation, ...] = ("bilinear", "edge-aware", "vng")
 _SUFFIX = {"bilinear": "", "edge-aware": "_EA", "vng": "_VNG"}
 
 BAYER = ("RGGB", "GRBG", "BGGR", "GBRG")
-"""Row by row, from the first pixel."""
-
-_MIN_SIDE = 8
-"""Rows and columns below which its edge-aware one leaves nothing but border."""
+"""The four Bayer patterns, row by row from the first pixel."""
 
 
 def interpolate_bayer(
     raw: torch.Tensor, pattern: Sequence[str], interpolation: Interpolation
 ) -> torch.Tensor:
-    """(3, rows, columns): red, green, blue of a Bayer mosaic, (rows, columns), by OpenCV.
+    """Demosaic a Bayer mosaic, (rows, columns), to red, green and blue by OpenCV.
 
-    OpenCV computes in whole numbers: the frame's own range becomes 16 bits, of "vng" (variable
-    numbers of gradients) 8. Raises ValueError for another pattern, or a frame below 8 x 8.
+    OpenCV computes in whole numbers. The range of the frame is scaled to 16 bits, or to 8 bits for
+    "vng" (variable number of gradients). The result is (3, rows, columns). Raises ValueError for
+    another pattern, or for a frame below 8 x 8 pixels.
     """
     import cv2
 
@@ -37,10 +35,9 @@ def interpolate_bayer(
             f"pattern is {tuple(pattern)}; OpenCV knows Bayer's alone, as ('RG', 'GB'): take "
             "method='prior' for others"
         )
-    if min(raw.shape) < _MIN_SIDE:
-        raise ValueError(
-            f"raw is {tuple(raw.shape)}; OpenCV needs {_MIN_SIDE} x {_MIN_SIDE} pixels"
-        )
+    # The edge-aware interpolation of a smaller frame computes nothing but its border.
+    if min(raw.shape) < 8:
+        raise ValueError(f"raw is {tuple(raw.shape)}; OpenCV needs 8 x 8 pixels")
     top = 255 if interpolation == "vng" else 65535
     low, high = float(raw.min()), float(raw.max())
     unit = (high - low) / top if high > low else 1.0

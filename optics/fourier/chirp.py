@@ -1,4 +1,4 @@
-"""Chirp-Z: any pitch and any window at the cost of a few FFTs."""
+"""The chirp-Z transform, a Fourier transform between planes of any pitch by a few FFTs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from optics.fourier.separable import AxisRule, SeparableTransform
 
 
 class _ChirpRule(AxisRule):
-    """Bluestein's convolution with a chirp, whose phases are made in float64."""
+    """A Fourier sum along one axis by Bluestein's convolution with a chirp.
+
+    The phases of the chirp are computed in float64.
+    """
 
     def __init__(self, n: int, m: int, step: float, dtype: torch.dtype) -> None:
         self.n, self.m = n, m
@@ -43,12 +46,12 @@ class _ChirpRule(AxisRule):
 
 
 def chirp_length(n: int, m: int) -> int:
-    """Of the FFTs from n samples to m."""
+    """Return the length of the FFTs of a chirp-Z transform from n samples to m samples."""
     return scipy.fft.next_fast_len(n + m - 1)
 
 
 class ChirpTransform(SeparableTransform):
-    """Computes the transform by the chirp-Z algorithm along each axis, for any pitch and window.
+    """Computes the Fourier transform by the chirp-Z algorithm, for any pitch and window.
 
     It costs a few FFTs and is exact to rounding.
 
@@ -67,7 +70,7 @@ class ChirpTransform(SeparableTransform):
     name = "chirp-Z"
 
     def build_axis_rule(self, axis: int) -> AxisRule:
-        """Make the rule along axis 0 (y) or 1 (x)."""
+        """Build the chirp-Z rule of the Fourier transform along axis 0 (y) or 1 (x)."""
         g = self.geometry
         return _ChirpRule(g.pupil.shape[axis], g.image.shape[axis], g.step(axis), self.dtype)
 
@@ -77,12 +80,12 @@ class ChirpTransform(SeparableTransform):
 
     @property
     def bytes(self) -> int:
-        """The size of the largest arrays in bytes."""
+        """The memory in bytes of the largest arrays of the transform."""
         sizes = (a * b for a, b in zip(self._lengths(), self.lines(), strict=True))
         return self.dtype.itemsize * 3 * max(sizes)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
+        """Predict the processor time of one Fourier transform in seconds, for a machine speed."""
         each = zip(self._lengths(), self.lines(), strict=True)
         sizes = [(length, count) for length, count in each]
         operations = sum(2 * count * fft_operations(length) for length, count in sizes)

@@ -1,4 +1,4 @@
-"""FFTs for planes whose pitches fit each other: pruned where they're long, folded where short."""
+"""Fourier transforms by pruned or folded FFTs, for planes whose pitches are commensurate."""
 
 from __future__ import annotations
 
@@ -11,23 +11,29 @@ from optics.fourier.separable import AxisRule, SeparableTransform
 
 
 def commensurate_length(geometry: FourierGeometry, axis: int) -> int:
-    """The FFT length that fits the geometry along an axis: one over its step; 0 if none does."""
+    """Return the FFT length that fits a Fourier geometry along an axis, or 0 if none fits.
+
+    The length is one over the geometry's step, if that is a whole number.
+    """
     exact = 1 / geometry.step(axis)
     length = max(round(exact), 1)
     farthest = geometry.pupil.shape[axis] / 2 * geometry.image.shape[axis] / 2
-    # The phase between the outermost samples must be right to 1e-12 turns.
+    # Rounding the length changes the phase between the outermost samples, by 1e-12 turns at most.
     error = abs(1 / length - geometry.step(axis)) * farthest
     return length if error < 1e-12 else 0
 
 
 class _CommensurateRule(AxisRule):
-    """An FFT of `length`: the samples are folded into it or padded to it, and the wanted
-    ones of its period are picked."""
+    """A Fourier sum along one axis by an FFT of `length`.
+
+    The input is folded into that length or padded to it, and the requested outputs are selected
+    from its period.
+    """
 
     def __init__(self, n: int, m: int, length: int, dtype: torch.dtype) -> None:
         self.n, self.m, self.length = n, m, length
         k = torch.arange(m, dtype=torch.float64) - m // 2
-        # The first sample stands at 0 instead of -(n // 2).
+        # The FFT takes the first sample to be at 0 instead of -(n // 2); this phase corrects it.
         self.phase = unit_phasor(k * (n // 2) / length, dtype)[:, None]
         self.index = (torch.arange(m) - m // 2) % length
 
@@ -39,7 +45,7 @@ class _CommensurateRule(AxisRule):
         return spectrum.index_select(-2, self.index) * self.phase
 
     def _fold_periods(self, field: torch.Tensor) -> torch.Tensor:
-        """The sum over all samples that lie whole periods apart."""
+        """Add up all input samples of the FFT that lie a whole number of periods apart."""
         if self.n <= self.length:
             return field
         periods = -(-self.n // self.length)
@@ -56,16 +62,17 @@ class _CommensurateRule(AxisRule):
 
 
 class CommensurateTransform(SeparableTransform):
-    """Computes the transform by one FFT along each axis, where one over the step is a whole number.
+    """Computes the Fourier transform by one FFT per axis, where one over the step is whole.
 
-    It is exact to rounding. A fine image needs long FFTs, of which only the requested outputs are
-    kept: a pruned FFT. An image coarser than the pupil's finest fringe needs FFTs that are shorter
-    than the pupil: sampling there is folding here.
+    It is exact to rounding. An image with a small pitch needs long FFTs, of which only the
+    requested outputs are kept (a pruned FFT). An image with a pitch that undersamples the finest
+    fringe of the pupil needs FFTs that are shorter than the pupil; the input is then folded, since
+    undersampling in one plane is aliasing in the other.
 
     Parameters
     ----------
     geometry : FourierGeometry
-        The two planes. One over `FourierGeometry.step` is a whole number along both axes.
+        The two planes. One over `FourierGeometry.step` must be a whole number along both axes.
     dtype : torch.dtype
         complex64 or complex128.
 
@@ -87,22 +94,22 @@ class CommensurateTransform(SeparableTransform):
 
     @staticmethod
     def is_commensurate(geometry: FourierGeometry) -> bool:
-        """Tell whether one over the step of a geometry is a whole number along both axes."""
+        """Tell whether one over the step of a Fourier geometry is whole along both axes."""
         return all(commensurate_length(geometry, axis) for axis in (0, 1))
 
     def build_axis_rule(self, axis: int) -> AxisRule:
-        """Make the rule along axis 0 (y) or 1 (x)."""
+        """Build the FFT rule of the Fourier transform along axis 0 (y) or 1 (x)."""
         n, m = self.geometry.pupil.shape[axis], self.geometry.image.shape[axis]
         return _CommensurateRule(n, m, self._lengths[axis], self.dtype)
 
     @property
     def bytes(self) -> int:
-        """The size of the largest arrays in bytes."""
+        """The memory in bytes of the largest arrays of the transform."""
         sizes = (a * b for a, b in zip(self._lengths, self.lines(), strict=True))
         return self.dtype.itemsize * 2 * max(sizes)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
+        """Predict the processor time of one Fourier transform in seconds, for a machine speed."""
         each = zip(self._lengths, self.lines(), strict=True)
         operations = sum(count * fft_operations(length) for length, count in each)
         (ny, nx), (_, mx) = self.geometry.pupil.shape, self.geometry.image.shape

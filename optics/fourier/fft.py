@@ -1,4 +1,4 @@
-"""The discrete Fourier transform by the fastest library for the case."""
+"""Discrete Fourier transforms, computed by whichever library is faster: scipy or torch."""
 
 from __future__ import annotations
 
@@ -12,11 +12,8 @@ import scipy.fft
 import torch
 from numpy.typing import NDArray
 
-_MANY_SAMPLES = 1 << 20
-
 _FACTOR_COSTS = {2: 1.0, 3: 1.9, 5: 3.0, 7: 4.4, 11: 8.0}
-_PASSES = 6.0
-"""Of passes over the samples that go with a transform, in the units of a factor of 2."""
+"""Cost of each prime factor of an FFT's length, relative to that of a factor of 2."""
 
 
 def fft(
@@ -28,10 +25,10 @@ def fft(
     scaled: bool = True,
     overwrite: bool = False,
 ) -> torch.Tensor:
-    """Compute a one-dimensional FFT, zero-padded to a length, by the fastest library for the case.
+    """Compute a one-dimensional FFT, zero-padded to a length, with scipy or torch.
 
-    scipy is faster than torch on the CPU, but has no gradients: torch is used on other devices and
-    where gradients are needed.
+    scipy is faster than torch on the CPU but has no gradients. Therefore torch is used on other
+    devices and where gradients are needed.
 
     Parameters
     ----------
@@ -40,13 +37,14 @@ def fft(
     length : int
         The length of the FFT; x is padded with zeros or cut to it.
     dim : int
-        The axis.
+        The axis of x along which the FFT is computed.
     inverse : bool, optional
         Whether to compute the inverse transform.
     scaled : bool, optional
-        Whether the inverse is divided by `length` (the default). If not, it is the adjoint.
+        Whether the inverse is divided by `length` (the default). Without the division, the inverse
+        is the adjoint of the forward transform.
     overwrite : bool, optional
-        Whether the result may take x's memory.
+        Whether the result may overwrite the memory of x.
 
     Returns
     -------
@@ -65,7 +63,7 @@ def fft(
 
 
 def rfft(x: torch.Tensor) -> torch.Tensor:
-    """Compute the FFT of real rows, along the last axis, by the fastest library for the case.
+    """Compute the FFT of real samples along the last axis, with scipy or torch.
 
     Parameters
     ----------
@@ -75,7 +73,7 @@ def rfft(x: torch.Tensor) -> torch.Tensor:
     Returns
     -------
     torch.Tensor
-        Complex, (..., n // 2 + 1): the frequencies that aren't negative.
+        Complex, (..., n // 2 + 1): the non-negative frequencies.
     """
     if _needs_torch(x):
         return torch.fft.rfft(x)
@@ -83,7 +81,7 @@ def rfft(x: torch.Tensor) -> torch.Tensor:
 
 
 def rfft2(x: torch.Tensor) -> torch.Tensor:
-    """Compute the two-dimensional FFT of a real picture by the fastest library for the case.
+    """Compute the two-dimensional FFT of a real picture, with scipy or torch.
 
     Parameters
     ----------
@@ -101,7 +99,7 @@ def rfft2(x: torch.Tensor) -> torch.Tensor:
 
 
 def irfft2(x: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """Compute the real picture whose `rfft2` is given.
+    """Compute the inverse two-dimensional FFT to a real picture, from its `rfft2`.
 
     Parameters
     ----------
@@ -122,27 +120,30 @@ def irfft2(x: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 @functools.cache
 def fast_fft_length(least: int) -> int:
-    """Find the quickest length for real FFTs of at least so many samples.
+    """Find the length of at least `least` samples for which real FFTs are fastest.
 
-    A slightly longer transform is often quicker; powers of 2 are the quickest. The result minimises
+    A slightly longer transform is often faster; powers of 2 are the fastest. The result minimises
     the predicted time of a real FFT and of the passes over its samples that go with it. The costs
-    of prime factors were fitted to pocketfft, in units of that of 2.
+    of prime factors were fitted to pocketfft, relative to the cost of a factor of 2.
 
     Parameters
     ----------
     least : int
-        The number of samples that have to fit.
+        The number of samples that must fit.
 
     Returns
     -------
     int
         A length from `least` to about an eighth more.
     """
+    # The passes over the samples that go with a transform cost as much as six factors of 2.
+    passes = 6.0
     lengths = range(least, least + max(1, least // 8) + 1)
-    return min(lengths, key=lambda length: length * (_PASSES + _factors_cost(length)))
+    return min(lengths, key=lambda length: length * (passes + _factors_cost(length)))
 
 
 def _factors_cost(length: int) -> float:
+    """Return the cost per sample of an FFT of a length, relative to that of a factor of 2."""
     cost = 0.0
     for factor, price in _FACTOR_COSTS.items():
         while length % factor == 0:
@@ -151,9 +152,10 @@ def _factors_cost(length: int) -> float:
 
 
 def rfft_column_weights(columns: int) -> torch.Tensor:
-    """Count how many frequencies of a picture each column of its `rfft2` stands for.
+    """Count how many columns of a picture's full FFT each column of its `rfft2` represents.
 
-    The columns between the first and the last stand for their mirror images as well.
+    A column between the first and the last also represents its complex conjugate at the negative
+    frequency.
 
     Parameters
     ----------
@@ -173,19 +175,24 @@ def rfft_column_weights(columns: int) -> torch.Tensor:
 
 
 def _needs_torch(x: torch.Tensor) -> bool:
+    """Tell whether an FFT must be computed by torch: on other devices and for gradients."""
     return x.device.type != "cpu" or (x.requires_grad and torch.is_grad_enabled())
 
 
 def _array(x: torch.Tensor) -> NDArray[Any]:
+    """Convert the samples of an FFT from torch to NumPy without a copy if possible."""
     return x.detach().resolve_conj().numpy()
 
 
 def _workers(x: torch.Tensor) -> int:
-    """Threads pay only for large transforms; for small ones they wait for each other."""
-    many = x.numel() > _MANY_SAMPLES and torch.get_num_threads() > 1
+    """Return the number of threads for an FFT: several only for more than 2^20 samples.
+
+    The FFT of fewer samples isn't faster with several threads.
+    """
+    many = x.numel() > (1 << 20) and torch.get_num_threads() > 1
     return (os.cpu_count() or 1) if many else 1
 
 
 def fft_operations(length: int) -> float:
-    """Floating-point operations of one complex FFT, by the usual count."""
+    """Return the number of operations of one complex FFT, by the usual count 5 n log2 n."""
     return 5 * length * math.log2(max(length, 2))

@@ -1,4 +1,4 @@
-"""The two planes of a Fourier integral, and the phase between their samples."""
+"""The geometry of a Fourier transform: its two planes and the phase between their samples."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from optics.plane import Plane, RectilinearGrid
 
 
 def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Compute exp(2 pi i turns), with the phase reduced to within half a turn in float64.
+    """Compute the phasor exp(2 pi i turns), with the phase reduced to half a turn in float64.
 
     Parameters
     ----------
@@ -31,9 +31,9 @@ def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class FourierGeometry:
-    """Two planes of a Fourier integral, and the product of wavelength and distance.
+    """The two planes of a Fourier transform, and the product of wavelength and distance.
 
-    A pupil of unevenly spaced rows and columns has no step: only matrix and gridded transforms
+    A pupil with unevenly spaced rows and columns has no step. Only matrix and gridded transforms
     accept it.
 
     Parameters
@@ -62,23 +62,23 @@ class FourierGeometry:
             )
 
     def step(self, axis: int) -> float:
-        """Compute the turns of phase per pupil sample and image sample, along axis 0 (y) or 1 (x).
+        """Compute the phase in turns per pupil sample and image sample, along axis 0 (y) or 1 (x).
 
         Raises
         ------
         ValueError
-            For a pupil of unevenly spaced rows and columns.
+            For a pupil with unevenly spaced rows and columns.
         """
         if isinstance(self.pupil, RectilinearGrid):
             raise ValueError("a pupil of uneven rows has no step; use the gridded transform")
         return self.pupil.pitch[axis] * self.image.pitch[axis] / self.scale
 
     def pupil_offsets(self, axis: int) -> torch.Tensor:
-        """Positions of the pupil's samples from its centre along an axis, in metres, float64."""
+        """Return the pupil samples' positions from its centre along an axis, in metres, float64."""
         return self.pupil.coordinates(axis) - self.pupil.centre[axis]
 
     def pupil_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
-        """Compute the phase factor over the pupil that an off-centre image needs.
+        """Compute the phase factor over the pupil that shifts the image to its off-axis centre.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class FourierGeometry:
         return unit_phasor(-self.pupil_offsets(axis) * centre / self.scale, dtype)
 
     def image_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
-        """Compute the phase factor over the image that an off-centre pupil leaves.
+        """Compute the phase factor over the image that an off-axis centre of the pupil causes.
 
         Parameters
         ----------

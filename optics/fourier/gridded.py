@@ -1,4 +1,4 @@
-"""FFTs between planes whose pitches don't fit, by gridding: a tolerance instead of a detour."""
+"""Fourier transforms between planes of any pitch by gridding, to a stated error."""
 
 from __future__ import annotations
 
@@ -17,25 +17,27 @@ from optics.fourier.geometry import FourierGeometry
 from optics.fourier.separable import AxisRule, SeparableTransform
 
 _FINER = 2.0
-"""Of the grid that the samples are spread on, over the image samples."""
+"""Oversampling: points of the grid onto which the input is spread, per image sample."""
 
 FINEST_GRIDDING = 1e-13
-"""The smallest error that gridding reaches in double precision."""
+"""The smallest relative error that gridding reaches in double precision."""
 
 
 def spread_width(error: float) -> int:
-    """Grid points that a sample is spread over for a relative error.
+    """Return over how many grid points a gridded FFT spreads each sample for a relative error.
 
-    That of a Kaiser-Bessel kernel is about exp(-pi w sqrt(1 - 1/finer)) (Barnett,
-    Magland and af Klinteberg 2019, 10.1137/18M120885X); one point is to spare.
+    The error of a Kaiser-Bessel kernel of width w is about exp(-pi w sqrt(1 - 1/oversampling))
+    (Barnett, Magland and af Klinteberg 2019, 10.1137/18M120885X). One more point is a margin.
     """
     return math.ceil(-math.log(error) / (math.pi * math.sqrt(1 - 1 / _FINER))) + 1
 
 
 class _GriddedRule(AxisRule):
-    """Spread, FFT, divide by the spectrum of what was spread (Jackson et al. 1991).
+    """A Fourier sum along one axis by gridding (Jackson et al. 1991).
 
-    position: of every sample, in turns from one image sample to the next.
+    The samples are spread onto a finer grid by a Kaiser-Bessel kernel; the FFT of the grid is
+    divided by the spectrum of the kernel. `position` is the phase in turns that each sample adds
+    from one image sample to the next.
     """
 
     def __init__(
@@ -82,11 +84,11 @@ class _GriddedRule(AxisRule):
         return self._apply_matrix(fft(grid, self._length, -2, inverse=True), spread=False)
 
     def _apply_matrix(self, field: torch.Tensor, *, spread: bool) -> torch.Tensor:
-        """The real sparse matrix along the second last dimension, picture by picture."""
+        """Apply the sparse gridding matrix along the second last axis of each picture."""
         lines = torch.view_as_real(field.resolve_conj().contiguous()).flatten(-2)
         pictures = lines.reshape(-1, *lines.shape[-2:])
         parts = [self._product(picture, spread) for picture in pictures]
-        # A copy of a large picture would cost as much as its transform.
+        # Stacking copies, and a copy of a large picture takes as long as its transform.
         done = parts[0] if len(parts) == 1 else torch.stack(parts)
         return torch.view_as_complex(done.reshape(*field.shape[:-2], -1, field.shape[-1], 2))
 
@@ -101,7 +103,7 @@ class _GriddedRule(AxisRule):
 
 
 def _sparse(matrix: Any, device: torch.device) -> torch.Tensor:
-    """A scipy matrix as torch's, for devices that scipy doesn't know."""
+    """Convert the sparse gridding matrix from scipy to torch, for devices other than the CPU."""
     coo = matrix.tocoo()
     index = torch.from_numpy(np.stack(coo.coords).astype(np.int64))
     values = torch.from_numpy(coo.data)
@@ -113,15 +115,15 @@ def _sparse(matrix: Any, device: torch.device) -> torch.Tensor:
 
 
 def grid_length(m: int) -> int:
-    """Of the FFT for m image samples."""
+    """Return the length of the FFT of a gridded transform to m image samples."""
     return scipy.fft.next_fast_len(math.ceil(_FINER * m) + 2)
 
 
 class GriddedTransform(SeparableTransform):
-    """Computes the transform for any pitch and window, to a stated error, by gridding.
+    """Computes the Fourier transform for any pitch and window, to a stated error, by gridding.
 
-    The FFTs are no longer than twice the window. Each axis is a non-uniform FFT. The samples stand
-    in rows and columns, so that spreading them is one sparse matrix for each axis.
+    The FFTs are about twice as long as the image. Each axis is a non-uniform FFT. The samples
+    stand in rows and columns, so that one sparse matrix per axis spreads them.
 
     Parameters
     ----------
@@ -130,12 +132,12 @@ class GriddedTransform(SeparableTransform):
     dtype : torch.dtype
         complex64 or complex128.
     error : float, optional
-        Relative L2 error, of the light that the whole plane receives; 1e-13 to 1.
+        L2 error relative to the light that the whole image plane receives, 1e-13 to 1.
 
     Raises
     ------
     ValueError
-        For another error.
+        For an error outside that range.
 
     References
     ----------
@@ -152,7 +154,7 @@ class GriddedTransform(SeparableTransform):
         self.error = error
 
     def build_axis_rule(self, axis: int) -> AxisRule:
-        """Make the rule along axis 0 (y) or 1 (x)."""
+        """Build the gridding rule of the Fourier transform along axis 0 (y) or 1 (x)."""
         g = self.geometry
         turns = g.pupil_offsets(axis).numpy() * (g.image.pitch[axis] / g.scale)
         return _GriddedRule(turns, g.image.shape[axis], self.error, self.dtype)
@@ -162,13 +164,13 @@ class GriddedTransform(SeparableTransform):
 
     @property
     def bytes(self) -> int:
-        """The size of the largest arrays in bytes."""
+        """The memory in bytes of the largest arrays of the transform."""
         (ny, nx), width = self.geometry.pupil.shape, spread_width(self.error)
         grids = (a * b for a, b in zip(self._grids(), self.lines(), strict=True))
         return self.dtype.itemsize * (2 * max(grids) + 2 * width * (ny + nx))
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
+        """Predict the processor time of one Fourier transform in seconds, for a machine speed."""
         width = spread_width(self.error)
         spread = width * sum(
             n * count for n, count in zip(self.geometry.pupil.shape, self.lines(), strict=True)

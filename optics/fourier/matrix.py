@@ -1,4 +1,4 @@
-"""The matrix Fourier transform: two products with matrices of phases."""
+"""The matrix Fourier transform, which multiplies a field by a matrix of phases along each axis."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from optics.fourier.transform import PlaneTransform
 
 
 class MatrixTransform(PlaneTransform):
-    """Computes the transform by two matrix products; the best method for few image samples.
+    """Computes the Fourier transform by two matrix products, the fastest way to few samples.
 
     It is exact to rounding.
 
@@ -63,13 +63,13 @@ class MatrixTransform(PlaneTransform):
 
     @property
     def bytes(self) -> int:
-        """The size of the largest arrays in bytes."""
+        """The memory in bytes of the largest arrays of the transform."""
         (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
         between = my * nx if self._rows_first else ny * mx
         return self.dtype.itemsize * (my * ny + mx * nx + between + my * mx)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
+        """Predict the processor time of one Fourier transform in seconds, for a machine speed."""
         touched = self.geometry.image.shape[0] * self.geometry.image.shape[1]
         products = 4 * self._products() * speed.multiply_add + touched * speed.touch
         return speed.call + products * self.precision_slowdown(speed)

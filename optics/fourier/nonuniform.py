@@ -1,4 +1,4 @@
-"""From scattered points in the pupil to a regular image, by the non-uniform FFT."""
+"""The non-uniform FFT, from scattered points in the pupil to a regularly sampled image."""
 
 from __future__ import annotations
 
@@ -18,34 +18,33 @@ from optics.plane import Plane
 FINEST_NUFFT = 1e-14
 """The smallest relative error that finufft takes in double precision."""
 
-_FINER, _FINER_OF_FEW = 2.0, 1.25
-_FINEST_OF_FEW = 1e-8
-_BYTES_A_POINT = 72
-"""Positions, values before and after, and finufft's own order of the points."""
+_OVERSAMPLING = 2.0
+"""Samples of finufft's internal grid per image sample along an axis."""
 
 
 class NonuniformTransform(Transform):
     """Computes the Fourier sum over points at arbitrary positions, to a stated error.
 
-    It is finufft's type 1, in double precision: in single precision, the positions alone would cost
-    an error of 1e-4 in a large window. It runs on the CPU; fields on other devices are copied there
-    and back. Fields are (..., points).
+    It uses the type 1 transform of finufft in double precision. In single precision, the rounding
+    of the positions alone would cause an error of 1e-4 in a large window. It runs on the CPU;
+    fields on other devices are copied there and back. Fields are (..., points).
 
     Parameters
     ----------
     y : torch.Tensor
-        Metres, one-dimensional.
+        The points' y positions in metres, one-dimensional.
     x : torch.Tensor
-        Metres, of the same length.
+        The points' x positions in metres, of the same length.
     image : Plane
         Where the field is computed.
     scale : float
         Wavelength times distance in square metres.
     error : float
-        Relative L2 error, of the light that the whole plane receives; at least 1e-8 for few points.
+        L2 error relative to the light that the whole image plane receives; at least 1e-8 with
+        `few_points`.
     few_points : bool, optional
-        Whether there are far fewer points than image samples. Each is then spread over more points
-        of a grid that is less fine.
+        Whether there are far fewer points than image samples. finufft then uses a coarser grid, and
+        spreads each point over more of it.
 
     Raises
     ------
@@ -70,11 +69,11 @@ class NonuniformTransform(Transform):
         *,
         few_points: bool = False,
     ) -> None:
-        if few_points and error < _FINEST_OF_FEW:
-            raise ValueError(f"error is {error:g}; for few points it is {_FINEST_OF_FEW:g} or more")
+        if few_points and error < 1e-8:
+            raise ValueError(f"error is {error:g}; for few points it is 1e-08 or more")
         self.image, self.scale, self.error = image, scale, max(error, FINEST_NUFFT)
         self._y, self._x = y, x
-        self._oversampling = _FINER_OF_FEW if few_points else _FINER
+        self._oversampling = 1.25 if few_points else _OVERSAMPLING
         self._angles = [
             (2 * math.pi * pitch / scale * p.numpy())
             for pitch, p in zip(image.pitch, (y, x), strict=True)
@@ -85,7 +84,7 @@ class NonuniformTransform(Transform):
         self._plans: dict[int, Any] = {}
 
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the positions (y, x) of the points in metres."""
+        """Return the positions (y, x) of the points of the Fourier sum in metres."""
         return self._y, self._x
 
     def _plan(self, kind: int) -> Any:
@@ -129,30 +128,32 @@ class NonuniformTransform(Transform):
 
     @staticmethod
     def width(error: float) -> int:
-        """Compute how many grid points along an axis a point is spread over, for an error."""
+        """Return over how many grid points per axis the non-uniform FFT spreads each point."""
         return max(2, math.ceil(-math.log10(error)) + 1)
 
     @property
     def bytes(self) -> int:
-        """The size of the largest arrays in bytes."""
+        """The memory in bytes of the largest arrays of the transform."""
         return nonuniform_bytes(self._y.numel(), self.image)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
+        """Predict the processor time of one Fourier transform in seconds, for a machine speed."""
         return nonuniform_seconds(self._y.numel(), self.image, self.error, speed)
 
 
 def nonuniform_bytes(points: int, image: Plane) -> int:
-    """What a transform of so many points takes, without making it."""
+    """Predict the memory in bytes of a non-uniform FFT of some points without building it."""
     samples = image.shape[0] * image.shape[1]
-    return _BYTES_A_POINT * points + math.ceil(16 * (_FINER**2 + 2) * samples)
+    # Each point takes 72 bytes: its position, its values before and after, and its place in the
+    # order in which finufft sorts the points.
+    return 72 * points + math.ceil(16 * (_OVERSAMPLING**2 + 2) * samples)
 
 
 def nonuniform_seconds(points: int, image: Plane, error: float, speed: MachineSpeed) -> float:
-    """What a transform of so many points costs, without making it."""
+    """Predict the processor time in seconds of a non-uniform FFT without building it."""
     width = NonuniformTransform.width(error)
-    rows, columns = (math.ceil(_FINER * n) for n in image.shape)
+    rows, columns = (math.ceil(_OVERSAMPLING * n) for n in image.shape)
     transform = rows * fft_operations(columns) + columns * fft_operations(rows)
     spread = points * (speed.point + width**2 * speed.spread)
-    seconds = transform * speed.fft + _FINER * rows * image.shape[1] * speed.touch
+    seconds = transform * speed.fft + _OVERSAMPLING * rows * image.shape[1] * speed.touch
     return speed.call + spread + seconds * speed.double

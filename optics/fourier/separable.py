@@ -1,4 +1,4 @@
-"""Transforms that go along one axis after the other, by the same one-dimensional rule."""
+"""Fourier transforms that apply a one-dimensional rule along one axis after the other."""
 
 from __future__ import annotations
 
@@ -12,26 +12,31 @@ from optics.fourier.transform import PlaneTransform
 
 
 class AxisRule(ABC):
-    """A sum along one axis, from n centred samples to m of them:
+    """Base class of Fourier sums along one axis, from n centred samples to m centred samples:
 
         C[k] = sum over j of f[j] exp(-2 pi i step (j - n // 2) (k - m // 2)).
 
-    Both ways work along the second last dimension of (..., n or m, lines).
+    The sum and its adjoint work along the second last axis, (..., n or m, lines).
     """
 
     @abstractmethod
-    def forward(self, field: torch.Tensor) -> torch.Tensor: ...
+    def forward(self, field: torch.Tensor) -> torch.Tensor:
+        """Compute the Fourier sum, from (..., n, lines) to (..., m, lines)."""
 
     @abstractmethod
-    def adjoint(self, field: torch.Tensor) -> torch.Tensor: ...
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        """Apply the adjoint of the Fourier sum, from (..., m, lines) to (..., n, lines)."""
 
     @abstractmethod
     def to(self, device: torch.device) -> None:
-        """Move what is kept to a device."""
+        """Move the precomputed arrays of the Fourier sum to a device."""
 
 
 class SeparableTransform(PlaneTransform):
-    """Rows, then columns; off-centre planes cost a phase on either side of the rule."""
+    """Base class of Fourier transforms that apply one rule along y, then one along x.
+
+    Planes that are off centre are handled by a phase factor before or after each rule.
+    """
 
     def __init__(self, geometry: FourierGeometry, dtype: torch.dtype) -> None:
         super().__init__(geometry, dtype)
@@ -39,20 +44,23 @@ class SeparableTransform(PlaneTransform):
 
     @cached_property
     def _pupil_phases(self) -> tuple[torch.Tensor | None, ...]:
-        """Phases over the pupil, made at the first call; an offer makes nothing."""
+        """Phase factors over the pupil along y and x for an image that is off centre.
+
+        They are computed at the first call, since many transforms are only asked for their cost.
+        """
         return tuple(self.geometry.pupil_tilt(axis, self.dtype) for axis in (0, 1))
 
     @cached_property
     def _image_phases(self) -> tuple[torch.Tensor | None, ...]:
-        """Phases over the image."""
+        """Phase factors over the image along y and x for a pupil that is off centre."""
         return tuple(self.geometry.image_tilt(axis, self.dtype) for axis in (0, 1))
 
     @abstractmethod
     def build_axis_rule(self, axis: int) -> AxisRule:
-        """The rule along axis 0 (y) or 1 (x); made at the first call, and kept."""
+        """Build the rule of the Fourier transform along axis 0 (y) or 1 (x)."""
 
     def axis_rules(self, device: torch.device) -> tuple[AxisRule, AxisRule]:
-        """The rules along y and x, made once, on a device."""
+        """Return the Fourier sums along y and x on a device; they are built at the first call."""
         if self._rules is None:
             self._rules = (self.build_axis_rule(0), self.build_axis_rule(1))
         for rule in self._rules:
@@ -60,7 +68,7 @@ class SeparableTransform(PlaneTransform):
         return self._rules
 
     def _forward_axis(self, field: torch.Tensor, axis: int, rule: AxisRule) -> torch.Tensor:
-        """Along the second last dimension, which is that of `axis`."""
+        """Transform a field along its second last dimension, which belongs to `axis`."""
         before, after = self._pupil_phases[axis], self._image_phases[axis]
         if before is not None:
             field = field * before.to(field.device)[:, None]
@@ -85,5 +93,5 @@ class SeparableTransform(PlaneTransform):
         )
 
     def lines(self) -> tuple[int, int]:
-        """How often the rule of each axis is applied."""
+        """Return how many lines of samples the Fourier transform has along y and along x."""
         return self.geometry.pupil.shape[1], self.geometry.image.shape[0]

@@ -1,4 +1,4 @@
-"""The contract of all Fourier transforms between two planes, and their derivatives."""
+"""The base class of all Fourier transforms between two planes, and their derivatives."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from optics.fourier.geometry import FourierGeometry
 from optics.plane import Plane, RectilinearGrid
 
 RETAINED_BYTES = 32 << 20
-"""What allocators keep for the next call, and caches hold."""
+"""Bytes that an allocator keeps for the next call and that caches hold, so that they cost no
+time."""
 
 
 class Transform(CandidateMethod):
@@ -53,15 +54,15 @@ class Transform(CandidateMethod):
 
     @abstractmethod
     def _forward(self, field: torch.Tensor) -> torch.Tensor:
-        """The map itself, without derivatives."""
+        """Apply the Fourier transform to a field, without derivatives."""
 
     @abstractmethod
     def _adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Its conjugate transpose, without derivatives."""
+        """Apply the conjugate transpose of the Fourier transform, without derivatives."""
 
     @abstractmethod
     def _require_samples(self, field: torch.Tensor) -> None:
-        """Raise ValueError for a field whose samples aren't those of the pupil."""
+        """Raise ValueError if the samples of a field aren't those of the pupil."""
 
     @abstractmethod
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
@@ -80,11 +81,12 @@ class Transform(CandidateMethod):
         field : torch.Tensor
             (..., *pupil samples).
         stretch : torch.Tensor, optional
-            0-d, of value 1. The derivatives with respect to it and to `shift` are those of F(u, v)
-            = sum of f(y, x) exp(-2 pi i stretch (y (u + shift_y) + x (v + shift_x)) / scale), from
-            which those of wavelength, distance, focal length and position follow.
+            A 0-d tensor of value 1, given for its derivative only. The derivatives with respect to
+            it and to `shift` are those of F(u, v) = sum of f(y, x)
+            exp(-2 pi i stretch (y (u + shift_y) + x (v + shift_x)) / scale). The derivatives with
+            respect to wavelength, distance, focal length and position follow from them.
         shift : tuple of torch.Tensor, optional
-            Two 0-d tensors (y, x), of value 0.
+            Two 0-d tensors (y, x) of value 0, given for their derivatives only.
 
         Returns
         -------
@@ -106,23 +108,27 @@ class Transform(CandidateMethod):
         return apply_function(_Forward, self, field, one, y, x)
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose, from (..., rows, columns) back to the pupil's samples."""
+        """Apply the conjugate transpose of the transform, from the image back to the pupil."""
         _require_shape(self.image, field)
         return apply_linear_map(self._adjoint, self._forward, field.to(self.dtype))
 
 
 def _needs_gradient(field: torch.Tensor) -> bool:
+    """Tell whether a Fourier transform of a field must record derivatives."""
     return field.requires_grad and torch.is_grad_enabled()
 
 
 def apply_function(function: Any, *arguments: Any) -> torch.Tensor:
-    """A torch function of one answer, whose `apply` has no types."""
+    """Call a torch autograd function with one result; its `apply` has no type annotations."""
     answer: torch.Tensor = function.apply(*arguments)
     return answer
 
 
 class _Forward(torch.autograd.Function):
-    """The derivative of a transform is its adjoint; no library's autograd is in the way."""
+    """The autograd function of a Fourier transform, whose derivative is the adjoint transform.
+
+    With an explicit derivative, transforms may use libraries that have no autograd.
+    """
 
     @staticmethod
     def forward(
@@ -161,13 +167,15 @@ def apply_linear_map(
     adjoint: Callable[[torch.Tensor], torch.Tensor],
     field: torch.Tensor,
 ) -> torch.Tensor:
-    """forward(field) of a linear map, whose derivative is its adjoint."""
+    """Apply a linear map such as a Fourier transform, with its adjoint as the derivative."""
     if not _needs_gradient(field):
         return forward(field.detach())
     return apply_function(_Linear, forward, adjoint, field)
 
 
 class _Linear(torch.autograd.Function):
+    """The autograd function of a linear map, whose derivative is its adjoint."""
+
     @staticmethod
     def forward(ctx: Any, forward: Any, adjoint: Any, field: torch.Tensor) -> Any:
         ctx.adjoint, ctx.dtype = adjoint, field.dtype
@@ -182,7 +190,11 @@ class _Linear(torch.autograd.Function):
 def _position_gradient(
     transform: Transform, field: torch.Tensor, position: torch.Tensor, gradient: torch.Tensor
 ) -> torch.Tensor:
-    """What a move of the image along an axis changes, weighed by the gradient, for each sample."""
+    """Compute the derivative of a loss with respect to a shift of the image, for each sample.
+
+    `position` holds the pupil coordinates along the axis of the shift, and `gradient` is the
+    gradient of the loss with respect to the transform.
+    """
     moved = transform._forward((field * position).to(transform.dtype))
     turned = (-2j * math.pi / transform.scale) * moved.to(torch.complex128)
     change = (gradient.to(torch.complex128).conj() * turned).real
@@ -190,7 +202,7 @@ def _position_gradient(
 
 
 class PlaneTransform(Transform):
-    """A transform from a pupil that is sampled on a plane."""
+    """Base class of Fourier transforms from a pupil that is sampled on a grid."""
 
     def __init__(self, geometry: FourierGeometry, dtype: torch.dtype) -> None:
         self.geometry, self.dtype = geometry, dtype
@@ -203,14 +215,15 @@ class PlaneTransform(Transform):
         _require_shape(self.geometry.pupil, field)
 
     def allocation_seconds(self, speed: MachineSpeed) -> float:
-        """Seconds for memory that is taken anew at every call."""
+        """Predict the seconds that a transform spends on memory allocated anew at each call."""
         return max(self.bytes - RETAINED_BYTES, 0) * speed.fresh
 
     def precision_slowdown(self, speed: MachineSpeed) -> float:
-        """How much longer than in single precision an operation takes."""
+        """Return the time of one operation of the transform relative to single precision."""
         return speed.double if self.dtype == torch.complex128 else 1.0
 
 
 def _require_shape(plane: Plane | RectilinearGrid, field: torch.Tensor) -> None:
+    """Raise ValueError if a field's last axes aren't the samples of a plane."""
     if field.shape[-2:] != plane.shape:
         raise ValueError(f"field is {tuple(field.shape)}; its plane has {plane.shape} samples")

@@ -1,4 +1,4 @@
-"""Every transform that serves between two planes, and the cheapest of them."""
+"""The list of Fourier transforms that are valid between two planes, and the choice among them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from optics.plane import Plane
 def valid_transforms(
     geometry: FourierGeometry, dtype: torch.dtype, error: float = 0.0
 ) -> list[PlaneTransform]:
-    """List all transforms that are valid for a geometry.
+    """List all Fourier transforms that are valid for a geometry of two planes.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def valid_transforms(
     Returns
     -------
     list of Transform
-        The transforms. None of them has made anything large yet.
+        The transforms. They allocate their large arrays only when they are called.
     """
     found: list[PlaneTransform] = [MatrixTransform(geometry, dtype)]
     if isinstance(geometry.pupil, Plane):
@@ -50,7 +50,7 @@ def plan_transform(
     method: str | None = None,
     error: float = 0.0,
 ) -> PlaneTransform:
-    """Choose the cheapest valid transform for a geometry, or the named one.
+    """Choose the cheapest valid Fourier transform for a geometry, or the named one.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ def plan_transform(
     Raises
     ------
     ToleranceError
-        If none fits in memory.
+        If no transform fits in memory.
     ValueError
-        If the named one isn't valid for the geometry.
+        If the named transform isn't valid for the geometry.
     """
     what = f"a transform from {geometry.pupil.shape} to {geometry.image.shape} samples"
     valid = {one.name: one for one in valid_transforms(geometry, dtype, error)}

@@ -1,4 +1,4 @@
-"""Forward operators of inverse problems: from what is looked for to what was measured."""
+"""Linear forward operators of inverse problems, which map an unknown scene to what is measured."""
 
 from optics.operators.base import Operator
 from optics.operators.blur import Blur, blur_operator, blur_shape

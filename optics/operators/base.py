@@ -1,4 +1,4 @@
-"""The contract of all forward operators."""
+"""The base class of all forward operators, which defines their interface."""
 
 from __future__ import annotations
 
@@ -11,9 +11,6 @@ from optics.operators.gram import GramOperator
 from optics.validation import accepts_numpy
 
 Shape = tuple[int, ...]
-
-_POWER_STEPS = 100
-_CONVERGENCE_TOL = 1e-4
 
 
 class Operator(ABC):
@@ -43,50 +40,51 @@ class Operator(ABC):
     @property
     @abstractmethod
     def bytes(self) -> int:
-        """The bytes that one call takes besides its input and its output."""
+        """The memory in bytes that one call of the operator needs besides input and output."""
 
     @property
     def gram(self) -> GramOperator | None:
-        """The operator A^T A where some basis makes it diagonal, else None."""
+        """The operator A^T A if it has a simple closed form (see GramOperator), else None."""
         return None
 
     @accepts_numpy
     def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        """Apply the operator: A x."""
+        """Apply the forward operator A to `x`."""
         _require_shape("x", x, self.domain)
         return self._forward(x)
 
     @accepts_numpy
     def adjoint(self, y: torch.Tensor) -> torch.Tensor:
-        """Apply the transpose: A^T y, so that <A x, y> = <x, A^T y>."""
+        """Apply the transpose A^T of the forward operator to `y`; <A x, y> = <x, A^T y>."""
         _require_shape("y", y, self.codomain)
         return self._adjoint(y)
 
     def norm(self) -> float:
-        """Compute the operator norm, the largest |A x| of |x| = 1.
+        """Compute the operator norm, the largest |A x| over all x with |x| = 1.
 
-        It is exact where A^T A is known as a GramOperator. Otherwise it is by power iteration,
-        which approaches the norm from below.
+        It is exact where A^T A is known as a GramOperator. Otherwise a power iteration approaches
+        the norm from below.
         """
         gram = self.gram
         return math.sqrt(gram.largest_eigenvalue) if gram else self._norm_by_power()
 
     def _norm_by_power(self) -> float:
+        """Approximate the operator norm from below by at most 100 steps of power iteration."""
         x = torch.rand(self.domain, generator=torch.Generator().manual_seed(0)) + 0.5
         found = 0.0
-        for _ in range(_POWER_STEPS):
+        for _ in range(100):
             length = float(torch.linalg.vector_norm(x))
             if length == 0:
                 return 0.0
             x = self._adjoint(self._forward(x / length))
             before, found = found, math.sqrt(float(torch.linalg.vector_norm(x)))
-            if abs(found - before) <= _CONVERGENCE_TOL * found:
+            if abs(found - before) <= 1e-4 * found:
                 break
         return found
 
     @property
     def T(self) -> Operator:
-        """The transpose as an operator of its own."""
+        """The transpose A^T as a forward operator of its own."""
         return _Transpose(self)
 
     def __matmul__(self, first: Operator) -> Operator:
@@ -101,7 +99,7 @@ class Operator(ABC):
 
 
 class _Transpose(Operator):
-    """The adjoint of another operator."""
+    """The transpose of another forward operator."""
 
     def __init__(self, of: Operator) -> None:
         self._of = of
@@ -126,5 +124,6 @@ class _Transpose(Operator):
 
 
 def _require_shape(name: str, array: torch.Tensor, shape: Shape) -> None:
+    """Raise ValueError if an array's last axes don't fit a forward operator."""
     if tuple(array.shape[-len(shape) :]) != shape:
         raise ValueError(f"{name} is {tuple(array.shape)}; its last axes must be {shape}")

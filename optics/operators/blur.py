@@ -1,4 +1,4 @@
-"""A picture's light spread by the same PSF everywhere."""
+"""The forward operator of a blur by a PSF that is the same everywhere in the picture."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Blur(Operator):
     Parameters
     ----------
     psf : torch.Tensor or numpy.ndarray
-        (..., rows, columns), with the origin at n // 2 and a PSF for each band in the axes before.
-        A PSF larger than the picture is wrapped around it.
+        (..., rows, columns), with the origin at n // 2. Leading axes hold one PSF per band. A PSF
+        larger than the picture is wrapped around it.
     shape : sequence of int
         The picture's (rows, columns).
 
@@ -36,7 +36,7 @@ class Blur(Operator):
     shape : tuple of int
         The picture's (rows, columns).
     transfer : torch.Tensor
-        The PSF's rfft2 on that shape, complex.
+        The rfft2 of the PSF on that shape, complex.
 
     Raises
     ------
@@ -60,28 +60,29 @@ class Blur(Operator):
 
     @property
     def bytes(self) -> int:
-        """The bytes that one call takes besides its input and its output."""
+        """The memory in bytes that one call of the blur needs besides input and output."""
         return 3 * self.transfer.nelement() * self.transfer.element_size()
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A, diagonal in frequencies."""
+        """The operator A^T A of the blur, which is diagonal in spatial frequency."""
         power = self.transfer.real.square() + self.transfer.imag.square()
         return GramOperator("frequencies", power, self.shape)
 
 
 @accepts_numpy
 def transfer_function(psf: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """The rfft2 of a PSF whose origin is at n // 2, on a period of `shape`.
+    """Compute the transfer function of a PSF with its origin at n // 2, its rfft2 on `shape`.
 
-    Rows that the PSF doesn't have are never transformed: of a small one that saves nearly half.
+    The zero rows around the PSF aren't transformed. For a small PSF this saves nearly half of the
+    time.
     """
     across = rfft(_wrap_axis(psf, -1, int(shape[1])))
     return fft(_wrap_axis(across, -2, int(shape[0])), int(shape[0]), -2, overwrite=True)
 
 
 def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
-    """The sum of all that falls on the same place of a period, origin in the corner."""
+    """Wrap a PSF around a period along one axis and move its origin from n // 2 to index 0."""
     length = psf.shape[dim]
     place = (torch.arange(length, device=psf.device) - length // 2) % period
     sizes = list(psf.shape)
@@ -90,9 +91,9 @@ def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
 
 
 def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
-    """Compute the period on which a frame gets no light from its opposite side.
+    """Compute the shape of the period on which a periodic blur of a frame doesn't wrap around.
 
-    It is a size for which FFTs are fast, and which holds the frame and half a PSF on every side.
+    The period holds the frame and half a PSF on every side, and its FFTs are fast.
 
     Parameters
     ----------
@@ -113,14 +114,14 @@ def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
 
 
 def require_border(border: str) -> None:
-    """Raise ValueError for the name of no border."""
+    """Raise ValueError unless `border` names a border of the blur, one of BORDERS."""
     if border not in BORDERS:
         raise ValueError(f"border is {border!r}; take one of {', '.join(BORDERS)}")
 
 
 @accepts_numpy
 def blur_operator(psf: torch.Tensor, frame: Sequence[int], border: Border) -> Operator:
-    """Build the operator from the scene to a frame that a PSF blurs.
+    """Build the forward operator that blurs a scene by a PSF and crops it to the frame.
 
     Parameters
     ----------
@@ -129,13 +130,14 @@ def blur_operator(psf: torch.Tensor, frame: Sequence[int], border: Border) -> Op
     frame : sequence of int
         The frame's (rows, columns).
     border : {"unknown", "dark", "periodic"}
-        "unknown": the scene continues beyond the frame and is estimated there too, on
-        `blur_shape`. "dark": there is no light beyond the frame. "periodic": as for Blur.
+        "unknown": the scene continues beyond the frame, and the operator's domain is the period
+        given by `blur_shape`. "dark": there is no light beyond the frame. "periodic": opposite
+        edges of the frame are neighbours, as for Blur.
 
     Returns
     -------
     Operator
-        From the scene, (..., rows, columns), to the frame.
+        The map from the scene, (..., rows, columns), to the frame.
 
     Raises
     ------

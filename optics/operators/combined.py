@@ -1,4 +1,4 @@
-"""Operators one after the other, and added."""
+"""Products and sums of forward operators."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from optics.operators.base import Operator
 
 
 class OperatorProduct(Operator):
-    """Several operators applied one after the other.
+    """The product of several forward operators, which are applied one after the other.
 
     Parameters
     ----------
     *steps : Operator
-        In the order in which light meets them, at least one.
+        One or more operators, in the order in which they are applied.
 
     Raises
     ------
     ValueError
-        If there is none, or if one's codomain isn't the next one's domain.
+        If no operator is given, or if the codomain of one isn't the domain of the next.
     """
 
     def __init__(self, *steps: Operator) -> None:
@@ -47,22 +47,22 @@ class OperatorProduct(Operator):
 
     @property
     def bytes(self) -> int:
-        """The bytes that the largest step takes."""
+        """The memory in bytes of the operator in the product that needs most."""
         return max(step.bytes for step in self.steps)
 
 
 class OperatorSum(Operator):
-    """The sum of several operators.
+    """The sum of several forward operators.
 
     Parameters
     ----------
     *parts : Operator
-        Operators of the same domain and codomain, at least one.
+        One or more operators with the same domain and codomain.
 
     Raises
     ------
     ValueError
-        If there is none, or if their shapes differ.
+        If no operator is given, or if their shapes differ.
     """
 
     def __init__(self, *parts: Operator) -> None:
@@ -82,5 +82,5 @@ class OperatorSum(Operator):
 
     @property
     def bytes(self) -> int:
-        """The bytes that the largest part takes."""
+        """The memory in bytes of the operator in the sum that needs most."""
         return max(part.bytes for part in self.parts)

@@ -1,4 +1,4 @@
-"""Operators that take pixels as they are: a window, a mask."""
+"""Forward operators that act on single pixels: a crop and a mask."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from optics.validation import accepts_numpy, require_finite
 
 
 class CentredCrop(Operator):
-    """Crops the middle of a larger picture: what a frame shows of the scene.
+    """Crops the middle of a larger picture, as a frame shows only part of the scene.
 
-    Its transpose surrounds a picture by darkness.
+    The transpose pads a picture with zeros.
 
     Parameters
     ----------
     whole : sequence of int
         (rows, columns) of the larger picture.
     shape : sequence of int
-        (rows, columns) of the middle, no larger than `whole`.
+        (rows, columns) of the crop, no larger than `whole`.
     bands : sequence of int, optional
         Lengths of the axes before rows and columns; none by default.
 
@@ -49,24 +49,24 @@ class CentredCrop(Operator):
 
     @property
     def bytes(self) -> int:
-        """The bytes that one call takes besides its input and its output."""
+        """The memory in bytes that one call of the crop needs besides input and output: none."""
         return 0
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A, diagonal in pixels."""
+        """The operator A^T A of the crop, which is diagonal in pixels."""
         inside = centred_pad(torch.ones(self._shape), self._whole)
         return GramOperator("pixels", inside, (self._whole[0], self._whole[1]))
 
 
 class Mask(Operator):
-    """Multiplies each pixel by a weight.
+    """Multiplies each pixel of a picture by a weight.
 
     Parameters
     ----------
     weights : torch.Tensor or numpy.ndarray
-        (rows, columns), or with bands before, finite: 0 where a pixel is dead or clipped, else 1;
-        or a share of the light.
+        (rows, columns), or (bands, rows, columns), finite. For example 0 where a pixel is dead or
+        clipped and 1 elsewhere, or the share of the light that each pixel gets.
 
     Raises
     ------
@@ -88,10 +88,10 @@ class Mask(Operator):
 
     @property
     def bytes(self) -> int:
-        """The bytes that one call takes besides its input and its output."""
+        """The memory in bytes that one call of the mask needs besides input and output: none."""
         return 0
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A, diagonal in pixels."""
+        """The operator A^T A of the mask, which is diagonal in pixels."""
         return GramOperator("pixels", self.weights.square(), (self.domain[-2], self.domain[-1]))

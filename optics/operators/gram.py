@@ -1,4 +1,4 @@
-"""A^T A of an operator, where something makes it diagonal."""
+"""The operator A^T A of a forward operator A, in the cases that have a closed form."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ Domain = Literal["pixels", "frequencies", "bands"]
 
 @dataclass(frozen=True, eq=False)
 class GramOperator:
-    """The operator A^T A of a forward operator A, where some basis makes it diagonal.
+    """The operator A^T A of a forward operator A, where it is diagonal or an outer product.
 
     Parameters
     ----------
     domain : {"pixels", "frequencies", "bands"}
-        "pixels": each pixel is multiplied by its weight. "frequencies": the same for a picture's
-        rfft2. "bands": at each pixel, the outer product of its weights with themselves.
+        "pixels": each pixel is multiplied by its weight. "frequencies": each coefficient of the
+        picture's rfft2 is multiplied by its weight. "bands": at each pixel, the bands are
+        multiplied by the outer product of the pixel's weights with themselves.
     weights : torch.Tensor
-        The weights, (..., rows, columns) of pixels or of frequencies; (bands, rows, columns) for
-        "bands".
+        The weights: (..., rows, columns) for "pixels", (..., rows, columns // 2 + 1) for
+        "frequencies", (bands, rows, columns) for "bands".
     shape : tuple of int
         The picture's (rows, columns).
     """
@@ -40,10 +41,11 @@ class GramOperator:
 
     @property
     def _squares(self) -> torch.Tensor:
+        """The sum over the bands of the squared weights of each pixel."""
         return self.weights.square().sum(-3)
 
     def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        """Apply the operator: A^T A x."""
+        """Apply the operator A^T A to `x`."""
         if self.domain == "frequencies":
             return irfft2(rfft2(x) * self.weights, self.shape)
         if self.domain == "pixels":
@@ -51,7 +53,7 @@ class GramOperator:
         return self.weights * (self.weights * x).sum(-3, keepdim=True)
 
     def solve_shifted(self, y: torch.Tensor, shift: float) -> torch.Tensor:
-        """Solve (A^T A + shift) x = y for x.
+        """Solve (A^T A + shift) x = y for x, with A a forward operator.
 
         Parameters
         ----------
@@ -63,12 +65,12 @@ class GramOperator:
         Returns
         -------
         torch.Tensor
-            x.
+            The solution x.
 
         Raises
         ------
         ValueError
-            Unless `shift` is positive.
+            If `shift` isn't positive.
         """
         if not shift > 0:
             raise ValueError(f"shift is {shift:g}; it must be positive for an inverse to exist")
@@ -76,6 +78,6 @@ class GramOperator:
             return irfft2(rfft2(y) / (self.weights + shift), self.shape)
         if self.domain == "pixels":
             return y / (self.weights + shift)
-        # Sherman and Morrison's formula.
+        # The Sherman-Morrison formula inverts an outer product plus a multiple of the identity.
         along = (self.weights * y).sum(-3, keepdim=True)
         return (y - self.weights * along / (self._squares + shift)[..., None, :, :]) / shift

@@ -1,4 +1,4 @@
-"""Surfaces at several depths, of which each hides what lies behind it."""
+"""The forward operator of a blurred scene with surfaces at several depths that hide each other."""
 
 from __future__ import annotations
 
@@ -12,37 +12,38 @@ from optics.validation import accepts_numpy, as_floating_point
 
 
 class OccludingBlur(Operator):
-    """The blurred light of surfaces at several depths, each of which hides what lies behind it.
+    """Blurs surfaces at several depths, each of which hides what lies behind it, and adds them.
 
-    y = sum_k t_k (h_k * (a_k x_k)), where x is (surfaces, rows, columns) and h_k the PSF of surface
-    k. Each surface continues behind those that hide it, with the coverage a_k = sum of visibility_j
-    up to k. Each transmits 1 - h * a, so that t_k is the product of those in front.
+    y = sum_k t_k (h_k * (a_k x_k)), where x is (surfaces, rows, columns) and h_k is the PSF of
+    surface k. Each surface continues behind those that hide it, with the coverage a_k = sum of
+    visibility_j over j up to k. Surface j transmits 1 - h_j * a_j, and t_k is the product of the
+    transmissions of all surfaces in front of k.
 
-    What is hidden is hidden from all rays of a pixel alike. That is exact where what lies behind is
-    in focus (Hasinoff and Kutulakos 2007). Too much light gets past an edge where both surfaces are
-    out of focus in the same way.
+    The model assumes that a hidden point is hidden from all rays of a pixel alike. This is exact
+    where the surface behind is in focus (Hasinoff and Kutulakos 2007). Where both surfaces are out
+    of focus in the same way, the model lets too much light past the edge.
 
     Parameters
     ----------
     psfs : torch.Tensor or numpy.ndarray
-        (surfaces, rows, columns), with the origin at n // 2, from the nearest surface on.
+        (surfaces, rows, columns), with the origin at n // 2; the nearest surface comes first.
     visibility : torch.Tensor or numpy.ndarray
-        (surfaces, rows, columns): the share of each place at which each surface is seen. The shares
-        add up to 1.
+        (surfaces, rows, columns): the share of each pixel in which each surface is seen. The
+        shares of a pixel add up to 1.
 
     Attributes
     ----------
     transfers : torch.Tensor
-        The PSFs' rfft2.
+        The rfft2 of the PSFs.
     coverage : torch.Tensor
-        a_k, (surfaces, rows, columns).
+        Coverage a_k of each surface, (surfaces, rows, columns).
     transmission : torch.Tensor
-        t_k, (surfaces, rows, columns).
+        Transmission t_k of all that lies in front of each surface, (surfaces, rows, columns).
 
     Raises
     ------
     ValueError
-        Unless there are as many PSFs as surfaces, all finite.
+        If the numbers of PSFs and surfaces differ, or if a value isn't finite.
 
     References
     ----------
@@ -73,5 +74,5 @@ class OccludingBlur(Operator):
 
     @property
     def bytes(self) -> int:
-        """The bytes that one call takes besides its input and its output."""
+        """The memory in bytes that one call of the blur needs besides input and output."""
         return 3 * self.transfers.nelement() * self.transfers.element_size()

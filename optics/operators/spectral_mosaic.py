@@ -1,4 +1,4 @@
-"""A scene's bands seen through a mosaic of colour filters."""
+"""The forward operator of a sensor that sees a scene's bands through a mosaic of colour filters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from optics.validation import accepts_numpy, as_floating_point, require_finite
 
 
 class SpectralMosaic(Operator):
-    """One value at each pixel from all spectral bands, y = sum_n S_n x_n.
+    """Adds all spectral bands to one value at each pixel of a sensor, y = sum_n S_n x_n.
 
     Parameters
     ----------
@@ -47,12 +47,12 @@ class SpectralMosaic(Operator):
 
     @property
     def bytes(self) -> int:
-        """The bytes that one call takes besides its input and its output."""
+        """The memory in bytes that one call of the mosaic needs besides input and output."""
         return self.weights.nelement() * self.weights.element_size()
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A, an outer product over the bands at each pixel."""
+        """The operator A^T A of the mosaic, at each pixel an outer product over the bands."""
         return GramOperator("bands", self.weights, (self.domain[-2], self.domain[-1]))
 
 
@@ -60,14 +60,14 @@ class SpectralMosaic(Operator):
 def filter_weights(
     pattern: Sequence[str], response: torch.Tensor, channels: str, shape: Sequence[int]
 ) -> torch.Tensor:
-    """Compute the weights of a pattern of colour filters that repeats from the first pixel on.
+    """Compute the weights of a mosaic of colour filters that repeats from the first pixel on.
 
     Parameters
     ----------
     pattern : sequence of str
         Rows of one letter for each pixel, such as ("RG", "GB").
     response : torch.Tensor or numpy.ndarray
-        (channels, bands): what each letter's filter transmits of each band.
+        (channels, bands): the share of each band that each letter's filter transmits.
     channels : str
         The letters, in the order of `response`.
     shape : sequence of int

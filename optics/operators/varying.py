@@ -1,4 +1,4 @@
-"""A picture's light spread by PSFs that differ from place to place."""
+"""The forward operator of a blur by PSFs that vary over the picture."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from optics.validation import accepts_numpy, as_floating_point, require_finite
 
 
 class VaryingBlur(Operator):
-    """The sum of pictures that are each weighted, then blurred by a PSF: y = sum_k h_k * (w_k x).
+    """Blurs a picture by PSFs that vary over it: y = sum_k h_k * (w_k x).
 
     Parameters
     ----------
     psfs : torch.Tensor or numpy.ndarray
         (PSFs, rows, columns), with the origin at n // 2.
     weights : torch.Tensor or numpy.ndarray
-        (PSFs, rows, columns) of the picture: the share of each place's light that each PSF spreads.
-        Where they add up to 1, a place's PSF is the mixture of them. See `field_weights` for fields
-        and `layer_weights` for depths.
+        (PSFs, rows, columns): the share of each pixel's light that each PSF spreads. Where the
+        weights of a pixel add up to 1, its PSF is the weighted mean of all PSFs. See
+        `field_weights` for PSFs that vary over the field and `layer_weights` for depth layers.
 
     Raises
     ------
     ValueError
-        Unless there are as many PSFs as weights, all finite.
+        If the numbers of PSFs and weights differ, or if a value isn't finite.
     """
 
     @accepts_numpy
@@ -48,13 +48,15 @@ class VaryingBlur(Operator):
 
     @property
     def bytes(self) -> int:
-        """The bytes that one call takes besides its input and its output."""
+        """The memory in bytes that one call of the blur needs besides input and output."""
         return 3 * self.transfers.nelement() * self.transfers.element_size()
 
 
 def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, each: str) -> None:
-    """Raise ValueError unless there is a finite picture for each finite PSF. each: what they are
-    of, in a word."""
+    """Raise ValueError unless there are as many pictures as PSFs, all of them finite.
+
+    `name` names the pictures in the message, and `each` says what they stand for, in the plural.
+    """
     require_finite("psfs", psfs)
     require_finite(name, shares)
     if psfs.ndim != 3 or shares.ndim != 3 or len(psfs) != len(shares):
@@ -67,7 +69,7 @@ def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, e
 def field_weights(
     shape: Sequence[int], rows: Sequence[float], columns: Sequence[float]
 ) -> torch.Tensor:
-    """Compute bilinear weights of PSFs that are known on a grid of places.
+    """Compute bilinear interpolation weights of PSFs that are known on a grid of positions.
 
     Parameters
     ----------
@@ -76,18 +78,19 @@ def field_weights(
     rows : sequence of float
         The grid's row positions in pixels, increasing.
     columns : sequence of float
-        The grid's column positions in pixels, increasing. Beyond the outermost places their PSFs
-        continue.
+        The grid's column positions in pixels, increasing. Pixels beyond the outermost positions
+        take the PSFs of the nearest ones.
 
     Returns
     -------
     torch.Tensor
-        (PSFs, *shape), row by row of the grid; the weights of each pixel add up to 1.
+        (PSFs, *shape), with the PSFs in the order of the grid's rows. The weights of each pixel
+        add up to 1.
 
     Raises
     ------
     ValueError
-        For places that don't increase.
+        For positions that don't increase.
     """
     down, along = (
         _hat_functions(int(shape[0]), "rows", rows),
@@ -99,7 +102,10 @@ def field_weights(
 
 
 def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
-    """(places, n): each 1 at its own place, and straight to 0 at its neighbours'."""
+    """Compute the linear interpolation weights of n pixels between knots, (places, n).
+
+    Each row is 1 at its own knot and falls linearly to 0 at the neighbouring knots.
+    """
     knots = torch.as_tensor(list(places), dtype=torch.float64)
     if not len(knots) or not bool((knots.diff() > 0).all()):
         raise ValueError(f"{name} are {list(places)}; give places that increase")
@@ -117,19 +123,19 @@ def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
 
 @accepts_numpy
 def layer_weights(layers: torch.Tensor, count: int) -> torch.Tensor:
-    """Compute the weights of a map that says which layer is seen at each pixel.
+    """Convert a map of depth layers, one number per pixel, to weights for a VaryingBlur.
 
     Parameters
     ----------
     layers : torch.Tensor or numpy.ndarray
-        (rows, columns) of whole numbers from 0.
+        The number of the layer that each pixel shows, (rows, columns), whole numbers from 0.
     count : int
         The number of layers.
 
     Returns
     -------
     torch.Tensor or numpy.ndarray
-        (count, rows, columns), 1 where it is that layer, else 0.
+        (count, rows, columns), 1 where a pixel shows the layer, else 0.
 
     Raises
     ------

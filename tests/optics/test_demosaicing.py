@@ -18,7 +18,7 @@ from optics.demosaicing.colour_prior import (
     _second_differences_adjoint,
     helmert_matrix,
 )
-from optics.demosaicing.joint_demosaicing import _BRIGHTNESS, _Splitting
+from optics.demosaicing.joint_demosaicing import _SETTINGS, _Splitting
 from optics.demosaicing.mosaic_observation import MosaicObservation
 from optics.demosaicing.noise import estimate_mosaic_noise
 from optics.operators import Blur, SpectralMosaic
@@ -185,7 +185,7 @@ def test_splitting_ends_at_the_least_of_its_objective(blurs):
         left = camera(problem.crop_to_frame(spread(x))) - raw / problem.filter_gain
         turned = torch.tensordot(helmert_matrix(3), x, 1)
         second = _second_differences(turned).square().sum(0)
-        bends = _BRIGHTNESS * second[0].sqrt() + second[1:].sum(0).sqrt()
+        bends = _SETTINGS.brightness * second[0].sqrt() + second[1:].sum(0).sqrt()
         return float((left**2).sum() / 2 + weight * bends.sum())
 
     least = objective(x)

@@ -1,4 +1,4 @@
-"""Undoing a blur that nobody knows: the kernel, how surely, and the picture without it."""
+"""Blind deconvolution, which estimates an unknown blur kernel and restores the photograph."""
 
 from optics.deconvolution.blind.estimate import blind_deconvolution, find_kernel
 from optics.deconvolution.blind.kernel_estimate import BlindRestoration, KernelEstimate

@@ -1,8 +1,9 @@
-"""The blur of a photograph from the photograph alone."""
+"""Blind estimation of a photograph's blur kernel, and blind deconvolution with it."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import partial
 
 import torch
@@ -26,26 +27,48 @@ from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import accepts_numpy, as_floating_point, require_finite, require_same_shape
 
-_SLACK = 1.15
-"""Of the size, in which a kernel is looked for, so that it may wander."""
 
-_SPECK_PEAK_SHARE, _SPECK_LIGHT_SHARE = 0.02, 0.02
-"""Of the peak, and of the light: what is taken for a speck of the kernel."""
+@dataclass(frozen=True)
+class BlindEstimateSettings:
+    """Tune the blind estimation of a blur kernel.
 
-_LEAST_FRAME = 3
-"""Sides of the photograph over the kernel's."""
+    All values are chosen.
 
-_START_COUNT, _REFINEMENT_ROUNDS = 2, 10
-"""Starts from which a kernel is found; rounds for a part of the photograph, from the kernel on."""
+    Attributes
+    ----------
+    size_slack : float
+        Side of the window in which a kernel is estimated, relative to the requested size, so that
+        the kernel may shift.
+    speck_peak_share : float
+        Pixels of the kernel below this share of its peak are set to 0.
+    speck_light_share : float
+        Connected parts of the kernel with less than this share of its light are removed.
+    min_frame_sides : int
+        Smallest side of the photograph, relative to the kernel's.
+    start_count : int
+        Number of starts from which a kernel is refined.
+    refinement_rounds : int
+        Rounds of the refinement for a part of the photograph.
+    min_improvement : float
+        Factor by which the mean of two kernels must lower the unnaturalness to be used.
+    min_contrast_to_noise : float
+        Smallest standard deviation of the photograph, relative to that of the noise.
+    max_clipped_share : float
+        Largest share of clipped pixels.
+    """
 
-_MEAN = 1.01
-"""Of its strangeness: by less than this the mean of two kernels isn't better than the second."""
+    size_slack: float = 1.15
+    speck_peak_share: float = 0.02
+    speck_light_share: float = 0.02
+    min_frame_sides: int = 3
+    start_count: int = 2
+    refinement_rounds: int = 10
+    min_improvement: float = 1.01
+    min_contrast_to_noise: float = 3.0
+    max_clipped_share: float = 0.5
 
-_MIN_CONTRAST_TO_NOISE = 3.0
-"""Standard deviations of the noise that a photograph's structure must have at least."""
 
-_MOST_CLIPPED = 0.5
-"""Share of the pixels."""
+_SETTINGS = BlindEstimateSettings()
 
 
 def blind_deconvolution(
@@ -56,10 +79,10 @@ def blind_deconvolution(
     clipped: torch.Tensor | None = None,
     progress: Progress | None = None,
 ) -> BlindRestoration:
-    """Restore a photograph whose blur is unknown.
+    """Restore a photograph with an unknown PSF by blind deconvolution.
 
-    The kernel comes from `find_kernel`, and the picture from total_variation() with the weight by
-    the evidence.
+    `find_kernel` estimates the kernel, and total_variation() restores the picture with the weight
+    by the evidence.
 
     Parameters
     ----------
@@ -82,7 +105,7 @@ def blind_deconvolution(
     Raises
     ------
     ValueError
-        If `find_kernel` refuses what is given.
+        If `find_kernel` raises it.
     """
     progress = progress or Progress()
     kernel = find_kernel(image, size, noise=noise, clipped=clipped, progress=progress.part(0, 0.95))
@@ -98,25 +121,26 @@ def find_kernel(
     clipped: torch.Tensor | None = None,
     progress: Progress | None = None,
 ) -> KernelEstimate:
-    """Estimate the blur of a photograph, the same everywhere, from the photograph alone.
+    """Estimate the blur kernel of a photograph, the same everywhere, from the photograph alone.
 
-    Edges that stay when a picture may have only few give a first kernel, from coarse to fine (Cho
-    and Lee; Xu, Zheng and Jia). Then the kernel alone is estimated, over all the pictures that
-    natural statistics allow (Fergus et al.; Levin et al.), which are sampled: see
-    LatentImageSampler. It is done from two starts, whose difference tells whether either can be
-    trusted. The scene goes on beyond the frame, unknown. Samples come from a fixed seed: the same
-    photograph gives the same kernel.
+    A first kernel comes from the strong edges of the photograph, from coarse to fine scales (Cho
+    and Lee; Xu, Zheng and Jia). Then the likeliest kernel is estimated over all sharp pictures
+    that the statistics of natural pictures allow (Fergus et al.; Levin et al.); these pictures are
+    sampled: see LatentImageSampler. The estimation is done from two starts, and the difference of
+    the results shows how reliable they are. The scene beyond the frame is unknown. The random
+    samples have a fixed seed, so that the same photograph gives the same kernel.
 
     Parameters
     ----------
     image : torch.Tensor or numpy.ndarray, (rows, columns)
         The photograph, light per pixel on any scale; each side at least 3 times `size`.
     size : int
-        Largest side of the kernel in pixels, 3 or more. A little more than the blur has is best.
+        Largest side of the kernel in pixels, 3 or more. A little more than the size of the blur is
+        best.
     noise : float, optional
         Standard deviation of a pixel. Estimated if None.
     clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
-        True where the well was full; nothing is read off there. At most half of the pixels.
+        True where the well was full; these pixels aren't used. At most half of the pixels.
     progress : Progress, optional
         Receives reports, and can cancel the work.
 
@@ -129,7 +153,7 @@ def find_kernel(
     ------
     ValueError
         If the photograph has no structure, is smaller than three kernels, isn't finite or is mostly
-        clipped, or another argument is outside its range.
+        clipped, or if another argument is outside its range.
 
     References
     ----------
@@ -151,6 +175,7 @@ def _find_kernel(
     clipped: torch.Tensor | None,
     progress: Progress,
 ) -> tuple[torch.Tensor, torch.Tensor, float, float]:
+    """Estimate a blur kernel; return it with its standard deviation, the noise and the score."""
     _require(image, size, noise, clipped)
     image = as_floating_point(image).to(torch.float64)
     known = torch.ones_like(image) if clipped is None else (~clipped.to(torch.bool)).to(image)
@@ -159,9 +184,9 @@ def _find_kernel(
     scale = LIGHT_DEVIATION / spread
     shown = torch.where(known > 0, image, float(image[known > 0].mean())) * scale
     photo = NormalisedPhotograph(shown.to(torch.float32), known.to(torch.float32), level * scale)
-    wide = next_odd(_SLACK * size)
+    wide = next_odd(_SETTINGS.size_slack * size)
     kernel, other = _most_natural_kernel(photo, wide, progress.part(0, 0.75))
-    again = partial(refine_kernel_by_statistics, rounds=_REFINEMENT_ROUNDS)
+    again = partial(refine_kernel_by_statistics, rounds=_SETTINGS.refinement_rounds)
     deviation = kernel_deviation(photo, kernel, other, again, progress.part(0.75, 1))
     first = centred_window_start(kernel, size)
     psf, unsure = cut_window(kernel, first, size), cut_window(deviation, first, size)
@@ -173,8 +198,10 @@ def _find_kernel(
 def _most_natural_kernel(
     photo: NormalisedPhotograph, size: int, progress: Progress
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """The kernel with the more natural picture of two, found from different starts; and the other
-    one."""
+    """Estimate two blur kernels from different starts; return the more natural one first.
+
+    The more natural kernel is the one whose restored picture has the lower unnaturalness().
+    """
     count = len(EDGE_SETTINGS)
     starts = [
         _remove_specks(
@@ -184,7 +211,7 @@ def _most_natural_kernel(
         )
         for n, taste in enumerate(EDGE_SETTINGS)
     ]
-    best = rank_by_naturalness(photo, starts, progress.part(0.4, 0.5))[:_START_COUNT]
+    best = rank_by_naturalness(photo, starts, progress.part(0.4, 0.5))[: _SETTINGS.start_count]
     fine = [
         _remove_specks(
             refine_kernel_by_statistics(
@@ -202,32 +229,40 @@ def _most_natural_kernel(
 def _combine_kernels(
     photo: NormalisedPhotograph, edges: torch.Tensor, fine: torch.Tensor, progress: Progress
 ) -> torch.Tensor:
-    """Of the kernel by statistics and its mean with that by edges, which errs less than either
-    where they err differently: the one with the more natural picture."""
+    """Choose between the kernel by statistics and its mean with the kernel by edges.
+
+    The mean has a smaller error than both if their errors differ. The kernel whose restored picture
+    is more natural is returned.
+    """
     both = align_kernel(edges, fine).clamp(min=0) + fine
     mean = both / both.sum()
     progress.report(0, "judging the mean kernel")
-    better = _MEAN * unnaturalness(photo, mean) < unnaturalness(photo, fine)
+    better = _SETTINGS.min_improvement * unnaturalness(photo, mean) < unnaturalness(photo, fine)
     return mean if better else fine
 
 
 def _remove_specks(kernel: torch.Tensor) -> torch.Tensor:
-    return without_specks(kernel, _SPECK_PEAK_SHARE, _SPECK_LIGHT_SHARE)
+    """Remove faint pixels and small isolated parts from an estimated blur kernel."""
+    return without_specks(kernel, _SETTINGS.speck_peak_share, _SETTINGS.speck_light_share)
 
 
 def estimate_photograph_noise(image: torch.Tensor, valid: torch.Tensor) -> float:
-    """Standard deviation of the noise of a blurred photograph, by the median of what is left of it
-    in the finest diagonal detail (Donoho and Johnstone 1994, doi 10.1093/biomet/81.3.425)."""
+    """Estimate the standard deviation of a blurred photograph's noise from its finest detail.
+
+    The estimate is the median of the absolute diagonal detail, scaled for Gaussian noise (Donoho
+    and Johnstone 1994, doi 10.1093/biomet/81.3.425).
+    """
     detail = (image[:-1, :-1] - image[1:, :-1] - image[:-1, 1:] + image[1:, 1:]) / 2
     sound = (valid[:-1, :-1] * valid[1:, :-1] * valid[:-1, 1:] * valid[1:, 1:]) > 0
     return float(detail[sound].abs().median()) / 0.6745 if bool(sound.any()) else 0.0
 
 
 def _require_contrast(image: torch.Tensor, valid: torch.Tensor, noise: float) -> float:
-    """Standard deviation of the picture's light."""
+    """Return the standard deviation of a photograph's light; raise ValueError if it's too low."""
     light = image[valid > 0]
     spread = float(light.std(correction=0))
-    if spread <= max(_MIN_CONTRAST_TO_NOISE * noise, LEAST_NOISE * float(light.abs().mean())):
+    least = _SETTINGS.min_contrast_to_noise * noise
+    if spread <= max(least, LEAST_NOISE * float(light.abs().mean())):
         raise ValueError(
             f"image has a standard deviation of {spread:.3g}, with noise of {noise:.3g}: it shows "
             "nothing that a blur could be told by; give a part with sharp edges, or more light"
@@ -238,16 +273,18 @@ def _require_contrast(image: torch.Tensor, valid: torch.Tensor, noise: float) ->
 def _require(
     image: torch.Tensor, size: int, noise: float | None, clipped: torch.Tensor | None
 ) -> None:
+    """Raise ValueError for arguments from which no blur kernel can be estimated."""
     if image.ndim != 2:
         raise ValueError(f"image is {tuple(image.shape)}; give one band, (rows, columns)")
     require_finite("image", as_floating_point(image))
     if not (isinstance(size, int) and size >= 3):
         raise ValueError(f"size is {size!r}; give a whole number of pixels, 3 or more")
-    if min(image.shape) < _LEAST_FRAME * size:
+    sides = _SETTINGS.min_frame_sides
+    if min(image.shape) < sides * size:
         raise ValueError(
             f"image is {tuple(image.shape)} and size {size}; the photograph must be at least "
-            f"{_LEAST_FRAME} kernels wide and high: give a size of at most "
-            f"{min(image.shape) // _LEAST_FRAME}, or a larger part"
+            f"{sides} kernels wide and high: give a size of at most "
+            f"{min(image.shape) // sides}, or a larger part"
         )
     if noise is not None and not (noise >= 0 and math.isfinite(noise)):
         raise ValueError(f"noise is {noise:g}; it must be finite, and not negative")
@@ -255,8 +292,8 @@ def _require(
         return
     require_same_shape("image", image, clipped=clipped)
     share = float(clipped.to(torch.float64).mean())
-    if share > _MOST_CLIPPED:
+    if share > _SETTINGS.max_clipped_share:
         raise ValueError(
-            f"{share:.0%} of the pixels are clipped; at most {_MOST_CLIPPED:.0%} may be: expose "
-            "for less time, or give a part that isn't burnt"
+            f"{share:.0%} of the pixels are clipped; at most {_SETTINGS.max_clipped_share:.0%} may "
+            "be: expose for less time, or give a part that isn't burnt"
         )

@@ -1,4 +1,4 @@
-"""Statistics of natural pictures: most of their gradients are next to nothing, a few are long."""
+"""Statistics of natural pictures' gradients, most of which are nearly 0 and a few are large."""
 
 from __future__ import annotations
 
@@ -10,17 +10,12 @@ import torch
 from optics.validation import accepts_numpy, as_floating_point, require_finite
 
 LIGHT_DEVIATION = 0.2
-"""Standard deviation of a photograph's light where full scale is 1, about; NATURAL is for it."""
-
-_CLASSES = 2001
-"""Lengths that a fit tells apart."""
-
-_MAX_POWER, _MIN_POWER = 8.0, 0.1
-"""Powers of a generalised Gaussian that are looked for."""
+"""Typical standard deviation of a photograph's light whose full scale is 1. NATURAL_GRADIENTS is
+for photographs that are scaled to it."""
 
 
 def gradients(image: torch.Tensor) -> torch.Tensor:
-    """Differences along x and along y, (2, rows - 1, columns - 1), of a picture (rows, columns)."""
+    """Compute a picture's differences along x and y, (2, rows - 1, columns - 1)."""
     corner = image[:-1, :-1]
     return torch.stack([image[:-1, 1:] - corner, image[1:, :-1] - corner])
 
@@ -29,12 +24,12 @@ def gradients(image: torch.Tensor) -> torch.Tensor:
 def log_histogram(
     image: torch.Tensor, bins: int = 101, reach: float | None = None
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """How often gradients of a length occur, as the logarithm of their density (thesis Fig. 2.10).
+    """Compute the logarithmic histogram of a picture's gradients (thesis Fig. 2.10).
 
-    image: (rows, columns). reach: the longest gradient that is counted, either way; the longest
-    there is if None. Gives the middles of the bins, and the natural logarithm of the density per
-    length, -inf where there is none; float64.
-    Raises ValueError for pictures that are even, too small, or not finite, or fewer than 3 bins.
+    `image` is (rows, columns). Gradients from -reach to reach are counted, or all of them if it is
+    None. Returns the centres of the bins, and the natural logarithm of the gradients' probability
+    density, -inf where a bin is empty; both are float64. Raises ValueError for pictures that are
+    constant, too small or not finite, or for fewer than 3 bins.
     """
     values = _gradient_values(image)
     if bins < 3:
@@ -52,9 +47,10 @@ def log_histogram(
 
 @dataclass(frozen=True)
 class GaussianMixture:
-    """Of Gaussians around 0 (Fergus et al. 2006, doi 10.1145/1141911.1141956).
+    """A distribution of picture gradients: a mixture of Gaussians with mean 0.
 
-    shares: of each, which sum to 1. deviations: standard deviation of each.
+    See Fergus et al. 2006, doi 10.1145/1141911.1141956. `shares` are the weights of the Gaussians,
+    which sum to 1, and `deviations` are their standard deviations.
     """
 
     shares: tuple[float, ...]
@@ -72,15 +68,18 @@ class GaussianMixture:
             raise ValueError(f"deviations are {self.deviations}; they must be positive")
 
     def with_scale(self, factor: float) -> GaussianMixture:
-        """For pictures of so many times the light."""
+        """Return the gradients' distribution for pictures whose light is multiplied by a factor."""
         return GaussianMixture(self.shares, tuple(factor * one for one in self.deviations))
 
     def log_density(self, values: torch.Tensor) -> torch.Tensor:
+        """Return the natural logarithm of the mixture's density at gradients."""
         return self.log_joint(values.square()).logsumexp(0) - 0.5 * math.log(2 * math.pi)
 
     def log_joint(self, squares: torch.Tensor) -> torch.Tensor:
-        """(components, ...): logarithm of each one's share of a density, less log(2 pi) / 2, at
-        lengths whose squares are given."""
+        """Return the logarithm of each Gaussian's part of the density, (components, ...).
+
+        The constant -log(2 pi) / 2 is left out. `squares` are squared gradients.
+        """
         parts = [
             math.log(share / deviation) - squares / (2 * deviation**2)
             for share, deviation in zip(self.shares, self.deviations, strict=True)
@@ -88,7 +87,7 @@ class GaussianMixture:
         return torch.stack(parts)
 
     def expected_precision(self, squares: torch.Tensor) -> torch.Tensor:
-        """Mean inverse variance of a gradient whose square is expected to be so much."""
+        """Return the mean inverse variance of the Gaussians for the squares of gradients."""
         membership = self.log_joint(squares).softmax(0)
         return sum(
             (
@@ -99,7 +98,7 @@ class GaussianMixture:
         )
 
     def moment(self, power: float) -> float:
-        """Mean of |gradient| to a power above -1."""
+        """Return the mean of |gradient| to a power above -1 under the mixture of Gaussians."""
         normal = 2 ** (power / 2) * math.gamma((power + 1) / 2) / math.sqrt(math.pi)
         pairs = zip(self.shares, self.deviations, strict=True)
         return normal * sum(share * deviation**power for share, deviation in pairs)
@@ -107,42 +106,46 @@ class GaussianMixture:
 
 @dataclass(frozen=True)
 class GeneralisedGaussian:
-    """Density proportional to exp(-|gradient / scale|^power); 0.5 to 0.8 is natural pictures'
-    (Mallat 1989, doi 10.1109/34.192463)."""
+    """A distribution of gradients with a density proportional to exp(-|gradient / scale|^power).
+
+    The power is 0.5 to 0.8 for natural pictures (Mallat 1989, doi 10.1109/34.192463).
+    """
 
     scale: float
     power: float
 
     def log_density(self, values: torch.Tensor) -> torch.Tensor:
+        """Return the natural logarithm of the generalised Gaussian's density at gradients."""
         top = math.log(self.power / (2 * self.scale)) - math.lgamma(1 / self.power)
         return top - (values.abs() / self.scale) ** self.power
 
     def moment(self, power: float) -> float:
-        """Mean of |gradient| to a power above -1."""
+        """Return the mean of |gradient| to a power above -1 under the generalised Gaussian."""
         ratio = math.lgamma((power + 1) / self.power) - math.lgamma(1 / self.power)
         return self.scale**power * math.exp(ratio)
 
 
 NATURAL_GRADIENTS = GaussianMixture((0.17, 0.43, 0.32, 0.08), (0.003, 0.0195, 0.068, 0.212))
-"""Gradients of sharp photographs whose light has a standard deviation of SPREAD: the likeliest for
-parts, 255 pixels wide, of 28 photographs (Kodak's and scikit-image's), the first of its deviations
-no smaller than what 8 bits hide."""
+"""Distribution of the gradients of sharp photographs whose light has a standard deviation of
+LIGHT_DEVIATION. It is the likeliest mixture for parts, 255 pixels wide, of 28 photographs (Kodak's
+and scikit-image's). Its smallest deviation isn't below the quantisation by 8 bits."""
 
 
 @accepts_numpy
 def fit_mixture(image: torch.Tensor, components: int = 3, steps: int = 200) -> GaussianMixture:
-    """The likeliest for a picture's gradients, by expectation and maximisation.
+    """Fit the likeliest mixture of Gaussians to a picture's gradients, (rows, columns).
 
-    image: (rows, columns). Deviations are no less than half of what a bin of the histogram is
-    wide, for the zeros of even surfaces would make one of them 0.
-    Raises ValueError for even pictures, or a number of components outside 1 to 8.
+    The algorithm is expectation maximisation on a histogram. Deviations are at least half a bin of
+    the histogram, since the zero gradients of even surfaces would otherwise make one of them 0.
+    Raises ValueError for constant pictures, or a number of components outside 1 to 8.
     """
     if not 1 <= components <= 8:
         raise ValueError(f"components is {components}; give 1 to 8")
     values = _gradient_values(image).abs()
-    width = float(values.max()) / _CLASSES
-    counts = torch.bincount((values / width).long().clamp(max=_CLASSES - 1), minlength=_CLASSES)
-    squares = ((torch.arange(_CLASSES, dtype=torch.float64) + 0.5) * width).square()
+    bins = 2001
+    width = float(values.max()) / bins
+    counts = torch.bincount((values / width).long().clamp(max=bins - 1), minlength=bins)
+    squares = ((torch.arange(bins, dtype=torch.float64) + 0.5) * width).square()
     weights, spread = counts / counts.sum(), float(values.square().mean().sqrt())
     ladder = torch.logspace(-1.3, 0.5, components, dtype=torch.float64)
     deviations = spread * (ladder if components > 1 else torch.ones(1, dtype=torch.float64))
@@ -158,14 +161,15 @@ def fit_mixture(image: torch.Tensor, components: int = 3, steps: int = 200) -> G
 
 @accepts_numpy
 def fit_generalised_gaussian(image: torch.Tensor) -> GeneralisedGaussian:
-    """By the ratio of the gradients' mean square to the square of their mean length.
+    """Fit a generalised Gaussian to a picture's gradients, (rows, columns).
 
-    image: (rows, columns). (Sharifi and Leon-Garcia 1995, doi 10.1109/76.350779.) Powers outside
-    0.1 to 8 are not looked for. Raises ValueError for even pictures.
+    The power follows from the ratio of the gradients' mean square to the square of their mean
+    length (Sharifi and Leon-Garcia 1995, doi 10.1109/76.350779). It is limited to 0.1 to 8. Raises
+    ValueError for constant pictures.
     """
     values = _gradient_values(image).abs()
     mean, square = float(values.mean()), float(values.square().mean())
-    low, high = _MIN_POWER, _MAX_POWER
+    low, high = 0.1, 8.0
     for _ in range(60):
         middle = (low * high) ** 0.5
         unit = GeneralisedGaussian(1.0, middle)
@@ -177,6 +181,7 @@ def fit_generalised_gaussian(image: torch.Tensor) -> GeneralisedGaussian:
 
 
 def _gradient_values(image: torch.Tensor) -> torch.Tensor:
+    """Return all gradients of a picture in one row; raise ValueError for unusable pictures."""
     image = as_floating_point(image)
     if image.ndim != 2 or min(image.shape) < 2:
         raise ValueError(f"image is {tuple(image.shape)}; give (rows, columns) of 2 at least")

@@ -1,4 +1,4 @@
-"""What blind deconvolution gives, and how far to trust it."""
+"""The results of blind deconvolution: the kernel with its score, and the restored picture."""
 
 from __future__ import annotations
 
@@ -9,25 +9,26 @@ import torch
 from optics.deconvolution.restored_image import RestoredImage
 
 GOOD, FAIR = 0.9, 0.7
-"""Scores from which a kernel may be used as it is, and with a look at the picture."""
+"""Scores from which a kernel may be used without a check, and after a look at the picture."""
 
 
 @dataclass(frozen=True, eq=False)
 class KernelEstimate:
-    """An estimated blur kernel, and how surely it is known.
+    """An estimated blur kernel with its standard deviation and score.
 
     Parameters
     ----------
     psf : torch.Tensor, (size, size)
         Kernel with its origin at n // 2, nowhere negative, with a sum of 1. Its centroid is as near
-        to the origin as `size` allows, since where the scene lay before the blur can't be known.
+        to the origin as `size` allows, since the photograph doesn't show a shift of the scene.
     deviation : torch.Tensor, (size, size)
-        Standard deviation of each pixel of the kernel, from how well parts of the photograph and
-        searches from two starts agree. An error that all of them share isn't in it.
+        Standard deviation of each pixel of the kernel. It comes from the differences between parts
+        of the photograph and between searches from two starts, and doesn't include an error that
+        all of them share.
     noise : float
         Standard deviation of a pixel of the photograph.
     score : float
-        Share of the kernel's energy that isn't its expected error, 0 to 1.
+        1 less the ratio of the kernel's expected squared error to its energy, 0 to 1.
     """
 
     psf: torch.Tensor
@@ -37,7 +38,7 @@ class KernelEstimate:
 
     @property
     def verdict(self) -> str:
-        """Judgement of the score in words: good from 0.9, fair from 0.7, poor below."""
+        """The kernel's score in words: good from 0.9, fair from 0.7, poor below."""
         if self.score >= GOOD:
             return "good: parts of the photograph and searches from two starts agree"
         if self.score >= FAIR:
@@ -55,9 +56,9 @@ class BlindRestoration:
     Parameters
     ----------
     kernel : KernelEstimate
-        The blur as it was found.
+        The estimated kernel.
     restored_image : RestoredImage
-        The photograph with that blur undone.
+        The photograph, restored with that kernel.
     """
 
     kernel: KernelEstimate

@@ -1,4 +1,4 @@
-"""From a photograph to its kernel: first by strong edges, then by natural statistics."""
+"""The search for a blur kernel, first by strong edges, then by statistics of natural pictures."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ from optics.progress import Progress
 
 @dataclass(frozen=True)
 class EdgeSettings:
-    """How strong edges are looked for, of light with a standard deviation of SPREAD.
+    """The penalties of the kernel search by strong edges.
 
-    weight: of a pixel with a gradient, at first. ridge: of the kernel's energy, per squared
-    gradient.
+    They are for photographs whose light has a standard deviation of LIGHT_DEVIATION. `weight` is
+    the first penalty of each pixel with a gradient. `ridge` is the penalty of the kernel's squared
+    norm.
     """
 
     weight: float
@@ -35,43 +36,73 @@ class EdgeSettings:
 
 
 EDGE_SETTINGS = (EdgeSettings(4e-3, 2.0), EdgeSettings(2e-2, 2.0), EdgeSettings(2e-2, 20.0))
-"""That are tried: pictures differ more than one of them allows for."""
+"""Penalties from which the search by strong edges starts. Several are tried, since one doesn't suit
+all photographs."""
 
-_WEIGHT_DIVISOR, _MAX_WEIGHT_DIVISION = 1.1, 40.0
-"""What a weight is divided by each time, and in the end at most."""
 
-_ITERATIONS_PER_SCALE = 5
+@dataclass(frozen=True)
+class KernelSearchSettings:
+    """Tune the search for a blur kernel by strong edges and by statistics.
 
-_SPECK_LIGHT_SHARE = 0.1
-"""Of a kernel's light that a connected part must have, or it is a speck."""
+    All values are chosen.
 
-_INITIAL_NOISE_FACTOR, _ROUNDS, _BURN_IN_ROUNDS = 2.0, 20, 2
-"""Of the noise that is first assumed, rounds until it's the noise itself, and the first of them,
-which leave the kernel as it is."""
+    Attributes
+    ----------
+    weight_divisor : float
+        Divisor of the edges' weight in each iteration.
+    max_weight_division : float
+        Largest divisor of the edges' weight over all scales.
+    iterations_per_scale : int
+        Iterations of the search by edges at each scale.
+    speck_light_share : float
+        Connected parts of the kernel with less than this share of its light are removed.
+    initial_noise_factor : float
+        First noise of the search by statistics, relative to the photograph's noise.
+    burn_in_rounds : int
+        First rounds of the search by statistics, in which the kernel doesn't change.
+    history_weight : float
+        Weight of the earlier samples in each round.
+    seed : int
+        Seed of the random samples.
+    min_noise : float
+        Smallest standard deviation of the noise, which allows for errors of the model.
+    """
 
-_HISTORY_WEIGHT, _SEED = 0.75, 0
-"""Of what earlier samples tell, in each round; and of the samples."""
+    weight_divisor: float = 1.1
+    max_weight_division: float = 40.0
+    iterations_per_scale: int = 5
+    speck_light_share: float = 0.1
+    initial_noise_factor: float = 2.0
+    burn_in_rounds: int = 2
+    history_weight: float = 0.75
+    seed: int = 0
+    min_noise: float = 1e-3
 
-_LEAST_NOISE = 1e-3
-"""Standard deviation, below which the model is no better than that."""
+
+_SETTINGS = KernelSearchSettings()
 
 
 @dataclass(frozen=True, eq=False)
 class NormalisedPhotograph:
-    """(rows, columns) with a standard deviation of SPREAD; valid: 1 or 0; noise: standard deviation
-    of a pixel."""
+    """A photograph for the kernel search, scaled to a standard deviation of LIGHT_DEVIATION.
+
+    `image` is (rows, columns). `valid` is 1 where a pixel may be used, else 0. `noise` is the
+    standard deviation of a pixel.
+    """
 
     image: torch.Tensor
     valid: torch.Tensor
     noise: float
 
     def downsample(self, factor: float) -> NormalisedPhotograph:
+        """Shrink the photograph by a factor for the kernel search at a coarser scale."""
         if factor == 1:
             return self
         known = (downsample(self.valid, factor) > 0.999).to(self.image)
         return NormalisedPhotograph(downsample(self.image, factor), known, self.noise / factor)
 
     def crop(self, rows: slice, columns: slice) -> NormalisedPhotograph:
+        """Cut a part out of the photograph."""
         return NormalisedPhotograph(
             self.image[rows, columns], self.valid[rows, columns], self.noise
         )
@@ -80,7 +111,7 @@ class NormalisedPhotograph:
 def search_kernel_by_edges(
     photo: NormalisedPhotograph, size: int, settings: EdgeSettings, progress: Progress
 ) -> torch.Tensor:
-    """From coarse to fine: a kernel of odd (size, size)."""
+    """Search a blur kernel, (size, size) with odd size, by strong edges from coarse to fine."""
     kernel, weight = point_kernel(3), settings.weight
     kernel[1, 0] = kernel[1, 1] = 0.5
     ladder = scale_factors(size)
@@ -93,7 +124,8 @@ def search_kernel_by_edges(
             photo.downsample(factor), kernel, EdgeSettings(weight, settings.ridge), progress
         )
         weight = max(
-            weight / _WEIGHT_DIVISOR**_ITERATIONS_PER_SCALE, settings.weight / _MAX_WEIGHT_DIVISION
+            weight / _SETTINGS.weight_divisor**_SETTINGS.iterations_per_scale,
+            settings.weight / _SETTINGS.max_weight_division,
         )
         kernel = centre_kernel(kernel, n)
     return kernel
@@ -102,33 +134,37 @@ def search_kernel_by_edges(
 def refine_kernel_by_edges(
     photo: NormalisedPhotograph, kernel: torch.Tensor, settings: EdgeSettings, progress: Progress
 ) -> torch.Tensor:
-    """At one scale, from a kernel on, with ever smaller weights."""
+    """Refine a blur kernel by strong edges at one scale, with a decreasing weight of edges."""
     weight = settings.weight
     strong = StrongEdges(photo.image, photo.valid, (kernel.shape[0], kernel.shape[1]))
-    for _ in range(_ITERATIONS_PER_SCALE):
+    for _ in range(_SETTINGS.iterations_per_scale):
         progress.raise_if_cancelled()
         picture = strong.estimate_picture(kernel, weight)
         kernel = strong.estimate_kernel(picture, kernel, settings.ridge)
-        kernel = without_specks(kernel, 0.0, _SPECK_LIGHT_SHARE)
-        weight /= _WEIGHT_DIVISOR
+        kernel = without_specks(kernel, 0.0, _SETTINGS.speck_light_share)
+        weight /= _SETTINGS.weight_divisor
     return kernel
 
 
 def refine_kernel_by_statistics(
-    photo: NormalisedPhotograph, start: torch.Tensor, progress: Progress, rounds: int = _ROUNDS
+    photo: NormalisedPhotograph, start: torch.Tensor, progress: Progress, rounds: int = 20
 ) -> torch.Tensor:
-    """At the finest scale, from a kernel near by: the likeliest one over all pictures, by
-    stochastic expectation and maximisation (Delyon, Lavielle and Moulines 1999, doi
-    10.1214/aos/1018031103), with samples from a seed that is always the same."""
+    """Refine a blur kernel to the likeliest one over all sharp pictures, at the finest scale.
+
+    The algorithm is stochastic expectation maximisation (Delyon, Lavielle and Moulines 1999, doi
+    10.1214/aos/1018031103), with samples from a fixed seed. The assumed noise decreases to the
+    photograph's noise in the last of the `rounds`.
+    """
     size = start.shape[0], start.shape[1]
-    latent = LatentImageSampler(photo.image, photo.valid, NATURAL_GRADIENTS, size, _SEED)
-    kernel, noise = start, max(photo.noise, _LEAST_NOISE)
+    latent = LatentImageSampler(photo.image, photo.valid, NATURAL_GRADIENTS, size, _SETTINGS.seed)
+    kernel, noise = start, max(photo.noise, _SETTINGS.min_noise)
     told: QuadraticProblem | None = None
     for number in range(rounds):
         progress.report(number / rounds, f"natural statistics {number + 1}/{rounds}")
-        latent.sample(kernel, noise * _INITIAL_NOISE_FACTOR ** (1 - number / (rounds - 1)))
+        factor = _SETTINGS.initial_noise_factor ** (1 - number / (rounds - 1))
+        latent.sample(kernel, noise * factor)
         now = latent.kernel_problem(kernel)
-        told = now if told is None else told.blend_with(_HISTORY_WEIGHT, now)
-        if number >= _BURN_IN_ROUNDS:
+        told = now if told is None else told.blend_with(_SETTINGS.history_weight, now)
+        if number >= _SETTINGS.burn_in_rounds:
             kernel = minimise_nonnegative(told, kernel, sum_is_one=True)
     return kernel

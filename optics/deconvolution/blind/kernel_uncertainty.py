@@ -1,4 +1,4 @@
-"""How surely a kernel is known: what parts of a photograph say, and a search from elsewhere."""
+"""The uncertainty of a blur kernel, from parts of the photograph and from a second search."""
 
 from __future__ import annotations
 
@@ -12,20 +12,10 @@ from optics.plane import centred_pad
 from optics.progress import Progress
 
 RefineKernel = Callable[[NormalisedPhotograph, torch.Tensor, Progress], torch.Tensor]
-"""A kernel from a photograph and a kernel near by."""
+"""A function that refines a kernel for a photograph, starting from a similar kernel."""
 
 _PARTS = 2
-"""Of the photograph, each way."""
-
-_DEVIATION_FACTOR = 2.0
-"""Of the deviation, by which what all parts have in common is allowed for: measured on photographs
-whose kernels are known."""
-
-_SUBPIXEL_STEPS = 4
-"""Steps of a pixel by which kernels are moved."""
-
-_NEIGHBOURS = 3
-"""Pixels each way whose deviations are taken for alike."""
+"""Number of parts into which the photograph is divided along each axis."""
 
 
 def kernel_deviation(
@@ -35,12 +25,13 @@ def kernel_deviation(
     refine: RefineKernel,
     progress: Progress,
 ) -> torch.Tensor:
-    """Standard deviation of each pixel of a kernel, which `refine` finds anew.
+    """Estimate the standard deviation of each pixel of a blur kernel.
 
-    Parts of the photograph that share no pixel go the same way again; the mean of so many has a
-    variance that is smaller by their number. rival: a kernel of the same size that was found from
-    another start: where a search hasn't got to the end, it shows, as parts that go on from the
-    same kernel can't (Gelman and Rubin 1992, doi 10.1214/ss/1177011136).
+    `refine` estimates the kernel again from parts of the photograph that share no pixel. The
+    variance of the mean of these kernels is their variance over their number. `rival` is a kernel
+    of the same size that was found from another start. Its difference from the kernel shows whether
+    the search has converged, which the parts can't show, since they start from the same kernel
+    (Gelman and Rubin 1992, doi 10.1214/ss/1177011136).
     """
     rows, columns = photo.image.shape
     square = torch.zeros_like(kernel)
@@ -49,27 +40,32 @@ def kernel_deviation(
         part = photo.crop(_part_slice(rows, y), _part_slice(columns, x))
         told = progress.part(number / _PARTS**2, (number + 1) / _PARTS**2)
         square += (align_kernel(refine(part, kernel, told), kernel) - kernel).square()
-    spread = _DEVIATION_FACTOR**2 * square / _PARTS**2 / (_PARTS**2 - 1)
+    # The factor of 2 in the deviation allows for the error that all parts share. It was measured on
+    # photographs with known kernels.
+    spread = 2.0**2 * square / _PARTS**2 / (_PARTS**2 - 1)
     spread = spread + (align_kernel(rival, kernel) - kernel).square()
-    pooled = torch.nn.functional.avg_pool2d(spread[None, None], _NEIGHBOURS, 1, _NEIGHBOURS // 2)[
-        0, 0
-    ]
+    # Neighbouring pixels of the kernel are taken to have similar variances.
+    pooled = torch.nn.functional.avg_pool2d(spread[None, None], 3, 1, 1)[0, 0]
     return pooled.sqrt()
 
 
 def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
-    """Moved, by parts of a pixel, to where it is most like another one of the same size: where the
-    scene lay nobody can tell."""
+    """Shift a blur kernel to the best match with a reference, in steps of a quarter pixel.
+
+    Both have the same size. The shift of a kernel is arbitrary, since the photograph doesn't show
+    where the scene was before the blur.
+    """
+    steps = 4
     rows, columns = reference.shape
     period = (2 * rows, 2 * columns)
     spectrum = torch.fft.fft2(kernel, s=period)
     cross = spectrum.conj() * torch.fft.fft2(reference, s=period)
-    fine = centred_pad(torch.fft.fftshift(cross), tuple(_SUBPIXEL_STEPS * n for n in period))
+    fine = centred_pad(torch.fft.fftshift(cross), tuple(steps * n for n in period))
     likeness = torch.fft.ifft2(torch.fft.ifftshift(fine)).real
     place = int(likeness.argmax())
     y, x = divmod(place, likeness.shape[1])
     way = [
-        (at if at < n // 2 else at - n) / _SUBPIXEL_STEPS
+        (at if at < n // 2 else at - n) / steps
         for at, n in zip((y, x), likeness.shape, strict=True)
     ]
     turn = [
@@ -81,4 +77,5 @@ def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
 
 
 def _part_slice(length: int, number: int) -> slice:
+    """Return the slice of one of the photograph's parts along an axis of the given length."""
     return slice(math.floor(length * number / _PARTS), math.floor(length * (number + 1) / _PARTS))

@@ -1,4 +1,4 @@
-"""Sharp pictures that natural statistics and a kernel allow, drawn as often as they are likely."""
+"""Random samples of the sharp picture behind a photograph, given a blur kernel."""
 
 from __future__ import annotations
 
@@ -16,22 +16,19 @@ from optics.deconvolution.blind.quadratic import (
 from optics.deconvolution.conjugate_gradients import conjugate_gradients
 from optics.fourier import irfft2, rfft2
 
-_CG_STEPS = 25
-"""Steps of conjugate gradients for a picture, from the one before on."""
-
-_CG_TOLERANCE = 1e-5
-"""Of the squared residual, by which conjugate gradients end."""
-
 
 class LatentImageSampler:
-    """The sharp picture's posterior for a kernel, by samples.
+    """Samples the posterior distribution of the sharp picture for a given blur kernel.
 
-    By turns, which component each gradient is of is drawn for the picture, and the picture for
-    these (Gibbs; Schmidt, Gao and Roth 2010, doi 10.1109/CVPR.2010.5539844), the latter exactly: a
-    linear solve with noise put on data and prior (Papandreou and Yuille 2010). A normal posterior
-    of each pixel apart, as variational Bayes has it, makes too much of wide kernels' uncertainty,
-    so that in noise it prefers a point to the true blur. The picture is looked for as far around
-    the frame as light comes from into it: nothing is assumed of the border.
+    It is a Gibbs sampler (Schmidt, Gao and Roth 2010, doi 10.1109/CVPR.2010.5539844). In turn, it
+    draws the component of the Gaussian mixture to which each gradient belongs, and the picture for
+    these components. The picture is drawn exactly, by a linear solve with noise added to data and
+    prior (Papandreou and Yuille 2010). Variational Bayes, with an independent normal posterior for
+    each pixel, overestimates the uncertainty of wide kernels; with noise, it prefers a point to the
+    true blur.
+
+    The picture includes the surroundings of the frame from which light reaches it, so that nothing
+    is assumed about the border.
     """
 
     def __init__(
@@ -42,7 +39,11 @@ class LatentImageSampler:
         size: tuple[int, int],
         seed: int,
     ) -> None:
-        """image, valid: (rows, columns), valid 1 or 0; size: of kernels."""
+        """Prepare a sampler for a photograph and kernels of one size.
+
+        `image` and `valid` are (rows, columns); `valid` is 1 where a pixel may be used, else 0.
+        `size` is the (rows, columns) of the kernels.
+        """
         self._image, self._valid = image - image.mean(), valid
         self._prior, self._size = prior, size
         self._deviations = image.new_tensor(prior.deviations)
@@ -63,15 +64,17 @@ class LatentImageSampler:
         self.picture = torch.nn.functional.pad(middle, around, mode="replicate")[0, 0]
 
     def sample(self, kernel: torch.Tensor, deviation: float) -> None:
-        """Draw the next picture for a kernel and the standard deviation of a pixel's noise."""
+        """Draw the next sharp picture for a kernel and the standard deviation of the noise."""
         along, down = (self._sample_precisions(one) for one in _differences(self.picture))
         self.picture = self.sample_picture(kernel, deviation, along, down)
 
     def sample_picture(
         self, kernel: torch.Tensor, deviation: float, along: torch.Tensor, down: torch.Tensor
     ) -> torch.Tensor:
-        """A picture for gradients of known precisions, (rows, columns - 1) and (rows - 1, columns)
-        of the field."""
+        """Draw a sharp picture for gradients with known precisions (inverse variances).
+
+        `along` is (rows, columns - 1) and `down` is (rows - 1, columns) of the picture.
+        """
         spectrum, precision = padded_spectrum(kernel, self._period), deviation**-2
         reached = irfft2(
             self._valid_spectrum * padded_spectrum(kernel.square(), self._period).conj(),
@@ -91,15 +94,18 @@ class LatentImageSampler:
             return answer
 
         left = wanted - normal(self.picture)
-        enough = _CG_TOLERANCE * _inner(left, left * inverse)
-        picture, _ = conjugate_gradients(
-            normal, left, self.picture, inverse, _inner, enough, _CG_STEPS
-        )
+        # Conjugate gradients start from the last picture, reduce the squared residual by 1e-5, and
+        # do at most 25 steps.
+        enough = 1e-5 * _inner(left, left * inverse)
+        picture, _ = conjugate_gradients(normal, left, self.picture, inverse, _inner, enough, 25)
         return picture
 
     def kernel_problem(self, kernel: torch.Tensor) -> QuadraticProblem:
-        """What the picture says of the kernel, by gradients. Those that weren't measured are taken
-        for what a kernel makes of the picture: each step is one of expectation and maximisation."""
+        """Return the least-squares problem for the kernel, from the gradients of both pictures.
+
+        Gradients that weren't measured are replaced by those of the picture blurred by `kernel`, so
+        that each step is one of expectation maximisation.
+        """
         spectrum = padded_spectrum(gradients(self.picture), self._period)
         light = irfft2(spectrum * padded_spectrum(kernel, self._period), self._period)
         known, seen = self._valid, gradients(self._image)
@@ -109,12 +115,13 @@ class LatentImageSampler:
         return least_squares_problem(spectrum, rfft2(light), self._size)
 
     def _sample_precisions(self, steps: torch.Tensor) -> torch.Tensor:
-        """Of the components that gradients are drawn to be of."""
+        """Draw the mixture component of each gradient, and return the components' precisions."""
         below = self._prior.log_joint(steps.square()).softmax(0).cumsum(0)
         drawn = torch.rand(steps.shape, generator=self._generator, dtype=steps.dtype)
         return self._deviations[(drawn > below[:-1]).sum(0)] ** -2
 
     def _noise(self, like: torch.Tensor) -> torch.Tensor:
+        """Draw standard normal noise of the shape and precision of a picture."""
         return torch.randn(like.shape, generator=self._generator, dtype=like.dtype)
 
     def _slices_from_first(self, rows: int, columns: int) -> tuple[EllipsisType, slice, slice]:
@@ -122,22 +129,27 @@ class LatentImageSampler:
         return (..., slice(y, y + rows), slice(x, x + columns))
 
     def _crop_to_field(self, whole: torch.Tensor) -> torch.Tensor:
+        """Crop a period to the sharp picture, which is larger than the frame by a kernel."""
         return whole[: self._field_shape[0], : self._field_shape[1]]
 
     def _blur(self, x: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
+        """Blur a sharp picture by the kernel with the given spectrum; the result is a period."""
         return irfft2(padded_spectrum(x, self._period) * spectrum, self._period)
 
     def _blur_adjoint(self, light: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
+        """Apply the adjoint of the blur to light in the frame."""
         whole = light.new_zeros(self._period)
         whole[self._frame_slices] = light
         return self._crop_to_field(irfft2(rfft2(whole) * spectrum.conj(), self._period))
 
 
 def _differences(x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Compute a picture's differences along the rows and down the columns."""
     return x[:, 1:] - x[:, :-1], x[1:] - x[:-1]
 
 
 def _add_adjoint(x: torch.Tensor, along: torch.Tensor, down: torch.Tensor) -> None:
+    """Add the adjoint of a picture's differences to x, in place."""
     x[:, 1:] += along
     x[:, :-1] -= along
     x[1:] += down
@@ -145,7 +157,7 @@ def _add_adjoint(x: torch.Tensor, along: torch.Tensor, down: torch.Tensor) -> No
 
 
 def _sum_at_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
-    """Sums of what lies on either side of a pixel."""
+    """Add up the precisions of the four gradients around each pixel of the sharp picture."""
     pad = torch.nn.functional.pad
     return (
         pad(along, (1, 0)) + pad(along, (0, 1)) + pad(down, (0, 0, 1, 0)) + pad(down, (0, 0, 0, 1))
@@ -153,4 +165,5 @@ def _sum_at_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
 
 
 def _inner(a: torch.Tensor, b: torch.Tensor) -> float:
+    """Compute the inner product of two pictures."""
     return float((a * b).sum())

@@ -1,4 +1,4 @@
-"""Which of several kernels gives the picture that is most like a natural one."""
+"""Comparison of blur kernels by how natural the pictures are that they restore."""
 
 from __future__ import annotations
 
@@ -13,14 +13,11 @@ from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.total_variation import total_variation
 from optics.progress import Progress
 
-_BORDER_MARGIN = 5
-"""Pixels beyond half a kernel that the border is taken to tell on."""
-
 
 def rank_by_naturalness(
     photo: NormalisedPhotograph, kernels: Sequence[torch.Tensor], progress: Progress
 ) -> list[int]:
-    """Which kernels restore the least strange pictures, the best first: see unnaturalness()."""
+    """Rank blur kernels by the unnaturalness() of their restored pictures, the best first."""
     costs = []
     for number, kernel in enumerate(kernels):
         progress.report(number / len(kernels), f"judging kernel {number + 1}/{len(kernels)}")
@@ -29,13 +26,17 @@ def rank_by_naturalness(
 
 
 def unnaturalness(photo: NormalisedPhotograph, kernel: torch.Tensor) -> float:
-    """Mean length of the restored picture's gradients over their rms: high where blur has spread
-    edges, and where a wrong kernel has made them ring (Krishnan, Tay and Fergus 2011, doi
-    10.1109/CVPR.2011.5995521). Times the factor by which what the restoration leaves of the
-    photograph isn't the noise: a wrong kernel is made up for by detail that isn't there."""
+    """Measure how unnatural the picture is that a blur kernel restores from a photograph.
+
+    The measure is the mean length of the picture's gradients over their rms. It is high for blurred
+    edges, and for ringing by a wrong kernel (Krishnan, Tay and Fergus 2011, doi
+    10.1109/CVPR.2011.5995521). It is multiplied by the factor by which the residual differs from
+    the noise, since a restoration with a wrong kernel adds false detail.
+    """
     seen = build_observation(photo.image, kernel, photo.noise or None, clipped=photo.valid == 0)
     answer = total_variation(seen)
-    rim = min(kernel.shape[0] // 2 + _BORDER_MARGIN, min(answer.image.shape) // 4)
+    # The unknown border affects a rim of half a kernel and 5 pixels, which is left out.
+    rim = min(kernel.shape[0] // 2 + 5, min(answer.image.shape) // 4)
     inside = gradients(answer.image[rim:-rim, rim:-rim])
     size = float(inside.square().mean().sqrt())
     if size == 0:

@@ -1,4 +1,4 @@
-"""The kernel that takes known gradients to measured ones: a quadratic problem with bounds."""
+"""Quadratic problems for a blur kernel that maps known gradients to measured ones."""
 
 from __future__ import annotations
 
@@ -9,33 +9,34 @@ import torch
 
 from optics.fourier import irfft2, rfft2
 
-_CHANGE_TOLERANCE = 1e-6
-"""Of a kernel's sum: a change below which it is found."""
-
 
 @dataclass(frozen=True, eq=False)
 class QuadraticProblem:
-    """k^T N k / 2 - r^T k, of a kernel's pixels in rows; over the noise's variance it is
-    the logarithm of their likelihood.
+    """The quadratic objective k^T N k / 2 - r^T k of a blur kernel k.
 
-    normal_matrix: N, (pixels, pixels), symmetric and never negative. right_hand_side: r, (rows,
-    columns).
+    k holds the kernel's pixels row by row. Divided by the noise variance, the objective is the
+    negative log-likelihood of the kernel, up to a constant. `normal_matrix` is N, (pixels, pixels),
+    symmetric and positive semidefinite. `right_hand_side` is r, (rows, columns).
     """
 
     normal_matrix: torch.Tensor
     right_hand_side: torch.Tensor
 
     def value(self, kernel: torch.Tensor) -> float:
+        """Return the value of the objective for a blur kernel."""
         flat = kernel.ravel()
         return float(0.5 * flat @ (self.normal_matrix @ flat) - self.right_hand_side.ravel() @ flat)
 
     def with_ridge(self, weight: float) -> QuadraticProblem:
-        """With weight * |k|² / 2 added."""
+        """Return the kernel's problem with the penalty weight * |k|² / 2 added."""
         eye = torch.eye(self.normal_matrix.shape[0], dtype=self.normal_matrix.dtype)
         return QuadraticProblem(self.normal_matrix + weight * eye, self.right_hand_side)
 
     def blend_with(self, own_weight: float, new: QuadraticProblem) -> QuadraticProblem:
-        """Mean with another one: own_weight is the weight of this one, 0 to 1."""
+        """Return the weighted mean with another kernel problem.
+
+        `own_weight` is the weight of this one, 0 to 1.
+        """
         return QuadraticProblem(
             torch.lerp(new.normal_matrix, self.normal_matrix, own_weight),
             torch.lerp(new.right_hand_side, self.right_hand_side, own_weight),
@@ -43,13 +44,13 @@ class QuadraticProblem:
 
 
 def fast_period(rows: int, columns: int) -> tuple[int, int]:
-    """No smaller, fast for an FFT, with an even number of columns."""
+    """Return a period of at least (rows, columns) with fast FFTs and an even number of columns."""
     half = scipy.fft.next_fast_len((columns + 1) // 2, real=True)
     return scipy.fft.next_fast_len(rows, real=True), 2 * half
 
 
 def padded_spectrum(picture: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
-    """Of a picture, (..., rows, columns), in the corner of a larger period."""
+    """Compute the rfft2 of a picture, (..., rows, columns), padded with zeros to a period."""
     rows, columns = picture.shape[-2:]
     margins = (0, period[1] - columns, 0, period[0] - rows)
     return rfft2(torch.nn.functional.pad(picture, margins))
@@ -58,10 +59,11 @@ def padded_spectrum(picture: torch.Tensor, period: tuple[int, int]) -> torch.Ten
 def least_squares_problem(
     sharp: torch.Tensor, blurred: torch.Tensor, shape: tuple[int, int]
 ) -> QuadraticProblem:
-    """Of |sharp * k - blurred|² / 2, on a period that light doesn't pass the end of.
+    """Build the kernel problem of minimising |sharp * k - blurred|² / 2, where * is a convolution.
 
-    sharp, blurred: (channels, ...) spectra as of rfft2, of one period. shape: (rows, columns) of
-    the kernel, whose first pixel belongs to a lag of 0.
+    `sharp` and `blurred` are rfft2 spectra, (channels, ...), on one period that is so large that
+    the convolution doesn't wrap around. `shape` is the (rows, columns) of the kernel, whose first
+    pixel belongs to a lag of 0.
     """
     period = (int(sharp.shape[-2]), 2 * (int(sharp.shape[-1]) - 1))
     power = (sharp.real.square() + sharp.imag.square()).sum(0)
@@ -71,7 +73,7 @@ def least_squares_problem(
 
 
 def _toeplitz(autocorrelation: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Autocorrelation at the lag from each pixel to each other."""
+    """Build the kernel's normal matrix, the autocorrelation at the lag between any two pixels."""
     y = torch.arange(shape[0]).repeat_interleave(shape[1])
     x = torch.arange(shape[1]).repeat(shape[0])
     rows, columns = autocorrelation.shape
@@ -81,10 +83,11 @@ def _toeplitz(autocorrelation: torch.Tensor, shape: tuple[int, int]) -> torch.Te
 def minimise_nonnegative(
     problem: QuadraticProblem, start: torch.Tensor, *, sum_is_one: bool, steps: int = 200
 ) -> torch.Tensor:
-    """The kernel, nowhere negative, that makes the problem least; from a start on.
+    """Minimise a quadratic problem over non-negative blur kernels, starting from `start`.
 
-    By accelerated projected gradients with restarts (Beck and Teboulle 2009, doi 10.1137/080716542;
-    O'Donoghue and Candès 2015, doi 10.1007/s10208-013-9150-3).
+    The method is the accelerated projected gradient with restarts (Beck and Teboulle 2009, doi
+    10.1137/080716542; O'Donoghue and Candès 2015, doi 10.1007/s10208-013-9150-3). `sum_is_one`
+    limits the kernels to those with a sum of 1.
     """
     size = _largest_eigenvalue(problem.normal_matrix)
     if size <= 0:
@@ -101,14 +104,17 @@ def minimise_nonnegative(
         change = following - now
         ahead = following + (pace - 1) / next_pace * change
         now, pace = following, next_pace
-        if float(change.abs().max()) < _CHANGE_TOLERANCE:
+        # The tolerance is for kernels that sum to about 1.
+        if float(change.abs().max()) < 1e-6:
             break
     return now.reshape(start.shape)
 
 
 def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
-    """The nearest point that is nowhere negative and sums to 1 (Duchi et al. 2008, doi
-    10.1145/1390156.1390191)."""
+    """Project a kernel onto the nearest non-negative one that sums to 1.
+
+    See Duchi et al. 2008, doi 10.1145/1390156.1390191.
+    """
     sorted_down = values.sort(descending=True).values
     excess = sorted_down.cumsum(0) - 1
     count = torch.arange(1, values.numel() + 1, dtype=values.dtype)
@@ -117,7 +123,10 @@ def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
 
 
 def _largest_eigenvalue(normal: torch.Tensor, steps: int = 20) -> float:
-    """No less than it, nearly: of a Toeplitz matrix with mostly positive entries."""
+    """Estimate the largest eigenvalue of a kernel's normal matrix from above, by power iteration.
+
+    The result is 1.1 times the estimate. It suits a Toeplitz matrix with mostly positive entries.
+    """
     vector = torch.ones(normal.shape[0], dtype=normal.dtype)
     size = 0.0
     for _ in range(steps):

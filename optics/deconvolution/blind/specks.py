@@ -1,4 +1,4 @@
-"""Specks that a kernel has beside its stroke."""
+"""Removal of small isolated parts from an estimated blur kernel."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ _TOUCHING = np.ones((3, 3))
 
 
 def without_specks(kernel: torch.Tensor, faint: float, small: float) -> torch.Tensor:
-    """With a sum of 1, and without what is fainter than a share of the peak, and without connected
-    parts that have less than a share of its light."""
+    """Remove specks from a blur kernel: faint pixels and small isolated parts.
+
+    Pixels below the share `faint` of the peak are set to 0, and so are connected parts with less
+    than the share `small` of the light. The result sums to 1.
+    """
     kept = torch.where(kernel >= faint * kernel.max(), kernel, 0.0)
     if small > 0:
         parts, count = scipy.ndimage.label(kept.numpy() > 0, _TOUCHING)

@@ -1,4 +1,4 @@
-"""A picture of few edges that a blurred one may have come from, and the kernel between both."""
+"""Estimation of a picture with few strong edges, and of the kernel that blurs it."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from optics.fourier import irfft2, rfft2
 from optics.operators.blur import transfer_function
 from optics.plane import centred_crop
 
-_STRONGEST = 1e3
-"""Coupling of the picture to its edges by which they are settled."""
-
 
 class StrongEdges:
-    """Of a photograph, (rows, columns) with a standard deviation of SPREAD or so, and kernels of no
-    more than `size`."""
+    """Estimates the strong edges of a photograph's scene, and the blur kernel from them.
+
+    The photograph is (rows, columns) with a standard deviation of about LIGHT_DEVIATION. Kernels
+    are at most (rows, columns) `size`.
+    """
 
     def __init__(self, image: torch.Tensor, valid: torch.Tensor, size: tuple[int, int]) -> None:
         self._image, self._size = image, size
@@ -34,7 +34,7 @@ class StrongEdges:
         self._laplacian = laplacian_spectrum(self._period_shape).to(image)
         trusted = (valid[1:, 1:] * valid[:-1, :-1] * valid[1:, :-1] * valid[:-1, 1:])[None]
         self._valid_gradients = gradients(image) * trusted
-        # Edges far enough inside that all of their light was measured.
+        # These gradients lie so far inside the frame that all of their blurred light was measured.
         unseen = torch.nn.functional.max_pool2d(
             1 - trusted, (2 * size[0] + 1, 2 * size[1] + 1), 1, (size[0], size[1])
         )
@@ -44,15 +44,17 @@ class StrongEdges:
         self._interior[frame] = 1 - unseen[frame]
 
     def estimate_picture(self, kernel: torch.Tensor, weight: float) -> torch.Tensor:
-        """The least of |k * x - image|² + weight * (number of pixels where x has a gradient), by
-        half-quadratic splitting (Xu, Zheng and Jia 2013, doi 10.1109/CVPR.2013.147).
+        """Estimate a sharp picture with few edges from the photograph and a blur kernel.
 
-        kernel: origin at n // 2. The photograph's border is blended into its opposite one.
+        The picture x minimises |k * x - image|² + weight * (number of pixels where x has a
+        gradient), by half-quadratic splitting (Xu, Zheng and Jia 2013, doi 10.1109/CVPR.2013.147).
+        `kernel` is k, with its origin at n // 2. Opposite borders of the photograph are blended.
         """
         transfer = transfer_function(kernel, self._period_shape)
         told, power = transfer.conj() * self._spectrum, squared_modulus(transfer)
         x, coupling = irfft2(self._spectrum, self._period_shape), 2 * weight
-        while coupling < _STRONGEST:
+        # The coupling of the picture to its edges grows up to 1000.
+        while coupling < 1e3:
             along, down = torch.roll(x, -1, 1) - x, torch.roll(x, -1, 0) - x
             weak = along.square() + down.square() < weight / coupling
             along.masked_fill_(weak, 0)
@@ -66,12 +68,15 @@ class StrongEdges:
     def estimate_kernel(
         self, picture: torch.Tensor, start: torch.Tensor, ridge: float
     ) -> torch.Tensor:
-        """From a picture of few edges to the photograph, with ridge * |k|² for what they don't
-        tell; its sum is 1. Zeros where the picture has no edges."""
+        """Estimate the blur kernel k that maps a picture with few edges to the photograph.
+
+        `ridge` is the weight of |k|², which determines what the edges don't. The result sums to 1.
+        It is `start` if the picture has no edges.
+        """
         edges = gradients(picture) * self._interior
         rows, columns = self._size
         period = fast_period(edges.shape[-2] + rows, edges.shape[-1] + columns)
-        # Lags of -n // 2 become 0.
+        # The padding shifts the lags, so that the lag of -(n // 2) becomes 0.
         shift = torch.nn.functional.pad(self._valid_gradients, (columns // 2, 0, rows // 2, 0))
         problem = least_squares_problem(
             padded_spectrum(edges, period), padded_spectrum(shift, period), self._size
