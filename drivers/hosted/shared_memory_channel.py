@@ -10,7 +10,7 @@ from drivers.hosted.message_socket import MessageSocket, hang_up_poll
 from drivers.hosted.parcels import Parcel
 
 FLAG_COUNT = 64
-"""Number of flag bytes at the memory's beginning. Byte i is set when a call's callable i is true."""
+"""Flag bytes at the memory's beginning. Byte i is set when callable i of a call becomes true."""
 
 
 class ParcelHeader(NamedTuple):
