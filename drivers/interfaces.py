@@ -189,7 +189,7 @@ class Camera(Device, Protocol):
 
     @property
     def frame_time(self) -> float:
-        """Seconds from the end of an exposure to a picture in memory."""
+        """Seconds from the end of the camera's exposure to the picture in memory."""
         ...
 
     def set_exposure(self, exposure: float) -> Setting[float]: ...

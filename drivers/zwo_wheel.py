@@ -153,7 +153,7 @@ class ZwoWheel(UsbWheel):
         """Send a query and return the wheel's reply, which must name the same query."""
         self._send(command, question)
         left = self._deadline - self._clock.now()
-        # With another requested length than 17 bytes the wheel's reply makes no sense.
+        # If another length than 17 bytes is requested, the wheel's reply makes no sense.
         data = self._link.control_in(command, *_GET_REPORT, 17, left)
         if len(data) != _LENGTH or data[:4] != _ANSWER + question[1:]:
             raise self._invalid_reply_error(command, data)

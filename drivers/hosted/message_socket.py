@@ -64,7 +64,7 @@ class MessageSocket:
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
 
-    # Some owners never call close(): pyusb, for example, doesn't tell a backend that it has ended.
+    # Some owners can't call close(): pyusb, for example, doesn't tell a backend when it is unused.
     __del__ = close
 
     def send(self, message: object) -> None:

@@ -52,7 +52,7 @@ class CS2000Optics:
     def _signal(self, integration: float, nd: int) -> float:
         """Return the exposure of the sensor, in cd s/m² at 1 degree."""
         luminance = float(tristimulus(WAVELENGTHS, self.measured_spectrum() * 1e9)[1])
-        # The manual doesn't give the internal filter's transmittance; a tenth is assumed.
+        # The instrument doesn't report its internal filter's transmittance; a tenth is assumed.
         transmittance = 0.1 if nd else 1.0
         # Areas of the fields of 1, 0.2 and 0.1 degrees, relative to the first.
         relative_area = (1.0, 0.04, 0.01)[self.angle]

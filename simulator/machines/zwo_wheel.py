@@ -89,7 +89,7 @@ class ZwoWheelMachine:
     def _execute(self, command: bytes, number: int, t: float) -> None:
         match command:
             case b"\x02\x04":
-                # Bytes 1 to 3 are the firmware's version, 3.0.9.
+                # The numbers 3, 0, 9 are the firmware's version.
                 self._set_reply(b"\x04\x03\x00\x09\x00" + self._name.ljust(8, b"\0"))
             case b"\x02\x01":
                 self._set_reply(self._encode_state(t))
