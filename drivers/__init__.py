@@ -1,4 +1,4 @@
-"""What a device can be asked for, and the real devices.
+"""Interfaces of laboratory devices, and drivers of real ones.
 
-This package knows neither optics nor simulator nor labapp; importing it loads nothing.
+This package imports neither optics nor simulator nor labapp; importing it loads nothing.
 """

@@ -1,19 +1,16 @@
-"""The clock of real devices."""
+"""The bench's clock for real devices."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-_POLL_INTERVAL = 0.02
-"""Seconds between looks at whether the wait was cancelled."""
-
 
 class RealClock:
-    """Seconds since the clock was made.
+    """Clock of a bench with real devices: seconds since the clock was created.
 
-    start: of another process's clock, in seconds of time.monotonic(), which is the same in
-    all processes: both clocks then show the same time.
+    start: start of another process's clock, in seconds of time.monotonic(). That time is the same
+    in all processes, so both clocks then show the same time.
     """
 
     def __init__(self, start: float | None = None) -> None:
@@ -24,4 +21,5 @@ class RealClock:
 
     def wait_until(self, time_: float, cancelled: Callable[[], bool]) -> None:
         while (left := time_ - self.now()) > 0 and not cancelled():
-            time.sleep(min(left, _POLL_INTERVAL))
+            # Every 20 ms the clock checks whether the wait was cancelled.
+            time.sleep(min(left, 0.02))

@@ -1,14 +1,14 @@
-"""How a device says that something went wrong."""
+"""The exception that all devices raise."""
 
 from __future__ import annotations
 
 
 class DeviceError(Exception):
-    """A failure of a device, in words that a person at the bench can act on.
+    """Raised for a failure of a device, with a message that a person at the bench can act on.
 
-    device: its model. command: what it was asked. reply: what it answered.
-    remedy: what to try. role: what the bench calls it (slm, filter, camera, targets), once
-    the bench has passed the error on.
+    device: the device's model. command: the command that failed. reply: the device's reply.
+    remedy: what to try. role: the device's role on the bench (slm, filter, camera, targets), empty
+    until the bench passes the error on.
     """
 
     role = ""

@@ -1,9 +1,9 @@
-"""What the application asks of devices: small protocols, and the data they exchange.
+"""Interfaces of laboratory devices: small protocols, and the data that they exchange.
 
-SI units throughout. A device is a context manager; leaving it closes it. Every call
-ends within the device's own documented time or raises a DeviceError. A set-call gives
-back what was really set and when it will stand; whoever measures waits for all of them,
-so that settling overlaps.
+All quantities are in SI units. A device is a context manager; leaving it closes it. Every call ends
+within the device's documented time or raises a DeviceError. A call that sets a value returns the
+value that was really set and the time at which it stands. A measurement waits for the latest of
+these times, so that devices settle at the same time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Identity:
-    """Who a device is; simulated devices say so, and nothing hides it."""
+    """Identity of a device: model, serial number, and whether it is simulated."""
 
     model: str
     serial: str
@@ -31,7 +31,7 @@ class Identity:
 
 @dataclass(frozen=True)
 class Setting(Generic[T]):
-    """What was asked, what was really set, and the clock's time at which it stands."""
+    """A device's setting: requested value, actual value, and clock's time at which it stands."""
 
     request: T
     actual: T
@@ -42,10 +42,10 @@ class Setting(Generic[T]):
 class Frame:
     """A raw picture and the settings that it was really taken with.
 
-    image: (rows, columns), uint16. exposure: seconds. gain: electrons per digital
-    number. time: the clock's time at which the exposure began. number: counted by the
-    camera, so that a lost or repeated frame shows. checksum: CRC-32 of the image's bytes
-    as they left the camera, None where the camera tells none.
+    image: (rows, columns), uint16. exposure: seconds. gain: electrons per digital number. time: the
+    clock's time at which the exposure began. number: count by the camera, which reveals lost and
+    repeated frames. checksum: CRC-32 of the image's bytes as they left the camera, None if the
+    camera gives none.
     """
 
     image: NDArray[np.uint16]
@@ -57,30 +57,31 @@ class Frame:
 
 
 def checksum(image: NDArray[np.uint16]) -> int:
-    """CRC-32 of a picture's bytes, row by row."""
+    """Return the CRC-32 of a picture's bytes, row by row."""
     return zlib.crc32(np.ascontiguousarray(image).data)
 
 
 class Clock(Protocol):
-    """The bench's time in seconds; it may run faster than the wall's in a simulation."""
+    """Clock of the bench, in seconds; in a simulation it may run faster than real time."""
 
     def now(self) -> float: ...
 
     def wait_until(self, time: float, cancelled: Callable[[], bool]) -> None:
-        """Return at `time`, or soon after `is_cancelled()` turns true."""
+        """Return at `time`, or soon after `cancelled()` becomes true."""
         ...
 
 
 class Device(Protocol):
-    """What every device tells and does.
+    """Interface of every device.
 
-    A device whose calls may hang has a method kill() besides: it ends the call that hangs,
-    from any thread, and the device with it; __exit__() comes after it. One whose work takes
-    longer than it can document has an attribute `alive_at`, the time.monotonic() at which it
-    last got on: it counts as hanging only its reply time after that. One that can tell so without
-    disturbing anything has a method unplugged_reason(), for any thread and at any time: why it
-    counts as unplugged, empty while it is there, None where that can't be told now. Who has heard
-    of it may wait for it to be there again.
+    Three members are optional. A device whose calls may hang has a method kill(), which may be
+    called from any thread: it ends the hanging call and the device; __exit__() is called after it.
+    A device whose work takes longer than it can document has an attribute `alive_at`, the
+    time.monotonic() of its last progress; it counts as hanging when its reply time has passed since
+    then. A device that can detect unplugging without disturbing anything has a method
+    unplugged_reason(), which may be called from any thread at any time. It returns why the device
+    counts as unplugged, an empty string while it is there, and None if that is unknown. The
+    application then waits until the device is there again.
     """
 
     @property
@@ -88,16 +89,16 @@ class Device(Protocol):
 
     @property
     def reply_time(self) -> float:
-        """Seconds within which it answers any call, as documented; an exposure comes on top."""
+        """Seconds within which the device documents that it answers a call, besides an exposure."""
         ...
 
     @property
     def settling(self) -> float:
-        """Seconds that a new setting needs at most until it stands."""
+        """Longest time in seconds until a new setting of the device stands."""
         ...
 
     def make_safe(self) -> None:
-        """Leave the device so that it may be walked away from; may be called twice."""
+        """Put the device into a state in which it may be left alone; may be called twice."""
         ...
 
     def __enter__(self) -> Self: ...
@@ -111,37 +112,37 @@ class Device(Protocol):
 
 
 class SLM(Device, Protocol):
-    """A panel that shows uint8 grey levels unaltered; safe is the neutral grey 0."""
+    """Interface of an SLM that shows uint8 grey levels unaltered; its safe state is grey 0."""
 
     @property
     def shape(self) -> tuple[int, int]: ...
 
     @property
     def displayed_pattern(self) -> str:
-        """The identifier of the pattern that is on the panel now."""
+        """Identifier of the pattern that the SLM shows now."""
         ...
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]: ...
 
     @property
     def frame_time(self) -> float:
-        """Seconds for which each frame of a video stands."""
+        """Seconds for which the SLM shows each frame of a video."""
         ...
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
-        """Show frames (n, rows, columns) one after the other, again and again."""
+        """Show the frames (n, rows, columns) of a video on the SLM in an endless loop."""
         ...
 
 
 class SpectralFilter(Device, Protocol):
-    """A tunable filter; safe is parked at its first wavelength. Wavelengths in metres."""
+    """Interface of a tunable filter, in metres; its safe state is its first wavelength."""
 
     @property
     def wavelength_range(self) -> tuple[float, float]: ...
 
     @property
     def bandwidth(self) -> float:
-        """Full width at half maximum, in metres."""
+        """Full width at half maximum of the filter's band, in metres."""
         ...
 
     @property
@@ -152,7 +153,7 @@ class SpectralFilter(Device, Protocol):
 
 @dataclass(frozen=True)
 class Slot:
-    """One opening of a filter wheel: centre and full width at half maximum, in metres."""
+    """Slot of a filter wheel: name, centre and full width at half maximum in metres."""
 
     name: str
     wavelength: float
@@ -161,7 +162,7 @@ class Slot:
 
 @runtime_checkable
 class FilterWheel(SpectralFilter, Protocol):
-    """A wheel of filters, counted from 1; a wavelength is set by the slot that passes it."""
+    """Interface of a filter wheel, whose slots count from 1; a wavelength selects a slot."""
 
     @property
     def slots(self) -> tuple[Slot, ...]: ...
@@ -173,14 +174,14 @@ class FilterWheel(SpectralFilter, Protocol):
 
 
 class Camera(Device, Protocol):
-    """A camera that takes one picture when asked; safe is stopped."""
+    """Interface of a camera that takes one picture per call; its safe state is stopped."""
 
     @property
     def shape(self) -> tuple[int, int]: ...
 
     @property
     def full_scale(self) -> int:
-        """The digital number at which a pixel counts as clipped."""
+        """Digital number at which a pixel of the camera counts as clipped."""
         ...
 
     @property
@@ -188,7 +189,7 @@ class Camera(Device, Protocol):
 
     @property
     def frame_time(self) -> float:
-        """Seconds from the end of an exposure to a picture in memory."""
+        """Seconds from the end of the camera's exposure to the picture in memory."""
         ...
 
     def set_exposure(self, exposure: float) -> Setting[float]: ...
@@ -198,13 +199,13 @@ class Camera(Device, Protocol):
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Light as a spectroradiometer measured it.
+    """Spectrum that a spectroradiometer measured.
 
-    wavelengths: metres, (n,), ascending. radiance: W/(sr m² m) at each, (n,); a thousand
-    million times what is told per nanometre. integration_time: seconds for which light was taken.
-    nd_filter_used: whether the instrument put a filter of its own before its sensor, whose effect
-    is made up for. angle: of the field that it looked at, in radians. time: the clock's time at
-    which the measurement began.
+    wavelengths: metres, (n,), ascending. radiance: W/(sr m² m) at each wavelength, (n,), which is
+    10⁹ times the number per nanometre. integration_time: seconds for which light was collected.
+    nd_filter_used: whether the instrument used its internal neutral-density filter, for which the
+    radiance is corrected. angle: of the measured field, in radians. time: the clock's time at which
+    the measurement began.
     """
 
     wavelengths: NDArray[np.float64]
@@ -216,26 +217,26 @@ class Spectrum:
 
 
 class Spectroradiometer(Device, Protocol):
-    """Measures the spectral radiance of a spot when asked; safe is not measuring.
+    """Interface of a spectroradiometer, which measures the spectral radiance of a spot.
 
-    measure() takes as long as the light is dim, which comes on top of its reply time: it tells
-    `alive_at` meanwhile.
+    Its safe state is not to measure. measure() takes longer for dimmer light, in addition to the
+    reply time; meanwhile it updates `alive_at`.
     """
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
-        """At which it measures, in metres, (n,)."""
+        """Wavelengths at which the spectroradiometer measures, in metres, (n,)."""
         ...
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum: ...
 
 
 class TargetChanger(Device, Protocol):
-    """Whatever puts one of several named targets before the camera; safe is any."""
+    """Interface of a changer that puts a named target before the camera; any state is safe."""
 
     @property
     def by_hand(self) -> bool:
-        """Whether a person places them, who must be asked and waited for."""
+        """Whether a person places the targets, who must be asked and waited for."""
         ...
 
     @property
@@ -249,10 +250,11 @@ class TargetChanger(Device, Protocol):
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a device is opened in: the bench's clock, and the world of simulated devices.
+    """Surroundings in which a device is opened: the bench's clock and the simulated world.
 
-    A device's entry point is a callable `factory(surroundings, **options)` in the group
-    "labapp.devices"; the options are the keys of its table in the bench file.
+    world: shared state of simulated devices, None on a real bench. A device's entry point is a
+    callable `factory(surroundings, **options)` in the group "labapp.devices"; the options are the
+    keys of its table in the bench file.
     """
 
     clock: Clock

@@ -1,4 +1,4 @@
-"""A target changer that is a person."""
+"""A target changer for targets that a person places by hand."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from drivers.interfaces import Identity, Setting, Surroundings
 
 
 class ManualTargets:
-    """Names of what a person puts before the camera; whoever runs a plan asks the person.
+    """Target changer for targets that a person places; the runner of a plan asks the person.
 
-    names: of the targets. settling_ms: time until the hand has left the bench still.
+    names: of the targets. settling_ms: time until the bench is still after the person's touch.
     """
 
     by_hand = True
@@ -46,10 +46,10 @@ class ManualTargets:
         return Setting(name, name, self._clock.now() + self.settling)
 
     def make_safe(self) -> None:
-        """Nothing moves by itself."""
+        """Do nothing: a target that was placed by hand is always safe."""
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Nothing is held."""
+        """Do nothing: there is no device to close."""

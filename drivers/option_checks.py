@@ -1,4 +1,4 @@
-"""What options of devices are checked for, before anything is opened."""
+"""Checks of a driver's options, before the device is opened."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import TypeGuard
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Whether it is a finite number; true and false are none."""
+    """Return whether an option is a finite number; true and false don't count."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def require_within(name: str, value: object, least: float, most: float) -> None:
-    """Raise ValueError for what is no number from the least to the most."""
+    """Raise ValueError unless a driver's option is a number from `least` to `most`."""
     if not is_number(value) or not least <= value <= most:
         raise ValueError(f"{name} is {value!r}; it must be from {least:g} to {most:g}")

@@ -1,4 +1,4 @@
-"""What is plugged into this computer: the names that a bench file wants."""
+"""Lists of the devices that are connected to this computer, with names for a bench file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Port:
-    """A port, device, camera or screen, by the address that a driver opens it with."""
+    """A connected port, device, camera or screen, with the address for its driver."""
 
     kind: str
     address: str
@@ -15,14 +15,14 @@ class Port:
 
 
 def serial_ports() -> list[Port]:
-    """The serial ports, as pyserial lists them."""
+    """List the serial ports that pyserial finds."""
     from serial.tools import list_ports
 
     return [Port("serial", p.device, p.description or "") for p in list_ports.comports()]
 
 
 def usb_devices() -> list[Port]:
-    """The USB devices, as vendor:product, through the libusb that is installed with us."""
+    """List the USB devices as vendor:product, with the libusb of the package libusb-package."""
     import libusb_package
     import usb.core
 
@@ -34,9 +34,9 @@ def usb_devices() -> list[Port]:
 
 
 def cameras() -> list[Port]:
-    """GigE Vision and USB3 Vision cameras that answer, which takes a second.
+    """List the GigE Vision and USB3 Vision cameras that answer, which takes a second.
 
-    DeviceError where Aravis isn't installed.
+    Raises DeviceError if Aravis isn't installed.
     """
     from drivers.aravis import find_cameras
 
@@ -47,9 +47,9 @@ def cameras() -> list[Port]:
 
 
 def screens() -> list[Port]:
-    """The screens of this session's X server; none where there is no X server.
+    """List the screens of this session's X server; the list is empty without an X server.
 
-    DeviceError where there is one that can't be asked.
+    Raises DeviceError if the X server can't be asked.
     """
     import os
 

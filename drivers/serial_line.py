@@ -1,4 +1,4 @@
-"""One end of a serial cable: bytes in time, or a DeviceError that says what came instead."""
+"""Serial port of a device: reads end in time or raise a DeviceError that says what came."""
 
 from __future__ import annotations
 
@@ -12,11 +12,8 @@ from typing import Any
 from drivers.errors import DeviceError
 from drivers.interfaces import Clock
 
-_WRITE_TIMEOUT = 1.0
-"""Seconds that a write may be held up, by a flow control that says stop for example."""
-
 _MAX_REPLY_BYTES = 65536
-"""Bytes in one answer, after which a device counts as talking without end."""
+"""Number of bytes in one reply above which a device counts as sending without end."""
 
 _CABLE = "Check the cable, the power and that the port is the device's"
 
@@ -47,11 +44,11 @@ _ERRNO_EXPLANATIONS = {
         "Start the program that serves it, or correct host and number in the option port",
     ),
 }
-"""What a port's error means, and what helps."""
+"""Meaning and remedy of a serial port's errors, by errno."""
 
 
 def port_errors() -> tuple[type[BaseException], ...]:
-    """Whatever a serial port raises; some of it only on some systems."""
+    """Return the exception classes that a serial port may raise on this system."""
     import serial
 
     errors: tuple[type[BaseException], ...] = (serial.SerialException, OSError, ValueError)
@@ -63,16 +60,15 @@ def port_errors() -> tuple[type[BaseException], ...]:
 
 
 class SerialLine:
-    """A serial port that belongs to one device, by the bench's clock.
+    """Serial port of one device, with timeouts by the bench's clock.
 
     model: the device's name in errors. url: a port ("/dev/ttyUSB0", "COM3") or any URL of
-    pyserial ("socket://host:port", "spy:///dev/ttyUSB0?file=talk.txt"). baudrate: bits in a
-    second. rtscts: whether wires hold the other side up.
+    pyserial ("socket://host:port", "spy:///dev/ttyUSB0?file=talk.txt"). baudrate: bits per second.
+    rtscts: whether hardware flow control is used.
 
-    A port that fails is closed, and opened again by the next write. `in_sync` says whether
-    nothing went wrong since the driver last set it: it is False after opening and after every
-    failure, and then an old answer may still be on its way, so that a driver first has to
-    bring the device to rest. Every failure is a DeviceError.
+    Every failure is a DeviceError. A port that fails is closed; the next write opens it again. The
+    driver sets `in_sync` once the device is at rest. Opening and every failure set it to False,
+    because an old reply may then still arrive.
     """
 
     def __init__(
@@ -93,16 +89,16 @@ class SerialLine:
 
     @property
     def is_cancelled(self) -> bool:
-        """Whether somebody has given the device up."""
+        """Whether cancel() was called, after which the device can't be used any more."""
         return self._cancelled.is_set()
 
     @property
     def time_left(self) -> float:
-        """Seconds that are left of those granted by within(); infinite outside of it."""
+        """Seconds until the time limit of within(); infinite outside of it."""
         return self._until - self.clock.now()
 
     def open(self, command: str = "open") -> None:
-        """Take the port for this program alone, unless it is open."""
+        """Open the serial port for exclusive use, unless it is open already."""
         if self._port is not None:
             return
         self._require_not_cancelled(command)
@@ -111,8 +107,8 @@ class SerialLine:
         self._errors = port_errors()
         self.in_sync = False
         self._buffer.clear()
-        # pyserial's RFC 2217 knows no time-out for writing.
-        writing = None if self.url.lower().startswith("rfc2217:") else _WRITE_TIMEOUT
+        # Flow control may hold up a write for 1 s. pyserial's RFC 2217 has no write timeout.
+        writing = None if self.url.lower().startswith("rfc2217:") else 1.0
         try:
             self._port = serial.serial_for_url(
                 self.url,
@@ -126,16 +122,17 @@ class SerialLine:
             raise self._close_with_error(command, error) from error
 
     def unplugged_reason(self) -> str | None:
-        """Why the device counts as unplugged, empty while it is there; from any thread.
+        """Return why the device counts as unplugged, or an empty string while its port is there.
 
-        Told by the port's name, and nothing is said on the line; None where it is no file.
+        It looks only for the port's file and sends nothing; it returns None for a port that isn't
+        a file. Any thread may call it.
         """
         if not os.path.isabs(self.url):
             return None
         return "" if os.path.exists(self.url) else f"port {self.url} isn't there any more"
 
     def close(self) -> None:
-        """Give the port back; never fails."""
+        """Close the serial port; this never raises."""
         port, self._port = self._port, None
         self.in_sync = False
         self._buffer.clear()
@@ -148,7 +145,7 @@ class SerialLine:
         self.open(command)
 
     def cancel(self) -> None:
-        """End the read that goes on, and all later ones, from any thread."""
+        """End the present read and all later ones; any thread may call it."""
         self._cancelled.set()
         port = self._port
         if port is not None and hasattr(port, "cancel_read"):
@@ -157,7 +154,7 @@ class SerialLine:
 
     @contextlib.contextmanager
     def within(self, seconds: float) -> Iterator[None]:
-        """All reads in here end within so many seconds, whatever each is granted."""
+        """Limit the total time of all reads in this context, whatever their own timeouts are."""
         before = self._until
         self._until = min(before, self.clock.now() + seconds)
         try:
@@ -166,7 +163,7 @@ class SerialLine:
             self._until = before
 
     def write(self, data: bytes, command: str) -> None:
-        """Send bytes; the port is opened first if it was lost."""
+        """Send bytes to the device; a closed port is opened first."""
         self.open(command)
         try:
             self._port.write(data)
@@ -174,11 +171,11 @@ class SerialLine:
             raise self._close_with_error(command, error) from error
 
     def read(self, count: int, command: str, seconds: float) -> bytes:
-        """Exactly so many bytes, within so many seconds."""
+        """Read exactly `count` bytes from the device within `seconds`."""
         return self._read_bytes(lambda held: count if len(held) >= count else 0, command, seconds)
 
     def read_until(self, end: bytes, command: str, seconds: float) -> bytes:
-        """Everything to the next `end`, that included, within so many seconds."""
+        """Read the device's bytes up to and including the next `end`, within `seconds`."""
 
         def length(held: bytearray) -> int:
             found = held.find(end)
@@ -187,9 +184,9 @@ class SerialLine:
         return self._read_bytes(length, command, seconds)
 
     def has_received(self, end: bytes, command: str, seconds: float) -> bool:
-        """Whether an `end` is there to be read; waits up to so many seconds for it.
+        """Return whether an `end` has arrived from the device, waiting up to `seconds` for it.
 
-        DeviceError once the time of within() is over.
+        Raises DeviceError when the time of within() is over.
         """
         late = self.clock.now() + seconds
         while end not in self._buffer:
@@ -203,7 +200,7 @@ class SerialLine:
         return True
 
     def drain(self, quiet: float, timeout: float, command: str = "come to rest") -> bytes:
-        """Discard what comes until nothing has come for `quiet` seconds; what was discarded."""
+        """Discard bytes until none has come for `quiet` seconds; return the discarded bytes."""
         self.open(command)
         gone, self._buffer = bytes(self._buffer), bytearray()
         late = min(self.clock.now() + timeout, self._until)
@@ -218,14 +215,18 @@ class SerialLine:
         return gone
 
     def error(self, command: str, reply: str, remedy: str = _CABLE) -> DeviceError:
-        """A failure of this device; the line is out of step from now on."""
+        """Return a DeviceError of this device, and mark the line as not in sync."""
         self.in_sync = False
         return DeviceError(self.model, command, reply, remedy)
 
     def _read_bytes(
         self, length: Callable[[bytearray], int], command: str, seconds: float
     ) -> bytes:
-        """The first bytes that are long enough. length: how many make it up, 0 if too few."""
+        """Read bytes from the device until they form a reply.
+
+        length: function from the bytes so far to the length of the reply in them, 0 if it isn't
+        complete.
+        """
         if self._port is None:
             raise self.error(command, "the port is closed", "Try again: it is opened again")
         granted = max(0.0, min(seconds, self.time_left))
@@ -246,14 +247,14 @@ class SerialLine:
         return taken
 
     def _read_available(self, command: str, seconds: float) -> bytes:
-        """What comes first within so many seconds; nothing if nothing does."""
+        """Return the next bytes from the port, or none if none come within `seconds`."""
         self._require_not_cancelled(command)
         try:
             self._port.timeout = seconds
             piece: bytes = self._port.read(max(1, min(self._port.in_waiting, 4096)))
         except self._errors as error:
             raise self._close_with_error(command, error) from error
-        # Nothing came because nobody waits any more: that isn't the device's silence.
+        # A read that was cancelled must not be reported as a device that doesn't answer.
         self._require_not_cancelled(command)
         return piece
 
@@ -262,18 +263,18 @@ class SerialLine:
             raise self.error(command, "the device was given up", "Open the device again")
 
     def _close_with_error(self, command: str, error: BaseException) -> DeviceError:
-        """What to say of a port that fails; it is closed."""
+        """Close a port that has failed, and return the DeviceError for it."""
         self.close()
         reply, remedy = _explain_port_error(error)
         return self.error(command, f"port {self.url}: {reply}", remedy)
 
 
 def _explain_port_error(error: BaseException) -> tuple[str, str]:
-    """What an error of a port means, and what helps."""
+    """Return the reply and remedy of a DeviceError for a serial port's exception."""
     number = _errno_of(error)
     if number in _ERRNO_EXPLANATIONS:
         return _ERRNO_EXPLANATIONS[number]
-    # pyserial's words where a port says that there is something, and then there is nothing.
+    # pyserial writes this when a port reports data but then has none.
     if "returned no data" in str(error):
         return _DISCONNECTED
     if "Write timeout" in str(error):
@@ -284,7 +285,7 @@ def _explain_port_error(error: BaseException) -> tuple[str, str]:
 
 
 def _errno_of(error: BaseException | None) -> int:
-    """The system's number of what went wrong: some errors only come about by those that have it."""
+    """Return the errno of a port's exception or of one of the exceptions that it came from."""
     while error is not None:
         for number in (getattr(error, "errno", None), *error.args[:1]):
             if isinstance(number, int):
@@ -294,6 +295,6 @@ def _errno_of(error: BaseException | None) -> int:
 
 
 def _preview(data: bytes | bytearray) -> str:
-    """Bytes for a person: not more than fit into a line."""
+    """Return bytes as text for an error message, shortened to about a line."""
     shown = bytes(data[:60])
     return f"{shown!r}" + (f" and {len(data) - 60} bytes more" if len(data) > 60 else "")

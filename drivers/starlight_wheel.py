@@ -1,41 +1,62 @@
-"""Filter wheels of Starlight Xpress, by USB.
+"""Driver of Starlight Xpress filter wheels on USB.
 
 Source: "Handbook for the SX Universal Filter Wheel" (2009) and that of the Midi Filter Wheel
-(2019), Communication Protocols: output and input reports of two bytes. What real wheels do
-besides is known from public drivers (catkit, Micro-Manager, OpenAstro).
+(2019), Communication Protocols: output and input reports of two bytes. Further behaviour of real
+wheels is known from public drivers (catkit, Micro-Manager, OpenAstro).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from drivers.interfaces import Surroundings
 from drivers.usb_wheel import UsbWheel
 
-VENDOR, PRODUCT = 0x1278, 0x0920
-
 _SET_REPORT = (0x21, 9, 0x0200)
+"""Request type, request and value of the control transfer that sends an output report."""
+
 _REPORTS_IN = 0x81
+"""Endpoint of the input reports."""
+
 _QUERY_POSITION, _START_COUNTING = (0, 0), (0, 1)
 
-_POLL = 0.05
-_QUIET = 0.02
-"""Seconds in which a report that lies ready is fetched: the host asks every 10 ms."""
-_MATCHING_REPLIES = 3
-"""Answers that must agree: two bytes carry no checksum."""
+
+@dataclass(frozen=True)
+class StarlightPolling:
+    """Tune how a Starlight Xpress wheel is polled.
+
+    Attributes
+    ----------
+    interval : float
+        Seconds between queries while the wheel turns (chosen).
+    quiet : float
+        Seconds in which the host surely fetches a report that is ready: it asks every 10 ms.
+    matching_replies : int
+        Number of equal replies in a row that are believed (chosen). One isn't enough, because two
+        bytes carry no checksum.
+    """
+
+    interval: float = 0.05
+    quiet: float = 0.02
+    matching_replies: int = 3
+
+
+_POLLING = StarlightPolling()
 
 
 class StarlightWheel(UsbWheel):
-    """A Starlight Xpress filter wheel: 1278:0920.
+    """Drive a Starlight Xpress filter wheel: 1278:0920.
 
-    slots_nm, names, avoid, settling_ms: see drivers.wheel.Wheel. step_ms: the most that it needs
-    from a slot to the next; it takes the shorter way. serial: of the wheel, where several are
-    plugged in. count_filters: have it count its filters at every start, for which it turns
-    around twice; else it does so only if it doesn't know. backend: see drivers.usb_link.backend.
+    slots_nm, names, avoid, settling_ms: see drivers.wheel.Wheel. step_ms: longest time from a slot
+    to the next; the wheel takes the shorter way. serial: serial number of the wheel, if several
+    are plugged in. count_filters: whether the wheel counts its filters at every start, for which it
+    turns around twice; otherwise it counts them only if it doesn't know their number. backend: see
+    drivers.usb_link.backend.
     """
 
     model = "Starlight Xpress filter wheel"
-    usb_ids = (VENDOR, PRODUCT)
+    usb_ids = (0x1278, 0x0920)
     _query_time = 4.0
 
     def __init__(
@@ -59,11 +80,11 @@ class StarlightWheel(UsbWheel):
 
     @property
     def reply_time(self) -> float:
-        """Seconds for the longest way, and for counting: a wheel that got power does that first."""
+        """Seconds for the longest way and for counting the slots, as the wheel does on power-up."""
         return self._turning_time + 2 * len(self._slots) * self._step
 
     def health(self) -> dict[str, str]:
-        """What the wheel tells about itself."""
+        """Return what the wheel reports about itself, by name."""
         self._start_deadline()
         position, total = self._read_confirmed_state("read its state")
         return {
@@ -78,7 +99,7 @@ class StarlightWheel(UsbWheel):
         self._link.open(command)
         if self._count_filters:
             self._ask(command, _START_COUNTING)
-        # It turns to its first slot when it gets power, and when it has counted.
+        # The wheel turns to its first slot on power-up and after counting.
         self._wait_at_slot(command, 0)
 
     def _turn_to(self, command: str, number: int) -> None:
@@ -86,9 +107,9 @@ class StarlightWheel(UsbWheel):
         self._wait_at_slot(command, number)
 
     def _read_confirmed_state(self, command: str) -> tuple[int, int]:
-        """Position and number of slots, as it says several times."""
+        """Return the wheel's position and number of slots after several equal replies."""
         seen = [self._ask(command, _QUERY_POSITION)]
-        while len(seen) < _MATCHING_REPLIES:
+        while len(seen) < _POLLING.matching_replies:
             now = self._ask(command, _QUERY_POSITION)
             seen = [*seen, now] if now == seen[-1] else [now]
             if self._clock.now() >= self._deadline:
@@ -96,13 +117,16 @@ class StarlightWheel(UsbWheel):
         return seen[-1]
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """The slot, once it stands there (0: anywhere), as it says several times."""
+        """Wait until the wheel stands at the target slot (0: any), and return the slot.
+
+        The wheel must report it several times in a row.
+        """
         seen: list[int] = []
         began, counting = self._deadline - self._time_granted, False
         while True:
             position, total = self._ask(command, _QUERY_POSITION)
             if position and not total and not counting:
-                # It doesn't know how many it has, and doesn't find out by itself.
+                # The wheel doesn't know its number of slots, and doesn't count them by itself.
                 position, total = self._ask(command, _START_COUNTING)
             self._require_slot_count(command, position, total)
             if counting != (total == 0):
@@ -111,14 +135,18 @@ class StarlightWheel(UsbWheel):
                 self._time_granted = self.reply_time if counting else self._turning_time
                 self._deadline = min(since + self._time_granted, began + self.reply_time)
             seen = [*seen, position] if position in seen[-1:] else [position]
-            if position and position == (target or position) and len(seen) >= _MATCHING_REPLIES:
+            enough = len(seen) >= _POLLING.matching_replies
+            if position and position == (target or position) and enough:
                 return position
             if self._clock.now() >= self._deadline:
                 raise self._stuck_error(command, position)
-            self._pause(_QUIET if position else _POLL)
+            self._pause(_POLLING.quiet if position else _POLLING.interval)
 
     def _require_slot_count(self, command: str, position: int, total: int) -> None:
-        """DeviceError unless the wheel has as many filters as were named; 0 while it counts."""
+        """Raise DeviceError unless the wheel's number of slots is that of the bench file.
+
+        While the wheel counts its slots, it reports 0 for both numbers.
+        """
         count = len(self._slots)
         if total == count or (total == 0 and position == 0):
             return
@@ -138,7 +166,7 @@ class StarlightWheel(UsbWheel):
         )
 
     def _ask(self, command: str, report: tuple[int, int]) -> tuple[int, int]:
-        """A report, and the one that answers it: position (0: turning) and number of slots."""
+        """Send a report to the wheel; return the position (0: turning) and the number of slots."""
         link = self._link
         self._discard_late_replies(command)
         left = self._deadline - self._clock.now()
@@ -156,11 +184,12 @@ class StarlightWheel(UsbWheel):
         return answer[0], answer[1]
 
     def _discard_late_replies(self, command: str) -> None:
-        """Let no answer to an earlier question be taken for the next one's."""
+        """Discard replies of the wheel to earlier queries, so that none is taken for the next."""
         link = self._link
         link.open(command)
-        # What it owes after a failure may be late, or lost.
-        quiet = link.timeout if link.may_have_late_replies and self._pending_replies else _QUIET
+        # After a failure a reply that is still missing may come late or never.
+        late = link.may_have_late_replies and self._pending_replies
+        quiet = link.timeout if late else _POLLING.quiet
         came = link.drain(
             command, _REPORTS_IN, 2, quiet, lambda: self._clock.now() >= self._deadline
         )

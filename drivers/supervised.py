@@ -1,4 +1,4 @@
-"""A device under watch: owned by one thread, every call in time, whatever the device does."""
+"""Supervision of devices: each runs in its own thread, and a call that hangs ends in time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from drivers.errors import DeviceError
@@ -17,20 +17,33 @@ from drivers.worker import Worker
 
 log = logging.getLogger(__name__)
 
-OPEN_TIMEOUT = 60.0
-"""Seconds in which a device must be open: some initialise for half a minute."""
 
-_TIMEOUT_MARGIN = 1.0
-"""Seconds beyond a device's documented time, after which nobody waits for it any more."""
+@dataclass(frozen=True)
+class SupervisionTiming:
+    """Tune how long a supervised device is waited for, in seconds.
 
-_CANCEL_GRACE = 1.0
-"""Seconds in which a call may end, by itself or because it is due, once it is cancelled."""
+    Attributes
+    ----------
+    open_timeout : float
+        Time in which a device must be open (chosen; some devices initialise for half a minute).
+    timeout_margin : float
+        Time beyond a device's documented time after which a call counts as hanging (chosen).
+    cancel_grace : float
+        Time in which a call must end after it was cancelled (chosen).
+    kill_timeout : float
+        Time in which the call of a killed device must end (chosen).
+    poll_interval : float
+        Time between checks whether a wait was cancelled (chosen).
+    """
 
-_KILL_TIMEOUT = 0.5
-"""Seconds in which a killed device's call must end."""
+    open_timeout: float = 60.0
+    timeout_margin: float = 1.0
+    cancel_grace: float = 1.0
+    kill_timeout: float = 0.5
+    poll_interval: float = 0.01
 
-_POLL_INTERVAL = 0.01
-"""Seconds between looks at whether a wait was cancelled."""
+
+SETTINGS = SupervisionTiming()
 
 
 def _never() -> bool:
@@ -38,27 +51,28 @@ def _never() -> bool:
 
 
 class SupervisedDevice:
-    """Stands for a device, in the words of the device's own interface.
+    """Proxy of a device, with its interface, that ends every call in time.
 
-    role: what the bench calls it. make: makes the device, which is entered at once.
-    simulated: whether what its driver talks to is known to be. Every
-    call runs in the device's own thread, one after the other whoever asks. A call that
-    doesn't end within the device's documented time and a second makes the device a dead one:
-    it is killed where it can be and given up where it can't, and this and every later call
-    is a DeviceError that names it, until `revive()` has opened a new one. So does a call that
-    goes on for a second after `cancelled` has turned true.
+    role: the device's role on the bench. make: function that makes the device, which is entered at
+    once. simulated: whether the driver is known to talk to a simulated device.
+
+    All calls run one after the other in the device's own thread. A call counts as hanging if it
+    takes a second longer than the device documents, or goes on for a second after `cancelled` has
+    become true. The device is then killed if possible and given up otherwise. This call and every
+    later one raise a DeviceError that names the hanging call, until `revive()` has opened a new
+    device.
     """
 
     def __init__(self, role: str, make: Callable[[], Any], *, simulated: bool = False) -> None:
         self.role = role
         self.cancelled: Callable[[], bool] = _never
-        """Asked while calls last; who has begun something that can be cancelled sets it."""
+        """Function that is polled during calls; a caller that can be cancelled sets it."""
         self._make = make
         self._simulated = simulated
         self._devices: list[Any] = []
         self._device: Any = None
         self._model = role
-        self._reply_time = OPEN_TIMEOUT
+        self._reply_time = SETTINGS.open_timeout
         self._entered = False
         self._failure_reason = "is not open"
         self._turn = threading.RLock()
@@ -75,13 +89,13 @@ class SupervisedDevice:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(f"{self.__dict__.get('role', 'device')} has no {name}")
-        # Looked up in its thread, too: what looks like a value may be a question on the wire.
+        # The lookup runs in the device's thread, too: reading an attribute may query the device.
         found = self._call(name, lambda device: getattr(device, name))
         if not callable(found):
             return found
 
         def forward_call(*given: Any, **named: Any) -> Any:
-            # Of the device that is there then: this one may have been replaced.
+            # The attribute is looked up again, because the device may have been replaced since.
             return self._call(name, lambda device: getattr(device, name)(*given, **named))
 
         return forward_call
@@ -93,32 +107,34 @@ class SupervisedDevice:
 
     @property
     def failure_reason(self) -> str:
-        """Why the device is given up; empty while it isn't."""
+        """Why the device can't be used; empty while it can."""
         return self._failure_reason
 
     @property
     def can_report_unplugging(self) -> bool:
-        """Whether it is a device that can say that it was unplugged without being disturbed."""
+        """Whether the device has a method unplugged_reason()."""
         return callable(getattr(type(self._device), "unplugged_reason", None))
 
     def unplugged_reason(self) -> str | None:
-        """Why the device counts as unplugged, and which it is; empty while it is there.
+        """Return why the device counts as unplugged, with its model, or an empty string.
 
-        From any thread, at once, whatever call goes on. None where that can't be told now.
+        Any thread may call it, and it returns at once, even during another call. The result is
+        None if it is unknown whether the device is there.
         """
         if self._failure_reason or not self.can_report_unplugging:
             return None
         try:
             why: str | None = self._device.unplugged_reason()
         except Exception:
-            # What is wrong with it, the next call tells.
+            # The next call of the device reports its failure.
             return None
         return f"{self._model}: {why}" if why else why
 
     def begin_make_safe(self) -> Callable[[], None]:
-        """Begin to make the device safe; the result waits for it, or raises DeviceError.
+        """Begin to make the device safe; the returned function waits for the end.
 
-        A dead device is opened again first, for it may have been left in any state.
+        That function raises DeviceError if the device can't be made safe. A device that was given
+        up is opened again first, because it may be in any state.
         """
         if self._failure_reason and self._entered:
             helper = Worker(f"{self.role} again")
@@ -132,7 +148,7 @@ class SupervisedDevice:
 
         def finish() -> None:
             with self._only_device_errors("make safe"):
-                self._wait("make safe", done, self._reply_time + _TIMEOUT_MARGIN)
+                self._wait("make safe", done, self._reply_time + SETTINGS.timeout_margin)
 
         return finish
 
@@ -140,7 +156,7 @@ class SupervisedDevice:
         self.begin_make_safe()()
 
     def revive(self) -> None:
-        """Open a new device in place of this one. DeviceError if that fails, too."""
+        """Open a new device in place of the present one; raise DeviceError if that fails."""
         with self._turn, self._only_device_errors("open"):
             self._close_if_alive()
             self._open()
@@ -154,13 +170,13 @@ class SupervisedDevice:
         with self._turn:
             self._worker = worker = Worker(self.role)
             self._devices, self._device = [], None
-            made = self._devices
+            made, timeout = self._devices, SETTINGS.open_timeout
             try:
                 self._device = device = self._ask(
-                    "open", lambda: self._make_and_enter(worker, made), OPEN_TIMEOUT
+                    "open", lambda: self._make_and_enter(worker, made), timeout
                 )
-                self._model = self._ask("identity", lambda: device.identity.model, OPEN_TIMEOUT)
-                self._reply_time = self._ask("reply_time", lambda: device.reply_time, OPEN_TIMEOUT)
+                self._model = self._ask("identity", lambda: device.identity.model, timeout)
+                self._reply_time = self._ask("reply_time", lambda: device.reply_time, timeout)
                 self._failure_reason = ""
             except BaseException as error:
                 if not worker.has_ended:
@@ -171,7 +187,7 @@ class SupervisedDevice:
                 raise
 
     def _make_and_enter(self, worker: Worker, made: list[Any]) -> Any:
-        """Open a device. made: is told of it meanwhile, so that it can be killed."""
+        """Make and enter a device. made: list to which it is added early, so it can be killed."""
         device = self._make()
         made.append(device)
         if worker.has_ended:
@@ -180,12 +196,12 @@ class SupervisedDevice:
             entered = device.__enter__()
         made.append(entered)
         if worker.has_ended:
-            # Nobody waits for it any more, and who tries again shall not find it in use.
+            # The caller has given up waiting. The device is closed, so that it can be opened again.
             entered.__exit__(None, None, None)
         return entered
 
     def _close_if_alive(self) -> None:
-        """Close the device, if it isn't dead."""
+        """Close the device unless it was given up."""
         with self._turn:
             if self._failure_reason:
                 return
@@ -196,10 +212,10 @@ class SupervisedDevice:
                 self._worker.end()
 
     def _close(self) -> None:
-        """What the device says to that is only logged."""
+        """Close the device; a failure is only logged."""
         device = self._device
         try:
-            self._ask("close", lambda: device.__exit__(None, None, None), OPEN_TIMEOUT)
+            self._ask("close", lambda: device.__exit__(None, None, None), SETTINGS.open_timeout)
         except Exception as error:
             log.warning("%s: closing: %s", self.role, error)
 
@@ -214,10 +230,11 @@ class SupervisedDevice:
         exposure_time: float = 0.0,
         cancelled: Callable[[], bool] = _never,
     ) -> Any:
-        """Have the device do something, which may take as long as it documents."""
+        """Call the device, with a timeout by its documented reply time."""
         with self._turn:
             self._require_alive(command)
-            device, seconds = self._device, exposure_time + self._reply_time + _TIMEOUT_MARGIN
+            device = self._device
+            seconds = exposure_time + self._reply_time + SETTINGS.timeout_margin
             return self._ask(
                 command, lambda: work(device), seconds, lambda: cancelled() or self.cancelled()
             )
@@ -238,18 +255,20 @@ class SupervisedDevice:
         seconds: float,
         cancelled: Callable[[], bool] = _never,
     ) -> Any:
-        """The result of a call; DeviceError and death if it doesn't come in time."""
+        """Wait for a device's call and return its result; give the device up after a timeout."""
         late = time.monotonic() + seconds
         heard = False
-        while not wait([done], timeout=_POLL_INTERVAL).done:
+        interval = SETTINGS.poll_interval
+        while not wait([done], timeout=interval).done:
             now = time.monotonic()
             if not heard and cancelled():
-                heard, late, seconds = True, min(late, now + _CANCEL_GRACE), _CANCEL_GRACE
+                heard, seconds = True, SETTINGS.cancel_grace
+                late = min(late, now + seconds)
             if now > late and (heard or now > self._progress_deadline):
                 after = " after it was cancelled" if heard else ""
                 self._give_up(command, done, f"hangs: no answer within {seconds:.1f} s{after}")
         if done.cancelled():
-            # Given up because of another call, before this one's turn.
+            # Another call has hung and the device was given up before this call began.
             self._require_alive(command)
         try:
             return done.result()
@@ -259,40 +278,39 @@ class SupervisedDevice:
 
     @property
     def _progress_deadline(self) -> float:
-        """How long a device that gets on is waited for.
+        """Time until which a device that reports progress by `alive_at` is waited for.
 
-        Only what lies at hand is looked at: its thread is busy, and may hang.
+        Only the instance's dictionary is read, because the device's thread is busy and may hang.
         """
         told: float = getattr(self._device, "__dict__", {}).get("alive_at", 0.0)
-        return told + self._reply_time + _TIMEOUT_MARGIN
+        return told + self._reply_time + SETTINGS.timeout_margin
 
     def _give_up(self, command: str, done: Future[Any], why: str) -> None:
-        """Kill the device if it can be killed, give its thread up if not, and say so."""
+        """Kill the device or give up its thread, and raise a DeviceError that says which."""
         end = "it was killed" if self._kill(done) else "it was given up"
         self._failure_reason = f"hung at {command}, and {end}"
         self._worker.give_up()
         raise self._error(command, f"{why}; {end}", "Look at the device and its cable")
 
     def _kill(self, done: Future[Any]) -> bool:
-        """Whether the call has ended because the device could be killed."""
+        """Kill the device if it has a method kill(); return whether the hanging call has ended."""
         device: Any = self._devices[-1] if self._devices else None
         if not callable(getattr(type(device), "kill", None)):
             return False
-        # Who knows whether that hangs, too?
+        # kill() runs in a thread of its own, because it may hang as well.
         killer = Worker(f"{self.role} killed")
         killer.submit(lambda: device.kill())
         killer.end()
-        if not wait([done], timeout=_KILL_TIMEOUT).done:
+        timeout = SETTINGS.kill_timeout
+        if not wait([done], timeout=timeout).done:
             return False
-        # It frees what it holds here.
-        wait(
-            [self._worker.submit(lambda: device.__exit__(None, None, None))], timeout=_KILL_TIMEOUT
-        )
+        # The killed device frees its resources in this process.
+        wait([self._worker.submit(lambda: device.__exit__(None, None, None))], timeout=timeout)
         return True
 
     @contextlib.contextmanager
     def _only_device_errors(self, command: str) -> Iterator[None]:
-        """Whatever a driver raises where nobody expects but a DeviceError."""
+        """Turn any exception of a driver into a DeviceError."""
         try:
             yield
         except DeviceError:
@@ -308,9 +326,9 @@ class SupervisedDevice:
 
 
 class SupervisedCamera(SupervisedDevice):
-    """A camera under watch: an exposure may take as long as it was set to.
+    """Proxy of a camera that ends every call in time; a capture may take the exposure time longer.
 
-    pace: seconds of the wall in one of the bench's, where those are longer.
+    pace: seconds of real time in a second of the bench's clock; less than 1 counts as 1.
     """
 
     def __init__(
@@ -334,7 +352,7 @@ class SupervisedCamera(SupervisedDevice):
         return setting
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """DeviceError if the frame isn't there in time; see Camera.capture()."""
+        """Take a frame, see Camera.capture(); raise DeviceError if it doesn't come in time."""
         unwanted = threading.Event()
 
         def stop() -> bool:
@@ -348,6 +366,6 @@ class SupervisedCamera(SupervisedDevice):
                 cancelled,
             )
         except BaseException:
-            # Broken off, by Ctrl-C for example: the camera, too, needs to wait no longer.
+            # After an exception, for example by Ctrl-C, the camera's capture is cancelled, too.
             unwanted.set()
             raise

@@ -1,4 +1,4 @@
-"""What filter wheels on USB share: the way to them, and what they say of themselves."""
+"""Base of the drivers of filter wheels on USB: the link and the descriptors."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from drivers.wheel import Wheel
 
 
 class UsbWheel(Wheel):
-    """A filter wheel at the end of a link, which is closed with it. The rest: see Wheel."""
+    """Base of drivers for filter wheels on USB, which open and close a `UsbLink`; see Wheel."""
 
     usb_ids: ClassVar[tuple[int, int]]
-    """Numbers of vendor and product."""
+    """Vendor and product ID."""
 
     def __init__(
         self,
@@ -35,30 +35,33 @@ class UsbWheel(Wheel):
         return Identity(self.model, self._link.identity.serial, simulated=False)
 
     def kill(self) -> None:
-        """End a call that goes on, and all later ones; from any thread."""
+        """End the present call of the wheel and all later ones; any thread may call it."""
         self._link.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Why it counts as unplugged, empty while it is there; see Device."""
+        """Return why the wheel counts as unplugged, or an empty string; see Device."""
         return self._link.unplugged_reason()
 
     def _read_slot(self, command: str) -> int:
         return self._wait_at_slot(command, 0)
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """The slot, once the wheel stands there, or anywhere for 0, as it says repeatedly."""
+        """Wait until the wheel reports repeatedly that it stands at a slot; return the slot.
+
+        target: the slot to wait for, 0 for any.
+        """
         raise NotImplementedError
 
     def _close(self) -> None:
         self._link.close()
 
     def _pause(self, seconds: float) -> None:
-        """Wait, but not beyond `_deadline`, nor once the wheel was given up."""
+        """Wait for `seconds`, but only until `_deadline` and until the link is cancelled."""
         until = min(self._clock.now() + seconds, self._deadline)
         self._clock.wait_until(until, lambda: self._link.is_cancelled)
 
     def _descriptors(self) -> dict[str, str]:
-        """What its USB descriptors say of it."""
+        """Return the identity in the wheel's USB descriptors, by name."""
         told = self._link.identity
         return {
             "product": told.product,

@@ -1,4 +1,4 @@
-"""What all filter wheels share: their slots, the choice by wavelength, and the way there."""
+"""Base of the drivers of filter wheels: slots, choice by wavelength, and routes between slots."""
 
 from __future__ import annotations
 
@@ -11,15 +11,12 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Setting, Slot, Surroundings
 from drivers.option_checks import is_number, require_within
 
-CENTRE_TOLERANCE = 1e-12
-"""How near a wavelength must be to a slot's centre to mean it."""
-
 
 def parse_slots(slots_nm: Sequence[Sequence[float]], names: Sequence[str] = ()) -> tuple[Slot, ...]:
-    """The slots of a wheel, counted from 1.
+    """Make the slots of a filter wheel from the options of a bench file.
 
-    slots_nm: centre and full width at half maximum of each, in nanometres. names: of each; left
-    out, its centre is its name. ValueError names what can't be.
+    slots_nm: centre and full width at half maximum of each slot, in nanometres. names: of each
+    slot; by default the centres. Raises ValueError for a wrong option.
     """
     if isinstance(slots_nm, str) or not isinstance(slots_nm, Sequence) or not slots_nm:
         raise ValueError(f"slots_nm is {slots_nm!r}; give [centre, width] of every slot")
@@ -61,13 +58,14 @@ def plan_route(
     max_leg: int = 0,
     forward_only: bool = False,
 ) -> list[int]:
-    """The slots at which to stop, the last of them `end`; empty if the wheel stands there.
+    """Return the slots at which a filter wheel stops on its route, the last of them `end`.
 
-    A wheel takes the shorter way to each stop, and which one between opposite slots nobody
-    knows. Where `avoid` lies on that way, there are stops that lead it around the other side.
-    avoid: slots that must not cross the light on the way; `start` and `end` may be among them.
-    max_leg: most slots that it may turn at once, 0 for any. forward_only: it turns to higher
-    numbers alone, and from the last to the first. ValueError if avoid can't be avoided.
+    The route is empty if the wheel is at `end` already. A wheel takes the shorter way to each stop;
+    between opposite slots its direction is unknown. If a slot of `avoid` lies on the shorter way,
+    stops lead the wheel around the other side. avoid: slots that must not cross the light on the
+    way; `start` and `end` may be among them. max_leg: largest number of slots in one move, 0 for
+    any. forward_only: whether the wheel turns only to higher numbers, and from the last to the
+    first. Raises ValueError if every route crosses a slot of `avoid`.
     """
     for name, slot in (("start", start), ("end", end)):
         if not 1 <= slot <= count:
@@ -82,7 +80,8 @@ def plan_route(
         crossed = sorted({slot for way in ways for slot in way[:-1]} & set(avoid))
         raise ValueError(f"every way from slot {start} to slot {end} crosses {crossed}")
     way = min(free, key=len)
-    # Opposite slots are no stops for each other, unless both ways are as good.
+    # A move to the opposite slot may take either direction, so it is allowed only if both ways
+    # are free.
     most = count if forward_only else max((count - 1) // 2, 1)
     if len(free) == len(ways) and not forward_only:
         most = max(most, count // 2)
@@ -92,18 +91,18 @@ def plan_route(
 
 
 def _path_between(start: int, end: int, count: int, step: int) -> list[int]:
-    """The slots after `start` up to `end`, in one direction."""
+    """Return the wheel's slots after `start` up to `end`, in one direction."""
     steps = (end - start) * step % count
     return [(start - 1 + step * i) % count + 1 for i in range(1, steps + 1)]
 
 
 def steps_between(start: int, end: int, count: int) -> int:
-    """How many slots the shorter way is."""
+    """Return the number of slots on the wheel's shorter way."""
     return min((end - start) % count, (start - end) % count)
 
 
 class SlottedFilter(ABC):
-    """A filter whose bands are the slots of a wheel: what can be said of it by where it stands."""
+    """Base of spectral filters whose bands are the slots of a wheel."""
 
     model = ""
     _slots: tuple[Slot, ...]
@@ -111,11 +110,11 @@ class SlottedFilter(ABC):
     @property
     @abstractmethod
     def slot(self) -> int:
-        """Where it stands."""
+        """Slot at which the wheel stands."""
 
     @abstractmethod
     def set_slot(self, number: int) -> Setting[int]:
-        """Turn to a slot."""
+        """Turn the wheel to a slot."""
 
     @property
     def slots(self) -> tuple[Slot, ...]:
@@ -135,9 +134,9 @@ class SlottedFilter(ABC):
         return self._slots[self.slot - 1].wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Turn to the slot whose centre is within a picometre."""
+        """Turn the wheel to the slot whose centre is within a picometre of the wavelength."""
         for number, slot in enumerate(self._slots, start=1):
-            if abs(slot.wavelength - wavelength) < CENTRE_TOLERANCE:
+            if abs(slot.wavelength - wavelength) < 1e-12:
                 setting = self.set_slot(number)
                 return Setting(wavelength, slot.wavelength, setting.ready_at)
         raise self._refuse(
@@ -147,7 +146,7 @@ class SlottedFilter(ABC):
         )
 
     def make_safe(self) -> None:
-        """Park it at its first slot."""
+        """Park the wheel at its first slot."""
         self.set_slot(1)
 
     def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
@@ -159,16 +158,15 @@ class SlottedFilter(ABC):
 
 
 class Wheel(SlottedFilter):
-    """A filter wheel but for its wire; its driver says where it stands and has it turn.
+    """Base of the drivers of filter wheels, which add the communication with the wheel.
 
     slots_nm, names: see parse_slots(). avoid: numbers of slots that must not cross the light on
-    the way to another one, such as an empty one. step_ms: the most that it needs from a slot to
-    the next one. settling_ms: until a filter that has arrived doesn't shake any more.
+    the way to another one, such as an empty one. step_ms: longest time from a slot to the next.
+    settling_ms: time after which a filter that has arrived doesn't shake any more.
 
-    A driver gives `model`, `_read_slot()` and `_turn_to()`; `_query_time`, the seconds that all its
-    questions take besides the turning; and `_max_leg` and `_forward_only`, as plan_route()
-    understands them. By the time `_deadline` of the bench's clock, whatever it was asked must have
-    ended.
+    A driver defines `model`, `_read_slot()` and `_turn_to()`; `_query_time`, the seconds that all
+    its queries take in addition to the turning; and `_max_leg` and `_forward_only`, see
+    plan_route(). A command must end at the time `_deadline` of the bench's clock.
     """
 
     model = "filter wheel"
@@ -199,7 +197,7 @@ class Wheel(SlottedFilter):
 
     @property
     def reply_time(self) -> float:
-        """Seconds for the longest way that it may take, and for all questions on it."""
+        """Seconds for the wheel's longest way, with all queries."""
         return self._turning_time
 
     @property
@@ -210,12 +208,12 @@ class Wheel(SlottedFilter):
 
     @property
     def slot(self) -> int:
-        """Where it stands, as it says now."""
+        """Slot that the wheel reports now."""
         self._start_deadline()
         return self._read_slot("read the slot")
 
     def set_slot(self, number: int) -> Setting[int]:
-        """Turn to a slot and wait until the wheel stands there."""
+        """Turn the wheel to a slot, and wait until it stands there."""
         command = f"turn to slot {number}"
         self._require_slot(number, command)
         self._start_deadline()
@@ -224,7 +222,7 @@ class Wheel(SlottedFilter):
         return Setting(number, number, self._clock.now() + self.settling)
 
     def _start_deadline(self, seconds: float | None = None) -> None:
-        """From now on the time for turning runs, or other `seconds`; `_deadline` is its end."""
+        """Set `_deadline` to now plus `seconds`, by default the time for turning the wheel."""
         self._time_granted = self._turning_time if seconds is None else seconds
         self._deadline = self._clock.now() + self._time_granted
 
@@ -245,18 +243,18 @@ class Wheel(SlottedFilter):
             ) from None
 
     def _read_slot(self, command: str) -> int:
-        """The slot at which it stands, waiting until it does; DeviceError says why it doesn't."""
+        """Wait until the wheel stands, and return its slot; raise DeviceError if it doesn't."""
         raise NotImplementedError
 
     def _turn_to(self, command: str, number: int) -> None:
-        """Turn the shorter way to a slot; return when it stands there, DeviceError if not."""
+        """Turn the wheel the shorter way to a slot; raise DeviceError unless it arrives."""
         raise NotImplementedError
 
     def _open(self) -> None:
-        """Reach the device; DeviceError if it can't be."""
+        """Open the connection to the wheel, or raise DeviceError."""
 
     def _close(self) -> None:
-        """Let the device go."""
+        """Close the connection to the wheel."""
 
     def __enter__(self) -> Self:
         try:
@@ -270,7 +268,7 @@ class Wheel(SlottedFilter):
         try:
             self.make_safe()
         except DeviceError:
-            # What went wrong in the block says more.
+            # An exception from the with block is more informative than this one.
             if error is None:
                 raise
         finally:
@@ -278,7 +276,7 @@ class Wheel(SlottedFilter):
 
 
 def _slot_label(slot: Slot) -> str:
-    """Its name, and the wavelength that it is asked for by."""
+    """Return a slot's centre wavelength and its name, as text for an error message."""
     centre = f"{slot.wavelength * 1e9:g} nm"
     return centre if slot.name == centre else f"{centre} ({slot.name})"
 

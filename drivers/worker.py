@@ -1,4 +1,4 @@
-"""A thread that does one thing after the other, and may be given up."""
+"""A worker thread that runs functions one after the other and may be abandoned."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ Job = tuple[Callable[[], Any], "Future[Any]"]
 
 
 class Worker:
-    """One daemon thread: a call that never ends hinders neither its caller nor the exit.
+    """Run functions in one daemon thread, so that a function that hangs doesn't block the program.
 
-    name: of the thread, in tracebacks.
+    Neither the caller nor the program's exit has to wait for it. name: of the thread, in
+    tracebacks.
     """
 
     def __init__(self, name: str) -> None:
@@ -26,11 +27,11 @@ class Worker:
 
     @property
     def has_ended(self) -> bool:
-        """Whether nothing more will be done than what was submitted."""
+        """Whether the worker accepts no more functions."""
         return self._ended
 
     def submit(self, work: Callable[[], Any]) -> Future[Any]:
-        """Have something done after what was submitted before; cancelled if it has ended."""
+        """Queue a function for the worker thread; return a cancelled future if it has ended."""
         done: Future[Any] = Future()
         with self._lock:
             if self._ended:
@@ -40,14 +41,14 @@ class Worker:
         return done
 
     def end(self) -> None:
-        """Let the thread end when it has done, if ever, what was submitted."""
+        """End the worker thread after the functions that were submitted."""
         with self._lock:
             if not self._ended:
                 self._ended = True
                 self._jobs.put(None)
 
     def give_up(self) -> None:
-        """Let the thread end when it has done, if ever, what it does now; cancel the rest."""
+        """End the worker thread after the function that it runs now, and cancel the others."""
         with self._lock:
             self._ended = True
             try:
@@ -73,5 +74,5 @@ class Worker:
 
 def _cancel(done: Future[Any]) -> None:
     done.cancel()
-    # Until that is said, who waits for it goes on waiting.
+    # cancel() alone doesn't wake concurrent.futures.wait(); this call does.
     done.set_running_or_notify_cancel()

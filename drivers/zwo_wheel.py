@@ -1,34 +1,34 @@
-"""Filter wheels of ZWO (EFW), by USB and without ZWO's library.
+"""Driver of ZWO filter wheels (EFW) on USB, without ZWO's library.
 
-Source: the protocol as Adam Fritzler found it on the wire of a wheel of 7 (zwoefw-set, 2023):
-HID feature reports of 16 bytes. ZWO has published none.
+Source: the protocol that Adam Fritzler observed on the wire of a 7-slot wheel (zwoefw-set, 2023):
+HID feature reports of 16 bytes. ZWO hasn't published a protocol.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import IntEnum
 from typing import NamedTuple
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from drivers.usb_wheel import UsbWheel
 
-VENDOR, PRODUCT = 0x03C3, 0x1F01
+_SET_REPORT, _GET_REPORT = (0x21, 9, 0x0303), (0xA1, 1, 0x0301)
+"""Request type, request and value of the control transfers that send and fetch a report."""
 
-_SET_REPORT = (0x21, 9, 0x0303)
-_GET_REPORT = (0xA1, 1, 0x0301)
 _LENGTH = 16
-_READ_LENGTH = 17
-"""Bytes to ask for: with another length it answers what makes no sense."""
+"""Bytes of a report."""
 
 _REQUEST, _ANSWER = b"\x03\x7e\x5a", b"\x01\x7e\x5a"
 _QUERY_STATE, _QUERY_IDENTITY, _TURN_TO_SLOT = b"\x02\x01", b"\x02\x04", b"\x01\x02"
-_STATUS_IDLE, _STATUS_FAILED = 1, 6
 
-_POLL = 0.1
-_MATCHING_REPLIES = 2
-_POWER_UP_TIME = 30.0
-"""Seconds for the wheel's own turning when it gets power."""
+
+class ZwoStatus(IntEnum):
+    """Status byte of a ZWO wheel's state report, as far as the driver uses it."""
+
+    IDLE = 1
+    FAILED = 6
 
 
 class _ZwoState(NamedTuple):
@@ -39,23 +39,23 @@ class _ZwoState(NamedTuple):
 
     @property
     def slot(self) -> int:
-        """Where it stands; 0 while it doesn't."""
-        stands = self.status == _STATUS_IDLE and len(set(self.positions)) == 1
+        """Slot at which the wheel stands; 0 while it turns."""
+        stands = self.status == ZwoStatus.IDLE and len(set(self.positions)) == 1
         return self.positions[0] if stands else 0
 
 
 class ZwoWheel(UsbWheel):
-    """A ZWO EFW filter wheel: 03c3:1f01.
+    """Drive a ZWO EFW filter wheel: 03c3:1f01.
 
-    slots_nm, names, avoid, settling_ms: see drivers.wheel.Wheel. step_ms: the most that it needs
-    from a slot to the next. serial: of the wheel, where several are plugged in. both_ways: told
-    by this protocol, a wheel was seen to turn forward alone and to fail on long ways; so it goes
-    forward, slot by slot. Set it true for one that was seen to take the shorter way. backend:
-    see drivers.usb_link.backend.
+    slots_nm, names, avoid, settling_ms: see drivers.wheel.Wheel. step_ms: longest time from a slot
+    to the next. serial: serial number of the wheel, if several are plugged in. both_ways: by
+    default the wheel goes forward, slot by slot, because a wheel with this protocol was observed to
+    turn forward only and to fail on long ways. Set it true for a wheel that was observed to take
+    the shorter way. backend: see drivers.usb_link.backend.
     """
 
     model = "ZWO EFW filter wheel"
-    usb_ids = (VENDOR, PRODUCT)
+    usb_ids = (0x03C3, 0x1F01)
     _query_time = 4.0
 
     def __init__(
@@ -79,7 +79,7 @@ class ZwoWheel(UsbWheel):
         self._name, self._firmware = "", ""
 
     def health(self) -> dict[str, str]:
-        """What the wheel tells about itself."""
+        """Return what the wheel reports about itself, by name."""
         self._start_deadline()
         command = "read its state"
         state, again = self._read_state(command), self._read_state(command)
@@ -96,7 +96,8 @@ class ZwoWheel(UsbWheel):
         }
 
     def _open(self) -> None:
-        self._start_deadline(_POWER_UP_TIME)
+        # On power-up the wheel turns by itself, for which it gets 30 s.
+        self._start_deadline(30.0)
         self._read_identity("open")
         self._wait_at_slot("open", 0)
 
@@ -105,23 +106,23 @@ class ZwoWheel(UsbWheel):
         self._wait_at_slot(command, number)
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """The slot, once it stands there (0: anywhere), as it says twice."""
+        """Wait until the wheel reports the target slot (0: any) twice in a row; return the slot."""
         agreeing, last = 0, 0
         while True:
             slot = self._read_state(command).slot
             agreeing = agreeing + 1 if slot == last else 1
             last = slot
-            if slot and slot == (target or slot) and agreeing >= _MATCHING_REPLIES:
+            if slot and slot == (target or slot) and agreeing >= 2:
                 return slot
             if self._clock.now() >= self._deadline:
                 state = f"stands at slot {slot}" if slot else "is still turning"
                 raise self._refuse(
                     command, f"it {state} after {self._time_granted:.0f} s", _RESTART
                 )
-            self._pause(_POLL)
+            self._pause(0.1)
 
     def _read_identity(self, command: str) -> None:
-        """Its name and firmware, as it says twice."""
+        """Read the wheel's name and firmware, which it must report equally twice."""
         told = {self._ask(command, _QUERY_IDENTITY) for _ in range(2)}
         if len(told) > 1:
             raise self._invalid_reply_error(command, told.pop())
@@ -132,7 +133,7 @@ class ZwoWheel(UsbWheel):
     def _read_state(self, command: str) -> _ZwoState:
         data = self._ask(command, _QUERY_STATE)
         state = _ZwoState(data[4], data[5], (data[6], data[7], data[8]), data[9])
-        if state.status == _STATUS_FAILED or state.error:
+        if state.status == ZwoStatus.FAILED or state.error:
             raise self._refuse(
                 command,
                 f"it has given up turning (status {state.status}, error {state.error})",
@@ -149,10 +150,11 @@ class ZwoWheel(UsbWheel):
         return state
 
     def _ask(self, command: str, question: bytes) -> bytes:
-        """What it answers; the answer must say which question it is to."""
+        """Send a query and return the wheel's reply, which must name the same query."""
         self._send(command, question)
         left = self._deadline - self._clock.now()
-        data = self._link.control_in(command, *_GET_REPORT, _READ_LENGTH, left)
+        # If another length than 17 bytes is requested, the wheel's reply makes no sense.
+        data = self._link.control_in(command, *_GET_REPORT, 17, left)
         if len(data) != _LENGTH or data[:4] != _ANSWER + question[1:]:
             raise self._invalid_reply_error(command, data)
         return data

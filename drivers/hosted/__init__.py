@@ -1,11 +1,11 @@
-"""Processes that are started from here, and devices in them, which can be killed and named.
+"""Child processes, and devices that run in one, so that a device that hangs can be killed.
 
-`ChildProcess` starts, awaits, kills and reaps one, whatever it is for: a device, Aravis, the engine
-of the window. `bootstrap` is how it begins, guarded so that it doesn't outlive its parent; a
-`MessageSocket` carries requests, answers and news between the two. `HostedDevice` stands here for a
-device over there, and `serving` is that device's life; their arrays go by a `SharedMemoryChannel`,
-in memory that both see. Importing this loads nothing but the standard library: every such process
-begins with it.
+`ChildProcess` starts, awaits, kills and reaps a child process for any purpose: a device, Aravis,
+the engine of the window. `bootstrap` is the code with which it begins; a watchdog ensures that it
+doesn't outlive its parent. A `MessageSocket` carries requests, results and notifications between
+the two processes. `HostedDevice` is the proxy of a device in a child process, where `serving`
+answers its calls. Their arrays go through a `SharedMemoryChannel`, in memory that both map.
+Importing this package loads only the standard library, because every child process begins with it.
 """
 
 from __future__ import annotations

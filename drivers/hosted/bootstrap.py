@@ -1,7 +1,7 @@
-"""The first and the last of a process that was started from here: it begins with this file.
+"""Start of a child process: signals, watchdog and message socket, before its function is called.
 
-It may run on another Python than the one that started it, such as the system's: what is
-imported here, and by this package, must be there.
+The child may run on another Python than its parent, such as the system's. What this module and the
+package import must exist there.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from drivers.hosted.message_socket import MessageSocket
 from drivers.hosted.watchdog import start_watchdog
 
 IGNORED_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""They reach a whole process group; such a process ends by itself, after its parent."""
+"""Signals that a child process ignores, because they reach its whole process group: it ends by
+itself, after its parent."""
 
 BOOTSTRAP_CODE = """
 import sys
@@ -27,25 +28,26 @@ sys.path = [*own, *sys.argv[6:]]
 from drivers.hosted.bootstrap import run_child
 run_child(*sys.argv[1:5], own)
 """
-"""What Python is told to do. Its words: those of `run_child`, then "lent" or nothing, then folders
-that packages are found in. They are its whole path, or only lent until the function is loaded."""
+"""Code that the child's Python runs. Its arguments are those of `run_child`, then "lent" or an
+empty string, then folders of packages. The folders are the child's whole sys.path or, with "lent",
+are on it only until the function is loaded."""
 
 
 def run_child(end: str, memory: str, grace: str, target: str, path: list[str]) -> None:
-    """Call target(line, *what the first message gives), guarded until it returns.
+    """Run a child process: call target(line, *arguments), with a watchdog until it returns.
 
-    What it raises is sent as an answer, asked or not. end, memory: descriptors of a socket,
-    and of memory that the other process sees, too. grace: seconds in which this process must
-    have ended after the other end was closed. target: "module:function". path: the modules'
-    from then on.
+    The first message on the line contains the arguments. An exception of the target is sent as a
+    result, even if no request is pending. end, memory: descriptors of the socket and of the shared
+    memory. grace: seconds in which this process must end after the other end was closed. target:
+    "module:function". path: sys.path after the target was loaded.
     """
     for number in IGNORED_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, IGNORED_SIGNALS)
     faulthandler.enable()
-    # They are the same file, but here every line comes out at once.
+    # Both are the same file, but stderr writes every line at once.
     sys.stdout = sys.stderr
-    # Some libraries read it, and these words aren't for them.
+    # Some libraries read sys.argv, and these arguments aren't meant for them.
     del sys.argv[1:]
     for descriptor in (int(end), int(memory)):
         os.set_inheritable(descriptor, False)

@@ -1,4 +1,4 @@
-"""What is asked over a line, and what comes back. All else is news, which isn't answered."""
+"""Messages between a process and its child: requests, their results, and notifications."""
 
 from __future__ import annotations
 
@@ -9,34 +9,37 @@ from drivers.hosted.failures import RemoteFailure
 
 
 class CallRequest(NamedTuple):
-    """Something that the other process shall do."""
+    """Request to the other process to call a function, which is answered by a CallResult."""
 
     name: str
     arguments: Sequence[Any] = ()
 
 
 class Notification(NamedTuple):
-    """The same, but nobody waits for what comes of it."""
+    """Message to the other process that gets no answer."""
 
     name: str
     arguments: Sequence[Any] = ()
 
 
 class CallResult(NamedTuple):
-    """What came of it, or of the whole process: a value, or an exception."""
+    """Result of a request or of the whole child process: a value, or an exception."""
 
     value: Any = None
     failure: RemoteFailure | None = None
 
     def result(self) -> Any:
-        """The value. What was raised there is raised here if it is known, else RuntimeError."""
+        """Return the value, or raise the other process's exception.
+
+        An exception of a class that this process doesn't know becomes a RuntimeError.
+        """
         if self.failure is None:
             return self.value
         raise self.failure.to_exception() or RuntimeError(self.failure.message)
 
 
 def capture_result(act: Callable[..., Any], *given: Any) -> CallResult:
-    """What a call gives back or raises, to be sent."""
+    """Call a function, and return its value or exception as a CallResult to be sent."""
     try:
         return CallResult(act(*given))
     except BaseException as error:

@@ -1,4 +1,4 @@
-"""A process that is started from here: called, waited for, and ended."""
+"""Child processes: starting, calling, awaiting and ending them."""
 
 from __future__ import annotations
 
@@ -17,30 +17,31 @@ from drivers.hosted.bootstrap import BOOTSTRAP_CODE, IGNORED_SIGNALS
 from drivers.hosted.message_socket import LineClosed, MessageSocket, MessageTimeout
 
 _EXIT_GRACE = 10.0
-"""Seconds in which a process that was left alone must have made its device safe and ended."""
+"""Seconds in which a child process must make its device safe and end after its line was closed."""
 
 _KILL_TIMEOUT = 1.0
-"""Seconds for which a kill waits for its effect: one stuck in the kernel stays for longer."""
+"""Seconds for which a kill waits for the process to end; one stuck in the kernel takes longer."""
 
 _ROOT = str(Path(__file__).parents[2])
-"""Where another Python finds this package."""
+"""Folder in which another Python finds the package `drivers`."""
 
 
 class ProcessEnded(Exception):
-    """The process answers no more; how that came, in words."""
+    """Raised when a child process no longer answers; the message says why."""
 
 
 class ChildProcess:
-    """A Python process that calls target(line, *given) and ends when that returns.
+    """Start a Python child process that calls target(line, *given) and then ends.
 
-    target: "module:function". What it raises comes as a `CallResult`, asked or not. python: the
-    command of another Python; that one has its own packages, and others only while it loads
-    the target, from `folders`. memory: bytes of what both can map, see `MessageSocket`; it has no
-    name, so that nothing is left behind, whoever is killed. grace: seconds that the process has
-    when the line is closed, by `close` or because we are gone; its watchdog kills it then. errors:
-    a descriptor for what it prints. Signals to a whole process group, as by Ctrl-C, don't end it.
+    target: "module:function". An exception of the target comes as a `CallResult`, even if no
+    request is pending. python: command of another Python, which has its own packages; it finds
+    those in `folders` only while it loads the target. memory: size of the shared memory in bytes,
+    see `MessageSocket`. It has no name, so that nothing remains when a process is killed. grace:
+    seconds that the child has to end after the line was closed, by `close` or because this process
+    has ended; the watchdog then kills it. errors: descriptor for the child's output. Signals to the
+    whole process group, for example by Ctrl-C, don't end the child.
 
-    OSError if there is no such Python.
+    Raises OSError if there is no such Python.
     """
 
     def __init__(
@@ -60,7 +61,8 @@ class ChildProcess:
         self.line = MessageSocket(ours.detach(), shared)
         words = [str(theirs.fileno()), str(shared), str(self._grace), target]
         words += ["lent", _ROOT, *folders] if python else ["", *sys.path]
-        # Blocked until the child ignores them: Ctrl-C must not find it half awake.
+        # The signals stay blocked until the child ignores them, so that Ctrl-C can't end it while
+        # it starts.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, IGNORED_SIGNALS)
         try:
             self._popen = subprocess.Popen(
@@ -78,20 +80,20 @@ class ChildProcess:
             theirs.close()
         self.pid = self._popen.pid
         self.exit_descriptor = os.pidfd_open(self.pid)
-        """A descriptor that can be read once it has ended."""
+        """Descriptor that becomes readable when the child process has ended."""
         self._open = True
         self.send(given)
 
     def send(self, message: object) -> None:
-        """Send it. Whether the process has ended is told to whoever wants an answer."""
+        """Send a message to the child process; if it has ended, only `receive` reports that."""
         with contextlib.suppress(OSError):
             self.line.send(message)
 
     def receive(self, timeout: float = math.inf, on_poll: Callable[[], None] | None = None) -> Any:
-        """The next message. ProcessEnded if it hasn't come within so many seconds: it is killed
-        then.
+        """Return the child process's next message, or raise ProcessEnded.
 
-        on_poll: called every 20 ms meanwhile; what it raises comes from here.
+        A child that sends none within `timeout` seconds is killed. on_poll: called every 20 ms
+        meanwhile; its exceptions pass through.
         """
         try:
             return self.line.receive(timeout, on_poll, self.exit_descriptor)
@@ -105,11 +107,11 @@ class ChildProcess:
         self._popen.send_signal(number)
 
     def exit_code(self, timeout: float = 0.0) -> int | None:
-        """Its exit status, waited for; None if it hasn't ended."""
+        """Wait for the child process's exit status and return it, or None after the timeout."""
         return reap(self._popen, timeout)
 
     def _describe_exit(self) -> str:
-        """How it has ended. One that only has closed its line is killed."""
+        """Describe how the child process ended; one that only closed its line is killed."""
         code = self.exit_code(_KILL_TIMEOUT)
         if code is None:
             self.kill()
@@ -120,12 +122,12 @@ class ChildProcess:
         return f"its process ended ({how})"
 
     def kill(self) -> None:
-        """End it at once; from any thread, as often as you like."""
+        """Kill the child process at once; any thread may call it, also repeatedly."""
         self._popen.kill()
         self.exit_code(_KILL_TIMEOUT)
 
     def close(self) -> None:
-        """Let it end by itself, now that nobody speaks with it, and kill it if it doesn't."""
+        """Close the line, so that the child process ends by itself; kill it if it doesn't."""
         if not self._open:
             return
         self._open = False
@@ -136,14 +138,14 @@ class ChildProcess:
 
 
 def reap(process: subprocess.Popen[Any], timeout: float) -> int | None:
-    """The process's exit status; None if it hasn't ended after `timeout` seconds."""
+    """Wait for a process, and return its exit status, or None after `timeout` seconds."""
     with contextlib.suppress(subprocess.TimeoutExpired):
         return process.wait(timeout)
     return None
 
 
 def terminate_or_kill(process: subprocess.Popen[Any], timeout: float) -> None:
-    """End a program that isn't ours: it is told to, and is killed if it doesn't obey."""
+    """Terminate a foreign program, and kill it if it hasn't ended after `timeout` seconds."""
     process.terminate()
     if reap(process, timeout) is None:
         process.kill()

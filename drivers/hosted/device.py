@@ -1,4 +1,4 @@
-"""What stands here for a device in another process."""
+"""Proxy of a device that runs in a child process."""
 
 from __future__ import annotations
 
@@ -27,30 +27,47 @@ _REMEDY = "Look at the device and at what its process wrote, and open it again"
 
 
 class HostedDevice:
-    """A device in a process of its own: whatever its library does, it can be killed.
+    """Proxy of a device in a child process, which can be killed whatever its library does.
 
-    surroundings: of real devices; ValueError if they are virtual. model: the name in errors.
-    factory: "module:attribute" of a callable `factory(surroundings, **options)`, which only
-    the device's process imports. open_timeout: seconds that making it may take at most, and
-    entering it again. reply_timeout: seconds that any other call may take at most; for ever if
-    it isn't given.
+    The constructor starts the process and makes the device; exceptions of the factory and of its
+    import pass through. `__enter__` enters the device; its exceptions pass through, too. Both raise
+    DeviceError and kill the process if there is no reply in time.
 
-    The constructor starts the process and makes the device: what the factory raises, or its
-    import, comes from here. `__enter__` enters the device: what that raises comes from there.
-    Both raise DeviceError, and the process is killed, if there is no answer in time.
+    Public methods and attributes are those of the device. They are called and read in the main
+    thread of the child process, one at a time; attributes can't be set. A call waits for as long as
+    the device takes, up to `reply_timeout`; `kill()` ends it earlier. Arguments and results are
+    copies. A callable among a method's arguments (`cancelled`) is polled in this process every
+    20 ms; the device gets a substitute, which becomes true after the callable does or when this
+    process has ended. A device that has work to do between two calls has a method
+    `_attend_until_readable(end)`, which does this work until the descriptor `end` can be read.
 
-    Public methods and attributes are the device's own, called and read there one at a time,
-    in the process's main thread; attributes can't be set. A call waits for as long as the
-    device takes, unless `reply_timeout` says otherwise: whoever can't wait calls `kill()`.
-    Arguments and answers are copies. A callable among a method's arguments (`cancelled`) is
-    asked here every 20 ms, and its place is taken there by one that turns true after it, or
-    when this process is gone. A device that has something to do between two calls has a
-    method `_attend_until_readable(end)`: it does it until that descriptor can be read.
+    An exception of the device is raised here unchanged if it can be pickled and its class is known
+    in this process, and otherwise as DeviceError. Pending and later calls raise DeviceError if the
+    child process has ended. If this process ends without leaving the device, the child process
+    makes the device safe and leaves it; it has 10 s for that.
 
-    Exceptions come back as themselves if they can be pickled and their class is known here,
-    else as DeviceError, which also is what pending and later calls raise when the process has
-    ended. A device that isn't left properly, because this process has ended, is made safe and
-    left by its own process; it has 10 s for that.
+    Parameters
+    ----------
+    surroundings : Surroundings
+        Surroundings of real devices.
+    model : str
+        The device's name in errors.
+    factory : str
+        "module:attribute" of a callable `factory(surroundings, **options)`, which only the child
+        process imports.
+    options : mapping
+        Keyword arguments of the factory.
+    open_timeout : float, default 30.0
+        Longest time for making the device, and again for entering it, in seconds.
+    reply_timeout : float, default inf
+        Longest time for any other call, in seconds.
+
+    Raises
+    ------
+    ValueError
+        If the surroundings are virtual, `factory` isn't of that form, or a timeout isn't positive.
+    DeviceError
+        If the device isn't made in time, or the child process ends.
     """
 
     def __init__(
@@ -88,8 +105,9 @@ class HostedDevice:
     def __exit__(self, *error: object) -> None:
         """Leave the device and end its process.
 
-        May be called twice, and when the process was killed. DeviceError if it has ended
-        otherwise, and nobody was told yet. The device isn't told of the exception in hand.
+        It may be called twice, and after kill(). It raises DeviceError if the process has ended in
+        another way that no earlier call has reported. A present exception isn't passed on to the
+        device.
         """
         if not self._release.alive:
             return
@@ -101,21 +119,22 @@ class HostedDevice:
                 self._release()
 
     def kill(self) -> None:
-        """End the device's process at once; from any thread, and as often as you like.
+        """Kill the device's process at once; any thread may call it, also repeatedly.
 
-        A call that another thread waits for raises DeviceError there. The device isn't made
-        safe. `__exit__` is to be called all the same.
+        A pending call of another thread raises DeviceError there. The device isn't made safe.
+        `__exit__` must still be called.
         """
         self._lost = True
         self._process.kill()
 
     @property
     def is_dead(self) -> bool:
-        """Whether the device's process has ended, or is about to, and answers no more."""
+        """Whether the device's process has ended or was killed, and no longer answers."""
         return self._lost or self._process.exit_code() is not None
 
     def __getattr__(self, name: str) -> Any:
-        # Through __dict__: without names, as in a half-made object, this would ask itself.
+        # An object whose constructor has failed may lack `_names`; reading it directly would call
+        # this method again without end.
         names: dict[str, bool] = self.__dict__.get("_names", {})
         if name not in names:
             raise AttributeError(f"{self.__dict__.get('_model', 'a device')} has no {name!r}")
@@ -138,12 +157,12 @@ class HostedDevice:
         return sorted({*super().__dir__(), *self._names})
 
     def _ask(self, command: str, *given: Any, within: float | None = None) -> Any:
-        """What the device's process answers."""
+        """Send a request to the device's process and return the result."""
         seconds = self._reply_timeout if within is None else within
         return self._exchange(command, pack(CallRequest(command, given)), within=seconds)
 
     def _call(self, name: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
-        """What the device answers; what can't be sent raises here, and nothing was sent."""
+        """Call a method of the device; raise, and send nothing, if an argument can't be sent."""
         watched: list[Callable[[], Any]] = []
         given = [replace_callable(value, watched) for value in arguments]
         named = {key: replace_callable(value, watched) for key, value in options.items()}
@@ -159,9 +178,12 @@ class HostedDevice:
         watched: Sequence[Callable[[], Any]] = (),
         within: float = math.inf,
     ) -> Any:
-        """One request and its answer. words: the command's name in errors."""
+        """Send the device's process one request, and return the result.
+
+        words: the command's name in errors.
+        """
         with self._turn(words):
-            if self._reply_pending:  # to a call that was broken off: nobody wants that answer
+            if self._reply_pending:  # The reply to a call that was interrupted is discarded.
                 self._receive(words, within)
             self._channel.lower_flags()
             self._reply_pending = True
@@ -169,7 +191,7 @@ class HostedDevice:
             try:
                 parcel = self._receive(words, within, watched)
             except BaseException:
-                # By Ctrl-C, for example: the device, too, needs to wait no longer.
+                # After an exception, for example by Ctrl-C, the device's call is cancelled, too.
                 self._channel.raise_all_flags()
                 raise
             return self._result(words, parcel)
@@ -203,11 +225,11 @@ class HostedDevice:
             self._lost = True
             raise DeviceError(self._model, words, str(error), _REMEDY) from None
         self._reply_pending = False
-        # An answer without a note is the last one: the whole process has failed.
+        # A CallResult in place of a parcel's header says that the whole process has failed.
         return pack(note) if isinstance(note, CallResult) else self._channel.read(note)
 
     def _result(self, words: str, parcel: Parcel) -> Any:
-        """The answer itself, or what it says that went wrong."""
+        """Return the value of the device's reply, or raise the exception that it contains."""
         try:
             answer: CallResult = parcel.unpack()
         except Exception as error:
@@ -224,11 +246,12 @@ class HostedDevice:
 
     @contextlib.contextmanager
     def _close_on_failure(self) -> Iterator[None]:
-        """What fails to open is never left: nobody else would end its process."""
+        """End the device's process if opening fails, because __exit__() isn't called then."""
         try:
             yield
         except BaseException as error:
-            # Broken off by Ctrl-C, it may be busy for long; else it waits for a word.
+            # After Ctrl-C the process may still be busy, so it is killed. After another exception
+            # it waits for a request and ends by itself.
             if not isinstance(error, Exception):
                 self.kill()
             with self._lock:
@@ -237,13 +260,13 @@ class HostedDevice:
 
 
 def _close(channel: SharedMemoryChannel, process: ChildProcess) -> None:
-    """Let the process end, which makes its device safe first if it was never left."""
+    """End the device's process, which first makes a device safe that wasn't left."""
     channel.close()
     process.close()
 
 
 def _clock_start(surroundings: Surroundings, model: str) -> float:
-    """When the bench's clock started; ValueError if it can't be shown in another process."""
+    """Return the start of the bench's clock; raise ValueError if the bench is virtual."""
     if surroundings.world is None and isinstance(surroundings.clock, RealClock):
         return surroundings.clock.start
     raise ValueError(

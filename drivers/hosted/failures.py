@@ -1,4 +1,4 @@
-"""Exceptions on their way from one process to another."""
+"""Transfer of exceptions from a child process to its parent."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 
 class RemoteFailure(NamedTuple):
-    """An exception on its way: pickled if it can be, in words, and how it came about."""
+    """An exception of another process: pickled if possible, as text, and with its traceback."""
 
     pickled: bytes | None
     message: str
@@ -20,17 +20,17 @@ class RemoteFailure(NamedTuple):
     @staticmethod
     def from_exception(error: BaseException) -> RemoteFailure:
         pickled = None
-        # SystemExit and its kind would end the process that asked.
+        # SystemExit and other BaseExceptions would end the process that receives them.
         if isinstance(error, Exception):
             with contextlib.suppress(Exception):
                 pickled = pickle.dumps(error)
-                # Many can be pickled but not made again, for want of their arguments.
+                # Many exceptions can be pickled but not unpickled, because arguments are missing.
                 if type(pickle.loads(pickled)) is not type(error):
                     pickled = None
         return RemoteFailure(pickled, repr(error), "".join(traceback.format_exception(error)))
 
     def to_exception(self) -> Exception | None:
-        """The exception itself; None if nobody here could expect it."""
+        """Return the exception; None if it can't be unpickled or its module isn't loaded here."""
         with contextlib.suppress(Exception):
             return (
                 None
@@ -41,7 +41,7 @@ class RemoteFailure(NamedTuple):
 
 
 class _LoadedModulesUnpickler(pickle.Unpickler):
-    """Makes only what this process knows: a library's own errors would load the library."""
+    """Unpickle only classes of loaded modules, so that no device library is imported here."""
 
     def find_class(self, module: str, name: str) -> Any:
         if module not in sys.modules:

@@ -1,4 +1,4 @@
-"""What takes a callable's place in the other process."""
+"""Flags that replace callables in the arguments of a hosted device's call."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from drivers.hosted.shared_memory_channel import SharedMemoryChannel
 
 
 class RemoteFlag:
-    """Stands for a callable of the other process; true as well when that is gone.
+    """Replace a callable of the other process; the flag is also true if that process has ended.
 
-    Its word holds for one call: afterwards it is true, so that whoever still asks may go.
+    The flag is valid during one call. After the call it is true, so that code that still polls it
+    ends.
     """
 
     def __init__(self, index: int) -> None:
@@ -33,7 +34,10 @@ class RemoteFlag:
 
 
 def replace_callable(value: Any, callables: list[Callable[[], Any]]) -> Any:
-    """A flag in place of a callable. A class is a value: np.uint16 isn't asked anything."""
+    """Return a flag in place of a callable, and other values unchanged.
+
+    Classes such as np.uint16 count as values, although they can be called.
+    """
     if not callable(value) or isinstance(value, type):
         return value
     callables.append(value)

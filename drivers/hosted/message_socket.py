@@ -1,4 +1,4 @@
-"""Messages between two processes: how all that are started from here talk with each other."""
+"""Message sockets between a process and its child processes."""
 
 from __future__ import annotations
 
@@ -18,31 +18,25 @@ from typing import Any
 _LENGTH = struct.Struct("!Q")
 
 
-_POLL_INTERVAL = 0.02
-"""Seconds between looks at what else may happen while a message is waited for."""
-
-_MAX_WAIT = 3600.0
-"""Seconds for which the system is asked to wait at once: it counts milliseconds in 32 bits."""
-
-
 class LineClosed(EOFError):
-    """The other end is closed, or its process has ended."""
+    """Raised when the other end of a message socket is closed, or its process has ended."""
 
 
 class MessageTimeout(TimeoutError):
-    """No message has come in time."""
+    """Raised when no message has come on a message socket in time."""
 
 
 class UnreadableMessage(Exception):
-    """A message has come, but it can't be unpickled here; the cause says why."""
+    """Raised for a message that can't be unpickled in this process; the cause says why."""
 
 
 class MessageSocket:
-    """One end of a socket for messages: a length, then the pickled object. Never None.
+    """One end of a socket for messages between processes: a length, then the pickled object.
 
-    Both ends are our own processes. Any thread may send, and one at a time may receive.
-    Where the other end is closed, receiving raises LineClosed and sending an OSError. memory:
-    descriptor of memory that both ends can map, for what is large or in a hurry.
+    A message is never None. Both ends are processes of this application. Any thread may send, but
+    only one at a time may receive. If the other end is closed, receiving raises LineClosed and
+    sending an OSError. memory: descriptor of memory that both ends can map, for data that are large
+    or urgent.
     """
 
     def __init__(self, end: int, memory: int = -1) -> None:
@@ -63,16 +57,19 @@ class MessageSocket:
             os.close(memory)
 
     def disconnect(self) -> None:
-        """Say no more, and let who waits here for a message know: LineClosed. From any thread."""
+        """Shut the socket down; a thread that waits in `receive` gets LineClosed.
+
+        Any thread may call it.
+        """
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
 
-    # A pyusb backend, for one, is never told that nobody needs it any more.
+    # Some owners can't call close(): pyusb, for example, doesn't tell a backend when it is unused.
     __del__ = close
 
     def send(self, message: object) -> None:
-        """Wait for as long as the other end doesn't read. What can't be pickled isn't sent."""
-        # In one piece, so that who waits for it wakes only once.
+        """Send a message, waiting until the other end reads; raise if it can't be pickled."""
+        # Length and object are sent in one piece, so that the receiver wakes up only once.
         whole = io.BytesIO(bytes(_LENGTH.size))
         whole.seek(_LENGTH.size)
         pickle.dump(message, whole, protocol=5)
@@ -81,9 +78,9 @@ class MessageSocket:
             self._socket.sendall(data)
 
     def receive_nowait(self) -> Any:
-        """The next message; None if it hasn't come yet, or not all of it. Never waits.
+        """Return the next message without waiting, or None if it hasn't arrived completely.
 
-        What comes after it is not touched: while there is some, the socket can be read.
+        Bytes of later messages stay in the socket, so that it can still be polled for them.
         """
         try:
             while self._read < len(self._part):
@@ -97,7 +94,7 @@ class MessageSocket:
         except BlockingIOError:
             return None
         except OSError as error:
-            # Such as ECONNRESET: it was closed before it had read everything.
+            # ECONNRESET, for example, means that the other end was closed with unread data.
             raise LineClosed from error
         body = self._part
         self._begin(_LENGTH.size, is_length=True)
@@ -112,11 +109,11 @@ class MessageSocket:
         on_poll: Callable[[], None] | None = None,
         exit_descriptor: int | None = None,
     ) -> Any:
-        """The next message. MessageTimeout if there is none within so many seconds; or LineClosed.
+        """Wait for the next message and return it; raise MessageTimeout or LineClosed.
 
-        on_poll: called every 20 ms meanwhile; what it raises comes from here. exit_descriptor:
-        descriptor that can be read once the other process has ended, though one of its own
-        processes may still hold the socket open.
+        timeout: seconds. on_poll: called every 20 ms meanwhile; its exceptions pass through.
+        exit_descriptor: descriptor that becomes readable when the other process has ended, even if
+        one of that process's own children holds the socket open.
         """
         late = time.monotonic() + timeout
         either = select.poll()
@@ -128,7 +125,8 @@ class MessageSocket:
             if on_poll is not None:
                 on_poll()
             left = max(0.0, late - time.monotonic())
-            patience = min(left, _MAX_WAIT if on_poll is None else _POLL_INTERVAL)
+            # The system counts a wait in milliseconds in 32 bits, so it is limited to an hour.
+            patience = min(left, 3600.0 if on_poll is None else 0.02)
             ready = dict(either.poll(math.ceil(patience * 1e3)))
             if ready and (message := self.receive_nowait()) is not None:
                 return message
@@ -142,7 +140,7 @@ class MessageSocket:
 
 
 def hang_up_poll(end: int) -> select.poll:
-    """What tells that the other end of a socket has been closed, and nothing else."""
+    """Return a poll object that reports only that the other end of a socket was closed."""
     closed = select.poll()
     closed.register(end, select.POLLRDHUP)
     return closed

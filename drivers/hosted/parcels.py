@@ -1,4 +1,4 @@
-"""Objects on their way from one process to another."""
+"""Pickled objects for the transfer between a process and its child."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 
 class Parcel(NamedTuple):
-    """A pickled object; its large arrays lie beside it, so that they are copied only once."""
+    """A pickled object with its large arrays apart, so that they are copied only once."""
 
     body: Any
     buffers: Sequence[Any]

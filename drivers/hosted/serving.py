@@ -1,4 +1,4 @@
-"""The life of a device in a process of its own, which alone runs what stands here."""
+"""Child process's side of a hosted device: it makes the device and answers the proxy's calls."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from drivers.hosted.shared_memory_channel import ParcelHeader, SharedMemoryChann
 
 
 def serve(line: MessageSocket) -> None:
-    """Do what is asked until the line is closed; then leave the device safe."""
+    """Serve requests to a hosted device until the line is closed; then make the device safe."""
     _Host(SharedMemoryChannel(line)).run()
 
 
 class _Host:
-    """Where the device lives. A request is named as the method that answers it."""
+    """Hold a device in its child process; a request has the name of the method that serves it."""
 
     def __init__(self, channel: SharedMemoryChannel) -> None:
         self._channel = channel
         self._device: Any = None
-        # What is to be done before this process ends, the last first.
+        # These functions run before the process ends, the last one first.
         self._duties = contextlib.ExitStack()
         self._device_closed = False
 
@@ -43,7 +43,7 @@ class _Host:
                 )
 
     def _attend(self) -> None:
-        """Let a device that has something to do between two calls do it, until one comes."""
+        """Let a device that has work to do between calls do it until the next call arrives."""
         attend = getattr(type(self._device), "_attend_until_readable", None)
         if attend is not None:
             attend(self._device, self._channel.line.fileno())
@@ -90,7 +90,7 @@ class _Host:
 
 
 def _public_names(device: Any) -> dict[str, bool]:
-    """The names that others may use, and whether each is a method; no property is read."""
+    """Return a device's public names, and whether each is a method; no property is read."""
     names = {}
     for name in dir(device):
         if not name.startswith("_"):

@@ -1,4 +1,4 @@
-"""How parcels go from one process to another: in memory that both can see."""
+"""Transfer of parcels between a process and its child through shared memory."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from drivers.hosted.message_socket import MessageSocket, hang_up_poll
 from drivers.hosted.parcels import Parcel
 
 FLAG_COUNT = 64
-"""Bytes at the memory's beginning: byte i says that a call's callable i has turned true."""
+"""Flag bytes at the memory's beginning. Byte i is set when callable i of a call becomes true."""
 
 
 class ParcelHeader(NamedTuple):
-    """Says that a parcel lies in the memory: the memory's length, and its parts' in bytes."""
+    """Announce a parcel in shared memory: the memory's length, and the parts' sizes in bytes."""
 
     length: int
     sizes: list[int]
 
 
 class SharedMemoryChannel:
-    """One of two ends between which parcels go: they lie in memory that both can see.
+    """One end of a channel that passes parcels between processes through shared memory.
 
-    It is the line's, which carries notes of them. Both speak in turn: a parcel is copied out
-    before the next.
+    The memory belongs to the line, on which headers announce the parcels. The ends send in turn: a
+    parcel is copied out of the memory before the next one is written.
     """
 
     def __init__(self, line: MessageSocket) -> None:
@@ -32,7 +32,7 @@ class SharedMemoryChannel:
 
     def close(self) -> None:
         self.line.close()
-        # Not while the traceback of a failed read still holds a part of it.
+        # The traceback of a failed read may still hold a view of the memory.
         with contextlib.suppress(BufferError):
             self._memory.close()
 
@@ -47,7 +47,8 @@ class SharedMemoryChannel:
         return ParcelHeader(len(self._memory), sizes)
 
     def read(self, note: ParcelHeader) -> Parcel:
-        # Only here, for the system's Python, which begins with this package, too, may lack it.
+        # NumPy is imported late, because the system's Python, which also loads this package, may
+        # not have it.
         import numpy as np
 
         self._ensure_size(note.length)
@@ -59,7 +60,10 @@ class SharedMemoryChannel:
         return Parcel(parts[0], parts[1:])
 
     def _ensure_size(self, length: int) -> None:
-        """Memory only grows: fresh memory for each picture takes longer than the picture."""
+        """Enlarge the shared memory if needed; it never shrinks.
+
+        Fresh memory for each picture would take longer than copying the picture.
+        """
         if length > len(self._memory):
             self._memory.resize(length)
 
@@ -76,5 +80,5 @@ class SharedMemoryChannel:
         return self._memory[index] != 0
 
     def is_peer_closed(self) -> bool:
-        """Whether the other end has been closed."""
+        """Return whether the other end of the channel was closed."""
         return bool(hang_up_poll(self.line.fileno()).poll(0))

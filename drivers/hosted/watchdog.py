@@ -1,4 +1,4 @@
-"""Who ends a process that neither its parent nor itself can end."""
+"""Watchdog that kills a child process that doesn't end after its parent."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from drivers.hosted.message_socket import hang_up_poll
 
 
 def start_watchdog(end: int, grace: float) -> None:
-    """Make a process that kills this one if it doesn't end in time after its parent has.
+    """Start a watchdog process, which kills this process if it doesn't end after its parent.
 
-    A thread couldn't: a library that hangs may hold the interpreter's lock. It is forked, so
-    this is to be called before there are threads; and it is nobody's child, for a library
-    that waits for its own children must not find it.
+    A thread couldn't do this, because a library that hangs may hold the interpreter's lock. The
+    watchdog is forked, so this function must be called before threads are started. It is forked
+    twice, so that it isn't a child of this process: a library that waits for its own children must
+    not find it.
     """
     guarded = os.pidfd_open(os.getpid())
     between = os.fork()

@@ -1,6 +1,6 @@
-"""A USB device on its wire: found, claimed, asked in time, and found again after unplugging.
+"""Link to a USB device: finding, claiming, transfers with timeouts, and reopening after unplugging.
 
-pyusb with the libusb of the package libusb-package; sources: pyusb's tutorial and libusb's
+It uses pyusb with the libusb of the package libusb-package. Sources: pyusb's tutorial and libusb's
 documentation of its synchronous transfers.
 """
 

@@ -1,8 +1,8 @@
-"""Through what pyusb reaches a device: the libusb that is installed with us, or another backend.
+"""Choice of the pyusb backend of a USB driver: the libusb of libusb-package, or another one.
 
-Option `backend` of every USB driver: empty for libusb. "module:name" is a pyusb backend, or what
-gives one when it's called; "module:name@address" is called with the address. A simulated device
-is plugged in this way, and the driver knows nothing of it.
+Every USB driver has the option `backend`. An empty string means libusb. "module:name" is a pyusb
+backend or a function that returns one; with "module:name@address" the function is called with the
+address. Simulated devices are connected in this way, without any change of the driver.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _NAME = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*(@.+)?")
 
 
 def require_backend_name(backend: object) -> None:
-    """ValueError for what is no name of a backend."""
+    """Raise ValueError unless a driver's option `backend` has the form of a backend's name."""
     if not isinstance(backend, str) or (backend and not _NAME.fullmatch(backend)):
         raise ValueError(
             f'backend is {backend!r}; leave it empty for libusb, or give "module:name" or '
@@ -26,7 +26,7 @@ def require_backend_name(backend: object) -> None:
 
 
 class BackendMissing(Exception):
-    """There is no such backend. remedy: what helps."""
+    """Raised when a pyusb backend can't be loaded. remedy: what to try."""
 
     def __init__(self, reply: str, remedy: str) -> None:
         super().__init__(reply)
@@ -34,7 +34,7 @@ class BackendMissing(Exception):
 
 
 def load_backend(backend: str) -> Any:
-    """The backend of that name; BackendMissing if there is none."""
+    """Return the pyusb backend of a name, or raise BackendMissing."""
     if not backend:
         return _libusb()
     name, _, address = backend.partition("@")

@@ -1,4 +1,4 @@
-"""What a USB device says of itself."""
+"""Identity of a USB device in its string descriptors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 
 class UsbIdentity(NamedTuple):
-    """What a USB device says of itself: strings, empty where it has none, and its release."""
+    """Identity of a USB device: its strings, empty if it has none, and its release number."""
 
     maker: str
     product: str
@@ -15,17 +15,15 @@ class UsbIdentity(NamedTuple):
     release: str
 
 
-_ENGLISH = 0x0409
-
-
 STRING_TIMEOUT = 0.5
-"""Seconds that the USB specification allows for a string."""
+"""Seconds that the USB specification allows for reading a string."""
 
 
 def read_string(device: Any, index: int, twice: bool = True) -> str:
-    """A string of a device, empty where it has none.
+    """Read a string descriptor of a USB device; the string is empty if the device has none.
 
-    ValueError if it is none, or, asked twice, another one the second time.
+    twice: whether it is read a second time for comparison. Raises ValueError for a reply that is no
+    string and for two replies that differ.
     """
     if not index:
         return ""
@@ -41,9 +39,10 @@ def _string_bytes(device: Any, index: int) -> bytes:
 
     timeout = round(STRING_TIMEOUT * 1000)
     try:
-        told = bytes(device.ctrl_transfer(0x80, 6, 0x0300 | index, _ENGLISH, 254, timeout))
+        # GET_DESCRIPTOR of a string, in US English (0x0409).
+        told = bytes(device.ctrl_transfer(0x80, 6, 0x0300 | index, 0x0409, 254, timeout))
     except usb.core.USBError as error:
-        # Some devices number strings that they don't have.
+        # Some devices give an index for strings that they don't have.
         if error.errno == errno.EPIPE:
             return b""
         raise
@@ -53,6 +52,6 @@ def _string_bytes(device: Any, index: int) -> bytes:
 
 
 def describe_identity(identity: UsbIdentity) -> str:
-    """Who it is, for a person."""
+    """Describe a USB device's identity for an error message."""
     number = f"serial number {identity.serial}" if identity.serial else "no serial number"
     return f"{identity.product or 'a device without a name'} ({number}, release {identity.release})"

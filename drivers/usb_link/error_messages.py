@@ -1,4 +1,4 @@
-"""What libusb's errors mean at the bench, and what helps."""
+"""Error messages and remedies for libusb's errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ _EXPLANATIONS: dict[int | None, tuple[str, str]] = {
 def explain_usb_error(
     error: Exception, seconds: float, vendor: int, product: int
 ) -> tuple[str, str]:
-    """Reply and remedy of a DeviceError, for whatever pyusb raised. seconds: its time-out."""
+    """Return the reply and remedy of a DeviceError for an exception of pyusb.
+
+    seconds: timeout of the transfer.
+    """
     if isinstance(error, BackendMissing):
         return str(error), error.remedy
     code = getattr(error, "errno", None)
@@ -38,7 +41,7 @@ def explain_usb_error(
 
 
 def udev_rule(vendor: int, product: int) -> str:
-    """What to do, as a person with root's rights, so that others may use a device."""
+    """Return the instruction for a udev rule with which users may access a USB device."""
     return (
         "Write into /etc/udev/rules.d/70-labapp.rules the line "
         f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vendor:04x}", ATTR{{idProduct}}=="{product:04x}", '

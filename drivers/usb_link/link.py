@@ -1,4 +1,4 @@
-"""The way to one USB device."""
+"""Link to one USB device, which reports every failure as a DeviceError."""
 
 from __future__ import annotations
 
@@ -20,12 +20,32 @@ from drivers.usb_link.error_messages import CABLE, explain_usb_error
 
 
 class UsbLink:
-    """The way to one USB device, by vendor and product and, if there are several, by serial.
+    """Link to one USB device, found by vendor and product and, among several, by serial number.
 
-    Every failure is a DeviceError, and comes `timeout` seconds after a transfer's beginning at
-    the latest; opening the device, where that is needed, takes 3 seconds at most besides. A
-    device that was unplugged is opened again by the next call; if another one answers then,
-    that is a DeviceError, too. backend: see drivers.usb_link.backend.
+    Every failure is a DeviceError, which is raised at most `timeout` seconds after the beginning of
+    a transfer. Opening the device, if needed, takes at most 3 seconds more. A device that was
+    unplugged is opened again by the next call; if another device answers then, that is a
+    DeviceError, too.
+
+    Parameters
+    ----------
+    model : str
+        The device's name in errors.
+    vendor, product : int
+        Vendor and product ID of the device.
+    serial : str, default ""
+        Serial number, needed if several such devices are plugged in.
+    backend : str, default ""
+        Name of the pyusb backend, empty for libusb; see drivers.usb_link.backend.
+    interface : int, default 0
+        Number of the interface that is claimed.
+    timeout : float, default 1.0
+        Longest time of a transfer in seconds.
+
+    Raises
+    ------
+    ValueError
+        If `serial` isn't a string, or `backend` doesn't have the form of a backend's name.
     """
 
     def __init__(
@@ -43,7 +63,10 @@ class UsbLink:
         require_backend_name(backend)
         self.timeout = timeout
         self.may_have_late_replies = False
-        """Whether a call has failed since this was last set to false: answers may be late."""
+        """Whether a call has failed since the driver last set this to False.
+
+        Replies to earlier queries may then still arrive.
+        """
         self._model, self._vendor, self._product = model, vendor, product
         self._serial, self._backend_name = serial, backend
         self._interface = interface
@@ -56,7 +79,7 @@ class UsbLink:
 
     @property
     def identity(self) -> UsbIdentity:
-        """What the device said of itself when it was opened first."""
+        """Identity that the USB device reported when it was first opened."""
         return self._first_identity or UsbIdentity("", "", "", "")
 
     @property
@@ -65,15 +88,18 @@ class UsbLink:
 
     @property
     def is_cancelled(self) -> bool:
-        """Whether somebody has given the device up."""
+        """Whether cancel() was called, after which the link can't be used any more."""
         return self._cancelled.is_set()
 
     def cancel(self) -> None:
-        """No transfer begins any more; from any thread. Whose turn it is lets the device go."""
+        """Let no further transfer begin; the thread that uses the link then closes the device.
+
+        Any thread may call it.
+        """
         self._cancelled.set()
 
     def open(self, command: str = "open") -> None:
-        """Find and claim the device, if that isn't done."""
+        """Find and claim the USB device, unless it is open already."""
         self._require_not_cancelled(command)
         if self._device is not None:
             return
@@ -91,9 +117,10 @@ class UsbLink:
             raise
 
     def unplugged_reason(self) -> str | None:
-        """Why the device counts as unplugged, empty while it is there; from any thread.
+        """Return why the device counts as unplugged, or an empty string while it is there.
 
-        Told by the system's list of devices, and nothing is said to it; None before it was found.
+        It looks only at the system's list of USB devices and sends nothing. It returns None before
+        the device was found. Any thread may call it.
         """
         if self._backend is None or not self._matching_count:
             return None
@@ -104,7 +131,7 @@ class UsbLink:
         return "" if there >= self._matching_count else "it was unplugged"
 
     def close(self) -> None:
-        """Give the device back to the system; never fails."""
+        """Release the USB device to the system; this never raises."""
         device, self._device = self._device, None
         if device is None:
             return
@@ -128,7 +155,7 @@ class UsbLink:
         data: bytes,
         seconds: float | None = None,
     ) -> None:
-        """A control transfer to the device; DeviceError unless it takes all of it."""
+        """Send a control transfer to the device; raise DeviceError unless it takes all bytes."""
         given = (request_type, request, value, self._interface, data)
         taken = self._transfer(command, lambda one, ms: one.ctrl_transfer(*given, ms), seconds)
         self._require_all(command, int(taken), data)
@@ -142,14 +169,14 @@ class UsbLink:
         length: int,
         seconds: float | None = None,
     ) -> bytes:
-        """A control transfer from the device: up to `length` bytes."""
+        """Fetch up to `length` bytes from the device by a USB control transfer."""
         given = (request_type, request, value, self._interface, length)
         return bytes(
             self._transfer(command, lambda one, ms: one.ctrl_transfer(*given, ms), seconds)
         )
 
     def read(self, command: str, endpoint: int, length: int, seconds: float | None = None) -> bytes:
-        """Up to `length` bytes from a bulk or interrupt endpoint; a halted one is cleared."""
+        """Read up to `length` bytes from a bulk or interrupt endpoint; a halt is cleared."""
         return bytes(
             self._transfer(
                 command, lambda one, ms: one.read(endpoint, length, ms), seconds, endpoint
@@ -157,7 +184,7 @@ class UsbLink:
         )
 
     def write(self, command: str, endpoint: int, data: bytes, seconds: float | None = None) -> None:
-        """All of the bytes to a bulk or interrupt endpoint."""
+        """Write all bytes to a bulk or interrupt endpoint of the USB device."""
         taken = self._transfer(
             command, lambda one, ms: one.write(endpoint, data, ms), seconds, endpoint
         )
@@ -171,9 +198,10 @@ class UsbLink:
     def drain(
         self, command: str, endpoint: int, length: int, quiet: float, is_overdue: Callable[[], bool]
     ) -> int:
-        """Read and forget what comes until nothing has for `quiet` seconds; how many reports.
+        """Discard the USB device's reports until none comes for `quiet` seconds; count them.
 
-        DeviceError if it goes on when it's `is_overdue`, or if the device has gone.
+        Raises DeviceError if reports still come when `is_overdue()` is true, or if the device is
+        gone.
         """
         import usb.core
 
@@ -197,17 +225,20 @@ class UsbLink:
         seconds: float | None,
         endpoint: int = 0,
     ) -> Any:
-        """transfer: of a device of pyusb's, with a time-out in milliseconds."""
+        """Carry out a transfer on the open USB device, within `seconds` and the link's timeout.
+
+        transfer: function of pyusb's device and a timeout in milliseconds.
+        """
         self.open(command)
         seconds = self.timeout if seconds is None else min(max(seconds, 0.0), self.timeout)
         with self._translate_errors(command, seconds, endpoint):
-            # 0 would be for ever.
+            # For libusb a timeout of 0 means no limit.
             answer = transfer(self._device, max(round(seconds * 1000), 1))
         self._require_not_cancelled(command)
         return answer
 
     def _require_not_cancelled(self, command: str) -> None:
-        """DeviceError once the device was given up: whoever opens it anew must find it free."""
+        """Raise DeviceError if the link was cancelled, and close it, so that the device is free."""
         if self._cancelled.is_set():
             self.close()
             raise self._error(command, "the device was given up", "Open the device again")
@@ -236,14 +267,17 @@ class UsbLink:
         return devices[0]
 
     def _count_matching(self) -> int:
-        """How many devices of this kind the system knows of; none is opened."""
+        """Count the USB devices with this vendor and product, without opening any."""
         return sum(
             (told.idVendor, told.idProduct) == (self._vendor, self._product)
             for told in map(self._backend.get_device_descriptor, self._backend.enumerate_devices())
         )
 
     def _with_serial(self, devices: list[Any]) -> list[Any]:
-        """Those of the wanted serial number; what hinders reading it matters only if none is."""
+        """Return the USB devices with the wanted serial number.
+
+        An error when reading a serial number is raised only if no device matches.
+        """
         import usb.core
         import usb.util
 
@@ -274,7 +308,8 @@ class UsbLink:
         except usb.core.USBError as error:
             if error.errno is not None:
                 raise
-            # It has none yet. Setting the one that is in force would reset the device.
+            # The device has no configuration yet. The present one isn't set again, because that
+            # would reset the device.
             device.set_configuration()
         usb.util.claim_interface(device, self._interface)
 
@@ -309,7 +344,7 @@ class UsbLink:
         endpoint: int = 0,
         let_through: type[Exception] | tuple[()] = (),
     ) -> Iterator[None]:
-        """Make a DeviceError of whatever pyusb raises, but for what is `let_through` on."""
+        """Turn exceptions of pyusb into DeviceError, except those of the class `let_through`."""
         try:
             yield
         except DeviceError:

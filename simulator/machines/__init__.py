@@ -1,1 +1,1 @@
-"""Instruments as their manuals describe them: bytes or USB transfers in, answers out."""
+"""Simulated instruments behind their wires: they answer bytes or USB transfers by their manuals."""

@@ -1,10 +1,10 @@
-"""What a spectroradiometer computes from a spectrum: the colour values of its tables.
+"""Colour values that the simulated spectroradiometer computes from a spectrum.
 
 The colour matching functions are the analytic fits of Wyman, Sloan and Shirley, "Simple
 Analytic Approximations to the CIE XYZ Color Matching Functions", Journal of Computer Graphics
 Techniques 2(2), 2013: multi-lobe for the 2 degrees observer of 1931, single-lobe for the 10
-degrees observer of 1964. From the tables they differ by 0.7 to 1.4 % and 2.5 to 3.2 % of
-their norm. The constants of luminance and the planckian locus are of CIE 015:2018.
+degrees observer of 1964. They differ from the tables by 0.7 to 1.4 % and 2.5 to 3.2 % of the
+tables' norm. The constants of luminance and of the Planckian locus come from CIE 015:2018.
 """
 
 from __future__ import annotations
@@ -16,22 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 KM = 683.002
-"""Lumens in a watt at the greatest luminous efficacy."""
+"""Greatest luminous efficacy, in lumens per watt."""
 
 _C2 = 1.4388e-2
-"""Second radiation constant, in metre kelvins, as the colour temperature is defined with it."""
+"""Second radiation constant, in metre kelvins, with which the colour temperature is defined."""
 
 _TEMPERATURES = np.geomspace(1000, 100_000, 2000)
-"""Kelvins, at which the planckian locus is looked at."""
-
-_LOCUS_RANGE = (400e-9, 651e-9)
-"""Metres, beyond which the fits are too dark to have a chromaticity of their own."""
+"""Temperatures in kelvins at which the Planckian locus is sampled."""
 
 Array = NDArray[np.float64]
 
 
 def colour_matching_functions(wavelengths_m: Array, observer: int = 2) -> Array:
-    """x, y and z (3, n) of the 2 or the 10 degrees observer."""
+    """Return the CIE colour matching functions x, y, z (3, n) of the 2 or 10 degrees observer."""
     nm = np.asarray(wavelengths_m) * 1e9
     return np.stack(_matching_2_degrees(nm) if observer == 2 else _matching_10_degrees(nm))
 
@@ -59,19 +56,22 @@ def _matching_10_degrees(nm: Array) -> tuple[Array, Array, Array]:
 
 
 def tristimulus(wavelengths_m: Array, radiance: Array, observer: int = 2) -> Array:
-    """X, Y, Z; Y in candelas per square metre where radiance is in W/(sr m² m)."""
+    """Return the tristimulus values X, Y, Z of a spectrum.
+
+    Y is in cd/m² if the radiance is in W/(sr m² m).
+    """
     step = float(wavelengths_m[1] - wavelengths_m[0])
     return KM * step * (colour_matching_functions(wavelengths_m, observer) @ radiance)
 
 
 def chromaticity(xyz: Array) -> tuple[float, float]:
-    """x and y; not a number for a spectrum without light."""
+    """Return the chromaticity x, y of tristimulus values; NaN for a spectrum without light."""
     total = float(xyz.sum())
     return (float(xyz[0]) / total, float(xyz[1]) / total) if total > 0 else (math.nan, math.nan)
 
 
 def uniform_chromaticity(xyz: Array) -> tuple[float, float]:
-    """u' and v' of 1976; not a number for a spectrum without light."""
+    """Return the chromaticity u', v' of CIE 1976; NaN for a spectrum without light."""
     bottom = float(xyz[0] + 15 * xyz[1] + 3 * xyz[2])
     if bottom <= 0:
         return math.nan, math.nan
@@ -79,10 +79,10 @@ def uniform_chromaticity(xyz: Array) -> tuple[float, float]:
 
 
 def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> tuple[float, float]:
-    """Correlated colour temperature in kelvins, and the distance from the planckian locus.
+    """Return the correlated colour temperature (K) and the distance from the Planckian locus.
 
-    The distance is one of the 1960 diagram, positive above the locus. Both are not a number
-    beyond 0.05 from the locus or outside 1000 to 100 000 K.
+    The distance is measured in the diagram of 1960 and is positive above the locus. Both values
+    are NaN beyond 0.05 from the locus or outside 1000 to 100 000 K.
     """
     u, v = uniform_chromaticity(xyz)
     if math.isnan(u):
@@ -95,7 +95,8 @@ def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> t
     nearest = int(np.argmin(distance))
     if distance[nearest] > 0.05 or nearest in (0, len(temperatures) - 1):
         return math.nan, math.nan
-    # Between three neighbours the square of the distance is a parabola of the logarithm.
+    # A parabola of the temperature's logarithm through three squared distances gives the minimum
+    # between the samples.
     before, here, after = distance[nearest - 1 : nearest + 2] ** 2
     shift = 0.5 * (before - after) / (before - 2 * here + after)
     ratio = temperatures[1] / temperatures[0]
@@ -105,7 +106,7 @@ def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> t
 
 @functools.lru_cache(maxsize=8)
 def _planckian_locus(first: float, step: float, count: int, observer: int) -> Array:
-    """u' and v' (2, n) of black bodies of all temperatures, by equally spaced wavelengths."""
+    """Return u', v' (2, n) of black bodies at all temperatures, from evenly spaced wavelengths."""
     wavelengths = (first + step * np.arange(count)).astype(np.float64)
     light = wavelengths**-5 / np.expm1(_C2 / np.outer(_TEMPERATURES, wavelengths))
     locus = light @ colour_matching_functions(wavelengths, observer).T
@@ -115,16 +116,17 @@ def _planckian_locus(first: float, step: float, count: int, observer: int) -> Ar
 
 
 def dominant_wavelength(wavelengths_m: Array, xyz: Array, observer: int = 2) -> tuple[float, float]:
-    """Dominant wavelength in nanometres and excitation purity in percent, seen from white.
+    """Return the dominant wavelength in nanometres and the excitation purity in percent.
 
-    White is that of equal energy. Purples have the complementary wavelength, negative. Not a
-    number for a spectrum without light, or white itself.
+    The white point is that of equal energy. Purples have the negative complementary wavelength.
+    Both values are NaN for a spectrum without light and for white itself.
     """
     x, y = chromaticity(xyz)
     dx, dy = x - 1 / 3, y - 1 / 3
     if not math.hypot(dx, dy) > 1e-9:
         return math.nan, math.nan
-    seen = wavelengths_m[(wavelengths_m > _LOCUS_RANGE[0]) & (wavelengths_m < _LOCUS_RANGE[1])]
+    # Beyond these wavelengths the fits are too dark for a meaningful chromaticity.
+    seen = wavelengths_m[(wavelengths_m > 400e-9) & (wavelengths_m < 651e-9)]
     functions = colour_matching_functions(seen, observer)
     locus = functions[:2] / functions.sum(axis=0) - 1 / 3
     for sign in (1, -1):
@@ -140,9 +142,10 @@ def dominant_wavelength(wavelengths_m: Array, xyz: Array, observer: int = 2) -> 
 
 
 def _locus_crossing(locus: Array, seen: Array, dx: float, dy: float) -> tuple[float, float] | None:
-    """Where the ray from white in a direction crosses the locus: index and distance.
+    """Return where the ray from white in a direction crosses the spectral locus.
 
-    Where it does so more than once, as in the violet, the crossing that is `seen` best counts.
+    The result is the fractional index into the locus and the distance from white. If the ray
+    crosses more than once, as in the violet, the crossing where `seen` is largest counts.
     """
     across = locus[0] * dy - locus[1] * dx
     along = locus[0] * dx + locus[1] * dy
@@ -156,7 +159,7 @@ def _locus_crossing(locus: Array, seen: Array, dx: float, dy: float) -> tuple[fl
 
 
 def _distance_to_purple_line(locus: Array, dx: float, dy: float) -> float:
-    """How far the line between the locus's ends is from white in a direction."""
+    """Return the distance from white to the line of purples in a direction."""
     a, b = locus[:, 0], locus[:, -1]
     side = b - a
     bottom = dx * side[1] - dy * side[0]

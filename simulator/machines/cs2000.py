@@ -1,4 +1,4 @@
-"""A Konica Minolta CS-2000 or CS-2000A spectroradiometer as a machine of bytes.
+"""A simulated Konica Minolta CS-2000 or CS-2000A spectroradiometer behind its serial port.
 
 Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specifications",
 rev. 7.00, 2020; the optical limits are those of the instrument's data sheet.
@@ -21,19 +21,13 @@ from simulator.machines.cs2000_optics import WAVELENGTHS, Array, CS2000Optics
 from simulator.machines.cs2000_settings import CS2000Settings
 from simulator.machines.machine import FaultyMachine, Reply
 
-_LATENCY = 0.02
-"""Seconds from a command to its answer."""
-
-_COMMAND_TIMEOUT = 60.0
-"""Seconds of silence after which a command without an end is dropped."""
-
 _SPANS = {1: slice(0, 100), 2: slice(100, 200), 3: slice(200, 300), 4: slice(300, 401)}
-"""Which wavelengths each block of a spectrum has."""
+"""Indices of the wavelengths in each block of a spectrum."""
 
 
 @dataclass
 class _Measurement:
-    """One that goes on: until when its present phase lasts, and what it has found."""
+    """Hold a running measurement: the end of its present phase, and the exposure it has chosen."""
 
     until: float
     integration: float = 0.0
@@ -50,12 +44,13 @@ class _PendingReply:
 
 
 class CS2000Machine(FaultyMachine):
-    """What it is told over the wire, and the light that falls into it.
+    """Simulate a CS-2000 spectroradiometer: its commands and the light that it measures.
 
-    spectrum: the radiance in W/(sr m² m) at wavelengths in metres, asked whenever it measures.
-    model, serial, firmware: as it tells them; firmware decides what it knows. angle: 0 for 1
-    degree, 1 for 0.2, 2 for 0.1, as its dial stands. slit_nm: full width at half maximum of
-    its triangular slit, 0 for none; the data sheet has 5 nm at most.
+    spectrum: returns the radiance in W/(sr m² m) at wavelengths in metres; it is called for every
+    measurement. model, serial, firmware: as the instrument reports them; the firmware decides
+    which commands it knows. angle: position of its dial, 0 for 1 degree, 1 for 0.2, 2 for 0.1.
+    slit_nm: full width at half maximum of its triangular slit, 0 for none; the data sheet has
+    5 nm at most.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "stuck", "error code")
@@ -78,9 +73,9 @@ class CS2000Machine(FaultyMachine):
         self._answers: list[_PendingReply] = []
         self._measuring: _Measurement | None = None
         self.measured_radiance: Array | None = None
-        """Radiance in W/(sr m² nm) at WAVELENGTHS, as measured last; None if there is none."""
+        """Last measured radiance in W/(sr m² nm) at WAVELENGTHS; None if there is none."""
         self.conditions = ""
-        """Of the last measurement, as MEDR tells them."""
+        """Conditions of the last measurement, in the text of the command MEDR."""
         self._unread: set[int] = set()
 
     @property
@@ -88,14 +83,14 @@ class CS2000Machine(FaultyMachine):
         return self._measuring is not None
 
     def press_escape(self) -> None:
-        """The key on its back: a measurement is broken off, or else remote mode left."""
+        """Press the key on the instrument's back: abort a measurement, or else end remote mode."""
         if self._measuring:
             self._measuring = None
         else:
             self.settings.remote = 0
 
     def press_measure(self, t: float) -> list[Reply]:
-        """The measuring key, if MSWE has enabled it: nothing is said of it on the wire."""
+        """Press the measuring key, which works if MSWE has enabled it; nothing is sent."""
         if not (self.settings.remote and self.settings.single_values["MSWE"]) or self._measuring:
             return []
         return self._start(t, by_key=True)
@@ -103,7 +98,8 @@ class CS2000Machine(FaultyMachine):
     def feed(self, data: bytes, t: float) -> list[Reply]:
         replies = self._advance(t)
         for byte in data:
-            if self._buffer and t - self._last_byte_at > _COMMAND_TIMEOUT:
+            # After 60 s of silence an unfinished command is dropped.
+            if self._buffer and t - self._last_byte_at > 60.0:
                 self._buffer.clear()
                 if self.settings.has_first_firmware:
                     replies += self._queue_reply("ER00", t)
@@ -114,7 +110,7 @@ class CS2000Machine(FaultyMachine):
     def _receive_byte(self, byte: int, t: float) -> list[Reply]:
         after_cr, self._after_cr = self._after_cr, byte == 0x0D
         if byte == 0x0A and after_cr:
-            # It answers with the end that was used; the answer is not on its way yet.
+            # The reply ends with the delimiter of the command, and it hasn't been sent yet.
             self._delimiter = b"\r\n"
             if self._answers:
                 self._answers[-1].delimiter = self._delimiter
@@ -127,11 +123,13 @@ class CS2000Machine(FaultyMachine):
         return self._execute(command.decode("latin-1"), t)
 
     def _queue_reply(self, text: str, t: float) -> list[Reply]:
-        self._answers.append(_PendingReply(t + _LATENCY, text, self._delimiter))
-        return [Reply(t + _LATENCY, b"")]
+        # A reply leaves 20 ms after its command.
+        at = t + 0.02
+        self._answers.append(_PendingReply(at, text, self._delimiter))
+        return [Reply(at, b"")]
 
     def _advance(self, t: float) -> list[Reply]:
-        """What has become due by t."""
+        """Finish what is due by time t, and return the replies of the instrument."""
         replies = self._advance_measurement(t)
         while self._answers and self._answers[0].at <= t:
             answer = self._answers.pop(0)
@@ -140,7 +138,7 @@ class CS2000Machine(FaultyMachine):
 
     def _execute(self, command: str, t: float) -> list[Reply]:
         if self._measuring and not self._measuring.in_main_phase:
-            # No command is taken while it looks how long it has to measure.
+            # The instrument ignores commands during the pre-measurement, which finds the exposure.
             return []
         name, *parameters = command.split(",")
         if "error code" in self._faults:
@@ -178,7 +176,7 @@ class CS2000Machine(FaultyMachine):
         return [Reply(until, b"")]
 
     def _advance_measurement(self, t: float) -> list[Reply]:
-        """The phases of a measurement that are over by t, whoever looks."""
+        """Finish the phases of a measurement that end by time t, and return their replies."""
         replies: list[Reply] = []
         while (going := self._measuring) and going.until <= t:
             if going.in_main_phase and "busy forever" in self._faults:
@@ -191,7 +189,7 @@ class CS2000Machine(FaultyMachine):
         return replies
 
     def _begin_main_phase(self, going: _Measurement) -> list[Reply]:
-        """The pre-measurement is over: tell how long the measurement will take."""
+        """End the pre-measurement, and report how long the main measurement takes."""
         self._measuring = None
         if "stuck" in self._faults:
             return self._report_measurement("ER81", going)
@@ -205,7 +203,7 @@ class CS2000Machine(FaultyMachine):
 
     def _finish_measurement(self, going: _Measurement) -> list[Reply]:
         self._measuring = None
-        # It makes up for the external filter that it was told of, there or not.
+        # The instrument corrects for the external filter that it was set to, even if none is there.
         self.measured_radiance = (
             self.optics.measured_spectrum() * 10.0 ** self.settings.single_values["NDFS"]
         )
@@ -214,7 +212,7 @@ class CS2000Machine(FaultyMachine):
         return self._report_measurement("OK00", going)
 
     def _report_measurement(self, text: str, of: _Measurement) -> list[Reply]:
-        """Say how a measurement gets on, if it was asked for on the wire."""
+        """Report the progress of a measurement, unless the measuring key has started it."""
         return [] if of.by_key else [Reply(of.until, text.encode() + self._delimiter)]
 
     def _medr(self, given: list[int]) -> str:
@@ -242,7 +240,7 @@ class CS2000Machine(FaultyMachine):
         return ",".join(["OK00", *texts])
 
     def _discard_read_block(self, mode: int, number: int) -> None:
-        """With its key enabled, what was read is gone."""
+        """Discard a measurement that was read completely, if the measuring key is enabled."""
         self._unread -= {number} if mode == 1 else set()
         if self.settings.single_values["MSWE"] and (mode == 2 or not self._unread):
             self.measured_radiance = None

@@ -1,4 +1,4 @@
-"""How a CS-2000 writes its numbers, by chapter 5 of its communication specifications."""
+"""Number formats of a CS-2000's replies, by chapter 5 of its communication specifications."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from simulator.machines.colorimetry import (
 )
 
 _FAILED_VALUE = "D1BA43B6"
-"""What a calculation that fails gives in hexadecimal."""
+"""Hexadecimal reply for a value that can't be computed."""
 
 _NAMES_2_DEGREES = ("X", "Y", "Z", "x", "y", "u'", "v'", "T", "duv", "ld", "Pe")
 _NAMES_10_DEGREES = (
@@ -50,13 +50,13 @@ BLOCKS: dict[int, tuple[str, ...]] = {
     100: ("Le",),
     101: ("Lv",),
 }
-"""Which colorimetric values each block of data has."""
+"""Names of the colorimetric values in each block of data."""
 
 
 def colorimetric_values(
     wavelengths_m: NDArray[np.float64], per_nm: NDArray[np.float64]
 ) -> dict[str, float]:
-    """All values by name; not a number where one can't be computed.
+    """Return a CS-2000's colorimetric values by name; NaN where one can't be computed.
 
     per_nm: radiance in W/(sr m² nm).
     """
@@ -77,9 +77,10 @@ def colorimetric_values(
 
 
 def format_value(name: str, value: float, hexadecimal: bool, failed_is_zero: bool = False) -> str:
-    """One value. name: of a colorimetric value, or "spectral".
+    """Format one value as a CS-2000 sends it.
 
-    failed_is_zero: as old firmware writes what it can't compute.
+    name: of a colorimetric value, or "spectral". failed_is_zero: whether a value that can't be
+    computed is sent as 0, as old firmware does.
     """
     if math.isnan(value) and failed_is_zero:
         value = 0.0
@@ -102,7 +103,7 @@ def format_block(names: Sequence[str], values: dict[str, float], *how: bool) -> 
 
 
 def _format_exponential(value: float) -> str:
-    """Four decimals and one digit of an exponent."""
+    """Format a number with four decimals and a one-digit exponent."""
     exponent = math.floor(math.log10(abs(value))) if value else -9
     exponent = max(-9, min(9, exponent))
     mantissa = f"{value / 10.0**exponent:.4f}"
@@ -113,7 +114,7 @@ def _format_exponential(value: float) -> str:
 
 
 def _format_six_characters(value: float) -> str:
-    """Six characters, with as many decimals as there is room for."""
+    """Format a number in six characters, with as many decimals as fit."""
     if value > 999_999.5:
         mantissa, _, exponent = f"{value:.2e}".partition("e")
         return f"{mantissa}e+{int(exponent)}"

@@ -1,6 +1,6 @@
-"""The light that falls into a CS-2000, and what it needs to measure it.
+"""Optics of the simulated CS-2000: the light that it receives and the exposure that this needs.
 
-The limits are those of the instrument's data sheet.
+The limits come from the instrument's data sheet.
 """
 
 from __future__ import annotations
@@ -16,25 +16,15 @@ from simulator.machines.colorimetry import tristimulus
 Array = NDArray[np.float64]
 
 WAVELENGTHS: Array = np.arange(380, 781).astype(np.float64) * 1e-9
-"""At which it measures, in metres."""
+"""Wavelengths at which a CS-2000 measures, in metres."""
 
 _SATURATION = 2.5
-"""Luminance times integration time, cd s/m², that fills the sensor at 1 degree: the 5000 cd/m²
-of the data sheet, in the shortest time, through the internal filter."""
-
-_ND_TRANSMITTANCE = 0.1
-"""What the internal filter passes; the instrument doesn't tell, and this is assumed."""
-
-_RELATIVE_AREAS = (1.0, 0.04, 0.01)
-"""Of the field at 1, 0.2 and 0.1 degrees, relative to the first."""
-
-
-_SAMPLES_PER_NM = 5
-"""Samples of the light in a nanometre, within the slit."""
+"""Luminance times integration time, in cd s/m², that fills the sensor at 1 degree. It follows from
+the 5000 cd/m² of the data sheet, with the shortest time and the internal filter."""
 
 
 class CS2000Optics:
-    """From the spectrum before the lens to the sensor.
+    """Simulate the light path of a CS-2000 from the spectrum before its lens to its sensor.
 
     spectrum, slit_nm, angle: as of CS2000Machine.
     """
@@ -43,36 +33,36 @@ class CS2000Optics:
         self._spectrum, self._slit = spectrum, slit_nm
         self.angle = angle
         self.attached_nd = 0
-        """The external filter that is really there: 0 none, 1 a tenth, 2 a hundredth."""
+        """External filter that is really attached: 0 none, 1 passes a tenth, 2 a hundredth."""
 
     def measured_spectrum(self) -> Array:
-        """Radiance through the slit and the external filter, in W/(sr m² nm)."""
-        reach = _SAMPLES_PER_NM * self._slit
+        """Return the radiance through slit and external filter, in W/(sr m² nm)."""
+        samples_per_nm = 5
+        reach = samples_per_nm * self._slit
         nm = (
-            np.arange(_SAMPLES_PER_NM * 380 - reach, _SAMPLES_PER_NM * 780 + reach + 1)
-            / _SAMPLES_PER_NM
+            np.arange(samples_per_nm * 380 - reach, samples_per_nm * 780 + reach + 1)
+            / samples_per_nm
         )
         light = np.asarray(self._spectrum(nm * 1e-9), np.float64) * 1e-9
         if reach:
             weights = reach - np.abs(np.arange(-reach, reach + 1.0))
             light = np.convolve(light, weights / weights.sum(), mode="valid")
-        return light[::_SAMPLES_PER_NM] * 10.0**-self.attached_nd
+        return light[::samples_per_nm] * 10.0**-self.attached_nd
 
     def _signal(self, integration: float, nd: int) -> float:
-        """What falls onto the sensor, in cd s/m² at 1 degree."""
+        """Return the exposure of the sensor, in cd s/m² at 1 degree."""
         luminance = float(tristimulus(WAVELENGTHS, self.measured_spectrum() * 1e9)[1])
-        return (
-            luminance
-            * integration
-            * (_ND_TRANSMITTANCE if nd else 1.0)
-            * _RELATIVE_AREAS[self.angle]
-        )
+        # The instrument doesn't report its internal filter's transmittance; a tenth is assumed.
+        transmittance = 0.1 if nd else 1.0
+        # Areas of the fields of 1, 0.2 and 0.1 degrees, relative to the first.
+        relative_area = (1.0, 0.04, 0.01)[self.angle]
+        return luminance * integration * transmittance * relative_area
 
     def is_too_bright(self, integration: float, nd: int) -> bool:
         return self._signal(integration, nd) > 1.001 * _SATURATION
 
     def required_exposure(self, mode: int, given: int, nd: int) -> tuple[float, int]:
-        """Integration time in seconds and the internal filter, as its mode has them."""
+        """Return the integration time in seconds and the internal filter for a speed mode."""
         if mode == 3:
             return given * 1e-6, nd
         if nd == 2:

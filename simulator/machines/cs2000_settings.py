@@ -1,4 +1,4 @@
-"""What a simulated CS-2000 is, and how it is set: the commands that measure nothing.
+"""Identity and settings of a simulated CS-2000: its commands other than those that measure.
 
 Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specifications",
 rev. 7.00, 2020.
@@ -12,21 +12,24 @@ from collections.abc import Callable
 from simulator.machines.cs2000_optics import CS2000Optics
 
 Command = Callable[[list[int]], str]
-"""From the parameters to the answer."""
+"""Handler of a command, from its parameters to its reply."""
 
 _COMMANDS = ("RMTS", "IDDR", "STSR", "DTCR", "SCMS", "SCMR", "SPMS", "SPMR")
-"""Those with a method of their own name."""
+"""Commands that have a method with their name."""
 
 _INTO_FLASH = ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS")
+"""Commands whose settings the instrument stores in its flash memory."""
 
 
 class CS2000Settings:
-    """model, serial, firmware: as of CS2000Machine. optics: whose dial it tells.
+    """Hold the settings of a simulated CS-2000, and answer the commands that ask or set them.
 
-    remote: the mode that RMTS has set, 0 while its keys work, 1 and 2 while it obeys the wire.
-    flash_write_count: settings that have gone into its flash memory, which wears.
-    has_first_firmware: whether it has the first firmware, which knows less. speed: SPMS's mode,
-    integration and filter. sync: SCMS's mode and frequency.
+    model, serial, firmware: as of CS2000Machine. optics: the optics, whose dial STSR reports.
+
+    remote: mode that RMTS has set, 0 while the keys work, 1 and 2 while the wire is obeyed.
+    flash_write_count: number of settings that were written to flash memory, which wears out.
+    has_first_firmware: whether this is the first firmware, which has fewer functions. speed: mode,
+    integration and filter of SPMS. sync: mode and frequency of SCMS.
     """
 
     def __init__(self, model: str, serial: str, firmware: str, optics: CS2000Optics) -> None:
@@ -39,13 +42,13 @@ class CS2000Settings:
         self.has_first_firmware = self._version < (1, 10) and model == "CS-2000"
         self.remote = 0
         self.single_values = {"NDFS": 0, "LNSS": 0, "OBSS": 0, "MSWE": 0}
-        """The settings of one number each, by the command that sets it."""
+        """Settings that are one number, by the command that sets them."""
         self.speed: tuple[int, int, int] = (0, 0, 2)
         self.sync: tuple[int, int] = (0, 0)
         self.flash_write_count = 0
 
     def command_handler(self, name: str) -> Command | None:
-        """What carries it out, if it is one of those that ask or set."""
+        """Return the handler of a command that asks or sets, or None for any other command."""
         work: Command | None
         work = (
             getattr(self, f"_{name.lower()}")
@@ -63,7 +66,7 @@ class CS2000Settings:
         return put
 
     def conditions(self, integration: float, nd: int) -> str:
-        """Of a measurement, as MEDR tells them."""
+        """Return the conditions of a measurement, in the text of the command MEDR."""
         given = self.single_values
         return (
             f"{self.speed[0]},{self.sync[0]},{round(integration * 1e6):09d},{nd},"
@@ -71,7 +74,7 @@ class CS2000Settings:
         )
 
     def _single_value_handler(self, name: str) -> Callable[[list[int]], str] | None:
-        """Settings of one number each, and the questions for them."""
+        """Return the handler of a command that sets or asks one of the `single_values`."""
         asked = {"NDFR": "NDFS", "LNSR": "LNSS", "OBSR": "OBSS"}.get(name)
         if asked:
             return lambda given: "ER00" if given else f"OK00,{self.single_values[asked]}"

@@ -1,4 +1,4 @@
-"""What a simulated serial instrument is: bytes in, bytes out, and the time."""
+"""Interface of simulated serial instruments: bytes in, replies with their times out."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol
 class Reply(NamedTuple):
     """Bytes that begin to leave the machine at `at`, in seconds of the bench's clock.
 
-    Without data it is an appointment: the machine is fed b"" at that time, so that it can go
-    on with what takes time, and needs to foretell nothing that might still be aborted.
+    A reply without data is a wake-up call: the machine is fed b"" at that time. A machine whose
+    work takes time continues then, so it needn't promise a reply that might still be aborted.
     """
 
     at: float
@@ -17,13 +17,13 @@ class Reply(NamedTuple):
 
 
 class FaultyMachine:
-    """A machine that may have several of its own faults at once."""
+    """Base of simulated instruments that can have several of their own faults at once."""
 
     def __init__(self) -> None:
         self._faults: set[str] = set()
 
     def set_fault(self, kind: str | None) -> None:
-        """One of its own faults begins, or (None) all of them end."""
+        """Begin one of the machine's own faults, or end all of them if `kind` is None."""
         if kind is None:
             self._faults.clear()
         else:
@@ -31,17 +31,20 @@ class FaultyMachine:
 
 
 class SerialMachine(Protocol):
-    """An instrument that knows neither ports nor worlds.
+    """A simulated serial instrument, independent of ports and of the virtual bench.
 
-    own_faults: what can go wrong within it, in words.
+    own_faults: names of the faults that can occur within it.
     """
 
     own_faults: tuple[str, ...]
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
-        """Bytes that arrive at t, which never goes back; what leaves from then on."""
+        """Take the bytes that arrive at time t, and return the replies that leave from then on.
+
+        The time never decreases from call to call.
+        """
         ...
 
     def set_fault(self, kind: str | None) -> None:
-        """One of `own_faults` begins, or (None) all of them end."""
+        """Begin one of `own_faults`, or end all of them if `kind` is None."""
         ...

@@ -1,4 +1,4 @@
-"""A Starlight Xpress filter wheel as it is on its USB wire.
+"""A simulated Starlight Xpress filter wheel behind its USB wire.
 
 Source: "Handbook for the SX Universal Filter Wheel" (2009), Communication Protocols.
 """
@@ -10,17 +10,13 @@ from collections.abc import Callable
 from simulator.machines.turning_wheel import TurningWheel
 from simulator.machines.usb import Endpoint, InputReport, SetupPacket, UsbDescription, UsbStall
 
-_SET_REPORT = (0x21, 9, 0x0200)
-_IN = 0x81
-_LATENCY = 0.001
-
 
 class StarlightWheelMachine:
-    """What it is told, and where it stands.
+    """Simulate a Starlight Xpress filter wheel: its reports and its turning.
 
-    slots: 1 to 127. position: where it stands at first. step: seconds from a slot to the next.
-    slots_known: whether it knows how many it has; it forgets that with its power. on_slot: told
-    every slot that comes into the light.
+    slots: number of slots, 1 to 127. position: first slot in the light. step: seconds from a slot
+    to the next. slots_known: whether the wheel has counted its slots; it forgets the number without
+    power. on_slot: called with every slot that comes into the light.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "stuck", "stall")
@@ -40,7 +36,7 @@ class StarlightWheelMachine:
             "Starlight Xpress",
             "SX Filter Wheel",
             serial,
-            endpoints=(Endpoint(_IN, size=2), Endpoint(0x01, size=2)),
+            endpoints=(Endpoint(0x81, size=2), Endpoint(0x01, size=2)),
         )
         self.wheel = TurningWheel(slots, position, step, on_slot=on_slot)
         self._counted = slots_known
@@ -48,12 +44,13 @@ class StarlightWheelMachine:
         self._stalled = False
 
     def control(self, setup: SetupPacket, data: bytes, t: float) -> tuple[bytes, list[InputReport]]:
-        if self._stalled or setup[:3] != _SET_REPORT:
+        # The only request is HID's SET_REPORT of the output report.
+        if self._stalled or setup[:3] != (0x21, 9, 0x0200):
             raise UsbStall
         return b"", self.write(0x01, data, t)
 
     def write(self, endpoint: int, data: bytes, t: float) -> list[InputReport]:
-        """The two bytes of an output report, which may come by its own endpoint, too."""
+        """Take the two bytes of an output report, from the control or the output endpoint."""
         if self._stalled or len(data) != 2:
             raise UsbStall
         known = self._slot_count(t)
@@ -61,9 +58,10 @@ class StarlightWheelMachine:
             self._start_counting(t)
             known = 0
         elif data[0] and not self._counting:
-            # More than it has is its last, says the handbook.
+            # By the handbook, a number above the last slot means the last slot.
             self.wheel.turn_to(min(data[0], self.wheel.count), t)
-        return [InputReport(t + _LATENCY, _IN, bytes([self.wheel.reported_slot(t), known]))]
+        # The input report is ready a millisecond later.
+        return [InputReport(t + 0.001, 0x81, bytes([self.wheel.reported_slot(t), known]))]
 
     def power_up(self, t: float) -> None:
         self._counted = self._counting = False
@@ -75,7 +73,7 @@ class StarlightWheelMachine:
         self.wheel.stuck = kind == "stuck"
 
     def _start_counting(self, t: float) -> None:
-        """Turn around, and on to the first slot: the handbook says one to two rotations."""
+        """Turn once around and on to the first slot: one to two rotations, by the handbook."""
         count, at = self.wheel.count, self.wheel.slot_at(t)
         around = [(at - 1 + i) % count + 1 for i in range(1, count + 1)]
         home = [slot % count + 1 for slot in range(at, count + 1)] if at > 1 else []

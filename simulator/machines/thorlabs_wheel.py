@@ -1,7 +1,7 @@
-"""A Thorlabs FW102C or FW212C filter wheel as a machine of bytes.
+"""A simulated Thorlabs FW102C or FW212C filter wheel behind its serial port.
 
 Sources: Thorlabs' manual of the FW102C/FW212C, chapter 5.2.3, for the commands; the public
-drivers of pyLabLib, msl-equipment and Odemis for what real wheels were seen to do.
+drivers of pyLabLib, msl-equipment and Odemis for the observed behaviour of real wheels.
 """
 
 from __future__ import annotations
@@ -18,20 +18,13 @@ _ARG_INVALID = b"Command error CMD_ARG_INVALID\r"
 
 _COMMAND = re.compile(rb"([a-z]+)(?:(\?)|=([0-9]+))")
 
-_LATENCY = 0.002
-"""Seconds from a command's end to its answer."""
-
-_BUFFER_SIZE = 256
-"""Bytes that wait while it turns; what comes besides is lost."""
-
 
 class ThorlabsWheelMachine(FaultyMachine):
-    """What it is told over the wire, and where it stands.
+    """Simulate a Thorlabs filter wheel: its commands and its turning.
 
-    slots: 6 or 12. firmware: "1.0", which knows less and wants a line ">" before each command,
-    or a later one such as "1.07". position: where it stands at first. step: seconds from a slot
-    to the next, slow and fast. on_slot: told the slot that is in the light, one after the other
-    as they cross it.
+    slots: 6 or 12. firmware: "1.0", which has fewer commands and needs a line ">" before each of
+    them, or a later one such as "1.07". position: first slot in the light. step: seconds from a
+    slot to the next, slow and fast. on_slot: called with every slot that comes into the light.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "stuck", "error code")
@@ -65,21 +58,22 @@ class ThorlabsWheelMachine(FaultyMachine):
 
     @property
     def position(self) -> int:
-        """The slot that is in the light."""
+        """The wheel's slot that is in the light."""
         return self._state["pos"]
 
     @property
     def settings(self) -> dict[str, int]:
-        """What it would answer to each question."""
+        """The wheel's settings: its reply to each query."""
         return dict(self._state)
 
     @property
     def saved_settings(self) -> dict[str, int]:
-        """The settings that it will have when it is switched on again."""
+        """The settings that the wheel has after it is switched off and on."""
         return dict(self._saved)
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
-        self._input_buffer += data[: _BUFFER_SIZE - len(self._input_buffer)]
+        # 256 bytes wait while the wheel turns; further bytes are lost.
+        self._input_buffer += data[: 256 - len(self._input_buffer)]
         replies = self._advance(t)
         while self._input_buffer and self._answer is None:
             byte = bytes(self._input_buffer[:1])
@@ -93,10 +87,11 @@ class ThorlabsWheelMachine(FaultyMachine):
         return replies
 
     def _begin(self, line: bytes, t: float) -> list[Reply]:
-        """Carry a command out; when it will have to be looked at again."""
+        """Carry out a command, and return the wake-up calls for its turning and its reply."""
         self._path = []
         output = self._command_output(line, t)
-        at = (self._path[-1][0] if self._path else t) + _LATENCY
+        # The reply leaves 2 ms after the command or, if the wheel turns, after its arrival.
+        at = (self._path[-1][0] if self._path else t) + 0.002
         self._hangs = bool(self._path) and "busy forever" in self._faults
         if self._path and self._faults & {"stuck", "busy forever"}:
             self._path = []
@@ -104,7 +99,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return [Reply(time, b"") for time, _ in self._path] + [Reply(at, b"")]
 
     def _advance(self, t: float) -> list[Reply]:
-        """What its turning and its answers have come to by t."""
+        """Turn the wheel to its state at time t, and return the replies that are due."""
         while self._path and self._path[0][0] <= t:
             self._state["pos"] = self._path.pop(0)[1]
             if self._turned:
@@ -117,7 +112,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return [Reply(t, output)]
 
     def _command_output(self, line: bytes, t: float) -> bytes:
-        """What it says to a command, but for the prompt."""
+        """Return the wheel's reply to a command, without the prompt."""
         if self._switched_on:
             self._switched_on = False
             return b"\0\0" + _NOT_DEFINED
@@ -157,7 +152,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return b""
 
     def _turn(self, goal: int, t: float) -> list[tuple[float, int]]:
-        """When which slot comes into the light on the shorter way."""
+        """Return the times and slots at which the wheel passes on the shorter way to a slot."""
         way = shorter_path(self.position, goal, self._state["pcount"])
         seconds = self._step[self._state["speed"]]
         return [(t + i * seconds, slot) for i, slot in enumerate(way, 1)]

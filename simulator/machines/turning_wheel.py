@@ -1,4 +1,4 @@
-"""How a simulated wheel turns."""
+"""Turning of simulated filter wheels from slot to slot."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 
 class TurningWheel:
-    """A wheel of `count` slots that needs `step` seconds from one to the next.
+    """Simulate a filter wheel of `count` slots that needs `step` seconds per slot.
 
-    It takes the shorter way, or turns forward alone. on_slot: told every slot that comes into
-    the light, one after the other. Times never go back.
+    both_ways: whether the wheel takes the shorter way; otherwise it turns forward only. on_slot:
+    called with every slot that comes into the light. Times never decrease from call to call.
     """
 
     def __init__(
@@ -32,23 +32,23 @@ class TurningWheel:
         self._since = 0.0
 
     def turn_to(self, slot: int, t: float) -> None:
-        """Begin to turn to a slot; from where it is, if it turns already."""
+        """Begin to turn the wheel to a slot, from its present slot if it is turning."""
         self.turn_through(shorter_path(self.slot_at(t), slot, self.count, self.both_ways), t)
 
     def turn_through(self, way: list[int], t: float) -> None:
-        """Begin to turn through slots, one after the other."""
+        """Begin to turn the wheel through a list of slots."""
         if self.stuck:
             return
         self._way, self._since = way, t
         self.target = way[-1] if way else self._at
 
     def jump_to(self, slot: int, t: float) -> None:
-        """Be somewhere at once."""
+        """Put the wheel at a slot without turning."""
         self._way, self._since, self._at, self.target = [], t, slot, slot
         self._turned(slot)
 
     def slot_at(self, t: float) -> int:
-        """The slot that is in the light, or was the last to be in it."""
+        """Return the wheel's slot that is in the light or was the last to be."""
         while self._way and not self.stuck and t >= self._since + self.step:
             self._since += self.step
             self._at = self._way.pop(0)
@@ -56,18 +56,18 @@ class TurningWheel:
         return self._at
 
     def resting_slot(self, t: float) -> int:
-        """The slot at which it really stands; 0 while it turns."""
+        """Return the slot at which the wheel really stands; 0 while it turns."""
         at = self.slot_at(t)
         return 0 if self._way and not self.stuck else at
 
     def reported_slot(self, t: float) -> int:
-        """The slot at which it says that it stands; 0 while it says that it turns."""
+        """Return the slot that the wheel reports; 0 while it reports that it turns."""
         at = self.resting_slot(t)
         return 0 if self.never_arrives else at
 
 
 def shorter_path(start: int, end: int, count: int, both_ways: bool = True) -> list[int]:
-    """The slots that pass from one to another; forward where both ways are as long."""
+    """Return the slots on a wheel's shorter way; forward if both ways are equally long."""
     ahead = (end - start) % count
     back = count - ahead
     steps, sign = (ahead, 1) if not both_ways or ahead <= back else (back, -1)

@@ -1,4 +1,4 @@
-"""What a simulated USB device is: descriptors, transfers in, reports out, and the time."""
+"""Interface of simulated USB instruments: descriptors, transfers in, and reports out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from typing import NamedTuple, Protocol
 
 
 class Endpoint(NamedTuple):
-    """address: with 0x80 for to the host. attributes: 2 bulk, 3 interrupt. size: of a packet."""
+    """Describe an endpoint of a simulated USB device.
+
+    address: 0x80 is added for the direction to the host. attributes: 2 bulk, 3 interrupt. size:
+    largest packet in bytes. interval: as in the endpoint's descriptor.
+    """
 
     address: int
     attributes: int = 3
@@ -18,7 +22,10 @@ class Endpoint(NamedTuple):
 
 @dataclass(frozen=True)
 class UsbDescription:
-    """What a device's descriptors say: one configuration of one interface (class 3: HID)."""
+    """Contents of a USB device's descriptors: one configuration with one interface.
+
+    interface_class: 3 is HID.
+    """
 
     vendor: int
     product: int
@@ -31,7 +38,7 @@ class UsbDescription:
 
 
 class SetupPacket(NamedTuple):
-    """The request of a control transfer. recipient: wIndex, such as the interface."""
+    """Setup packet of a USB control transfer. recipient: wIndex, such as the interface."""
 
     request_type: int
     request: int
@@ -41,11 +48,11 @@ class SetupPacket(NamedTuple):
 
 
 class UsbStall(Exception):
-    """A device refuses a transfer."""
+    """Raised when a simulated USB device refuses a transfer."""
 
 
 class InputReport(NamedTuple):
-    """Bytes for the host that lie ready at an endpoint from `at` on, in the bench's seconds."""
+    """Bytes for the host, ready at a USB endpoint from `at` on, in seconds of the bench's clock."""
 
     at: float
     endpoint: int
@@ -53,26 +60,29 @@ class InputReport(NamedTuple):
 
 
 class UsbMachine(Protocol):
-    """An instrument that knows neither the bus nor worlds.
+    """A simulated USB instrument, independent of the bus and of the virtual bench.
 
-    own_faults: what can go wrong within it, in words.
+    own_faults: names of the faults that can occur within it.
     """
 
     own_faults: tuple[str, ...]
     description: UsbDescription
 
     def control(self, setup: SetupPacket, data: bytes, t: float) -> tuple[bytes, list[InputReport]]:
-        """A control transfer at t, which never goes back: its answer, and reports; UsbStall."""
+        """Carry out a control transfer at time t; return its answer and the reports that follow.
+
+        The time never decreases from call to call. Raises UsbStall if the device refuses.
+        """
         ...
 
     def write(self, endpoint: int, data: bytes, t: float) -> list[InputReport]:
-        """Bytes from the host to a bulk or interrupt endpoint; UsbStall."""
+        """Take bytes from the host at an endpoint; return reports, or raise UsbStall."""
         ...
 
     def power_up(self, t: float) -> None:
-        """It gets power: whatever it knew or did before is gone."""
+        """Power the USB device up at time t; it keeps nothing that it stored before."""
         ...
 
     def set_fault(self, kind: str | None) -> None:
-        """One of `own_faults` begins, or (None) all of them end."""
+        """Begin one of `own_faults`, or end all of them if `kind` is None."""
         ...

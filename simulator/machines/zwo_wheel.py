@@ -1,29 +1,38 @@
-"""A ZWO EFW filter wheel as it is on its USB wire.
+"""A simulated ZWO EFW filter wheel behind its USB wire.
 
-Source: the protocol as Adam Fritzler found it on the wire of a wheel of 7 (zwoefw-set, 2023).
+Source: the protocol that Adam Fritzler observed on the wire of a 7-slot wheel (zwoefw-set, 2023).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import IntEnum
 
 from simulator.machines.turning_wheel import TurningWheel
 from simulator.machines.usb import Endpoint, InputReport, SetupPacket, UsbDescription, UsbStall
 
 _SET_REPORT, _GET_REPORT = (0x21, 9, 0x0303), (0xA1, 1, 0x0301)
 _REQUEST, _ANSWER = b"\x03\x7e\x5a", b"\x01\x7e\x5a"
+
 _LENGTH = 16
-_STANDS, _TURNS, _FAILED = 1, 4, 6
-_TIMED_OUT = 0x0C
+"""Bytes of a report."""
+
+
+class SimulatedZwoStatus(IntEnum):
+    """Status byte of a ZWO wheel's state report."""
+
+    STANDS = 1
+    TURNS = 4
+    FAILED = 6
 
 
 class ZwoWheelMachine:
-    """What it is told, and where it stands.
+    """Simulate a ZWO EFW filter wheel: its reports and its turning.
 
-    slots: of the wheel. position: where it stands at first. step: seconds from a slot to the
-    next. both_ways: else it turns forward alone, as it was seen to. max_steps: steps of one
-    move after which its own controller gives up, 5 as it was seen; 0 for never. on_slot: told
-    every slot that comes into the light.
+    slots: number of slots. position: first slot in the light. step: seconds from a slot to the
+    next. both_ways: whether the wheel takes the shorter way; real wheels were observed to turn
+    forward only. max_steps: number of steps of one move after which the wheel's controller gives
+    up, 0 for never; 5 was observed. on_slot: called with every slot that comes into the light.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "stuck", "error code", "stall")
@@ -48,7 +57,7 @@ class ZwoWheelMachine:
         self._start_slot = position
         self._begun, self._error = 0.0, 0
         self._broken = self._stalled = False
-        # What its longest answer was lies behind the shorter ones.
+        # A short reply overwrites only the beginning, so the end of a longer one remains behind it.
         self._answer = bytearray(_LENGTH)
 
     def control(self, setup: SetupPacket, data: bytes, t: float) -> tuple[bytes, list[InputReport]]:
@@ -80,7 +89,7 @@ class ZwoWheelMachine:
     def _execute(self, command: bytes, number: int, t: float) -> None:
         match command:
             case b"\x02\x04":
-                # Firmware 3.0.9.
+                # The numbers 3, 0, 9 are the firmware's version.
                 self._set_reply(b"\x04\x03\x00\x09\x00" + self._name.ljust(8, b"\0"))
             case b"\x02\x01":
                 self._set_reply(self._encode_state(t))
@@ -93,17 +102,24 @@ class ZwoWheelMachine:
         self._answer[: len(said)] = said
 
     def _encode_state(self, t: float) -> bytes:
-        """1, status, error, where it goes, where it left, where it goes, slots, and 4 zeros."""
+        """Encode the wheel's state report.
+
+        Its bytes are 1, status, error, target, start, target, number of slots, and 4 zeros.
+        """
+        timed_out = 0x0C
         wheel = self.wheel
         stands = wheel.reported_slot(t)
         given_up = self._patience * wheel.step
         if not stands and not wheel.never_arrives and self._patience and t > self._begun + given_up:
-            self._error = _TIMED_OUT
+            self._error = timed_out
             wheel.turn_through([], t)
         target, count = wheel.target, wheel.count
         if self._broken or self._error:
             places = bytes([target, wheel.slot_at(t), target])
-            return bytes([1, _FAILED, _TIMED_OUT]) + places + bytes([count, 0, 0, 0, 0])
+            failed = bytes([1, SimulatedZwoStatus.FAILED, timed_out])
+            return failed + places + bytes([count, 0, 0, 0, 0])
         if stands:
-            return bytes([1, _STANDS, 0, stands, stands, stands, count, 0, 0, 0, 0])
-        return bytes([1, _TURNS, 0, target, self._start_slot, target, count, 0, 0, 0, 0])
+            status = SimulatedZwoStatus.STANDS
+            return bytes([1, status, 0, stands, stands, stands, count, 0, 0, 0, 0])
+        status = SimulatedZwoStatus.TURNS
+        return bytes([1, status, 0, target, self._start_slot, target, count, 0, 0, 0, 0])

@@ -1,4 +1,4 @@
-"""What stands before the camera: targets with distance, size, spectrum and radiance."""
+"""Scenes for the simulated camera: targets with distance, size, spectrum and radiance."""
 
 from simulator.scene.artificial_star import Pinhole, Star
 from simulator.scene.colours import basis_of, mix_reflectances, primaries

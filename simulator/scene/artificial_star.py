@@ -1,4 +1,4 @@
-"""An artificial star, and a pinhole."""
+"""Point-like targets of the scene: an artificial star and a pinhole."""
 
 from __future__ import annotations
 
@@ -11,10 +11,26 @@ from simulator.scene.target import Layer, Part, Target
 
 @dataclass(frozen=True)
 class Star(Target):
-    """An artificial star: a lit pinhole (thesis §3.4).
+    """Scene target that is an artificial star: an illuminated pinhole (thesis §3.4).
 
-    diameter, distance: metres. radiance: W / (sr m² m). offset: (y, x) metres from the axis to
-    it; like a print it stands upright in the picture, y down the rows.
+    Parameters
+    ----------
+    diameter : float
+        Diameter of the pinhole in metres, positive.
+    distance : float
+        Distance from the panel in metres, positive.
+    radiance : float
+        Spectral radiance of the pinhole, W / (sr m² m), not negative.
+    offset : tuple of float, default (0.0, 0.0)
+        Position (y, x) of the pinhole relative to the axis, metres on the object. The target
+        appears upright in the picture, with y down the rows.
+    light, lamp, velocity, polarisation_angle, name : optional
+        See `Target`.
+
+    Raises
+    ------
+    ValueError
+        If a length isn't positive, the radiance is negative, or an offset isn't finite.
     """
 
     diameter: float
@@ -37,7 +53,21 @@ class Star(Target):
 
 @dataclass(frozen=True)
 class Pinhole(Star):
-    """A hole of a millimetre, lit from behind through the filter (thesis §5.6)."""
+    """Scene target that is a pinhole, lit from behind through the filter (thesis §5.6).
+
+    Parameters
+    ----------
+    diameter : float, default 1e-3
+        Diameter of the pinhole in metres, positive.
+    distance : float, default 2.0
+        Distance from the panel in metres, positive.
+    radiance : float, default 1e9
+        Spectral radiance of the pinhole, W / (sr m² m), not negative.
+    offset : tuple of float, default (0.0, 0.0)
+        Position (y, x) of the pinhole relative to the axis, metres on the object.
+    light, lamp, velocity, polarisation_angle, name : optional
+        See `Target`.
+    """
 
     diameter: float = 1e-3
     distance: float = 2.0

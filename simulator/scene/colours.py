@@ -1,20 +1,27 @@
-"""From red, green and blue to reflectance by wavelength."""
+"""Conversion of red, green and blue to reflectance by wavelength."""
 
 from __future__ import annotations
 
 from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spectrum
 
 Basis = tuple[Spectrum, Spectrum, Spectrum]
-"""Reflectances of pure red, green and blue; a colour's is their sum by its linear shares."""
-
-_BLUE, _GREEN, _RED = 450e-9, 540e-9, 610e-9
-"""Wavelengths that a photograph's blue, green and red stand for."""
+"""Reflectances of pure red, green and blue. The reflectance of a colour is their sum, weighted by
+its linear red, green and blue."""
 
 
 def primaries() -> Basis:
-    """Linear between the three wavelengths that the colours stand for: no physics, but exact
-    where a picture was taken at just these."""
-    nodes = (SHORTEST_WAVELENGTH, _BLUE, _GREEN, _RED, LONGEST_WAVELENGTH)
+    """Return reflectance spectra of red, green and blue, linear between three wavelengths.
+
+    The wavelengths are 610, 540 and 450 nm. The spectra don't come from physics, but they are
+    exact for a picture that was taken at just these wavelengths.
+
+    Returns
+    -------
+    tuple of Spectrum
+        Reflectances of red, green and blue, from 0 to 1, over the range of silicon.
+    """
+    blue, green, red = 450e-9, 540e-9, 610e-9
+    nodes = (SHORTEST_WAVELENGTH, blue, green, red, LONGEST_WAVELENGTH)
     return (
         Spectrum(nodes, (0, 0, 0, 1, 1)),
         Spectrum(nodes, (0, 0, 1, 0, 0)),
@@ -23,12 +30,29 @@ def primaries() -> Basis:
 
 
 def basis_of(red: Spectrum, green: Spectrum, blue: Spectrum) -> Basis:
-    """From a table, e.g. of Mallett and Yuksel (2019), who made one for the sRGB primaries whose
-    sum is 1 and whose mixtures are smooth, between 0 and 1, and of the colour they are made for
-    (doi 10.2312/sr.20191216).
+    """Make a reflectance basis from measured or published spectra of red, green and blue.
 
-    Beyond its ends each goes on as it ends. Raises ValueError where the three add up to more
-    than a white surface reflects.
+    Beyond its ends each spectrum continues with its last value.
+
+    Parameters
+    ----------
+    red, green, blue : Spectrum
+        Reflectances of the three primaries, 0 to 1.
+
+    Returns
+    -------
+    tuple of Spectrum
+        The three spectra, extended to the range of silicon.
+
+    Raises
+    ------
+    ValueError
+        If the three add up to more than a white surface reflects.
+
+    References
+    ----------
+    Mallett and Yuksel 2019, doi 10.2312/sr.20191216, give such spectra for the sRGB primaries:
+    their sum is 1, and their mixtures are smooth, between 0 and 1, and have the intended colour.
     """
     for nodes in (red.wavelengths, green.wavelengths, blue.wavelengths):
         total = red.at(nodes) + green.at(nodes) + blue.at(nodes)
@@ -44,7 +68,7 @@ def basis_of(red: Spectrum, green: Spectrum, blue: Spectrum) -> Basis:
 
 
 def extend_to_silicon_range(table: Spectrum) -> Spectrum:
-    """A reflectance that goes on beyond its ends as it ends, wherever silicon sees."""
+    """Extend a reflectance to all wavelengths that silicon detects, with its end values."""
     wavelengths, values = list(table.wavelengths), list(table.values)
     if table.low > SHORTEST_WAVELENGTH:
         wavelengths, values = [SHORTEST_WAVELENGTH, *wavelengths], [values[0], *values]
@@ -54,7 +78,25 @@ def extend_to_silicon_range(table: Spectrum) -> Spectrum:
 
 
 def mix_reflectances(basis: Basis, colour: tuple[float, float, float]) -> Spectrum:
-    """The reflectance of a colour, linear red, green and blue from 0 to 1."""
+    """Return the reflectance spectrum of a colour as a mixture of the basis.
+
+    Parameters
+    ----------
+    basis : tuple of Spectrum
+        Reflectances of red, green and blue.
+    colour : tuple of float
+        Linear red, green and blue, each from 0 to 1.
+
+    Returns
+    -------
+    Spectrum
+        The reflectance by wavelength.
+
+    Raises
+    ------
+    ValueError
+        If a share is outside 0 to 1.
+    """
     if not all(0 <= part <= 1 for part in colour):
         raise ValueError(f"colour is {colour}; give three shares from 0 to 1")
     nodes = sorted({node for one in basis for node in one.wavelengths})

@@ -1,4 +1,4 @@
-"""A multispectral picture."""
+"""A scene target that is a multispectral picture."""
 
 from __future__ import annotations
 
@@ -16,12 +16,33 @@ from simulator.scene.spectral_factorisation import factorise_spectra
 
 @dataclass(frozen=True, eq=False)
 class Cube(FramedPicture):
-    """A flat, matt print across the axis, evenly lit, known at many wavelengths.
+    """Scene target that is a flat, matt, evenly lit print with a reflectance in many bands.
 
-    image: (rows, columns, bands), reflectances from 0 on, 1 = white. wavelengths: of the bands,
-    rising, metres; between them it is linear, and beyond them as at the last. distance: metres.
-    radiance: of white, W / (sr m² m). tol: relative error at which spectra count as mixtures of
-    fewer ones.
+    Between the bands' wavelengths the reflectance is linear; beyond them it has its end values.
+
+    Parameters
+    ----------
+    image : torch.Tensor
+        Reflectances, shape (rows, columns, bands), 0 or more, 1 = white.
+    wavelengths : tuple of float
+        Wavelengths of the bands, ascending, metres.
+    distance : float
+        Distance from the panel in metres, positive.
+    radiance : float
+        Spectral radiance of white, W / (sr m² m), not negative.
+    tol : float, default 5e-3
+        Relative error with which the pixels' spectra are replaced by mixtures of fewer spectra,
+        from 0 to below 1.
+    light, lamp, velocity, polarisation_angle, name : optional
+        See `Target`.
+    cover, height, offset, side : optional
+        See `PhotographPrint`.
+
+    Raises
+    ------
+    ValueError
+        If the image has no three axes, isn't finite or is negative, if the number of wavelengths
+        isn't that of its bands, or if `tol` is outside its range.
     """
 
     image: torch.Tensor

@@ -1,4 +1,4 @@
-"""A disc: a pinhole, however small against a pixel."""
+"""The picture of a disc, such as a pinhole, which may be much smaller than a pixel."""
 
 from __future__ import annotations
 
@@ -14,13 +14,10 @@ from optics.validation import require_positive
 from simulator.scene.drawable import STILL, Drawable, Shift
 from simulator.scene.polygons import polygon_coverage
 
-_CORNERS = 360
-"""Of the polygon of the same area that stands for it on cells: 4e-5 of its radius from it."""
-
 
 @dataclass(frozen=True)
 class Disc(Drawable):
-    """Even light in a circle. diameter, offset (y, x): metres on the object."""
+    """Picture of an evenly lit disc. diameter, offset (y, x): metres on the object."""
 
     has_exact_spectrum = True
     diameter: float
@@ -39,14 +36,17 @@ class Disc(Drawable):
         size, y, x = self._diameter_and_centre(magnification, shift)
         if not size:
             return torch.zeros(plane.shape)
-        angles = np.arange(_CORNERS) * (2 * np.pi / _CORNERS)
+        # A regular polygon of the same area replaces the circle. Its outline deviates from the
+        # circle by at most 4e-5 of the radius.
+        n = 360
+        angles = np.arange(n) * (2 * np.pi / n)
         # A regular polygon's area is n r² sin(2π/n) / 2.
-        radius = size / 2 * math.sqrt(2 * math.pi / (_CORNERS * math.sin(2 * math.pi / _CORNERS)))
+        radius = size / 2 * math.sqrt(2 * math.pi / (n * math.sin(2 * math.pi / n)))
         corners = np.stack([y + radius * np.sin(angles), x + radius * np.cos(angles)], axis=1)
         return torch.from_numpy(polygon_coverage(plane, [corners], [1.0]))
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Exact, a jinc, of a disc that is wholly on the plane."""
+        """Return the spectrum of the disc, an exact jinc if the disc lies wholly on the plane."""
         size, y, x = self._diameter_and_centre(magnification, shift)
         if not _holds(plane, y, x, size / 2):
             return super().spectrum(plane, magnification, shift)
@@ -61,12 +61,12 @@ class Disc(Drawable):
     def _diameter_and_centre(
         self, magnification: float, shift: Shift
     ) -> tuple[float, float, float]:
-        """Diameter and centre on the sensor, in metres."""
+        """Return the disc's diameter and its centre (y, x) on the sensor, in metres."""
         y, x = ((part + s) * magnification for part, s in zip(self.offset, shift, strict=True))
         return self.diameter * magnification, y, x
 
 
 def _holds(plane: Plane, y: float, x: float, reach: float) -> bool:
-    """Whether what reaches so far around a point lies within a plane around the axis."""
+    """Return whether a disc of radius `reach` around (y, x) lies within a plane on the axis."""
     halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
     return all(abs(p) + reach <= half for p, half in zip((y, x), halves, strict=True))

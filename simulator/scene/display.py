@@ -1,4 +1,4 @@
-"""A display at the object, pixel by pixel (thesis §6.4)."""
+"""A scene target that is a display with coloured stripes in each pixel (thesis §6.4)."""
 
 from __future__ import annotations
 
@@ -23,12 +23,23 @@ from simulator.scene.resampling import window_matrix
 from simulator.scene.target import Layer, Part, Target
 
 PEAKS: Sequence[tuple[float, float]] = ((610e-9, 35e-9), (540e-9, 40e-9), (455e-9, 22e-9))
-"""Centres and full widths at half maximum, metres, of red, green and blue as a liquid-crystal
-display with white diodes behind it shows them, about."""
+"""Centres and full widths at half maximum of red, green and blue, in metres: approximate values of
+a liquid-crystal display in front of white diodes."""
 
 
 def display_primaries(bands: Sequence[tuple[float, float]] = PEAKS) -> Basis:
-    """Spectra of red, green and blue, each 1 at its best; bands: centres and widths, metres."""
+    """Return Gaussian spectra of a display's red, green and blue, each with a peak of 1.
+
+    Parameters
+    ----------
+    bands : sequence of tuple of float, default PEAKS
+        Centre and full width at half maximum of red, green and blue, metres.
+
+    Returns
+    -------
+    tuple of Spectrum
+        Relative spectra of red, green and blue over the range of silicon.
+    """
     nodes = np.linspace(SHORTEST_WAVELENGTH, LONGEST_WAVELENGTH, 801)
     red, green, blue = (
         Spectrum(tuple(nodes), tuple(Band(centre, fwhm).transmission(nodes)))
@@ -39,10 +50,10 @@ def display_primaries(bands: Sequence[tuple[float, float]] = PEAKS) -> Basis:
 
 @dataclass(frozen=True, eq=False)
 class Windows(Drawable):
-    """Pixels in rows and columns, each lit evenly in a window within it, and black beside.
+    """Picture of display pixels, each evenly lit in a window and black around the window.
 
-    image: (rows, columns). pitch: of the pixels at the object, metres. rows, columns: where the
-    windows begin and end, in pitches.
+    image: (rows, columns). pitch: of the pixels at the object, metres. rows, columns: beginning
+    and end of the window within its pixel, in pitches.
     """
 
     has_exact_spectrum = True
@@ -77,8 +88,11 @@ class Windows(Drawable):
         return torch.from_numpy(np.ascontiguousarray((across @ (down @ values).T).T))
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """That of every window, whose harmonics don't fall as those of other pictures do: no
-        number of samples would do. Windows beyond the plane are left out."""
+        """Return the spectrum of the display's windows, computed window by window.
+
+        The harmonics of the pixel grid fall too slowly for sampling to resolve them. Windows
+        beyond the plane are left out.
+        """
         side, (rows, columns) = self.pitch * magnification, plane.shape
         if side == 0:
             return torch.zeros(rows, columns // 2 + 1, dtype=torch.complex64)
@@ -103,8 +117,10 @@ class Windows(Drawable):
 def _visible_pixels(
     image: torch.Tensor, axis: int, plane: Plane, side: float, shift: float
 ) -> tuple[torch.Tensor, float]:
-    """The pixels along an axis whose room meets the plane, one of them at least, and where the
-    first one's begins, metres."""
+    """Return the display pixels along an axis that overlap the plane, and where they begin.
+
+    At least one pixel is returned. The beginning is in metres on the plane.
+    """
     n, ends = image.shape[axis], edges(plane, axis)
     start = shift - n * side / 2
     first = min(max(math.floor((ends[0] - start) / side), 0), n - 1)
@@ -114,12 +130,30 @@ def _visible_pixels(
 
 @dataclass(frozen=True, eq=False)
 class Display(Target):
-    """A display that shines by itself: red, green and blue stripes beside each other.
+    """Scene target that is a self-luminous display with red, green and blue stripes.
 
-    image: (rows, columns, 3), linear red, green and blue of its pixels, 0 to 1. pitch: of the
-    pixels, metres. distance: metres. radiance: of a stripe that is fully on, at its primary's
-    peak, W / (sr m² m). primaries: spectra of the three. fill: side of a stripe's window over
-    the room it has, along each axis.
+    Parameters
+    ----------
+    image : torch.Tensor
+        Linear red, green and blue of the pixels, shape (rows, columns, 3), 0 to 1.
+    pitch : float
+        Pitch of the pixels in metres, positive.
+    distance : float
+        Distance from the panel in metres, positive.
+    radiance : float
+        Spectral radiance of a stripe that is fully on, at the peak of its primary, W / (sr m² m).
+    primaries : tuple of Spectrum
+        Relative spectra of red, green and blue, such as those of `display_primaries`.
+    fill : float, default 0.9
+        Side of a stripe's window over the side of its cell, along each axis, above 0, up to 1.
+    light, lamp, velocity, polarisation_angle, name : optional
+        See `Target`; `light` must be None.
+
+    Raises
+    ------
+    ValueError
+        If the image isn't a finite colour picture, `pitch` isn't positive, `fill` is outside its
+        range, or `light` is given.
     """
 
     image: torch.Tensor
@@ -140,7 +174,7 @@ class Display(Target):
 
     @property
     def size(self) -> tuple[float, float]:
-        """(height, width) in metres."""
+        """Height and width of the display in metres."""
         rows, columns = self.image.shape[:2]
         return rows * self.pitch, columns * self.pitch
 

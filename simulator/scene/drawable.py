@@ -1,4 +1,4 @@
-"""What can be drawn: the light of a picture, without any blur, on samples of the sensor plane."""
+"""Interface of pictures in a scene: their sharp image as samples on the sensor plane."""
 
 from __future__ import annotations
 
@@ -19,36 +19,44 @@ STILL: Shift = (0.0, 0.0)
 
 
 class Drawable(ABC):
-    """A picture at an object. It stands upright on the sensor: y down the rows, x to the right.
+    """A picture at an object, which appears upright on the sensor: y down, x to the right.
 
-    magnification: metres on the sensor for a metre on the object. 1 is white: all of the light
-    of its part of a target.
+    The value 1 is white: all light of the picture's part of a target. In all methods
+    `magnification` is metres on the sensor for a metre on the object.
     """
 
     has_exact_spectrum: ClassVar[bool] = False
-    """Whether its spectrum is that of the picture itself: nothing finer folds into it."""
+    """Whether `spectrum` is free of aliasing, because it isn't computed from samples."""
 
     def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
-        """How far from the axis it shines, (y, x) metres on the sensor, at most."""
+        """Return the largest distance of the picture's light from the axis on the sensor.
+
+        The distances along y and x are in metres; the default is infinite.
+        """
         return math.inf, math.inf
 
     def spectral_decay(self, magnification: float, frequency: float) -> int:
-        """With which power of the frequency its spectrum falls, from one on, in cycles per metre
-        on the sensor: 1 where it has sharp edges."""
+        """Return the power of the frequency with which the picture's spectrum falls.
+
+        frequency: lowest frequency that counts, cycles per metre on the sensor. The power is 1 for
+        a picture with sharp edges.
+        """
         return 1
 
     @abstractmethod
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Mean over the cell around each sample, (rows, columns) float32, 0 to 1.
+        """Return the mean light over the cell around each sample of the sensor plane.
 
-        Of a part of a target it may be negative where others make up for it.
+        The result is float32, (rows, columns), from 0 to 1. For one of several parts that add up
+        to a target it may be negative.
         """
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """On the plane's rfft2 grid, complex64, with the origin in the corner.
+        """Return the picture's spectrum on the plane's rfft2 grid, complex64.
 
-        That of the picture itself: what averaging over cells has taken is given back. Beyond the
-        plane's frequencies there is nothing; what folds into them is left of it by the average.
+        The origin is in the corner. The spectrum is divided by the transfer function of the
+        average over cells. Frequencies beyond the plane's are aliased, but only after that average
+        has reduced them.
         """
         spectrum = spectrum_of_samples(self.light(plane, magnification, shift))
         fy, fx = rfft2_frequencies(plane)
@@ -59,7 +67,13 @@ class Drawable(ABC):
 
 @dataclass(frozen=True)
 class UniformLight(Drawable):
-    """The same everywhere, without an end."""
+    """Picture that has the same value everywhere and no edge.
+
+    Parameters
+    ----------
+    value : float, default 1.0
+        The value; 1 is white.
+    """
 
     has_exact_spectrum = True
     value: float = 1.0

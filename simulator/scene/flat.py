@@ -1,4 +1,4 @@
-"""An evenly lit field."""
+"""A scene target that is an evenly lit field."""
 
 from __future__ import annotations
 
@@ -11,10 +11,17 @@ from simulator.scene.target import Layer, Part, Target
 
 @dataclass(frozen=True)
 class Flat(Target):
-    """An evenly lit field without an end: a diffuser that fills more than the frame.
+    """Scene target that is an evenly lit field: a diffuser that fills more than the frame.
 
-    distance: metres; an even field has nothing to blur, but the blur is rendered, and is
-    smallest in focus. radiance: W / (sr m² m).
+    Parameters
+    ----------
+    distance : float
+        Distance from the panel in metres, positive. The blur has no effect on an even field, but
+        it is rendered, and it is smallest in focus.
+    radiance : float
+        Spectral radiance, W / (sr m² m), not negative.
+    light, lamp, velocity, polarisation_angle, name : optional
+        See `Target`.
     """
 
     distance: float

@@ -1,4 +1,4 @@
-"""Pictures of pixels, which are as large as the frame asks for or as somebody says."""
+"""Scene targets made of pixels, whose size is given or follows from the camera's frame."""
 
 from __future__ import annotations
 
@@ -15,22 +15,19 @@ from optics.validation import require_finite, require_positive
 from simulator.scene.pixel_picture import PixelPicture
 from simulator.scene.target import Layer, Part, Target
 
-_FRAMES = 4
-"""Sizes for which a target is kept: it is one object for each camera that looks at it in turn."""
-
 
 def require_image(image: torch.Tensor, bands: str) -> None:
-    """Raise a ValueError for what isn't a finite picture (rows, columns, bands)."""
+    """Raise ValueError unless a picture is finite and has shape (rows, columns, bands)."""
     if image.ndim != 3 or image.numel() == 0:
         raise ValueError(f"image is {tuple(image.shape)}; it needs rows, columns and {bands}")
     require_finite("image", image)
 
 
 def covering(shape: tuple[int, ...], cover: float, camera: Camera) -> float:
-    """Side on the sensor, in metres, of the pixels of a picture that covers the frame.
+    """Return the side on the sensor of the pixels of a picture that covers the frame, metres.
 
-    shape: (rows, columns) of the picture. cover: side of the picture over side of the frame,
-    where it just covers it.
+    shape: (rows, columns) of the picture. cover: side of the picture over side of the frame, along
+    the axis where this ratio is smaller.
     """
     sensor = camera.sensor
     sides = zip(sensor.shape, shape, strict=False)
@@ -38,19 +35,19 @@ def covering(shape: tuple[int, ...], cover: float, camera: Camera) -> float:
 
 
 class _Pixels(ABC):
-    """image: (rows, columns, bands), a field of each kind's own."""
+    """Declare the field `image`, (rows, columns, bands), which each subclass defines."""
 
     image: torch.Tensor
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FramedPicture(_Pixels, Target):
-    """A picture of pixels.
+    """Scene target that is a picture of pixels.
 
-    cover: side of the picture over side of the frame, where it just covers it; what exceeds the
-    frame lies beyond its edges. height: of the picture at the object in metres, which counts
-    instead of `cover` where it is given. offset: (y, x) metres from the axis to its middle.
-    side: of its pixels on the sensor, metres, where a camera is known: see for_camera().
+    cover: side of the picture over side of the frame, along the axis where this ratio is smaller;
+    what exceeds the frame lies beyond its edges. height: of the picture at the object in metres;
+    it replaces `cover` if it is given. offset: (y, x) metres from the axis to the picture's middle.
+    side: of its pixels on the sensor, metres; for_camera() sets it.
     """
 
     cover: float = 1.05
@@ -73,7 +70,7 @@ class FramedPicture(_Pixels, Target):
     @property
     @abstractmethod
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
-        """What adds up to it: reflectances and pictures (rows, columns)."""
+        """The reflectances and pictures (rows, columns) whose products add up to the target."""
 
     def for_camera(self, camera: Camera) -> Target:
         if self.height is not None:
@@ -82,13 +79,14 @@ class FramedPicture(_Pixels, Target):
         if self.side == side:
             return self
         if side not in self._copies_by_side:
-            if len(self._copies_by_side) >= _FRAMES:
+            # Alternating cameras get the same object again, so a few copies are kept.
+            if len(self._copies_by_side) >= 4:
                 self._copies_by_side.clear()
             self._copies_by_side[side] = replace(self, side=side)
         return self._copies_by_side[side]
 
     def place_image(self, image: torch.Tensor) -> PixelPicture:
-        """A picture (rows, columns) where and as large as this is."""
+        """Return a picture (rows, columns) at the position and with the size of this target."""
         if self.height is not None:
             return PixelPicture(image, self.height / self.shape[0], self.offset)
         if self.side is None:

@@ -1,4 +1,4 @@
-"""Pictures of the same shape and place as one, before any of them is drawn."""
+"""Merging of a scene's pictures that share shape and place, before they are drawn."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from simulator.scene.pixel_picture import PixelPicture
 from simulator.scene.polygons import Polygons
 
 WeightedPicture = tuple[Drawable, float]
-"""A picture, and what 1 of it counts."""
+"""A picture and the weight of its values."""
 
 
 def merge_pictures(pictures: Iterable[WeightedPicture]) -> list[WeightedPicture]:
-    """Fewer pictures whose weighted sum is the same; those of weight 0 are left out."""
+    """Return fewer pictures with the same weighted sum; pictures of weight 0 are left out."""
     kinds: dict[object, list[WeightedPicture]] = {}
     for number, (picture, weight) in enumerate(pictures):
         if weight:

@@ -1,4 +1,4 @@
-"""A print of a photograph."""
+"""A scene target that is the print of a photograph."""
 
 from __future__ import annotations
 
@@ -13,10 +13,34 @@ from simulator.scene.framed import FramedPicture, require_image
 
 @dataclass(frozen=True, eq=False)
 class PhotographPrint(FramedPicture):
-    """A flat, matt print across the axis, evenly lit.
+    """Scene target that is a flat, matt, evenly lit print of a photograph.
 
-    image: (rows, columns, 3), linear red, green and blue, 1 = white. distance: metres.
-    radiance: of white, W / (sr m² m). basis: what its colours reflect by wavelength.
+    Parameters
+    ----------
+    image : torch.Tensor
+        Linear red, green and blue, shape (rows, columns, 3), 1 = white.
+    distance : float
+        Distance from the panel in metres, positive.
+    radiance : float
+        Spectral radiance of white, W / (sr m² m), not negative.
+    basis : tuple of Spectrum, default primaries()
+        Reflectances of red, green and blue.
+    light, lamp, velocity, polarisation_angle, name : optional
+        See `Target`.
+    cover : float, default 1.05
+        Side of the picture over side of the frame, along the axis where this ratio is smaller;
+        what exceeds the frame lies beyond its edges.
+    height : float, optional
+        Height of the picture at the object in metres, which replaces `cover`.
+    offset : tuple of float, default (0.0, 0.0)
+        Position (y, x) of the picture's middle relative to the axis, metres on the object.
+    side : float, optional
+        Side of the pixels on the sensor in metres; `for_camera` sets it.
+
+    Raises
+    ------
+    ValueError
+        If the image isn't a finite picture in three colours, or a size isn't positive.
     """
 
     image: torch.Tensor
@@ -35,7 +59,7 @@ class PhotographPrint(FramedPicture):
 
 
 def require_colours(image: torch.Tensor) -> None:
-    """Raise a ValueError for what isn't a finite picture in three colours."""
+    """Raise ValueError unless a picture is finite and has three colours."""
     require_image(image, "3 colours")
     if image.shape[2] != 3:
         raise ValueError(f"image is {tuple(image.shape)}; it needs rows, columns and 3 colours")

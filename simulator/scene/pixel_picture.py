@@ -1,4 +1,4 @@
-"""A picture of pixels, as a print of some size."""
+"""The picture of a print: pixels of a given size in the scene."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from simulator.scene.resampling import averaging_matrix
 
 @dataclass(frozen=True, eq=False)
 class PixelPicture(Drawable):
-    """Values 0 to 1 with nothing around them; linear between the middles of pixels.
+    """Picture of pixels with values 0 to 1, interpolated linearly, and dark around its edges.
 
-    image: (rows, columns). side: of its pixels, metres on the object; or, where `on_sensor`, on
-    the sensor, whatever the distance. offset: (y, x) metres on the object from the axis to its
+    image: (rows, columns). side: of its pixels, metres on the object; with `on_sensor`, metres on
+    the sensor at any distance. offset: (y, x) metres on the object from the axis to the picture's
     middle.
     """
 
@@ -44,8 +44,11 @@ class PixelPicture(Drawable):
         return y, x
 
     def spectral_decay(self, magnification: float, frequency: float) -> int:
-        """Linear between its pixels, it falls with the square beyond what they resolve, if it is
-        dark at its rim, where it ends."""
+        """Return the power of the frequency with which the picture's spectrum falls: 1 or 2.
+
+        Because of the linear interpolation it is 2 at frequencies beyond those that the pixels
+        resolve, unless the picture has light at its rim, where it ends abruptly.
+        """
         side = self.side if self.on_sensor else self.side * magnification
         return 2 if side * frequency >= 0.35 and not self._ends_in_light else 1
 
@@ -76,7 +79,7 @@ class PixelPicture(Drawable):
 
 
 def edges(plane: Plane, axis: int) -> NDArray[np.float64]:
-    """Between the cells of a plane along an axis, in metres: one more than there are cells."""
+    """Return the edges of a plane's cells along an axis, in metres: one more than cells."""
     n, pitch = plane.shape[axis], plane.pitch[axis]
     index = np.arange(n + 1, dtype=np.float64) - n // 2 - 0.5
     return np.asarray(index * pitch + plane.centre[axis])

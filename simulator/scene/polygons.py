@@ -1,4 +1,4 @@
-"""Polygons, as exactly as they cover each cell of a plane."""
+"""Pictures of polygons, drawn with the exact share of each cell that they cover."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from optics.plane import Plane
 from simulator.scene.drawable import STILL, Drawable, Shift
 
 Corners = tuple[tuple[float, float], ...]
-"""(y, x) in metres on the object, in either order around; the last joins the first."""
+"""Corners (y, x) in metres on the object, clockwise or not; the last is joined to the first."""
 
 
 @dataclass(frozen=True)
 class Polygons(Drawable):
-    """Areas of even light on an even ground; where two overlap their differences from it add.
+    """Picture of evenly lit polygons on an even background.
 
-    corners: of each polygon. values: 0 to 1, of each. ground: of all that is around them.
+    corners: of each polygon. values: of each polygon, 0 to 1. ground: value of the background.
+    Where polygons overlap, their differences from the background add up.
     """
 
     corners: tuple[Corners, ...]
@@ -58,11 +59,11 @@ def polygon_coverage(
     weights: Sequence[float],
     ground: float = 0.0,
 ) -> NDArray[np.float32]:
-    """Sum over polygons of weight times the share of each cell that it covers, plus `ground`.
+    """Return for each cell the weighted sum of the shares that polygons cover, plus `ground`.
 
-    polygons: (corners, 2), y and x in metres on the plane. Every edge leaves in the cells that it
-    crosses what lies to the right of it, exactly; sums along the rows do the rest (as renderers
-    of fonts do, e.g. R. Levien's font-rs).
+    polygons: (corners, 2), y and x in metres on the plane. Each edge adds, to the cells that it
+    crosses, the exact area to its right; cumulative sums along the rows then fill the polygons.
+    Renderers of fonts work in this way, for example R. Levien's font-rs.
     """
     if not polygons:
         return np.full(plane.shape, ground, dtype=np.float32)
@@ -81,7 +82,7 @@ def polygon_coverage(
 
 
 def _orientation(corners: NDArray[np.float64]) -> float:
-    """1 where edges that go down have the polygon on their right, or else -1."""
+    """Return 1 for a polygon that lies to the right of its downward edges, or else -1."""
     y, x = (corners - corners.mean(axis=0)).T
     area = float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
     return -math.copysign(1.0, area)
@@ -93,9 +94,10 @@ def _edge_contributions(
     ends: NDArray[np.float64],
     weights: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """What edges leave in the cells that they cross, and a column beyond the last.
+    """Return the area that polygon edges add to each cell, before the sum along the rows.
 
-    starts, ends: (edges, 2), y and x in cells from the plane's corner.
+    starts, ends: (edges, 2), y and x in cells from the plane's corner. The result, flattened, has
+    one column more than the plane.
     """
     rows, columns = shape
     edge, t = _cut(shape, starts, ends)
@@ -106,7 +108,7 @@ def _edge_contributions(
     piece, middle = piece[seen], middle[seen]
     down = (at[piece + 1, 0] - at[piece, 0]) * weights[edge[piece]]
     row = np.floor(middle[:, 0]).astype(np.int64)
-    # What lies to the left of the plane has all of each row on its right.
+    # An edge to the left of the plane has all of its rows on its right.
     position = np.maximum(middle[:, 1], 0.0)
     column = np.minimum(np.floor(position).astype(np.int64), columns - 1)
     beyond = position - column
@@ -119,8 +121,11 @@ def _edge_contributions(
 def _cut(
     shape: tuple[int, int], starts: NDArray[np.float64], ends: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Edges and places on them, 0 to 1 and rising, at which they begin, end, or cross from cell
-    to cell."""
+    """Cut polygon edges where they cross from cell to cell.
+
+    Returns the edge and the position on it, 0 to 1 and ascending, of each beginning, crossing and
+    end.
+    """
     every = np.arange(len(starts))
     edges, places = [every, every], [np.zeros(len(starts)), np.ones(len(starts))]
     for axis in (0, 1):
@@ -142,7 +147,10 @@ def _cut(
 def rectangle(
     centre: tuple[float, float], size: tuple[float, float], angle: float = 0.0
 ) -> Corners:
-    """Of (height, width) around a centre (y, x), in metres; angle: radians, from x towards y."""
+    """Return the corners of a rectangle of (height, width) around a centre (y, x), in metres.
+
+    angle: rotation from x towards y, radians.
+    """
     cos, sin = math.cos(angle), math.sin(angle)
     half_y, half_x = size[0] / 2, size[1] / 2
     signs = ((-1, -1), (-1, 1), (1, 1), (1, -1))

@@ -1,4 +1,4 @@
-"""A photograph of things at many distances."""
+"""A scene target that is a photograph with a distance for each pixel."""
 
 from __future__ import annotations
 
@@ -21,10 +21,29 @@ from simulator.scene.target import Layer, Part
 def distances_of(
     disparity: NDArray[np.floating], baseline: float, focal: float, offset: float = 0.0
 ) -> NDArray[np.float64]:
-    """Metres, from a pair of cameras: baseline x focal length over disparity and offset.
+    """Return distances from the disparity of a stereo pair: baseline x focal over disparity.
 
-    baseline: metres. focal, disparity, offset: pixels; NaN where nothing is known stays so.
-    Raises ValueError for a disparity that isn't in front of the cameras.
+    Parameters
+    ----------
+    disparity : ndarray
+        Disparity in pixels, of any shape; NaN where it is unknown.
+    baseline : float
+        Distance between the cameras in metres, positive.
+    focal : float
+        Focal length in pixels, positive.
+    offset : float, default 0.0
+        Number of pixels that is added to the disparity.
+
+    Returns
+    -------
+    ndarray
+        Distances in metres, of the same shape; NaN where the disparity is.
+
+    Raises
+    ------
+    ValueError
+        If a disparity with its offset isn't positive, so that the object isn't in front of the
+        cameras.
     """
     require_positive("baseline", baseline, "m")
     require_positive("focal", focal, "pixels")
@@ -39,14 +58,34 @@ def distances_of(
 
 @dataclass(frozen=True, eq=False)
 class Relief(FramedPicture):
-    """A photograph whose pixels have distances, in layers.
+    """Scene target that is a photograph in depth layers, with a distance for each pixel.
 
-    image: (rows, columns, 3), linear red, green and blue, 1 = white. depths: (rows, columns),
-    metres; where NaN, as the nearest pixel in the picture. radiance: of white, W / (sr m² m).
-    levels: layers, at even steps of one over the distance. basis: what colours reflect.
+    The blurred edge of a near layer reveals parts of farther layers that the photograph doesn't
+    show. They are filled with the nearest pixel in the picture that is farther away.
 
-    What a nearer layer hides, and its blurred edge shows, looks like the nearest pixel in the
-    picture that is farther away.
+    Parameters
+    ----------
+    image : torch.Tensor
+        Linear red, green and blue, shape (rows, columns, 3), 1 = white.
+    depths : torch.Tensor
+        Distances from the panel in metres, shape (rows, columns), positive. NaN takes the distance
+        of the nearest pixel in the picture that has one.
+    radiance : float
+        Spectral radiance of white, W / (sr m² m), not negative.
+    levels : int, default 8
+        Number of depth layers, 1 to 64, at even steps of the inverse distance.
+    basis : tuple of Spectrum, default primaries()
+        Reflectances of red, green and blue.
+    light, lamp, velocity, polarisation_angle, name : optional
+        See `Target`.
+    cover, height, offset, side : optional
+        See `PhotographPrint`.
+
+    Raises
+    ------
+    ValueError
+        If the image isn't a finite colour picture, `depths` has another shape or values that
+        aren't positive and finite, or `levels` is outside its range.
     """
 
     image: torch.Tensor
@@ -72,7 +111,7 @@ class Relief(FramedPicture):
 
     @property
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
-        """Without distances."""
+        """The reflectances and pictures of the photograph, without its distances."""
         colours = (one.contiguous().to(torch.float32) for one in self.image.unbind(-1))
         return tuple(zip(self.basis, colours, strict=True))
 
@@ -83,7 +122,8 @@ class Relief(FramedPicture):
         shown = [np.where((owner == k)[..., None], colours, 0) for k in range(len(distances))]
         covers = [(owner == k).astype(np.float32) for k in range(len(distances))]
         for k in range(len(distances) - 1):
-            # Behind what is filled there may be something again, where three layers meet.
+            # Each pass fills the parts of farther layers that the layers up to k hide. Where three
+            # layers meet, one pixel may have to be filled in two of them.
             near, where = owner <= k, _nearest(owner > k)
             behind = owner[where]
             for far in range(k + 1, len(distances)):
@@ -107,7 +147,7 @@ class Relief(FramedPicture):
 
 
 def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Of each pixel the row and column of the nearest one in a mask."""
+    """Return for each pixel the row and column of the nearest pixel that a mask contains."""
     rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return rows, columns
 
@@ -120,7 +160,10 @@ def _fill_unknown_depths(depths: NDArray[np.floating]) -> NDArray[np.floating]:
 def _assign_layers(
     depths: NDArray[np.floating], levels: int
 ) -> tuple[NDArray[np.int64], list[float]]:
-    """The layer of each pixel, the nearest being 0, and the layers' distances; none is empty."""
+    """Assign each pixel to a depth layer, and return the layers' distances.
+
+    Layer 0 is the nearest, and no layer is empty. Their steps of vergence are even.
+    """
     vergence = 1 / depths
     near, far = float(vergence.max()), float(vergence.min())
     step = (near - far) / levels

@@ -1,4 +1,4 @@
-"""Rows of values, linear between their middles, averaged over cells of another size."""
+"""Resampling of a picture's pixels to the cells of another grid, as sparse matrices."""
 
 from __future__ import annotations
 
@@ -12,13 +12,16 @@ from scipy import sparse
 def averaging_matrix(
     pixels: int, side: float, middle: float, edges: NDArray[np.float64]
 ) -> sparse.csr_array[Any, Any]:
-    """The matrix (cells, pixels) of an axis, float32: exact means, 0 beyond the outermost pixels.
+    """Return the matrix (cells, pixels) that averages interpolated pixels over cells.
 
-    pixels: of `side` each, in a row around `middle`. edges: of the cells, rising, one more than
-    there are cells; same unit.
+    It holds for one axis and is float32. The values are linear between the middles of the pixels
+    and 0 beyond the outermost pixels; their means over cells are exact. pixels: number of pixels
+    of `side` each, in a row around `middle`. edges: of the cells, ascending, one more than there
+    are cells, in the same unit.
     """
     start = middle - pixels * side / 2
-    # Between its rim and the middle of the outermost pixel a picture is as that pixel.
+    # In the outer half of an outermost pixel there is no neighbour to interpolate with, so the
+    # value is that of the pixel.
     nodes = np.concatenate([[0.0], np.arange(pixels) + 0.5, [pixels]]) * side + start
     owner = np.clip(np.arange(-1, pixels + 1), 0, pixels - 1)
     low, high = max(nodes[0], edges[0]), min(nodes[-1], edges[-1])
@@ -34,7 +37,7 @@ def averaging_matrix(
     weight = length / np.diff(edges)[cell]
     values = np.concatenate([weight * (1 - share), weight * share]).astype(np.float32)
     places = (np.tile(cell, 2), np.concatenate([owner[piece], owner[piece + 1]]))
-    # What stands twice is added.
+    # The constructor adds values that have the same place.
     return sparse.csr_array((values, places), shape=shape)
 
 
@@ -45,10 +48,10 @@ def window_matrix(
     window: tuple[float, float],
     edges: NDArray[np.float64],
 ) -> sparse.csr_array[Any, Any]:
-    """The matrix (cells, pixels) of an axis of a display: how much of each cell is lit by which
-    pixel's window, float32.
+    """Return the matrix (cells, pixels) of the share of each cell that a pixel's window lights.
 
-    window: where it begins and ends, in sides of a pixel.
+    It holds for one axis of a display and is float32. window: its beginning and end within the
+    pixel, in sides of a pixel. The other parameters are those of `averaging_matrix`.
     """
     start = (np.arange(pixels) + window[0]) * side + middle - pixels * side / 2
     end = start + (window[1] - window[0]) * side

@@ -1,4 +1,4 @@
-"""Targets by name."""
+"""A scene: targets by name."""
 
 from __future__ import annotations
 
@@ -11,7 +11,18 @@ from simulator.scene.target import Target
 
 @dataclass(frozen=True)
 class Scene:
-    """Named targets, of which one stands before the camera at a time."""
+    """Set of named targets, of which one stands before the camera at a time.
+
+    Parameters
+    ----------
+    targets : mapping of str to Target, default a dark target
+        The targets by name, at least one.
+
+    Raises
+    ------
+    ValueError
+        If there is no target.
+    """
 
     targets: Mapping[str, Target] = field(default_factory=lambda: {"dark": Dark()})
 

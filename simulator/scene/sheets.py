@@ -1,4 +1,4 @@
-"""Flat things at distances, which hide what is behind them."""
+"""A scene target made of flat sheets at several distances, which hide what is behind them."""
 
 from __future__ import annotations
 
@@ -10,15 +10,26 @@ from simulator.scene.drawable import Drawable
 from simulator.scene.target import Layer, Part, Target, require_distance
 
 PaintedPicture = tuple[Spectrum | None, Drawable]
-"""A reflectance, None for white at all wavelengths, and where there is how much of it."""
+"""A reflectance, None for white at all wavelengths, and a picture of its share at each point."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """What lies in a plane across the axis.
+    """Flat part of a scene in one plane across the axis.
 
-    distance: metres from the panel. pictures: adds up. cover: the share of what is behind that it
-    hides; None hides nothing.
+    Parameters
+    ----------
+    distance : float
+        Distance from the panel in metres, positive.
+    pictures : tuple of tuple
+        Pairs of a reflectance (None for white) and a picture, which add up.
+    cover : Drawable, optional
+        Picture of the share of the light from behind that the sheet hides; None hides nothing.
+
+    Raises
+    ------
+    ValueError
+        If the distance isn't positive.
     """
 
     distance: float
@@ -31,9 +42,21 @@ class Sheet:
 
 @dataclass(frozen=True, eq=False)
 class Sheets(Target):
-    """Sheets, the nearest first, matt and evenly lit.
+    """Scene target made of matt, evenly lit sheets at several distances.
 
-    radiance: of white, W / (sr m² m).
+    Parameters
+    ----------
+    sheets : tuple of Sheet
+        The sheets, the nearest first, no two at one distance.
+    radiance : float
+        Spectral radiance of white, W / (sr m² m), not negative.
+    light, lamp, velocity, polarisation_angle, name : optional
+        See `Target`.
+
+    Raises
+    ------
+    ValueError
+        If there is no sheet, or the distances don't ascend.
     """
 
     sheets: tuple[Sheet, ...]

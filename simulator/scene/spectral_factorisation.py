@@ -1,4 +1,4 @@
-"""Many spectra as mixtures of a few."""
+"""Factorisation of a picture's spectra into mixtures of a few."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from numpy.typing import NDArray
 def factorise_spectra(
     samples: NDArray[np.float64], tol: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Weights (n, rank) and basis (rank, bands) whose product is the samples, (n, bands).
+    """Factorise spectra (n, bands) into weights (n, rank) and a basis (rank, bands).
 
-    samples: not negative. tol: relative error in the L2 norm over all of them. The first of the
-    basis is the mean; the others are the singular vectors of what that leaves, each with as much
-    of the mean as makes it nowhere negative: a spectrum has no negative values, but a weight may.
+    samples: not negative. tol: relative error in the L2 norm over all samples. The first basis
+    spectrum is the mean. The others are the singular vectors of the residual; to each of them the
+    mean is added until it is nowhere negative, because a spectrum must not be negative. Weights
+    may be negative.
     """
     mean = samples.mean(axis=0)
     if not mean.any():
         return np.zeros((len(samples), 1)), np.ones((1, samples.shape[1]))
     first = samples @ mean / (mean @ mean)
     rest = samples - np.outer(first, mean)
-    # By the small matrix of bands: a cube has far more pixels than bands.
+    # The matrix (bands, bands) is small: a cube has far more pixels than bands.
     power, vectors = np.linalg.eigh(rest.T @ rest)
     order = np.argsort(power)[::-1]
     left = np.append(np.cumsum(np.maximum(power[order], 0)[::-1])[::-1], 0.0)

@@ -1,4 +1,4 @@
-"""What a target is made of: layers at distances, each of parts with a spectrum and a picture."""
+"""Targets of a scene: layers at distances, made of parts with a spectrum and a picture."""
 
 from __future__ import annotations
 
@@ -13,22 +13,27 @@ from simulator.scene.drawable import Drawable
 
 
 def require_radiance(radiance: float) -> None:
-    """Raise a ValueError for one that is negative or not finite."""
+    """Raise ValueError for a radiance that is negative or not finite."""
     if not 0 <= radiance < math.inf:
         raise ValueError(f"radiance is {radiance:g} W/(sr m² m); it must be finite, not negative")
 
 
 def require_distance(distance: float) -> None:
-    """Raise a ValueError for one that isn't in front of the camera; infinity is allowed."""
+    """Raise ValueError for a distance that isn't positive; infinity is allowed."""
     if not distance > 0:
         raise ValueError(f"distance is {distance:g} m; it must be positive")
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A picture all of one spectrum.
+    """Part of a depth layer: a picture with one spectrum.
 
-    spectrum: radiance where the picture is 1, lamp and reflectance in it, W / (sr m² m).
+    Parameters
+    ----------
+    spectrum : Spectrum
+        Spectral radiance where the picture is 1, including lamp and reflectance, W / (sr m² m).
+    picture : Drawable
+        The picture by which the spectrum is multiplied.
     """
 
     spectrum: Spectrum
@@ -37,9 +42,16 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """What stands at one distance from the panel, in metres.
+    """Depth layer of a target: everything at one distance.
 
-    parts: add up. cover: the share of what lies behind that it hides; None hides nothing.
+    Parameters
+    ----------
+    distance : float
+        Distance from the panel in metres.
+    parts : tuple of Part
+        The parts of the layer, whose light adds up.
+    cover : Drawable, optional
+        Picture of the share of the light from behind that the layer hides; None hides nothing.
     """
 
     distance: float
@@ -48,10 +60,10 @@ class Layer:
 
 
 class _Stands(ABC):
-    """What each kind of target has, as a field of its own.
+    """Declare the fields `distance` and `radiance`, which each kind of target defines.
 
-    distance: metres from the panel, of the nearest layer. radiance: of white, where the lamp is
-    brightest, W / (sr m² m).
+    distance: of the nearest layer from the panel, metres. radiance: of white where the relative
+    spectrum of the lamp is 1, W / (sr m² m).
     """
 
     distance: float
@@ -60,12 +72,26 @@ class _Stands(ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Target(_Stands):
-    """Something that stands before the camera, in its light.
+    """Object that stands before the camera, with its illumination.
 
-    light: the lamp's spectrum, relative; None is the same at all wavelengths. lamp: how it
-    changes with time; None doesn't. velocity: (y, x) m/s across the axis, upright as the picture;
-    an exposure begins with all in its place. polarisation_angle: radians, of the plane in which
-    all of its light swings, from x towards y; None is unpolarised. name: what people call it.
+    Parameters
+    ----------
+    light : Spectrum, optional
+        Relative spectrum of the lamp; None is the same at all wavelengths.
+    lamp : Waveform, optional
+        Change of the lamp's light with time; None is constant.
+    velocity : tuple of float, default (0.0, 0.0)
+        Velocity (y, x) across the axis in m/s, in the orientation of the picture. Each exposure
+        begins with the target at its original position.
+    polarisation_angle : float, optional
+        Angle of linear polarisation in radians, from x towards y; None is unpolarised light.
+    name : str, default ""
+        Name of the target for people.
+
+    Raises
+    ------
+    ValueError
+        If the distance isn't positive, the radiance is negative, or a number isn't finite.
     """
 
     light: Spectrum | None = None
@@ -87,20 +113,21 @@ class Target(_Stands):
     @property
     @abstractmethod
     def layers(self) -> tuple[Layer, ...]:
-        """The nearest first."""
+        """The target's depth layers, the nearest first."""
 
     @property
     def is_moving(self) -> bool:
         return any(self.velocity)
 
     def for_camera(self, camera: Camera) -> Target:
-        """The same, of a size that follows from the camera's frame where it has none itself.
+        """Return this target with a size that follows from the camera's frame.
 
-        The same object for the same frame.
+        A target that has a size of its own returns itself. The same frame gives the same object
+        again.
         """
         return self
 
     def reflected_radiance(self, reflectance: Spectrum | None = None) -> Spectrum:
-        """Radiance of a matt surface of a reflectance, white by default, in the target's light."""
+        """Return the radiance of a matt surface in the target's light, white by default."""
         lamp = (self.light or Spectrum.flat(1.0)).with_scale(self.radiance)
         return lamp if reflectance is None else lamp.times(reflectance)

@@ -1,4 +1,4 @@
-"""The cable between a driver and a simulated instrument: bytes, their pace and their faults."""
+"""The simulated cable between a driver and an instrument: bytes, their timing and their faults."""
 
 from simulator.wire.faults import WIRE_FAULT_KINDS, WireFault
 from simulator.wire.line import SimulatedLine

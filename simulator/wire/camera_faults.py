@@ -1,4 +1,4 @@
-"""What goes wrong with a camera behind the wire."""
+"""Faults of a simulated camera behind its GigE wire."""
 
 from __future__ import annotations
 
@@ -18,17 +18,25 @@ CameraFaultKind = Literal[
     "silence",
     "disconnect",
 ]
-"""By name: half of a frame's packets, or all of them, never arrive; a frame comes 1.5 s too
-late; its leader tells another size; a new exposure is obeyed three frames late; the camera
-changes its exposure by itself, and says so when asked; it hears no trigger; it forgets who
-controls it; it neither hears nor says anything; it is gone, and comes back as switched on."""
+"""Kinds of faults, by name.
+
+lost packets: half of a frame's packets don't arrive. missing frame: no packet of a frame arrives.
+late frame: a frame comes 1.5 s too late. corrupt frame: a frame's leader reports another size.
+stale frame: a new exposure takes effect three frames late. wrong exposure: the camera doubles its
+exposure by itself, and reports it when asked. stopped stream: triggers have no effect. heartbeat
+loss: the camera forgets which program controls it. silence: it neither receives nor sends.
+disconnect: it is gone, and returns in the state after power-up."""
 
 CAMERA_FAULT_KINDS: tuple[CameraFaultKind, ...] = get_args(CameraFaultKind)
 
 
 @dataclass(frozen=True)
 class CameraFault:
-    """One thing that goes wrong. at: bench time at which it begins. seconds: it lasts."""
+    """One fault of a simulated camera.
+
+    kind: one of CAMERA_FAULT_KINDS. at: time at which it begins, in seconds of the bench's clock.
+    seconds: its duration.
+    """
 
     kind: CameraFaultKind
     at: float = 0.0

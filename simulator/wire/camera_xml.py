@@ -1,6 +1,6 @@
-"""What a simulated camera says that it can do: a GenICam description of its registers.
+"""GenICam description of a simulated camera's registers.
 
-The registers are those of Aravis' fake camera, and from 0x3d0 on those of `gige_process`.
+The registers below 0x3d0 are those of Aravis' fake camera; the others are those of `gige_process`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _LIMITS = {
 
 
 def genicam_xml(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> str:
-    """The XML of a camera that sends these formats and exposes so many microseconds."""
+    """Return the GenICam XML of a camera with these pixel formats and this exposure range."""
     parts = [_HEAD, _root_category()]
     for name, (address, length) in _TEXTS.items():
         parts.append(

@@ -1,4 +1,4 @@
-"""A GigE Vision camera on the loopback, whose pictures somebody here makes."""
+"""A simulated GigE Vision camera on the loopback, whose pictures this process renders."""
 
 from __future__ import annotations
 
@@ -28,38 +28,28 @@ from simulator.wire.gige_process import HEADER_BYTES
 from simulator.wire.packing import pack_pixels
 
 RenderImage = Callable[[float, float], NDArray[np.uint16]]
-"""Makes the sensor's picture (rows, columns) of an exposure in seconds and a gain in decibels."""
-
-_PORT = 3956
-"""Where GigE Vision cameras are spoken to; there is no other."""
-
-_START_TIMEOUT = 10.0
-"""Seconds in which the camera's process must have loaded its library."""
-
-_PORT_TIMEOUT = 20.0
-"""Seconds for which one waits until another simulated camera on this computer has gone."""
-
-_POLL_INTERVAL = 0.01
-"""Seconds between looks at what the script of faults says."""
+"""Function that renders the sensor's picture (rows, columns) from an exposure in seconds and a gain
+in decibels."""
 
 
 class NoAravis(OSError):
-    """Aravis, or Python's gi, isn't installed."""
+    """Raised for a simulated camera when Aravis, or Python's gi, isn't installed."""
 
 
 class FakeGigECamera:
-    """Aravis' fake camera in a process of its own: real GVCP and GVSP packets.
+    """Run Aravis' fake camera in a process of its own, with real GVCP and GVSP packets.
 
-    render: called in a thread of this process whenever the exposure, the gain or the region is a
-    new one, or `mark_scene_changed()` was called, and for each frame if `always_render`; else the
-    pictures that are there are sent again, `cycle_length` of them in turn. shape: of the sensor,
-    (rows, columns). pixel_format: that it is switched on with. pixel_formats: that it has besides.
-    latency: frames for which a new exposure isn't obeyed yet. exposure_us: its range. address: only
-    of this computer, and one camera at a time. clock, faults: a script of what goes wrong. NoAravis
-    if there is no gi, OSError if there is no free address.
+    render: called in a thread of this process whenever the exposure, the gain or the region has
+    changed, or `mark_scene_changed()` was called, and for each frame if `always_render`. Otherwise
+    the existing pictures are sent again, `cycle_length` of them in turn. shape: of the sensor,
+    (rows, columns). pixel_format: the format after power-up. pixel_formats: further formats.
+    latency: number of frames after which a new exposure takes effect. exposure_us: shortest and
+    longest exposure in microseconds. address: an address of this computer, for one camera at a
+    time. clock, faults: faults that begin at given times. Entering raises NoAravis if there is no
+    gi, and OSError if the address isn't free.
 
-    A picture is cut to the region, the mean of binned pixels, and cut to full scale. An
-    exposure takes its time if the camera is triggered; a running one exposes all the time.
+    Pixels of a picture are averaged for binning, cropped to the region and limited to full scale. A
+    triggered exposure takes its real time; a free-running camera exposes all the time.
     """
 
     def __init__(
@@ -97,9 +87,9 @@ class FakeGigECamera:
         }
         self._clock, self._faults = clock, list(faults)
         self.failure: Exception | None = None
-        """What the last call of `render` raised: that frame never came."""
+        """Exception of the last call of `render` that failed; its frame isn't sent."""
         self.render_count = 0
-        """How often it was called."""
+        """Number of calls of `render`."""
 
     def __enter__(self) -> Self:
         _await_free(self.address)
@@ -114,7 +104,7 @@ class FakeGigECamera:
                     {**self._start_settings, "xml": str(xml)},
                     python=python_with_gi(),
                     folders=[str(Path(__file__).parent)],
-                    # Two sets: one is sent while the next is made.
+                    # There are two sets of pictures: one is sent while the other is rendered.
                     memory=HEADER_BYTES + 2 * self._cycle * self._slot,
                 )
             except FileNotFoundError as error:
@@ -136,7 +126,8 @@ class FakeGigECamera:
 
     def _require_running(self) -> None:
         try:
-            running, reply = self._process.receive(_START_TIMEOUT).result(), "it doesn't run"
+            # The process has 10 s to load its library.
+            running, reply = self._process.receive(10.0).result(), "it doesn't run"
         except (ImportError, ValueError) as missing:
             raise NoAravis(str(missing)) from missing
         except Exception as error:
@@ -152,29 +143,29 @@ class FakeGigECamera:
         self._process.close()
 
     def mark_scene_changed(self) -> None:
-        """What the camera sees is another thing now: the pictures are to be made anew."""
+        """Tell the simulated camera that the scene has changed, so that it renders new pictures."""
         with self._counting:
             count = int.from_bytes(self._memory[:8], "little") + 1
             self._memory[:8] = count.to_bytes(8, "little")
 
     def inject(self, fault: CameraFault) -> None:
-        """Have something go wrong; when this returns it does, if its time has come."""
+        """Add a fault to the camera; a fault whose time has come is active on return."""
         with self._scripting:
             self._faults.append(fault)
             self._follow_script()
 
     def clear_faults(self) -> None:
-        """All is well again, now and later."""
+        """Remove all faults of the camera, active and future ones."""
         with self._scripting:
             self._faults.clear()
             self._follow_script()
 
     def set_latency(self, frames: int) -> None:
-        """How many frames a new exposure isn't obeyed yet, from now on."""
+        """Set the number of frames after which the camera obeys a new exposure."""
         self._send_request("set_latency", frames)
 
     def pulse(self) -> None:
-        """An electric pulse at the camera's trigger line."""
+        """Send an electric pulse to the camera's trigger line."""
         self._process.send(Notification("pulse"))
 
     def _now(self) -> float:
@@ -197,7 +188,10 @@ class FakeGigECamera:
                 self._send_request("set_fault", kind)
 
     def _send_request(self, name: str, *given: Any) -> None:
-        """And wait until it is done, unless it is the one who hears of that who says it."""
+        """Send a request to the camera's process, and wait for its reply.
+
+        The thread that receives the replies doesn't wait, because it would wait for itself.
+        """
         self._obeyed_event.clear()
         self._process.send(CallRequest(name, given))
         if threading.current_thread() is not self._thread:
@@ -207,7 +201,8 @@ class FakeGigECamera:
         with contextlib.suppress(LineClosed):
             while not self._ended:
                 with contextlib.suppress(MessageTimeout):
-                    self._handle_message(self._process.line.receive(_POLL_INTERVAL))
+                    # Every 10 ms the faults whose time has come begin or end.
+                    self._handle_message(self._process.line.receive(0.01))
                 if self._scripting.acquire(blocking=False):
                     try:
                         self._follow_script()
@@ -223,7 +218,7 @@ class FakeGigECamera:
             self._obeyed_event.set()
 
     def _render_pictures(self, request: dict[str, Any]) -> None:
-        """Make the pictures that are wanted, in the places that aren't being sent."""
+        """Render the requested pictures into the set of memory places that isn't being sent."""
         self._set ^= 1
         places = [(self._set * self._cycle + number) * self._slot for number in range(self._cycle)]
         form = self._formats[request["code"]]
@@ -242,7 +237,7 @@ class FakeGigECamera:
 
 
 def _crop_and_bin(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[np.uint16]:
-    """The region x, y, width, height of a picture, in binned pixels across and down."""
+    """Bin a picture's pixels and crop it. region: x, y, width, height, binning across and down."""
     x, y, width, height, across, down = region
     if across * down > 1:
         rows, columns = image.shape[0] // down, image.shape[1] // across
@@ -255,14 +250,16 @@ def _crop_and_bin(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[n
 
 
 def _await_free(address: str) -> None:
-    """Wait until no other simulated camera has the port; OSError if that takes too long."""
-    late = time.monotonic() + _PORT_TIMEOUT
+    """Wait until no other simulated camera uses the port; raise OSError after 20 s."""
+    # GigE Vision has a fixed port.
+    port = 3956
+    late = time.monotonic() + 20.0
     while True:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
-                probe.bind((address, _PORT))
+                probe.bind((address, port))
                 return
             except OSError as error:
                 if time.monotonic() > late:
-                    raise OSError(f"{address}:{_PORT} is taken: {error}") from error
+                    raise OSError(f"{address}:{port} is taken: {error}") from error
         time.sleep(0.1)

@@ -1,4 +1,4 @@
-"""What may go wrong on a cable."""
+"""Faults of a simulated cable."""
 
 from __future__ import annotations
 
@@ -17,23 +17,38 @@ WIRE_FAULT_KINDS = (
     "wrong echo",
     "disconnect",
 )
-"""silence: nothing is heard, nothing answered. mute: heard, but the answers are lost.
-garbage: other bytes in place of answers. truncated: answers lose their end. duplicated:
-answers come twice. delayed: answers come late. bit flips: noise, in both directions.
-byte by byte: with pauses between. wrong echo: other characters are echoed than were sent.
-disconnect: the plug is out. A machine's own kinds come besides."""
+"""Kinds of faults on a wire; each machine has further kinds of its own.
+
+silence: bytes are lost in both directions. mute: replies are lost. garbage: other bytes replace a
+reply. truncated: replies lose their end. duplicated: replies come twice. delayed: replies come
+late. bit flips: noise in both directions. byte by byte: replies have pauses between their bytes.
+wrong echo: the echo differs from what was sent. disconnect: the plug is out."""
 
 _DEFAULT_SHARES = {"bit flips": 0.03}
 
 
 @dataclass(frozen=True)
 class WireFault:
-    """One thing that goes wrong, and when.
+    """One fault on the wire to a simulated instrument, and its time.
 
-    kind: one of WIRE_FAULT_KINDS, or one of the machine's own faults. at: time of the bench, in
-    seconds, at which it begins. seconds: how long it lasts. share: of what it can strike
-    (bytes for bit flips, answers or echoes else) is struck; by default all of it, but 3 % of
-    bytes by bit flips. delay: seconds by which delayed answers come later.
+    Parameters
+    ----------
+    kind : str
+        One of WIRE_FAULT_KINDS, or one of the machine's own faults.
+    at : float, default 0.0
+        Time at which it begins, in seconds of the bench's clock.
+    seconds : float, default inf
+        Duration in seconds, not negative.
+    share : float, optional
+        Share from 0 to 1 of the bytes (for bit flips) or of the replies and echoes (for other
+        kinds) that the fault affects. By default it is 0.03 for bit flips and otherwise 1.
+    delay : float, default 3.0
+        Seconds by which the kind "delayed" delays replies, finite and not negative.
+
+    Raises
+    ------
+    ValueError
+        If a number is outside its range.
     """
 
     kind: str
@@ -53,7 +68,7 @@ class WireFault:
 
     @property
     def probability(self) -> float:
-        """The chance of each thing that can be struck to be struck."""
+        """The probability that the fault affects a byte, reply or echo."""
         return _DEFAULT_SHARES.get(self.kind, 1.0) if self.share is None else self.share
 
     def is_active(self, t: float) -> bool:

@@ -1,4 +1,4 @@
-"""What a camera behind the wire sees of the virtual bench."""
+"""Pictures of the virtual bench for a simulated camera behind the wire."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from simulator.world import World
 
 
 def frame_renderer(world: World) -> Callable[[float, float], NDArray[np.uint16]]:
-    """Makes the sensor's picture of an exposure in seconds and a gain in decibels, with noise.
+    """Return the `render` function of a `FakeGigECamera` that sees the virtual bench.
 
-    For `FakeGigECamera`, with fresh pictures: each has its own noise, and is of the bench as it
-    then stands. What a gain clips is clipped at the sensor's full scale.
+    The function takes an exposure in seconds and a gain in decibels. Each picture has its own noise
+    and shows the bench in its state at that time. Numbers that the gain raises above the sensor's
+    full scale are clipped there.
     """
-    # Two frames of a running camera may be asked for at once; the world has one state.
+    # A running camera may request two frames at once, and the world has only one state.
     turn = threading.Lock()
 
     def render_frame(exposure: float, gain_db: float) -> NDArray[np.uint16]:

@@ -1,8 +1,8 @@
-"""The life of the simulated camera's process: Aravis' fake camera, and pictures from outside.
+"""Program of the simulated camera's process: Aravis' fake camera with pictures from outside.
 
-With Python's standard library, gi and `drivers.hosted`, so that the system's Python can run
-it. The fake camera speaks GigE Vision; here are its exposures, which take their time, and
-what goes wrong with it. The registers from 0x3d0 on are ours; the others are the fake's.
+It uses only Python's standard library, gi and `drivers.hosted`, so that the system's Python can run
+it. The fake camera implements GigE Vision; this module adds the duration of exposures and the
+faults.
 """
 
 from __future__ import annotations
@@ -16,40 +16,55 @@ import struct
 import threading
 import time
 from collections import deque
+from enum import IntEnum
 from typing import Any
 
 from drivers.hosted.calls import CallRequest, CallResult, Notification
 from drivers.hosted.message_socket import MessageSocket
 
-EXPOSURE, GAIN, WIDTH, HEIGHT, X, Y = 0x120, 0x110, 0x100, 0x104, 0x130, 0x134
-ACROSS, DOWN, FORMAT, RUNNING = 0x108, 0x10C, 0x128, 0x124
-SENSOR_HEIGHT, SENSOR_WIDTH = 0x118, 0x11C
-TRIGGER_MODE, FAKE_TRIGGER_SOURCE, FAKE_TRIGGER = 0x300, 0x304, 0x30C
-TEMPERATURE, TRIGGER, TRIGGER_SOURCE = 0x3D0, 0x3F0, 0x3F4
-PRIVILEGE, STREAM_PORT, STREAM_ADDRESS = 0x0A00, 0x0D00, 0x0D18
-
 HEADER_BYTES = 4096
-"""Bytes before the pictures: the first eight count changes of what the camera sees."""
-
-_POLL_INTERVAL = 0.001
-"""Seconds between looks at whether a trigger has come."""
-
-_LATE_DELAY = 1.5
-"""Seconds by which a late frame is late."""
-
-_STALE_FRAMES = 3
-"""Frames after which a stale camera obeys."""
-
-_PICTURE_TIMEOUT = 0.3
-"""Seconds for which a free-running camera waits for a picture before it loses the frame."""
+"""Bytes of shared memory before the pictures; the first eight count the changes of the scene."""
 
 _FILL = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
 )
 
 
+class GigERegister(IntEnum):
+    """Addresses of the simulated camera's registers.
+
+    TEMPERATURE, TRIGGER and TRIGGER_SOURCE belong to this module, and PRIVILEGE, STREAM_PORT and
+    STREAM_ADDRESS to GigE Vision. The others are those of Aravis' fake camera.
+    """
+
+    WIDTH = 0x100
+    HEIGHT = 0x104
+    ACROSS = 0x108
+    DOWN = 0x10C
+    GAIN = 0x110
+    SENSOR_HEIGHT = 0x118
+    SENSOR_WIDTH = 0x11C
+    EXPOSURE = 0x120
+    RUNNING = 0x124
+    FORMAT = 0x128
+    X = 0x130
+    Y = 0x134
+    TRIGGER_MODE = 0x300
+    FAKE_TRIGGER_SOURCE = 0x304
+    FAKE_TRIGGER = 0x30C
+    TEMPERATURE = 0x3D0
+    TRIGGER = 0x3F0
+    TRIGGER_SOURCE = 0x3F4
+    PRIVILEGE = 0x0A00
+    STREAM_PORT = 0x0D00
+    STREAM_ADDRESS = 0x0D18
+
+
 class GigEMachine:
-    """The camera. ask: is called with what is wanted, and answers with pictures' places."""
+    """Simulate a GigE camera: drive Aravis' fake camera and give it its pictures.
+
+    ask: called with a request for pictures; `receive_pictures` takes the places of the result.
+    """
 
     def __init__(self, aravis: Any, given: dict[str, Any], memory: int) -> None:
         self._aravis, self._start_settings = aravis, given
@@ -94,13 +109,13 @@ class GigEMachine:
         fake.set_trigger_frequency(1000.0)
         rows, columns = given["shape"]
         for register, value in (
-            (SENSOR_WIDTH, columns),
-            (SENSOR_HEIGHT, rows),
-            (WIDTH, columns),
-            (HEIGHT, rows),
-            (FORMAT, given["code"]),
-            (FAKE_TRIGGER_SOURCE, 1),
-            (TEMPERATURE, 4150),
+            (GigERegister.SENSOR_WIDTH, columns),
+            (GigERegister.SENSOR_HEIGHT, rows),
+            (GigERegister.WIDTH, columns),
+            (GigERegister.HEIGHT, rows),
+            (GigERegister.FORMAT, given["code"]),
+            (GigERegister.FAKE_TRIGGER_SOURCE, 1),
+            (GigERegister.TEMPERATURE, 4150),
         ):
             fake.write_register(register, value)
         self._library.arv_fake_camera_set_fill_pattern(hash(fake), self._callback, None, None)
@@ -108,7 +123,7 @@ class GigEMachine:
         self._fake, self._server = fake, server
 
     def set_fault(self, kind: str) -> None:
-        """A fault begins, or all end if empty."""
+        """Begin a fault of the camera, or end all faults if `kind` is empty."""
         before, self.fault = self.fault, kind
         if kind == "disconnect" and self._server is not None:
             self._server = self._fake = None
@@ -116,13 +131,13 @@ class GigEMachine:
             self._plug_in()
         fake = self._fake
         if fake is not None and kind == "heartbeat loss":
-            fake.write_register(PRIVILEGE, 0)
+            fake.write_register(GigERegister.PRIVILEGE, 0)
 
     def set_latency(self, frames: int) -> None:
         self.latency = frames
 
     def pulse(self) -> None:
-        """An electric pulse at the trigger line."""
+        """Take an electric pulse at the camera's trigger line."""
         self._pulses += 1
 
     def _register(self, address: int) -> int:
@@ -138,56 +153,60 @@ class GigEMachine:
             fake.write_register(address, value)
 
     def _serve_triggers(self) -> None:
-        """Triggers become frames after their exposure's time, one after the other."""
+        """Turn each trigger into a frame after the exposure time, one after the other."""
         while True:
-            time.sleep(_POLL_INTERVAL)
-            if not self._register(RUNNING) or not self._register(TRIGGER_MODE):
+            time.sleep(0.001)
+            running = self._register(GigERegister.RUNNING)
+            if not running or not self._register(GigERegister.TRIGGER_MODE):
                 self._pulses = 0
-                self._write(TRIGGER, 0)
-                self._write(FAKE_TRIGGER, 0)
+                self._write(GigERegister.TRIGGER, 0)
+                self._write(GigERegister.FAKE_TRIGGER, 0)
                 continue
-            if self._register(TRIGGER_SOURCE) == 1:
-                come = self._register(TRIGGER) == 1
+            if self._register(GigERegister.TRIGGER_SOURCE) == 1:
+                come = self._register(GigERegister.TRIGGER) == 1
             else:
                 come, self._pulses = self._pulses > 0, 0
             if not come:
                 continue
-            self._write(TRIGGER, 0)
+            self._write(GigERegister.TRIGGER, 0)
             if self.fault == "stopped stream":
                 continue
-            began, stream = time.monotonic(), self._register(STREAM_PORT)
+            began, stream = time.monotonic(), self._register(GigERegister.STREAM_PORT)
             us = self._start_exposure()
             places = self._request_pictures(us, 60.0)
             if places is None:
                 continue
             self._next = self._next_picture(places)
-            ready = began + us * 1e-6 + (_LATE_DELAY if self.fault == "late frame" else 0)
+            ready = began + us * 1e-6 + (1.5 if self.fault == "late frame" else 0)
             while time.monotonic() < ready and self._is_still_streaming(stream):
                 time.sleep(min(0.005, max(0.0, ready - time.monotonic())))
             if self._is_still_streaming(stream):
-                self._write(FAKE_TRIGGER, 1)
+                self._write(GigERegister.FAKE_TRIGGER, 1)
 
     def _is_still_streaming(self, stream: int) -> bool:
-        """Whether the acquisition hasn't been stopped, nor started anew for another stream."""
-        return bool(self._register(RUNNING)) and self._register(STREAM_PORT) == stream
+        """Return whether the acquisition still runs, for the same stream."""
+        running = bool(self._register(GigERegister.RUNNING))
+        return running and self._register(GigERegister.STREAM_PORT) == stream
 
     def _start_exposure(self) -> int:
-        """Microseconds that the frame that begins now is exposed."""
+        """Begin the camera's next exposure, and return its length in microseconds."""
+        exposure = GigERegister.EXPOSURE
         if self.fault == "wrong exposure":
-            self._write(EXPOSURE, 2 * self._register(EXPOSURE))
-        self._exposure_history.append(self._register(EXPOSURE))
+            self._write(exposure, 2 * self._register(exposure))
+        self._exposure_history.append(self._register(exposure))
         return self._effective_exposure_us()
 
     def _effective_exposure_us(self) -> int:
-        """Of what it was told at the last frames' beginnings, what it obeys by now."""
-        late = _STALE_FRAMES if self.fault == "stale frame" else self.latency
+        """Return the exposure that the camera obeys now, given its latency in frames."""
+        late = 3 if self.fault == "stale frame" else self.latency
         return self._exposure_history[max(0, len(self._exposure_history) - 1 - late)]
 
     def _request_pictures(self, us: int, patience: float) -> list[int] | None:
-        """Where pictures of that exposure lie; None if nobody has made them in time."""
-        region = [self._register(r) for r in (X, Y, WIDTH, HEIGHT, ACROSS, DOWN)]
+        """Return the memory places of pictures with this exposure, or None after a timeout."""
+        r = GigERegister
+        region = [self._register(a) for a in (r.X, r.Y, r.WIDTH, r.HEIGHT, r.ACROSS, r.DOWN)]
         seen = struct.unpack_from("=Q", self._memory, 0)[0]
-        key = (us, self._register(GAIN), tuple(region), self._register(FORMAT), seen)
+        key = (us, self._register(r.GAIN), tuple(region), self._register(r.FORMAT), seen)
         if key == self._key and not self._start_settings["fresh"]:
             return self._places
         with self._arrived:
@@ -203,7 +222,7 @@ class GigEMachine:
             return self._places
 
     def receive_pictures(self, places: list[int], request: dict[str, Any]) -> None:
-        """Pictures have come. Those of what isn't asked for any more, being late, are not taken."""
+        """Take rendered pictures, unless a later request has replaced theirs."""
         with self._arrived:
             if request != self._request:
                 return
@@ -215,16 +234,17 @@ class GigEMachine:
         return places[self._turn % len(places)]
 
     def _fill_buffer(self, buffer: Any, data: Any, us: int, gain: int, code: int) -> None:
-        """Called by the fake camera for each frame that it sends."""
+        """Copy a picture into the frame that Aravis' fake camera is about to send."""
         fake, server = self._fake, self._server
         if fake is None or server is None:
             return
         place = self._next
-        if not self._register(TRIGGER_MODE):
-            # What was set when this frame's exposure began, at the tick before.
+        if not self._register(GigERegister.TRIGGER_MODE):
+            # This frame's exposure began with the frame before, so the exposure of then counts.
             begun = self._effective_exposure_us() if self._exposure_history else us
             self._start_exposure()
-            places = self._request_pictures(begun, _PICTURE_TIMEOUT)
+            # A free-running camera loses the frame if there is no picture after 0.3 s.
+            places = self._request_pictures(begun, 0.3)
             place = None if places is None else self._next_picture(places)
         lost = {"lost packets": 0.5, "missing frame": 1.0, "stopped stream": 1.0}
         server.set_property("gvsp-lost-ratio", lost.get(self.fault, 0.0))
@@ -237,20 +257,23 @@ class GigEMachine:
             self._send_forged_leader(self._library.arv_buffer_get_frame_id(buffer))
 
     def _send_forged_leader(self, number: int) -> None:
-        """A leader with another size goes before the right one."""
-        height = max(1, self._register(HEIGHT) // 2)
+        """Send a frame leader with a wrong size before the camera sends the right one."""
+        register = self._register
+        height = max(1, register(GigERegister.HEIGHT) // 2)
         leader = struct.pack(">HHI", 0, number & 0xFFFF, 0x01000000)
         leader += struct.pack(">HHQ", 0, 1, time.time_ns())
-        leader += struct.pack(
-            ">IIIIIHH", self._register(FORMAT), self._register(WIDTH), height, 0, 0, 0, 0
-        )
-        address = socket.inet_ntoa(struct.pack(">I", self._register(STREAM_ADDRESS)))
+        form, width = register(GigERegister.FORMAT), register(GigERegister.WIDTH)
+        leader += struct.pack(">IIIIIHH", form, width, height, 0, 0, 0, 0)
+        address = socket.inet_ntoa(struct.pack(">I", register(GigERegister.STREAM_ADDRESS)))
         with contextlib.suppress(OSError):
-            self._socket.sendto(leader, (address, self._register(STREAM_PORT) & 0xFFFF))
+            self._socket.sendto(leader, (address, register(GigERegister.STREAM_PORT) & 0xFFFF))
 
 
 def main(line: MessageSocket, given: dict[str, Any]) -> None:
-    """Answer whether the camera is there, and then obey; what is said is named as its method."""
+    """Run the simulated camera's process: report whether it runs, then serve requests.
+
+    A request has the name of the method of `GigEMachine` that it calls.
+    """
     import gi
 
     gi.require_version("Aravis", "0.8")

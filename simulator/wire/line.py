@@ -1,4 +1,4 @@
-"""A cable between a port and a machine: it paces the bytes, and things go wrong on it."""
+"""Simulated serial cable between a port and a machine: timing of the bytes, and faults."""
 
 from __future__ import annotations
 
@@ -14,19 +14,26 @@ import numpy as np
 from simulator.machines.machine import Reply, SerialMachine
 from simulator.wire.faults import WIRE_FAULT_KINDS, WireFault
 
-_BYTE_PAUSE = 0.02
-"""Seconds between two bytes of a reply that comes byte by byte."""
-
-_BITS = 10
-"""Of a byte on the wire: start, eight of data, stop."""
-
 
 class SimulatedLine:
-    """Bytes on their way, by the bench's clock.
+    """Simulate a serial cable to an instrument, by the bench's clock.
 
-    machine: at the far end. baudrate: bits in a second, 10 a byte. seed: of what is left to
-    chance. Things happen in the order of their times, when `receive` is told the time; a
-    fault strikes what passes while it lasts. Any thread may call.
+    Events happen in the order of their times, when a call passes the present time. A fault affects
+    the bytes that pass while it lasts. Any thread may call.
+
+    Parameters
+    ----------
+    machine : SerialMachine
+        The instrument at the far end.
+    baudrate : int
+        Bits per second, positive; a byte takes 10 bits.
+    seed : int, default 0
+        Seed of the faults' random numbers.
+
+    Raises
+    ------
+    ValueError
+        If the baud rate isn't positive.
     """
 
     def __init__(self, machine: SerialMachine, *, baudrate: int, seed: int = 0) -> None:
@@ -34,7 +41,8 @@ class SimulatedLine:
             raise ValueError(f"baudrate is {baudrate}; it must be positive")
         self.machine = machine
         self.baudrate = baudrate
-        self._byte_time = _BITS / baudrate
+        # A byte has a start bit, eight data bits and a stop bit.
+        self._byte_time = 10 / baudrate
         self._rng = np.random.default_rng(seed)
         self._count = itertools.count()
         self._going: list[tuple[float, int, int]] = []
@@ -48,7 +56,7 @@ class SimulatedLine:
         self._lock = threading.RLock()
 
     def send(self, data: bytes, t: float) -> None:
-        """Bytes that the host begins to send at t."""
+        """Send bytes from the host over the line, beginning at time t."""
         with self._lock:
             self._advance(t)
             for byte in data:
@@ -56,7 +64,7 @@ class SimulatedLine:
                 heapq.heappush(self._going, (self._free_there, next(self._count), byte))
 
     def receive(self, t: float) -> bytes:
-        """What has arrived at the host by t, and wasn't given yet."""
+        """Return the bytes that have arrived at the host by time t since the last call."""
         with self._lock:
             self._advance(t)
             arrived = bytearray()
@@ -65,14 +73,14 @@ class SimulatedLine:
             return bytes(arrived)
 
     def next_event_time(self) -> float:
-        """When something may arrive or change next; infinite if nothing is on its way."""
+        """Return when something may happen next on the line; infinite if nothing is pending."""
         with self._lock:
             return min(
                 _first_time(self._going), _first_time(self._leaving), _first_time(self._coming)
             )
 
     def inject(self, fault: WireFault) -> None:
-        """ValueError if neither the wire nor the machine knows such a fault."""
+        """Add a fault; raise ValueError if neither the wire nor the machine knows its kind."""
         known = (*WIRE_FAULT_KINDS, *self.machine.own_faults)
         if fault.kind not in known:
             raise ValueError(f"kind is {fault.kind!r}; choose one of {', '.join(known)}")
@@ -80,30 +88,33 @@ class SimulatedLine:
             self._faults.setdefault(fault.kind, []).append(fault)
 
     def clear_faults(self) -> None:
-        """All faults end; what they have delayed is still on its way."""
+        """End all faults of the line; bytes that they have delayed still arrive."""
         with self._lock:
             self._cleared_unplugs = self.unplug_count(self._now)
             self._faults.clear()
             self._update_machine_faults(self._now)
 
     def is_unplugged(self, t: float) -> bool:
-        """Whether the plug is out."""
+        """Return whether the cable is unplugged at time t."""
         return self._active_fault("disconnect", t) is not None
 
     def unplug_count(self, t: float) -> int:
-        """How often the plug has been pulled by t: who held the port then holds nothing."""
+        """Return how often the cable has been unplugged by time t.
+
+        A port that was opened before the last time is no longer valid.
+        """
         with self._lock:
             pulls = self._faults.get("disconnect", ())
             return self._cleared_unplugs + sum(fault.at <= t for fault in pulls)
 
     def next_unplug_time(self, t: float) -> float:
-        """When the plug is pulled next, infinite if it isn't."""
+        """Return when the cable is unplugged next, infinite if it isn't."""
         with self._lock:
             pulls = self._faults.get("disconnect", ())
             return min((fault.at for fault in pulls if fault.at > t), default=math.inf)
 
     def _advance(self, t: float) -> None:
-        """Everything that happens by t, in its order."""
+        """Carry out all events on the line until time t, in their order."""
         self._now = max(self._now, t)
         while True:
             going, leaving = _first_time(self._going), _first_time(self._leaving)
@@ -122,7 +133,7 @@ class SimulatedLine:
             self._coming.clear()
 
     def _deliver_to_machine(self, byte: int, t: float) -> None:
-        """A byte arrives at the machine, or doesn't."""
+        """Give a byte to the machine, unless a fault keeps it from arriving."""
         if self._active_fault("silence", t) or self._active_fault("disconnect", t):
             return
         self._feed(bytes([self._with_bit_flips(byte, t)]), t)
@@ -145,7 +156,7 @@ class SimulatedLine:
             self.machine.set_fault(kind)
 
     def _transmit_reply(self, data: bytes, t: float, echo: bool) -> None:
-        """Bytes leave the machine at t, and arrive at the host as the faults let them."""
+        """Send bytes from the machine at time t to the host, as the active faults change them."""
         if any(self._active_fault(kind, t) for kind in ("silence", "mute", "disconnect")):
             return
         late = 0.0
@@ -161,13 +172,13 @@ class SimulatedLine:
                 late = delayed.delay
         elif self._drawn_fault("wrong echo", t):
             data = bytes(byte ^ 1 for byte in data)
-        pause = _BYTE_PAUSE if self._active_fault("byte by byte", t) else 0.0
+        pause = 0.02 if self._active_fault("byte by byte", t) else 0.0
         free = self._free_here
         for byte in data:
             free = max(t + late, free) + self._byte_time + pause
             heapq.heappush(self._coming, (free, next(self._count), self._with_bit_flips(byte, t)))
         if not late:
-            # What is held up elsewhere doesn't hold up what comes after it.
+            # A delayed reply doesn't delay the bytes that follow it.
             self._free_here = free
 
     def _with_bit_flips(self, byte: int, t: float) -> int:
@@ -180,7 +191,7 @@ class SimulatedLine:
         return next((f for f in faults if f.is_active(t)), None) if faults else None
 
     def _drawn_fault(self, kind: str, t: float) -> WireFault | None:
-        """The fault, if it lasts at t and chance has it."""
+        """Return the fault if it is active at time t and a random draw selects it."""
         fault = self._active_fault(kind, t)
         return fault if fault and self._rng.random() < fault.probability else None
 

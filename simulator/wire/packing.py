@@ -1,4 +1,4 @@
-"""Pictures as the bytes that a camera sends."""
+"""Packing of a simulated camera's pictures into the bytes of a pixel format."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from drivers.aravis.pixel_formats import PixelFormat
 
 
 def pack_pixels(image: NDArray[np.uint16], form: PixelFormat) -> NDArray[np.uint8]:
-    """The bytes of a picture of numbers up to the format's full scale, which they are cut to."""
+    """Pack a picture's pixels into bytes; numbers are limited to the format's full scale."""
     pixels = np.minimum(image.reshape(-1), form.full_scale).astype(np.uint16)
     match form.layout:
         case "bytes":

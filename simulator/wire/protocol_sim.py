@@ -1,4 +1,4 @@
-"""pyserial's URL sim://NAME: a port in this process, whose waiting is the bench's clock's.
+"""Serial ports in this process behind pyserial's URL sim://NAME, which wait by the bench's clock.
 
 pyserial finds this module by its name in the packages of `serial.protocol_handler_packages`.
 """
@@ -14,13 +14,10 @@ import serial
 from drivers.interfaces import Clock
 from simulator.wire.line import SimulatedLine
 
-_POLL_INTERVAL = 0.05
-"""Seconds of the bench, at most, between looks at what others may have sent."""
-
 
 @dataclass
 class _SimPort:
-    """Where a line is plugged in; one port at a time holds it."""
+    """Connect a simulated line to its port name; one open port at a time holds it."""
 
     line: SimulatedLine
     clock: Clock
@@ -31,7 +28,22 @@ _SOCKETS: dict[str, _SimPort] = {}
 
 
 def plug_in(name: str, line: SimulatedLine, clock: Clock) -> str:
-    """Make a line the port sim://NAME, in place of any that was there; the URL."""
+    """Make a simulated line available as the serial port sim://NAME, and return this URL.
+
+    Parameters
+    ----------
+    name : str
+        Name of the port, in upper or lower case. A line that has it already is replaced.
+    line : SimulatedLine
+        The line to the instrument.
+    clock : Clock
+        The bench's clock, by which the port waits.
+
+    Returns
+    -------
+    str
+        The URL for pyserial.
+    """
     if __package__ not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(__package__)
     _SOCKETS[name.lower()] = _SimPort(line, clock)
@@ -39,12 +51,18 @@ def plug_in(name: str, line: SimulatedLine, clock: Clock) -> str:
 
 
 def unplug(name: str) -> None:
-    """There is no such port from now on; who holds it goes on until it is closed."""
+    """Remove the simulated serial port sim://NAME; a port that is open remains usable.
+
+    Parameters
+    ----------
+    name : str
+        Name of the port, in upper or lower case; an unknown name has no effect.
+    """
     _SOCKETS.pop(name.lower(), None)
 
 
 class Serial(serial.SerialBase):  # type: ignore[misc]
-    """A port whose far end is a line of this process."""
+    """Implement a pyserial port whose far end is a simulated line of this process."""
 
     is_open: bool
 
@@ -73,7 +91,7 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
             self._socket.held.release()
 
     def _reconfigure_port(self) -> None:
-        """Whatever it is set to, the far end understands."""
+        """Accept any port settings: the simulated line has none."""
 
     def _update_rts_state(self) -> None: ...
 
@@ -82,7 +100,7 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
     def _update_break_state(self) -> None: ...
 
     def _receive_arrived(self) -> float:
-        """Take in what has arrived; the time."""
+        """Move the bytes that have arrived into the port's buffer, and return the time."""
         if not self.is_open:
             raise serial.PortNotOpenError()
         now = self._clock.now()
@@ -107,7 +125,8 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
                 break
             then = min(self._line.next_event_time(), self._line.next_unplug_time(now), late)
             if then == float("inf"):
-                then = now + _POLL_INTERVAL
+                # Another thread may send meanwhile, so the port looks again after 50 ms.
+                then = now + 0.05
             self._clock.wait_until(max(then, now), self._cancelled.is_set)
         taken = bytes(self._held[:size])
         del self._held[:size]

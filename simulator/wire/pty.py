@@ -1,4 +1,4 @@
-"""A line behind a pseudo-terminal: any program of this computer can open it as a serial port."""
+"""Simulated line behind a pseudo-terminal, which any local program can open as a serial port."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from drivers.interfaces import Clock
 from simulator.wire.line import SimulatedLine
 
 _POLL_INTERVAL = 0.02
-"""Seconds between looks at whether a plug was pulled or serving shall end."""
+"""Seconds between checks whether the cable was unplugged or the thread must end."""
 
 
 class PtyLine:
-    """A line that is served, in a thread of its own, at a path that stays the same.
+    """Serve a simulated line as a pseudo-terminal at a constant path, in a thread of its own.
 
-    line: what is served. path: a symbolic link to the terminal; while the plug is out it isn't
-    there, and who holds the terminal is hung up. clock: the bench's; it must go like the
-    wall's. A context manager; only where the system has pseudo-terminals.
+    line: the line that is served. path: a symbolic link to the terminal. While the cable is
+    unplugged the link doesn't exist, and a program that holds the terminal gets a hang-up. clock:
+    the bench's clock, which must run at the speed of real time. The object is a context manager; it
+    needs a system with pseudo-terminals.
     """
 
     def __init__(self, line: SimulatedLine, path: Path, clock: Clock | None = None) -> None:
@@ -58,12 +59,12 @@ class PtyLine:
             self._transfer(now)
 
     def _transfer(self, now: float) -> None:
-        """Carry bytes both ways, and wait until there may be more."""
+        """Transfer bytes between the terminal and the line, and wait until there may be more."""
         if self._ends is None:
             return
         near = self._ends[0]
         data = self.line.receive(now)
-        # Who doesn't listen misses it, as at a real port whose buffer is full.
+        # Bytes that nobody reads are lost, as at a real port whose buffer is full.
         with contextlib.suppress(BlockingIOError):
             while data:
                 data = data[os.write(near, data) :]
@@ -73,7 +74,7 @@ class PtyLine:
 
     def _plug_in(self) -> None:
         self._ends = near, far = os.openpty()
-        # The far end stays open here, so that the near one lives without a listener.
+        # The far end stays open here, because the near end is unusable without an open far end.
         tty.setraw(far)
         os.set_blocking(near, False)
         self._pulls = self.line.unplug_count(self.clock.now())

@@ -1,7 +1,7 @@
-"""A bus of simulated USB devices: a backend of pyusb, so that unmodified drivers find them.
+"""A bus of simulated USB devices, as a backend of pyusb that unmodified drivers can use.
 
-bus(NAME) is what a driver's option backend = "simulator.wire.usb_backend:bus@NAME" means, once
-a bus was registered under that name. Source: pyusb's usb.backend.IBackend.
+A driver's option backend = "simulator.wire.usb_backend:bus@NAME" calls bus(NAME), which returns the
+bus that was registered under that name. Source: pyusb's usb.backend.IBackend.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from simulator.machines.usb import SetupPacket, UsbMachine
 from simulator.wire.usb_plug import Plug, device_descriptor, usb_error
 
 Handle = tuple[int, int]
-"""Port and address: a handle of a device that was unplugged serves no more."""
+"""Port and address of an open USB device. After unplugging, the address is no longer valid."""
 
 _buses: dict[str, UsbBus] = {}
 
 
 def register_bus(name: str, bus: UsbBus) -> str:
-    """Let drivers in this process find a bus; their option `backend`."""
+    """Register a simulated USB bus for drivers in this process; return their option `backend`."""
     _buses[name] = bus
     return f"simulator.wire.usb_backend:bus@{name}"
 
@@ -33,18 +33,18 @@ def unregister_bus(name: str) -> None:
 
 
 def bus(name: str) -> UsbBus:
-    """The bus of that name; LookupError if there is none."""
+    """Return the simulated USB bus of a name, or raise LookupError."""
     if name not in _buses:
         raise LookupError(f"no simulated USB bus {name!r} is in this process")
     return _buses[name]
 
 
 class SimulatedUsbBackend(ABC):
-    """Transfers in the words of pyusb's IBackend, made of transfers in bytes."""
+    """Base of the USB backends: implements the transfers of pyusb's IBackend by three methods."""
 
     @abstractmethod
     def control(self, handle: Handle, setup: SetupPacket, data: bytes, timeout: int) -> bytes:
-        """A control transfer in bytes; timeout in milliseconds, as in the calls below."""
+        """Carry out a USB control transfer; timeout in milliseconds, as in the methods below."""
 
     @abstractmethod
     def read(self, handle: Handle, endpoint: int, length: int, timeout: int) -> bytes: ...
@@ -53,10 +53,10 @@ class SimulatedUsbBackend(ABC):
     def write(self, handle: Handle, endpoint: int, data: bytes, timeout: int) -> int: ...
 
     def get_parent(self, dev: int) -> None:  # noqa: B027
-        """They are all on the root hub."""
+        """Return None: all simulated USB devices are on the root hub."""
 
     def close_device(self, dev_handle: Handle) -> None:  # noqa: B027
-        """Nothing is held."""
+        """Do nothing: an open simulated USB device holds no resources."""
 
     def ctrl_transfer(
         self,
@@ -89,7 +89,7 @@ class SimulatedUsbBackend(ABC):
 
 
 class UsbBus(SimulatedUsbBackend):
-    """Devices by port. Waiting is done on the bench's clock."""
+    """Simulate a USB bus: plugs by port, with waiting by the bench's clock."""
 
     def __init__(self, clock: Clock, seed: int = 0) -> None:
         self._clock = clock
@@ -97,7 +97,7 @@ class UsbBus(SimulatedUsbBackend):
         self._plugs: dict[int, Plug] = {}
 
     def plug_in(self, machine: UsbMachine) -> Plug:
-        """Plug a machine into the next free port; its plug has its faults."""
+        """Plug a machine into the next free USB port; the returned plug controls its faults."""
         port = len(self._plugs) + 1
         plug = Plug(machine, self._clock, self._seed * 1000 + port)
         self._plugs[port] = plug
@@ -164,7 +164,7 @@ class UsbBus(SimulatedUsbBackend):
         return dev, plug.address
 
     def set_configuration(self, dev_handle: Handle, *given: int) -> None:
-        """Nothing is to be done, but of a device that is there."""
+        """Check that the USB device is present; a simulated one needs no configuration."""
         self._plug(dev_handle)
 
     set_interface_altsetting = release_interface = clear_halt = set_configuration
@@ -210,13 +210,13 @@ class UsbBus(SimulatedUsbBackend):
 
 
 def _first_only(index: Any, value: int) -> int:
-    """The value, of the first; pyusb ends its lists by IndexError."""
+    """Return the value for index 0; otherwise raise IndexError, which ends pyusb's lists."""
     if index:
         raise IndexError
     return value
 
 
 def _copy_into(buffer: array.array[int], data: bytes) -> int:
-    """Put bytes into pyusb's buffer; how many."""
+    """Copy bytes into pyusb's buffer, and return their number."""
     buffer[: len(data)] = array.array(buffer.typecode, data)
     return len(data)

@@ -1,4 +1,4 @@
-"""What faults do to what a USB device sends."""
+"""Effect of cable faults on the packets of a simulated USB device."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from simulator.wire.faults import WireFault
 
 
 class Packet(NamedTuple):
-    """Bytes that are ready for the host from `at` on."""
+    """Bytes of a USB transfer that are ready for the host from `at` on."""
 
     at: float
     data: bytes
 
 
 class PacketFaults:
-    """The faults of one device's cable. A packet is struck when the device sends it.
+    """Apply the faults of one USB device's cable to packets, when the device sends them.
 
-    own: kinds of the device itself, which don't strike here.
+    Faults of the device itself have no effect here.
     """
 
     def __init__(self, seed: int) -> None:
@@ -27,7 +27,7 @@ class PacketFaults:
         self._before = b""
 
     def deliver_to_device(self, data: bytes, faults: Iterable[WireFault]) -> bytes | None:
-        """What the device hears of what the host sends; None for nothing."""
+        """Return the bytes that the USB device receives of the host's; None if none arrive."""
         for fault in faults:
             if fault.kind == "silence" and self._is_drawn(fault):
                 return None
@@ -36,7 +36,7 @@ class PacketFaults:
         return data
 
     def deliver_to_host(self, packet: Packet, faults: Iterable[WireFault]) -> list[Packet]:
-        """What comes to the host of what the device sends."""
+        """Return the packets that the host receives when the USB device sends one."""
         original = packet.data
         packets = [packet]
         for fault in faults:

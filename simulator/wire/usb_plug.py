@@ -1,4 +1,4 @@
-"""One simulated USB device where it's plugged in: its presence, its reports, its faults."""
+"""One simulated USB device in its socket: its presence, reports and faults."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 def usb_error(code: int) -> Exception:
-    """What libusb's backend of pyusb raises."""
+    """Return the exception that pyusb's libusb backend raises for an errno."""
     libusb = {errno.ENODEV: -4, errno.EPIPE: -9, errno.EACCES: -3, errno.EBUSY: -6}
     if code == errno.ETIMEDOUT:
         return usb.core.USBTimeoutError("Operation timed out", -7, code)
@@ -28,9 +28,9 @@ def usb_error(code: int) -> Exception:
 
 
 class Plug:
-    """A machine in a socket of the bus.
+    """Connect a USB machine to a socket of the simulated bus.
 
-    denied: whether the system lets nobody open it. busy: whether another program has it.
+    denied: whether the system refuses to open the device. busy: whether another program uses it.
     """
 
     def __init__(self, machine: UsbMachine, clock: Clock, seed: int) -> None:
@@ -40,7 +40,7 @@ class Plug:
         self.address = 1
         self._clock = clock
         self._noise = PacketFaults(seed)
-        # Drivers, faults and those who look come from several threads.
+        # Drivers and the bench, which adds and checks faults, call from several threads.
         self._turn = threading.RLock()
         self._faults: list[WireFault] = []
         self._disconnect_count = 0
@@ -53,14 +53,14 @@ class Plug:
         return self.machine.description
 
     def inject(self, fault: WireFault) -> None:
-        """A fault that begins at its time; ValueError for a kind that it can't have."""
+        """Add a fault of the USB device or its cable; raise ValueError for an unknown kind."""
         kinds = (*WIRE_FAULT_KINDS, *self.machine.own_faults)
         if fault.kind not in kinds:
             raise ValueError(f"kind is {fault.kind!r}; choose {', '.join(kinds)}")
         self._faults.append(fault)
 
     def clear_faults(self) -> None:
-        """No fault any more; what was unplugged is plugged in again."""
+        """Remove all faults; a USB device that was unplugged is plugged in again."""
         with self._turn:
             self.update_presence()
             self._faults.clear()
@@ -68,7 +68,7 @@ class Plug:
             self.update_presence()
 
     def update_presence(self) -> bool:
-        """Whether it's there now; lets happen what has happened since."""
+        """Carry out unplugging and faults that are due, and return whether the device is there."""
         with self._turn:
             now = self._clock.now()
             begun = [f for f in self._faults if f.kind == "disconnect" and f.at <= now]
@@ -89,7 +89,7 @@ class Plug:
 
     def _unplug(self) -> None:
         self._is_plugged_in = False
-        # It comes back at another address, and the system takes it again.
+        # The device returns at another address, and the system's driver claims it again.
         self.address += 1
         self.kernel_driver = True
         self._reports.clear()
@@ -100,7 +100,7 @@ class Plug:
         return [fault for fault in self._faults if fault.is_active(now)]
 
     def control(self, setup: SetupPacket, data: bytes, timeout: float) -> bytes:
-        """A control transfer; the bytes that the device gives."""
+        """Carry out a control transfer to the USB device, and return the bytes of its answer."""
         with self._turn:
             late = self._clock.now() + timeout
             answer, reports = self._deliver(
@@ -123,7 +123,7 @@ class Plug:
         return self.machine.control(setup, data, self._clock.now())
 
     def write(self, endpoint: int, data: bytes, timeout: float) -> int:
-        """Bytes for an endpoint, all or none."""
+        """Write bytes to an endpoint of the USB device, and return their number."""
         with self._turn:
             late, now = self._clock.now() + timeout, self._clock.now
             out = self.machine.write
@@ -133,7 +133,7 @@ class Plug:
             return len(data)
 
     def _deliver(self, data: bytes, late: float, handler: Callable[[bytes], T]) -> T:
-        """What the device makes of bytes, as noise lets it hear them."""
+        """Give the USB device bytes, as faults change them, and return the handler's result."""
         self.require_plugged_in()
         heard = self._noise.deliver_to_device(data, self._active_faults)
         if heard is None:
@@ -144,7 +144,7 @@ class Plug:
             raise usb_error(errno.EPIPE) from None
 
     def read(self, endpoint: int, length: int, timeout: float) -> bytes:
-        """The next report, within `timeout` seconds."""
+        """Read the next report of the USB device, within `timeout` seconds."""
         with self._turn:
             late = self._clock.now() + timeout
             self.require_plugged_in()
@@ -174,7 +174,7 @@ class Plug:
         return usb_error(errno.ETIMEDOUT)
 
     def _wait(self, time: float) -> None:
-        """Until then, unless it is unplugged before."""
+        """Wait until a time of the bench's clock; raise an error if the device is unplugged."""
         now = self._clock.now()
         pulled = [f.at for f in self._faults if f.kind == "disconnect" and now < f.at <= time]
         end = min(pulled, default=math.inf)
@@ -183,7 +183,7 @@ class Plug:
 
 
 def _descriptor(description: UsbDescription, value: int) -> bytes:
-    """A string of the device, as the USB specification packs it."""
+    """Return a string descriptor of the device, packed by the USB specification."""
     kind, index = value >> 8, value & 0xFF
     if kind != 3:
         raise UsbStall
@@ -197,7 +197,7 @@ def _descriptor(description: UsbDescription, value: int) -> bytes:
 
 
 def device_descriptor(description: UsbDescription, port: int, address: int) -> SimpleNamespace:
-    """The fields that pyusb reads, as libusb names them."""
+    """Return a USB device descriptor with the fields that pyusb reads, named as in libusb."""
     strings = (description.maker, description.name, description.serial)
     indices = [index if said else 0 for index, said in enumerate(strings, start=1)]
     return SimpleNamespace(

@@ -1,8 +1,8 @@
-"""Simulated USB devices of another process: a backend of pyusb at the end of a local socket.
+"""Simulated USB devices of another process, as a pyusb backend over a local socket.
 
-The process that holds the bus serves it: `with UsbServer(bus, path)`. A driver in any other
-process of the same user reaches it by its option backend =
-"simulator.wire.usb_remote:backend@PATH". Beside the socket lies a key that others can't read.
+The process that holds the bus serves it by `with UsbServer(bus, path)`. A driver in another process
+of the same user reaches it by its option backend = "simulator.wire.usb_remote:backend@PATH". A key
+file beside the socket, which other users can't read, protects it.
 """
 
 from __future__ import annotations
@@ -45,12 +45,9 @@ _FORWARDED_CALLS = (
     "write",
 )
 
-_TIMEOUT_MARGIN = 2.0
-"""Seconds beyond a transfer's own time-out, after which the other process counts as gone."""
-
 
 def backend_option(path: str | Path) -> str:
-    """A driver's option `backend` for the bus that is served there."""
+    """Return a driver's option `backend` for the simulated USB bus that is served at a path."""
     return f"simulator.wire.usb_remote:backend@{path}"
 
 
@@ -59,7 +56,10 @@ def _key_file(path: str | Path) -> Path:
 
 
 class UsbServer:
-    """Lets drivers in other processes reach a bus, by a socket at `path`, until it is left."""
+    """Serve a simulated USB bus to drivers in other processes, by a socket at `path`.
+
+    It is a context manager and serves until it is left.
+    """
 
     def __init__(self, bus: UsbBus, path: str | Path) -> None:
         self._bus = bus
@@ -80,7 +80,7 @@ class UsbServer:
 
     def __exit__(self, *error: object) -> None:
         self._ended = True
-        # accept() doesn't wake by itself.
+        # Closing the listener doesn't end accept() in the other thread, but a connection does.
         with contextlib.suppress(OSError, EOFError):
             Client(self._path, "AF_UNIX").close()
         self._listener.close()
@@ -93,20 +93,21 @@ class UsbServer:
             try:
                 line = _message_socket(self._listener.accept())
             except Exception:
-                # Whoever knows not the key, or has gone again.
+                # The client doesn't know the key or has closed the connection.
                 continue
             self._lines.append(line)
             threading.Thread(target=self._serve, args=(line,), name="USB host", daemon=True).start()
 
     def _serve(self, line: MessageSocket) -> None:
-        # This thread alone closes it: the number of what it waits at is nobody else's till then.
+        # Only this thread closes the socket. Until then no other file can get its descriptor, on
+        # which this thread may be waiting.
         with contextlib.closing(line), contextlib.suppress(EOFError, OSError):
             while True:
                 request: CallRequest = line.receive()
                 line.send(capture_result(self._call_bus, request.name, *request.arguments))
 
     def _call_bus(self, name: str, *given: Any) -> Any:
-        """What the bus answers. OSError if it fails, IndexError after the last of a list."""
+        """Call a USB bus method; raise OSError if it fails, IndexError after the end of a list."""
         if name not in _FORWARDED_CALLS:
             raise AttributeError(f"a backend has no {name!r}")
         try:
@@ -114,18 +115,18 @@ class UsbServer:
         except IndexError:
             raise
         except Exception as error:
-            # Another class may not survive the way there.
+            # The client may not be able to unpickle an exception of another class.
             raise OSError(getattr(error, "errno", None) or errno.EIO, str(error)) from error
 
 
 def _message_socket(connection: Connection) -> MessageSocket:
-    """The key has opened the connection; what is said over it is said as everywhere."""
+    """Return a MessageSocket over an authenticated connection to the USB bus."""
     with connection:
         return MessageSocket(os.dup(connection.fileno()))
 
 
 class RemoteBackend(SimulatedUsbBackend):
-    """A bus of another process."""
+    """USB backend that forwards its calls to the bus of another process."""
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -159,10 +160,12 @@ class RemoteBackend(SimulatedUsbBackend):
     def _ask(self, name: str, given: tuple[Any, ...], timeout: int = 0) -> Any:
         with self._turn:
             try:
-                answer = self._exchange(CallRequest(name, given), timeout * 1e-3 + _TIMEOUT_MARGIN)
+                # If the other process hasn't replied 2 s after the transfer's own timeout, it
+                # counts as gone.
+                answer = self._exchange(CallRequest(name, given), timeout * 1e-3 + 2.0)
             except (OSError, EOFError):
                 self._drop()
-                # As if the whole bus had been unplugged.
+                # A missing process looks like a bus that was unplugged.
                 if name == "enumerate_devices":
                     return []
                 raise usb_error(errno.ENODEV) from None
@@ -186,5 +189,5 @@ class RemoteBackend(SimulatedUsbBackend):
 
 
 def backend(path: str) -> RemoteBackend:
-    """What a driver's option names."""
+    """Return the USB backend of the bus at a path; drivers' option `backend` names it."""
     return RemoteBackend(path)

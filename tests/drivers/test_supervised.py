@@ -6,6 +6,7 @@ import threading
 import time
 import weakref
 from concurrent.futures import CancelledError, wait
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from drivers import supervised
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting
-from drivers.supervised import SupervisedCamera, SupervisedDevice
+from drivers.supervised import SupervisedCamera, SupervisedDevice, SupervisionTiming
 from drivers.worker import Worker
 
 PATIENCE = 60
@@ -132,10 +133,10 @@ class Maker:
 
 @pytest.fixture(autouse=True)
 def short_times(monkeypatch):
-    monkeypatch.setattr(supervised, "OPEN_TIMEOUT", PATIENCE)
-    monkeypatch.setattr(supervised, "_TIMEOUT_MARGIN", 0.2)
-    monkeypatch.setattr(supervised, "_CANCEL_GRACE", 0.2)
-    monkeypatch.setattr(supervised, "_KILL_TIMEOUT", PATIENCE)
+    short = SupervisionTiming(
+        open_timeout=PATIENCE, timeout_margin=0.2, cancel_grace=0.2, kill_timeout=PATIENCE
+    )
+    monkeypatch.setattr(supervised, "SETTINGS", short)
 
 
 @pytest.fixture
@@ -307,7 +308,8 @@ def test_later_calls_to_a_dead_device_fail_at_once(make, monkeypatch):
         show = slm.show
         killed(slm)
         # Whoever waited now would wait for days.
-        monkeypatch.setattr(supervised, "_TIMEOUT_MARGIN", AGES)
+        patient = replace(supervised.SETTINGS, timeout_margin=AGES)
+        monkeypatch.setattr(supervised, "SETTINGS", patient)
         device = make.devices[0]
         before = list(device.calls)
         for call in (lambda: slm.temperature, lambda: show("x", 0), lambda: slm.unheard_of):
@@ -332,7 +334,7 @@ def test_a_killed_device_that_hangs_when_it_is_left_is_no_hindrance(make, monkey
             super().__exit__()
             threading.Event().wait(PATIENCE if self.released.is_set() else 0)
 
-    monkeypatch.setattr(supervised, "_KILL_TIMEOUT", 1.0)
+    monkeypatch.setattr(supervised, "SETTINGS", replace(supervised.SETTINGS, kill_timeout=1.0))
     with (
         SupervisedDevice("slm", make.then(Stubborn, ["show"])) as slm,
         pytest.raises(DeviceError, match="it was killed"),
@@ -345,7 +347,7 @@ def test_a_kill_that_does_not_help_is_told_as_it_is(make, monkeypatch):
         def kill(self):
             raise OSError("no such process")
 
-    monkeypatch.setattr(supervised, "_KILL_TIMEOUT", 0.1)
+    monkeypatch.setattr(supervised, "SETTINGS", replace(supervised.SETTINGS, kill_timeout=0.1))
     with (
         SupervisedDevice("slm", make.then(Undead, ["show"])) as slm,
         pytest.raises(DeviceError, match="it was given up"),
@@ -358,7 +360,7 @@ def test_a_kill_that_hangs_is_not_waited_for(make, monkeypatch):
         def kill(self):
             self.released.wait()
 
-    monkeypatch.setattr(supervised, "_KILL_TIMEOUT", 0.1)
+    monkeypatch.setattr(supervised, "SETTINGS", replace(supervised.SETTINGS, kill_timeout=0.1))
     with (
         SupervisedDevice("slm", make.then(Undead, ["show"])) as slm,
         pytest.raises(DeviceError, match="it was given up"),
@@ -370,10 +372,11 @@ def test_a_process_ends_though_a_device_hangs():
     code = f"""
 import sys; sys.path[:] = {sys.path!r}
 import threading
+from dataclasses import replace
 from drivers import supervised
 from drivers.errors import DeviceError
 from drivers.interfaces import Identity
-supervised._TIMEOUT_MARGIN = 0.1
+supervised.SETTINGS = replace(supervised.SETTINGS, timeout_margin=0.1)
 
 class Hung:
     reply_time = 0.1
@@ -485,7 +488,7 @@ def test_an_unknown_device_does_not_open(make):
 
 
 def test_a_device_that_hangs_when_it_is_made_is_given_up(make, monkeypatch):
-    monkeypatch.setattr(supervised, "OPEN_TIMEOUT", 0.2)
+    monkeypatch.setattr(supervised, "SETTINGS", replace(supervised.SETTINGS, open_timeout=0.2))
     slm = SupervisedDevice("slm", make.then(Modest, ["make"]))
     with pytest.raises(DeviceError, match=r"slm: open: hangs: no answer within 0\.2 s") as caught:
         slm.__enter__()
@@ -499,7 +502,7 @@ def test_a_device_that_hangs_when_it_is_made_is_given_up(make, monkeypatch):
 
 def test_a_device_that_opens_too_late_is_closed_again(make, monkeypatch):
     """Its port would be in use for whoever tries again."""
-    monkeypatch.setattr(supervised, "OPEN_TIMEOUT", 0.2)
+    monkeypatch.setattr(supervised, "SETTINGS", replace(supervised.SETTINGS, open_timeout=0.2))
     slm = SupervisedDevice("slm", make.then(Modest, ["enter"]))
     with pytest.raises(DeviceError, match=r"slm: open: hangs: .* it was given up"):
         slm.__enter__()
@@ -510,7 +513,7 @@ def test_a_device_that_opens_too_late_is_closed_again(make, monkeypatch):
 
 
 def test_a_device_that_hangs_when_it_is_entered_is_killed(make, monkeypatch):
-    monkeypatch.setattr(supervised, "OPEN_TIMEOUT", 0.2)
+    monkeypatch.setattr(supervised, "SETTINGS", replace(supervised.SETTINGS, open_timeout=0.2))
     slm = SupervisedDevice("slm", make.then(Killable, ["enter"]))
     with pytest.raises(DeviceError, match=r"slm: open: hangs: .* it was killed"):
         slm.__enter__()
@@ -543,7 +546,7 @@ def test_a_device_that_hangs_when_it_is_closed_is_given_up_and_logged(make, monk
         caplog.at_level(logging.WARNING),
         SupervisedDevice("slm", make.then(Modest, ["exit"])) as slm,
     ):
-        monkeypatch.setattr(supervised, "OPEN_TIMEOUT", 0.2)
+        monkeypatch.setattr(supervised, "SETTINGS", replace(supervised.SETTINGS, open_timeout=0.2))
     assert "slm: closing: modest: close: hangs" in caplog.text
     assert slm.failure_reason == "hung at close, and it was given up"
 
@@ -719,7 +722,7 @@ def test_a_camera_may_hang_when_its_exposure_is_set(make):
 
 
 def test_a_camera_that_hears_of_its_cancelling_returns_by_itself(make, monkeypatch):
-    monkeypatch.setattr(supervised, "_CANCEL_GRACE", PATIENCE)
+    monkeypatch.setattr(supervised, "SETTINGS", replace(supervised.SETTINGS, cancel_grace=PATIENCE))
     with SupervisedCamera("camera", make.then(Polling)) as camera:
         camera.set_exposure(AGES)
         stop = threading.Event()
@@ -838,7 +841,7 @@ def test_a_thread_keeps_no_result():
 
 def test_a_device_that_says_that_it_gets_on_is_waited_for(monkeypatch):
     """Its steps are each in time; all of them together take much longer than one may."""
-    monkeypatch.setattr(supervised, "_TIMEOUT_MARGIN", 0.05)
+    monkeypatch.setattr(supervised, "SETTINGS", replace(supervised.SETTINGS, timeout_margin=0.05))
 
     class Slow(Modest):
         reply_time = 0.5

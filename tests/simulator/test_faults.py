@@ -312,7 +312,7 @@ def test_making_safe_may_go_wrong_too(kind, role, words):
 
 
 def test_a_hung_device_under_watch_is_killed_and_opened_again(monkeypatch):
-    monkeypatch.setattr(supervised, "_TIMEOUT_MARGIN", 0.1)
+    monkeypatch.setattr(supervised, "SETTINGS", replace(supervised.SETTINGS, timeout_margin=0.1))
     surroundings = bench(Fault("filter", "hung"))
     with SupervisedDevice("filter", lambda: SimulatedFilter(surroundings)) as tuned:
         with pytest.raises(DeviceError, match=r"tunable filter: set_wavelength: hangs.*was killed"):

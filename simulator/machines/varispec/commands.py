@@ -1,23 +1,26 @@
-"""A VariSpec's commands as text: what they mean and what is answered (manual 1.37, ch. 3)."""
+"""Commands of a simulated VariSpec as text, and its replies (manual 1.37, chapter 3)."""
 
 from __future__ import annotations
 
 import re
 
-from simulator.machines.varispec.state import CommandError, VariSpecState
+from simulator.machines.varispec.state import CommandError, VariSpecErrorCode, VariSpecState
 
 _LINE = re.compile(r"\s*([A-Za-z])\s*(.*?)\s*")
-_SYNTAX = 1
-_READ_ONLY = 2
 
-_ILLEGAL = {"E": 3, "I": 5, "M": 7, "G": 17}
-"""Error codes of arguments that a command doesn't take; a syntax error for all others."""
+_ILLEGAL = {
+    "E": VariSpecErrorCode.ILLEGAL_EXERCISES,
+    "I": VariSpecErrorCode.ILLEGAL_INITIALISATION,
+    "M": VariSpecErrorCode.ILLEGAL_MODE,
+    "G": VariSpecErrorCode.ILLEGAL_SYNC,
+}
+"""Error codes of illegal arguments, by command; other commands give a syntax error."""
 
 _SETTINGS = {"B": "brief", "G": "sync", "M": "mode"}
-"""What of its state a number is put into, by command."""
+"""Attributes of the state that a command sets to a number, by command."""
 
 _STEPS = {">": 1, "<": -1}
-"""To a neighbour, of the wavelength or in the palette."""
+"""Arguments for one step up or down, of the wavelength or in the palette."""
 
 _LEGAL = {
     "B": range(3),
@@ -32,33 +35,33 @@ _LEGAL = {
 
 
 def parse_command(line: str) -> tuple[str, list[str]]:
-    """A command's letter and its arguments; CommandError if it isn't one."""
+    """Split a VariSpec command into its letter and arguments; raise CommandError if it is none."""
     found = _LINE.fullmatch(line)
     if not found or found[1].upper() not in "ABCDEGIJMPRSVWXY":
-        raise CommandError(_SYNTAX)
+        raise CommandError(VariSpecErrorCode.SYNTAX)
     return found[1].upper(), [word for word in re.split(r"[,\s]+", found[2]) if word]
 
 
 def parse_number(word: str) -> float:
     if not re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)", word):
-        raise CommandError(_SYNTAX)
+        raise CommandError(VariSpecErrorCode.SYNTAX)
     return float(word)
 
 
 def parse_integer(letter: str, words: list[str]) -> int:
-    """The one argument of a command that takes only some whole numbers."""
+    """Return the only argument of a VariSpec command that takes certain whole numbers."""
     if len(words) != 1:
-        raise CommandError(_SYNTAX)
+        raise CommandError(VariSpecErrorCode.SYNTAX)
     value = parse_number(words[0])
     if value not in _LEGAL.get(letter, (value,)):
-        raise CommandError(_ILLEGAL.get(letter, _SYNTAX))
+        raise CommandError(_ILLEGAL.get(letter, VariSpecErrorCode.SYNTAX))
     return int(value)
 
 
 def execute(state: VariSpecState, letter: str, words: list[str], serial: int) -> None:
-    """What a command changes, but for I and E, which take their time."""
+    """Change a VariSpec's state by a command other than I and E, which take time."""
     if letter in "VY":
-        raise CommandError(_READ_ONLY)
+        raise CommandError(VariSpecErrorCode.READ_ONLY)
     if letter in "AS":
         if parse_integer(letter, words) == serial:
             state.asleep = letter == "S"
@@ -68,13 +71,14 @@ def execute(state: VariSpecState, letter: str, words: list[str], serial: int) ->
         _choose(state, words)
     elif letter == "D":
         if not 1 <= len(words) <= 2:
-            raise CommandError(_SYNTAX)
+            raise CommandError(VariSpecErrorCode.SYNTAX)
         element = int(parse_number(words[1])) if len(words) == 2 else None
         state.define(parse_number(words[0]), element)
     elif letter == "J":
         jump = parse_number(words[0]) if len(words) == 1 else float("nan")
         if not abs(jump) <= state.longest - state.shortest:
-            raise CommandError(14 if len(words) == 1 else _SYNTAX)
+            code = VariSpecErrorCode
+            raise CommandError(code.STEP_TOO_LARGE if len(words) == 1 else code.SYNTAX)
         state.jump = round(jump, 2)
     else:
         _set_integer(state, letter, parse_integer(letter, words))
@@ -82,7 +86,7 @@ def execute(state: VariSpecState, letter: str, words: list[str], serial: int) ->
 
 def _tune(state: VariSpecState, words: list[str]) -> None:
     if len(words) != 1:
-        raise CommandError(_SYNTAX)
+        raise CommandError(VariSpecErrorCode.SYNTAX)
     if words[0] in _STEPS:
         state.tune(state.wavelength + _STEPS[words[0]] * state.jump)
     else:
@@ -111,7 +115,7 @@ def _set_integer(state: VariSpecState, letter: str, value: int) -> None:
 def reply_lines(
     state: VariSpecState, letter: str, serial: int, firmware: str, heat: float
 ) -> list[str]:
-    """What a query of this letter is answered with, a line each, as wide as the manual says."""
+    """Return the lines of a VariSpec's reply to a query, padded as the manual says."""
     if letter == "V":
         optics = f"{state.shortest:.2f}  {state.longest:.2f}"
         return [f"   {firmware}  {optics} {serial:05d}"]

@@ -1,46 +1,81 @@
-"""A VariSpec behind its serial port: echo, queue, immediate characters and time."""
+"""A simulated VariSpec behind its serial port: echo, queue, immediate characters and time."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal
 
 from simulator.machines.machine import FaultyMachine, Reply
 from simulator.machines.varispec.commands import execute, parse_command, parse_integer, reply_lines
-from simulator.machines.varispec.state import CommandError, VariSpecState
+from simulator.machines.varispec.state import CommandError, VariSpecErrorCode, VariSpecState
 
-_INITIALISATION_TIME = 30.0
-_EXERCISE_TIME = 12.0
-"""Seconds of one exercise of the liquid crystals."""
-
-_COMMAND_TIME = 0.0015
-"""Seconds of anything else: "within a millisecond or two"."""
-
-_CALCULATION_TIMES = {"usb": _COMMAND_TIME, "rs232": 0.3}
-"""Seconds in which the electronics find the drive levels of a wavelength."""
-
-_ABORT_TIME = 0.02
-_BUFFER = 256
 _ESCAPE, _BUSY, _STATUS = b"\x1b", b"!", b"@"
 
 _LOWER = "VBPM"
 """Letters that some firmware answers in lower case."""
 
 
+@dataclass(frozen=True)
+class VariSpecTiming:
+    """Durations of a simulated VariSpec's work, in seconds.
+
+    Attributes
+    ----------
+    initialisation : float
+        Duration of an initialisation (chosen).
+    exercise : float
+        Duration of one exercise of the liquid crystals (chosen).
+    command : float
+        Duration of any other command; the manual says "within a millisecond or two".
+    calculation_rs232 : float
+        Time in which the RS-232 electronics calculate the drive levels of a wavelength (chosen).
+        The USB electronics take the duration of a command.
+    abort : float
+        Duration of an abort by ESC (chosen).
+    """
+
+    initialisation: float = 30.0
+    exercise: float = 12.0
+    command: float = 0.0015
+    calculation_rs232: float = 0.3
+    abort: float = 0.02
+
+
+_TIMING = VariSpecTiming()
+
+
 def _warm_up_temperature(t: float) -> float:
-    """Degrees Celsius: it warms up by 4 in an hour or so."""
+    """Return the optics' temperature in °C, which rises by 4 K in about an hour."""
     return 25.0 - 4.0 * math.exp(-max(t, 0.0) / 1200.0)
 
 
 class VariSpecMachine(FaultyMachine):
-    """The command set of the VariSpec user manual 1.37, over USB or over RS-232.
+    """Simulate a VariSpec tunable filter by its user manual 1.37, over USB or RS-232.
 
-    range_nm: shortest and longest wavelength. serial: five digits. electronics: "rs232" takes
-    0.3 s for a new wavelength. powered_at: when it was switched on, in seconds of the bench's
-    clock; it initialises itself for 30 s then, unless `initialises` is False. temperature: of the
-    optics in degrees Celsius, by the time. on_tuned: is told each new wavelength, in metres.
+    Parameters
+    ----------
+    range_nm : tuple of float, default (400.0, 720.0)
+        Shortest and longest wavelength in nanometres.
+    serial : int, default 50527
+        Serial number, up to five digits.
+    firmware : str, default "141"
+        Version of the firmware, as the filter reports it.
+    electronics : {"usb", "rs232"}, default "usb"
+        Kind of electronics; "rs232" takes 0.3 s for a new wavelength.
+    terminator : bytes, default b"\\r"
+        Byte that ends commands and replies.
+    powered_at : float, default -inf
+        Time at which the filter was switched on, in seconds of the bench's clock.
+    initialises : bool, default True
+        Whether the filter initialises itself for 30 s when it is switched on.
+    temperature : callable, optional
+        Function from time in seconds to the temperature of the optics in °C; the default rises by
+        4 K in about an hour.
+    on_tuned : callable, optional
+        Function that is called with each new wavelength, in metres.
     """
 
     own_faults: tuple[str, ...] = ("busy forever", "error code", "uninitialised")
@@ -61,7 +96,9 @@ class VariSpecMachine(FaultyMachine):
         super().__init__()
         self.serial, self.firmware = serial, firmware
         self.terminator = terminator
-        self._calculating = _CALCULATION_TIMES[electronics]
+        self._calculating = {"usb": _TIMING.command, "rs232": _TIMING.calculation_rs232}[
+            electronics
+        ]
         self._heat = temperature
         self._initialises = initialises
         self._tell = on_tuned
@@ -69,7 +106,7 @@ class VariSpecMachine(FaultyMachine):
         self.power_up(powered_at)
 
     def power_up(self, t: float) -> None:
-        """Everything as it is when it is switched on."""
+        """Put the filter into the state that it has when it is switched on at time t."""
         shortest, longest = self._range
         self.state = VariSpecState(shortest, longest, lambda nm: self._tell(round(nm * 100) / 1e11))
         self._line = bytearray()
@@ -77,7 +114,7 @@ class VariSpecMachine(FaultyMachine):
         self._finish: Callable[[float], list[str]] | None = None
         self._done_at = -math.inf
         if self._initialises:
-            self._begin(t, _INITIALISATION_TIME, self._initialise)
+            self._begin(t, _TIMING.initialisation, self._initialise)
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
         replies = self._advance(t)
@@ -98,7 +135,8 @@ class VariSpecMachine(FaultyMachine):
         if byte == self.terminator:
             self._queue.append(bytes(self._line))
             self._line.clear()
-        elif len(self._line) + sum(map(len, self._queue)) < _BUFFER:
+        # The filter's input buffer holds 256 bytes.
+        elif len(self._line) + sum(map(len, self._queue)) < 256:
             self._line += byte
         return [echo]
 
@@ -108,7 +146,7 @@ class VariSpecMachine(FaultyMachine):
         if self._finish is None:
             return []
         self.state.pending = 0
-        self._begin(t, _ABORT_TIME, lambda t: [])
+        self._begin(t, _TIMING.abort, lambda t: [])
         return [Reply(self._done_at, b"")]
 
     @property
@@ -120,7 +158,7 @@ class VariSpecMachine(FaultyMachine):
         return self.state.status & ~1 if "uninitialised" in self._faults else self.state.status
 
     def _advance(self, t: float) -> list[Reply]:
-        """Finish what is due, and begin what waits."""
+        """Finish the command that is due by time t, begin the waiting ones, and return replies."""
         replies: list[Reply] = []
         while "busy forever" not in self._faults:
             if self._finish is not None:
@@ -154,7 +192,7 @@ class VariSpecMachine(FaultyMachine):
         self._finish, self._done_at = finish, t + seconds
 
     def _start(self, line: bytes, t: float) -> list[str]:
-        """Begin with the command of a line; whoever sleeps hears only who wakes it."""
+        """Begin the command of a line; a filter that is asleep obeys only the command to wake."""
         text = line.decode("latin-1")
         if not text.strip():
             return []
@@ -167,24 +205,24 @@ class VariSpecMachine(FaultyMachine):
         if self.state.asleep and (letter != "A" or words == ["?"]):
             return []
         if words == ["?"]:
-            self._begin(t, _COMMAND_TIME, lambda t: self._query_reply(letter, t))
+            self._begin(t, _TIMING.command, lambda t: self._query_reply(letter, t))
         elif letter == "I":
             if parse_integer(letter, words):
                 self.state.initialised = False
-                self._begin(t, _INITIALISATION_TIME, self._initialise)
+                self._begin(t, _TIMING.initialisation, self._initialise)
             else:
-                self._begin(t, _COMMAND_TIME, self._confirm(letter))
+                self._begin(t, _TIMING.command, self._confirm(letter))
         elif letter == "E":
             self.state.pending = parse_integer(letter, words)
-            self._begin(t, self.state.pending * _EXERCISE_TIME, self._exercise)
+            self._begin(t, self.state.pending * _TIMING.exercise, self._exercise)
         else:
-            seconds = self._calculating if letter in "WD" else _COMMAND_TIME
+            seconds = self._calculating if letter in "WD" else _TIMING.command
             self._begin(t, seconds, lambda t: self._execute(letter, words, t))
         return []
 
     def _execute(self, letter: str, words: list[str], t: float) -> list[str]:
         if letter in "WP" and "error code" in self._faults:
-            raise CommandError(8)
+            raise CommandError(VariSpecErrorCode.NO_DRIVE_LEVELS)
         execute(self.state, letter, words, self.serial)
         return self._confirm(letter)(t)
 
@@ -200,7 +238,7 @@ class VariSpecMachine(FaultyMachine):
         return self._confirm("E")(t)
 
     def _confirm(self, letter: str) -> Callable[[float], list[str]]:
-        """What a command that was carried out answers: nothing, unless it is to confirm."""
+        """Return the reply of a command that was carried out: none unless brief mode is 2."""
         return lambda t: self._query_reply(letter, t) if self.state.brief == 2 else []
 
     def _query_reply(self, letter: str, t: float) -> list[str]:

@@ -1,4 +1,4 @@
-"""What a VariSpec's commands do, without bytes or time: VariSpec user manual 1.37, table 3.
+"""State of a simulated VariSpec and the effect of its commands (user manual 1.37, table 3).
 
 Wavelengths are in nanometres here, as on the wire.
 """
@@ -7,27 +7,42 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-
-PALETTE_SIZE = 128
-"""Elements at most."""
+from enum import IntEnum
 
 NONE_CHOSEN = 255
-"""The palette's element while none was chosen."""
+"""Number that stands for the palette's element while none is chosen."""
+
+
+class VariSpecErrorCode(IntEnum):
+    """Error codes of a VariSpec, as the query `R ?` reports them."""
+
+    SYNTAX = 1
+    READ_ONLY = 2
+    ILLEGAL_EXERCISES = 3
+    NOT_INITIALISED = 4
+    ILLEGAL_INITIALISATION = 5
+    ILLEGAL_MODE = 7
+    NO_DRIVE_LEVELS = 8
+    NO_PALETTE = 9
+    NO_SUCH_ELEMENT = 11
+    WAVELENGTH_OUT_OF_RANGE = 12
+    STEP_TOO_LARGE = 14
+    ILLEGAL_SYNC = 17
 
 
 class CommandError(Exception):
-    """A command that can't be carried out. code: what R ? tells afterwards."""
+    """Raised when a VariSpec can't carry out a command. code: what `R ?` reports afterwards."""
 
-    def __init__(self, code: int) -> None:
+    def __init__(self, code: VariSpecErrorCode) -> None:
         super().__init__(code)
         self.code = code
 
 
 @dataclass
 class VariSpecState:
-    """Everything that commands can set.
+    """State of a VariSpec that commands can set.
 
-    shortest, longest: of the optics. on_tuned: is told each wavelength that is set.
+    shortest, longest: wavelengths of the optics. on_tuned: called with each wavelength that is set.
     """
 
     shortest: float
@@ -48,49 +63,50 @@ class VariSpecState:
 
     def tune(self, wavelength: float) -> None:
         if not self.initialised:
-            raise CommandError(4)
+            raise CommandError(VariSpecErrorCode.NOT_INITIALISED)
         if not self.shortest <= wavelength <= self.longest:
-            raise CommandError(12)
+            raise CommandError(VariSpecErrorCode.WAVELENGTH_OUT_OF_RANGE)
         self.wavelength = round(wavelength, 2)
         self.on_tuned(self.wavelength)
 
     def define(self, wavelength: float, element: int | None) -> None:
-        """Add to the palette, or replace or (wavelength -1) delete an element of it."""
+        """Add, replace or (with the wavelength -1) delete an element of the filter's palette."""
         if not self.initialised:
-            raise CommandError(4)
+            raise CommandError(VariSpecErrorCode.NOT_INITIALISED)
         count = len(self.palette)
         element = count if element is None else element
         if wavelength == -1:
             if not 0 <= element < count:
-                raise CommandError(11)
+                raise CommandError(VariSpecErrorCode.NO_SUCH_ELEMENT)
             del self.palette[element]
             return
         if not self.shortest <= wavelength <= self.longest:
-            raise CommandError(12)
-        if not 0 <= element <= min(count, PALETTE_SIZE - 1):
-            raise CommandError(11)
+            raise CommandError(VariSpecErrorCode.WAVELENGTH_OUT_OF_RANGE)
+        # The palette holds 128 elements at most.
+        if not 0 <= element <= min(count, 127):
+            raise CommandError(VariSpecErrorCode.NO_SUCH_ELEMENT)
         self.palette[element : element + 1] = [round(wavelength, 2)]
 
     def choose(self, element: int) -> None:
         if not self.initialised:
-            raise CommandError(4)
+            raise CommandError(VariSpecErrorCode.NOT_INITIALISED)
         if not self.palette:
-            raise CommandError(9)
+            raise CommandError(VariSpecErrorCode.NO_PALETTE)
         if not 0 <= element < len(self.palette):
-            raise CommandError(11)
+            raise CommandError(VariSpecErrorCode.NO_SUCH_ELEMENT)
         self.element = element
         self.tune(self.palette[element])
 
     def choose_next(self, step: int) -> None:
-        """The next element of the palette, which has no end, or the one before."""
+        """Choose the palette's next or previous element; the last is followed by the first."""
         if not self.palette:
-            raise CommandError(9)
+            raise CommandError(VariSpecErrorCode.NO_PALETTE)
         first = 0 if step > 0 else len(self.palette) - 1
         chosen = self.element != NONE_CHOSEN
         self.choose((self.element + step) % len(self.palette) if chosen else first)
 
     def pulse(self) -> None:
-        """What a pulse at the sync port does."""
+        """Carry out the effect of a pulse at the filter's sync port."""
         if self.mode == 4:
             self.tune(self.wavelength + self.jump)
         else:
@@ -98,7 +114,7 @@ class VariSpecState:
 
     @property
     def status(self) -> int:
-        """The bits that @ tells: table 2."""
+        """The status bits of the immediate character `@` (table 2 of the manual)."""
         bits = (
             self.initialised,
             self.exercised,

@@ -1,6 +1,6 @@
-"""Test charts, exact to the share of each cell that they cover.
+"""Test charts for the scene, as polygons that are drawn without sampling error.
 
-The first polygon of each is the sheet that it is printed on; see outline().
+The first polygon of each chart is the sheet that it is printed on; see outline().
 """
 
 from simulator.scene.charts.checker import checker
@@ -11,7 +11,18 @@ from simulator.scene.polygons import Polygons
 
 
 def outline(chart: Polygons) -> Polygons:
-    """The sheet that a chart is printed on: what it hides of what is behind it."""
+    """Return the sheet that a chart is printed on, as the cover of a scene's `Sheet`.
+
+    Parameters
+    ----------
+    chart : Polygons
+        A chart of this package, whose first polygon is its sheet.
+
+    Returns
+    -------
+    Polygons
+        The sheet with the value 1: it hides everything behind it.
+    """
     return Polygons(chart.corners[:1], (1.0,))
 
 

@@ -1,4 +1,4 @@
-"""A chart of coloured patches, as a ColorChecker is."""
+"""A test chart of coloured patches, like a ColorChecker."""
 
 from __future__ import annotations
 
@@ -13,48 +13,60 @@ from simulator.scene.polygons import Polygons, rectangle
 from simulator.scene.sheets import PaintedPicture
 from simulator.scene.spectral_factorisation import factorise_spectra
 
-ROWS, COLUMNS = 4, 6
-
-_PATCH = 0.85
-"""Side of a patch over the distance between patches: the rest is a black frame."""
-
-_FRAME = 0.03
-"""Reflectance of the frame."""
-
-_TOL = 3e-3
-"""Relative error at which the patches' reflectances count as mixtures of fewer ones: tables have
-three decimals."""
-
 
 def checker(
     reflectances: Sequence[Spectrum], width: float, offset: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[PaintedPicture, ...]:
-    """Patches in four rows of six, from the upper left on, in a black frame.
+    """Draw a test chart of 24 coloured patches in four rows of six, with a black frame.
 
-    reflectances: 24, of the same wavelengths. width: of the chart, metres. Raises ValueError
-    where they aren't that.
+    Parameters
+    ----------
+    reflectances : sequence of Spectrum
+        Reflectances of the 24 patches, row by row from the upper left, all at the same
+        wavelengths.
+    width : float
+        Width of the chart in metres, positive.
+    offset : tuple of float, default (0.0, 0.0)
+        Position (y, x) of the chart's middle relative to the axis, metres on the object.
+
+    Returns
+    -------
+    tuple of tuple
+        Pairs of a reflectance and a picture, which add up; see `Sheet`.
+
+    Raises
+    ------
+    ValueError
+        If the number of reflectances isn't 24, their wavelengths differ, or the width isn't
+        positive.
     """
     require_positive("width", width, "m")
-    if len(reflectances) != ROWS * COLUMNS:
+    rows, columns = 4, 6
+    if len(reflectances) != rows * columns:
         raise ValueError(
-            f"{len(reflectances)} reflectances are given; the chart has {ROWS * COLUMNS} patches"
+            f"{len(reflectances)} reflectances are given; the chart has {rows * columns} patches"
         )
     wavelengths = reflectances[0].wavelengths
     if any(one.wavelengths != wavelengths for one in reflectances):
         raise ValueError("the patches' wavelengths differ; give all at the same ones")
-    # The frame is grey; a patch's difference from it need not be positive.
-    samples = np.array([(_FRAME,) * len(wavelengths), *(one.values for one in reflectances)])
-    weights, basis = factorise_spectra(samples, _TOL)
-    step = width / COLUMNS
-    sheet = rectangle(offset, (ROWS * step, width))
+    frame_reflectance = 0.03
+    samples = np.array(
+        [(frame_reflectance,) * len(wavelengths), *(one.values for one in reflectances)]
+    )
+    # Tables of reflectances have three decimals, so a smaller error than 3e-3 isn't needed.
+    weights, basis = factorise_spectra(samples, 3e-3)
+    step = width / columns
+    patch_side = 0.85 * step
+    sheet = rectangle(offset, (rows * step, width))
     patches = [
         rectangle(
-            (offset[0] + (row - (ROWS - 1) / 2) * step, offset[1] + (x - (COLUMNS - 1) / 2) * step),
-            (_PATCH * step, _PATCH * step),
+            (offset[0] + (row - (rows - 1) / 2) * step, offset[1] + (x - (columns - 1) / 2) * step),
+            (patch_side, patch_side),
         )
-        for row in range(ROWS)
-        for x in range(COLUMNS)
+        for row in range(rows)
+        for x in range(columns)
     ]
+    # A patch's value is its difference from the frame's, because overlapping polygons add up.
     return tuple(
         (
             extend_to_silicon_range(Spectrum(wavelengths, tuple(one))),

@@ -1,4 +1,4 @@
-"""A slanted edge, for the modulation transfer as ISO 12233 measures it."""
+"""A test chart with a slanted edge, from which ISO 12233 measures the MTF."""
 
 from __future__ import annotations
 
@@ -18,11 +18,32 @@ def slanted_edge(
     offset: tuple[float, float] = (0.0, 0.0),
     horizontal: bool = False,
 ) -> Polygons:
-    """A square sheet, dark on the left and bright on the right of a straight edge.
+    """Draw a slanted-edge test chart: a square, dark on the left and bright on the right.
 
-    size: of the sheet, metres. angle: radians by which the edge leans away from the vertical;
-    its upper end to the right where it is positive. horizontal: the same chart turned by a
-    quarter, dark above. Raises ValueError for an angle that isn't between ±45°.
+    Parameters
+    ----------
+    size : float
+        Side of the sheet in metres, positive.
+    angle : float, default math.radians(5)
+        Angle between the edge and the vertical in radians, between ±π/4. If it is positive, the
+        upper end leans to the right.
+    dark, bright : float
+        Reflectances of the two halves, 0 to 1, by default those of ink and paper.
+    offset : tuple of float, default (0.0, 0.0)
+        Position (y, x) of the sheet's middle relative to the axis, metres on the object.
+    horizontal : bool, default False
+        Whether y and x are exchanged, so that the edge is nearly level and dark above.
+
+    Returns
+    -------
+    Polygons
+        The chart, whose first polygon is the sheet.
+
+    Raises
+    ------
+    ValueError
+        If the angle is outside its range, `size` isn't positive, or the reflectances aren't from
+        0 to 1 with `dark` below `bright`.
     """
     require_positive("size", size, "m")
     require_tones(dark, bright)

@@ -1,4 +1,4 @@
-"""A Siemens star."""
+"""A test chart that is a Siemens star."""
 
 from __future__ import annotations
 
@@ -7,12 +7,6 @@ import math
 from optics.validation import require_positive
 from simulator.scene.charts.tones import INK, PAPER, require_tones
 from simulator.scene.polygons import Corners, Polygons, rectangle
-
-_ARC = 16
-"""Corners along the outer end of a spoke."""
-
-_SHEET = 1.1
-"""Side of the sheet over the star's diameter."""
 
 
 def siemens_star(
@@ -23,16 +17,37 @@ def siemens_star(
     bright: float = PAPER,
     offset: tuple[float, float] = (0.0, 0.0),
 ) -> Polygons:
-    """Dark spokes as wide as the gaps between them: at a radius r, spokes / 2πr line pairs a
-    metre.
+    """Draw a Siemens star, a test chart of dark spokes as wide as the gaps between them.
 
-    diameter: metres. Raises ValueError for fewer than 2 spokes.
+    At a radius r the star has spokes / (2πr) line pairs per metre.
+
+    Parameters
+    ----------
+    diameter : float
+        Diameter of the star in metres, positive. The sheet's side is 1.1 diameters.
+    spokes : int, default 36
+        Number of dark spokes, 2 or more.
+    dark, bright : float
+        Reflectances of spokes and sheet, 0 to 1, by default those of ink and paper.
+    offset : tuple of float, default (0.0, 0.0)
+        Position (y, x) of the star's middle relative to the axis, metres on the object.
+
+    Returns
+    -------
+    Polygons
+        The chart, whose first polygon is the sheet.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than 2 spokes, the diameter isn't positive, or the reflectances aren't
+        from 0 to 1 with `dark` below `bright`.
     """
     require_positive("diameter", diameter, "m")
     require_tones(dark, bright)
     if spokes < 2:
         raise ValueError(f"spokes is {spokes}; a star has 2 or more")
-    side = _SHEET * diameter
+    side = 1.1 * diameter
     wedges = tuple(_spoke(diameter / 2, k, spokes, offset) for k in range(spokes))
     sheet = rectangle(offset, (side, side))
     return Polygons((sheet, *wedges), (bright, *[dark - bright] * spokes))
@@ -40,8 +55,10 @@ def siemens_star(
 
 def _spoke(radius: float, index: int, spokes: int, offset: tuple[float, float]) -> Corners:
     width = math.pi / spokes
-    arc = [2 * index * width + width * k / _ARC for k in range(_ARC + 1)]
-    # As large as a sector of the radius.
-    outer = radius * math.sqrt(width / (_ARC * math.sin(width / _ARC)))
+    # A polygon of n edges replaces the arc. Its corners lie a little outside of the radius, so
+    # that its area is that of the sector.
+    n = 16
+    arc = [2 * index * width + width * k / n for k in range(n + 1)]
+    outer = radius * math.sqrt(width / (n * math.sin(width / n)))
     rim = ((offset[0] + outer * math.sin(a), offset[1] + outer * math.cos(a)) for a in arc)
     return (offset, *rim)
