@@ -390,41 +390,41 @@ def propagate_to_lens(
 class _PropagateToLens(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any, relay: PanelToLensPropagator, field: torch.Tensor, *numbers: Any
+        ctx: Any, propagator: PanelToLensPropagator, field: torch.Tensor, *numbers: Any
     ) -> torch.Tensor:
-        ctx.propagator, ctx.dtype = relay, field.dtype
-        spectrum = relay.spectrum(field)
+        ctx.propagator, ctx.dtype = propagator, field.dtype
+        spectrum = propagator.spectrum(field)
         ctx.numbers = numbers
         ctx.save_for_backward(spectrum if any(ctx.needs_input_grad[2:]) else None)
-        return relay.to_lens(spectrum)
+        return propagator.to_lens(spectrum)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        relay: PanelToLensPropagator = ctx.propagator
+        propagator: PanelToLensPropagator = ctx.propagator
         gradient = gradient.resolve_conj()
         answers: list[Any] = [None] * 5
         if ctx.needs_input_grad[1]:
-            answers[0] = relay.adjoint(gradient).to(ctx.dtype)
+            answers[0] = propagator.adjoint(gradient).to(ctx.dtype)
         if any(ctx.needs_input_grad[2:]):
             (spectrum,) = ctx.saved_tensors
-            found = _variable_gradients(relay, spectrum, gradient)
+            found = _variable_gradients(propagator, spectrum, gradient)
             answers[1:] = [value.to(n) for n, value in zip(ctx.numbers, found, strict=True)]
         return (None, *answers)
 
 
 def _variable_gradients(
-    relay: PanelToLensPropagator, spectrum: torch.Tensor, gradient: torch.Tensor
+    propagator: PanelToLensPropagator, spectrum: torch.Tensor, gradient: torch.Tensor
 ) -> tuple[torch.Tensor, ...]:
     """What fresnel_area, stretch and shift change, weighed by the gradient."""
-    fy, fx = (axis.band_frequencies for axis in relay.axes)
+    fy, fx = (axis.band_frequencies for axis in propagator.axes)
     turned = 2j * math.pi
 
     def weigh_by_gradient(also_y: torch.Tensor | None, also_x: torch.Tensor | None) -> torch.Tensor:
-        change = relay.to_lens(spectrum, also_y, also_x)
+        change = propagator.to_lens(spectrum, also_y, also_x)
         # Sums of many samples are kept in double precision.
         product = gradient.to(torch.complex128).conj() * change
-        return product.real.reshape(-1, *relay.shape).sum(0)
+        return product.real.reshape(-1, *propagator.shape).sum(0)
 
     along_y, along_x = weigh_by_gradient(turned * fy, None), weigh_by_gradient(None, turned * fx)
     bend = weigh_by_gradient(-0.5 * turned * fy**2, None) + weigh_by_gradient(
@@ -433,7 +433,7 @@ def _variable_gradients(
     y, x = (
         axis.first_sample_position
         + axis.step * torch.arange(axis.sample_count, dtype=torch.float64, device=along_y.device)
-        for axis in relay.axes
+        for axis in propagator.axes
     )
     stretch = (along_y * y[:, None]).sum() + (along_x * x).sum()
     return bend.sum(), stretch, along_y.sum(), along_x.sum()

@@ -59,10 +59,10 @@ class PanelToSensorMap:
         self._lens_factors, self._wave = (y, x), wave
         self._image_tilts = tuple(geometry.image_tilt(axis, dtype) for axis in (0, 1))
 
-    def with_relay_propagator(self, relay: PanelToLensPropagator) -> PanelToSensorMap:
+    def with_propagator(self, propagator: PanelToLensPropagator) -> PanelToSensorMap:
         """The same behind another propagator to the same samples."""
         other = copy.copy(self)
-        other.propagator = relay
+        other.propagator = propagator
         return other
 
     def _lens_factors_on(self, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
@@ -133,12 +133,12 @@ class PanelToSensorMap:
         return self.propagator.cpu_seconds(speed) + self.sensor_transform.cpu_seconds(speed)
 
 
-def panel_spectrum(relay: PanelToLensPropagator, field: torch.Tensor) -> torch.Tensor:
+def panel_spectrum(propagator: PanelToLensPropagator, field: torch.Tensor) -> torch.Tensor:
     """Compute the spectrum of a panel's field, differentiable in the field.
 
     Parameters
     ----------
-    relay : PanelToLensPropagator
+    propagator : PanelToLensPropagator
         The propagator to the lens; it determines which frequencies are computed.
     field : torch.Tensor
         The panel's complex field, (..., rows, columns).
@@ -148,13 +148,13 @@ def panel_spectrum(relay: PanelToLensPropagator, field: torch.Tensor) -> torch.T
     torch.Tensor
         The spectrum, (..., y frequencies, x frequencies), complex.
     """
-    return apply_linear_map(relay.spectrum, relay.spectrum_adjoint, field)
+    return apply_linear_map(propagator.spectrum, propagator.spectrum_adjoint, field)
 
 
-def propagate_to_sensor(lens_pass: PanelToSensorMap, spectrum: torch.Tensor) -> torch.Tensor:
+def propagate_to_sensor(sensor_map: PanelToSensorMap, spectrum: torch.Tensor) -> torch.Tensor:
     """The field at the sensor, (..., rows, columns), of a panel's spectrum; differentiable."""
     return apply_linear_map(
-        _apply_per_picture(lens_pass), _apply_per_picture(lens_pass.adjoint), spectrum
+        _apply_per_picture(sensor_map), _apply_per_picture(sensor_map.adjoint), spectrum
     )
 
 

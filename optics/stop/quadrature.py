@@ -96,38 +96,38 @@ def line_rule(length: float, slope: float, tol: float) -> tuple[Array, Array]:
     return (starts + nodes / panels).ravel(), np.tile(weights / panels, panels)
 
 
-def count_nodes(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> int:
+def count_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
     """How many nodes stop_rule() makes, within some percent, without making them."""
     if stop.annulus_radii is not None:
         inner, outer = stop.annulus_radii
-        count, some = _sparse_line_nodes(outer - inner, _radial_slope(outer, steepness), tol)
+        count, some = _sparse_line_nodes(outer - inner, _radial_slope(outer, slope_bound), tol)
         radii = inner + (outer - inner) * some
-        return int(count * np.mean([_circle_node_count(r, steepness, tol) for r in radii.tolist()]))
+        return int(count * np.mean([_circle_node_count(r, slope_bound, tol) for r in radii.tolist()]))
     return int(
-        min(_row_rule_node_count(stop, steepness, tol), _arc_rule_node_count(stop, steepness, tol))
+        min(_row_rule_node_count(stop, slope_bound, tol), _arc_rule_node_count(stop, slope_bound, tol))
     )
 
 
-def _row_rule_node_count(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> float:
+def _row_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> float:
     """Infinite where the stop isn't an upright rectangle."""
     if stop.rectangle_bounds is None:
         return math.inf
     y0, y1, x0, x1 = stop.rectangle_bounds
-    slope = steepness.largest_slope(1.0)
+    slope = slope_bound.largest_slope(1.0)
     return line_rule_node_count(y1 - y0, slope, tol) * line_rule_node_count(x1 - x0, slope, tol)
 
 
-def _arc_rule_node_count(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> int:
+def _arc_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
     total = 0.0
     for low, high in pairwise(break_radii(stop)):
         count, some = _sparse_line_nodes(
-            math.pi, _arc_integral_slope(stop, low, high, steepness), tol
+            math.pi, _arc_integral_slope(stop, low, high, slope_bound), tol
         )
         radii, _ = _end_clustered_radii(low, high, math.pi * (some - 0.5))
         arcs = ((r, arc) for r in radii.tolist() for arc in open_arcs(stop, r))
         total += (
             count
-            * sum(_single_arc_node_count(r, arc, steepness, tol) for r, arc in arcs)
+            * sum(_single_arc_node_count(r, arc, slope_bound, tol) for r, arc in arcs)
             / _SPARSE_NODES
         )
     return int(total)
@@ -142,18 +142,18 @@ def _sparse_line_nodes(length: float, slope: float, tol: float) -> tuple[int, Ar
     return count, (panel + _unit_interval_rule(count // panels)[0][place]) / panels
 
 
-def stop_rule(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> QuadratureNodes:
+def stop_rule(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> QuadratureNodes:
     """Nodes and weights of an integral over a stop."""
-    return _join_chunks(list(_node_chunks(stop, steepness, tol)))
+    return _join_chunks(list(_node_chunks(stop, slope_bound, tol)))
 
 
 def stop_rule_blocks(
-    stop: Stop, steepness: PhaseSlopeBound, tol: float, max_nodes: int
+    stop: Stop, slope_bound: PhaseSlopeBound, tol: float, max_nodes: int
 ) -> Iterator[QuadratureNodes]:
     """stop_rule() piece by piece, each of about `max_nodes` nodes, for rules that fit no memory."""
     gathered: list[_NodeChunk] = []
     count = 0
-    for part in _node_chunks(stop, steepness, tol):
+    for part in _node_chunks(stop, slope_bound, tol):
         if gathered and count + part[2].size > max_nodes:
             yield _join_chunks(gathered)
             gathered, count = [], 0
@@ -162,30 +162,30 @@ def stop_rule_blocks(
     yield _join_chunks(gathered)
 
 
-def _node_chunks(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
+def _node_chunks(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
     if stop.annulus_radii is not None:
-        return _ring_nodes(*stop.annulus_radii, steepness, tol)
+        return _ring_nodes(*stop.annulus_radii, slope_bound, tol)
     if stop.rectangle_bounds is None:
-        return _arc_nodes(stop, steepness, tol)
+        return _arc_nodes(stop, slope_bound, tol)
     # Rows and columns follow a rectangle's edges; far out of focus, arcs follow the wave.
-    if _row_rule_node_count(stop, steepness, tol) <= _arc_rule_node_count(stop, steepness, tol):
-        return _row_nodes(stop, steepness, tol)
-    return _arc_nodes(stop, steepness, tol)
+    if _row_rule_node_count(stop, slope_bound, tol) <= _arc_rule_node_count(stop, slope_bound, tol):
+        return _row_nodes(stop, slope_bound, tol)
+    return _arc_nodes(stop, slope_bound, tol)
 
 
 def product_rule(
-    stop: Stop, steepness: PhaseSlopeBound, tol: float
+    stop: Stop, slope_bound: PhaseSlopeBound, tol: float
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Rows and columns of nodes, with their weights, over an upright rectangle."""
     assert stop.rectangle_bounds is not None
     y0, y1, x0, x1 = stop.rectangle_bounds
-    slope = steepness.largest_slope(1.0)
+    slope = slope_bound.largest_slope(1.0)
     (ty, wy), (tx, wx) = (line_rule(side, slope, tol) for side in (y1 - y0, x1 - x0))
     return (y0 + (y1 - y0) * ty, (y1 - y0) * wy), (x0 + (x1 - x0) * tx, (x1 - x0) * wx)
 
 
-def _row_nodes(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
-    (y, wy), (x, wx) = product_rule(stop, steepness, tol)
+def _row_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
+    (y, wy), (x, wx) = product_rule(stop, slope_bound, tol)
     rows = max(1, _CHUNK_NODES // x.size)
     for start in range(0, y.size, rows):
         part, weight = y[start : start + rows], wy[start : start + rows]
@@ -203,14 +203,14 @@ def line_rule_node_count(length: float, slope: float, tol: float) -> int:
     return panels * gauss_node_count(length / panels, slope, tol)
 
 
-def _circle_node_count(r: float, steepness: PhaseSlopeBound, tol: float) -> int:
+def _circle_node_count(r: float, slope_bound: PhaseSlopeBound, tol: float) -> int:
     """Evenly spaced nodes around a circle: more than the cycles of the fastest harmonic."""
-    kernel = _harmonic_count(steepness.tilt * r, tol)
-    if not steepness.azimuthal(r):
+    kernel = _harmonic_count(slope_bound.tilt * r, tol)
+    if not slope_bound.azimuthal(r):
         return kernel
     # A wave of so many cycles has only their multiples as harmonics.
-    return kernel + steepness.azimuthal_cycles * _harmonic_count(
-        steepness.azimuthal(r) / steepness.azimuthal_cycles, tol
+    return kernel + slope_bound.azimuthal_cycles * _harmonic_count(
+        slope_bound.azimuthal(r) / slope_bound.azimuthal_cycles, tol
     )
 
 
@@ -220,11 +220,11 @@ def _harmonic_count(turn: float, tol: float) -> int:
 
 
 def _ring_nodes(
-    inner: float, outer: float, steepness: PhaseSlopeBound, tol: float
+    inner: float, outer: float, slope_bound: PhaseSlopeBound, tol: float
 ) -> Iterator[_NodeChunk]:
-    t, along = line_rule(outer - inner, _radial_slope(outer, steepness), tol)
+    t, along = line_rule(outer - inner, _radial_slope(outer, slope_bound), tol)
     radii, along = inner + (outer - inner) * t, (outer - inner) * along
-    counts = np.array([_circle_node_count(r, steepness, tol) for r in radii])
+    counts = np.array([_circle_node_count(r, slope_bound, tol) for r in radii])
     most = max(1, _CHUNK_NODES // int(counts.max()))
     for start in range(0, radii.size, most):
         part = slice(start, start + most)
@@ -241,15 +241,15 @@ def _circle_nodes(radii: Array, along: Array, counts: NDArray[np.int64]) -> _Nod
     return r * np.sin(angle), r * np.cos(angle), weight
 
 
-def _arc_nodes(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
+def _arc_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
     """Circles around the axis, as far as they are open: the kernel alone turns along them,
     and defocus does not."""
     for low, high in pairwise(break_radii(stop)):
-        t, along = line_rule(math.pi, _arc_integral_slope(stop, low, high, steepness), tol)
+        t, along = line_rule(math.pi, _arc_integral_slope(stop, low, high, slope_bound), tol)
         radii, steps = _end_clustered_radii(low, high, math.pi * (t - 0.5))
         for r, step in zip(radii.tolist(), (math.pi * along * steps).tolist(), strict=True):
             for arc in open_arcs(stop, r):
-                around, weight = _arc_rule(r, arc, steepness, tol)
+                around, weight = _arc_rule(r, arc, slope_bound, tol)
                 yield r * np.sin(around), r * np.cos(around), step * r * weight
 
 
@@ -260,7 +260,7 @@ def _end_clustered_radii(low: float, high: float, angle: Array) -> tuple[Array, 
     return middle + half * np.sin(angle), half * np.cos(angle)
 
 
-def _arc_integral_slope(stop: Stop, low: float, high: float, steepness: PhaseSlopeBound) -> float:
+def _arc_integral_slope(stop: Stop, low: float, high: float, slope_bound: PhaseSlopeBound) -> float:
     """Radians by which the integral along the arcs turns per radian of angle.
 
     That is the angle of _end_clustered_radii(). The ends of the arcs may run along the stop's edge
@@ -279,49 +279,49 @@ def _arc_integral_slope(stop: Stop, low: float, high: float, steepness: PhaseSlo
         if a.size and b.size
     ]
     speed = max([half, *(_END_SPEED_MARGIN * m / (angle[1] - angle[0]) for m in moved)])
-    turned = steepness.azimuthal(high) / max(high, 1e-3)
-    return steepness.radial(high) * half + (steepness.tilt + turned) * speed
+    turned = slope_bound.azimuthal(high) / max(high, 1e-3)
+    return slope_bound.radial(high) * half + (slope_bound.tilt + turned) * speed
 
 
-def _radial_slope(r: float, steepness: PhaseSlopeBound) -> float:
-    return steepness.radial(r) + steepness.tilt
+def _radial_slope(r: float, slope_bound: PhaseSlopeBound) -> float:
+    return slope_bound.radial(r) + slope_bound.tilt
 
 
-def _azimuthal_slope(angle: float, r: float, steepness: PhaseSlopeBound, tol: float) -> float:
+def _azimuthal_slope(angle: float, r: float, slope_bound: PhaseSlopeBound, tol: float) -> float:
     """Radians per radian that line_rule() has to follow along an open arc.
 
     Over more than half a cycle the slope changes too much for the few nodes that a line has
     to spare; the fastest harmonic is as fast everywhere.
     """
-    if angle * steepness.azimuthal_cycles > math.pi * (1 + 1e-9):
-        return _circle_node_count(r, steepness, tol)
-    return steepness.tilt * r + steepness.azimuthal(r)
+    if angle * slope_bound.azimuthal_cycles > math.pi * (1 + 1e-9):
+        return _circle_node_count(r, slope_bound, tol)
+    return slope_bound.tilt * r + slope_bound.azimuthal(r)
 
 
 def _arc_rule(
-    r: float, arc: tuple[float, float], steepness: PhaseSlopeBound, tol: float
+    r: float, arc: tuple[float, float], slope_bound: PhaseSlopeBound, tol: float
 ) -> tuple[Array, Array]:
     """Angles along an open arc, and weights whose sum is its angle."""
     first, last = arc
     if last - first >= 2 * math.pi:
-        count = _circle_node_count(r, steepness, tol)
+        count = _circle_node_count(r, slope_bound, tol)
         step = 2 * math.pi / count
         return step * np.arange(count, dtype=np.float64), np.full(count, step)
     pieces = _arc_piece_count(arc)
     angle: float = (last - first) / pieces
-    t, weight = line_rule(angle, _azimuthal_slope(angle, r, steepness, tol), tol)
+    t, weight = line_rule(angle, _azimuthal_slope(angle, r, slope_bound, tol), tol)
     starts = first + angle * np.arange(pieces, dtype=np.float64)[:, None]
     return (starts + angle * t).ravel(), np.tile(np.multiply(angle, weight), pieces)
 
 
 def _single_arc_node_count(
-    r: float, arc: tuple[float, float], steepness: PhaseSlopeBound, tol: float
+    r: float, arc: tuple[float, float], slope_bound: PhaseSlopeBound, tol: float
 ) -> int:
     if arc[1] - arc[0] >= 2 * math.pi:
-        return _circle_node_count(r, steepness, tol)
+        return _circle_node_count(r, slope_bound, tol)
     pieces = _arc_piece_count(arc)
     angle = (arc[1] - arc[0]) / pieces
-    return pieces * line_rule_node_count(angle, _azimuthal_slope(angle, r, steepness, tol), tol)
+    return pieces * line_rule_node_count(angle, _azimuthal_slope(angle, r, slope_bound, tol), tol)
 
 
 def _arc_piece_count(arc: tuple[float, float]) -> int:
