@@ -1,9 +1,9 @@
 """Compute the PSF of a panel that stands apart from its lens: the chain from panel to sensor.
 
 The light goes from the panel through free space to the lens with its stop, and through free space
-to the sensor. GridEngine propagates it by FFTs from plane to plane. QuadratureEngine integrates over
-the stop by quadrature, for small tolerances. CollapsedEngine treats panel and lens as one plane,
-where the difference is small.
+to the sensor. GridEngine propagates it by FFTs from plane to plane. QuadratureEngine integrates
+over the stop by quadrature, for small tolerances. CollapsedEngine treats panel and lens as one
+plane, where the difference is small.
 """
 
 from optics.chain.engine_choice import CHAIN_METHODS, chain_engines

@@ -1,4 +1,4 @@
-"""Estimate the PSF error of taking panel pixels that the stop's shadow cuts as dimmer whole ones."""
+"""Estimate the PSF error of taking panel pixels that a shadow cuts as dimmer whole ones."""
 
 from __future__ import annotations
 

@@ -346,7 +346,7 @@ class StopEdgeScatter:
     def aliased_light(
         self, alias_frequency: Array, low: Array, high: Array, edge_transmission: Array
     ) -> float:
-        """Estimate the light of a band (low, high) that aliasing on the lens grid adds to the window.
+        """Estimate the light that aliasing on the lens grid adds to the window from a band.
 
         alias_frequency: cycles per metre (y, x) by which the sampled stop shifts the light.
         edge_transmission: share of the field that the grid's averaged edge passes, by its shift in
@@ -488,7 +488,7 @@ def is_in_band(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:
 
 
 def window_frequencies(q: PSFRequest) -> Array:
-    """Return the frequencies (y, x) behind the lens that reach five points of the window, (5, 2)."""
+    """Return the frequencies (y, x) behind the lens for five points of the window, (5, 2)."""
     rows, columns = q.window_slices
     lines = (q.samples.coordinates(0)[rows], q.samples.coordinates(1)[columns])
     (y0, y1), (x0, x1) = ((float(line[0]), float(line[-1])) for line in lines)

@@ -70,7 +70,7 @@ class ChainEngine(PSFEngine):
         return factor * sphere.wave_factor(*self.points()).to(factor)
 
     def empty_intensity(self, modulated: torch.Tensor) -> torch.Tensor:
-        """Return the PSFs of an empty batch, (..., rows, columns), because FFTs take no empty one."""
+        """Return the PSFs of an empty batch, (..., rows, columns), which FFTs don't accept."""
         light = modulated.real.sum(dim=(-2, -1))
         return light[..., None, None].expand(*light.shape, *self._request.samples.shape)
 

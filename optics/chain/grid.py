@@ -227,7 +227,9 @@ class GridEngine(ChainEngine):
         ]
         return PanelToLensPropagator(axes[0], axes[1], self._dtype)
 
-    def _field_at_sensor(self, propagator: PanelToLensPropagator, field: torch.Tensor) -> torch.Tensor:
+    def _field_at_sensor(
+        self, propagator: PanelToLensPropagator, field: torch.Tensor
+    ) -> torch.Tensor:
         """Propagate a panel's field to the sensor with the given propagator to the lens."""
         if self._request.differentiable:
             return self._differentiable_field_at_sensor(propagator, field)

@@ -43,8 +43,8 @@ class LowLightCorrection:
     Such an estimate assumes that the panel sends the same light to all frequencies. A pattern may
     send less light to the window than an even panel, and more to the frequencies from which the
     stop's edge scatters light into the window. These frequencies may lie in the passing band, which
-    goes through the stop beside the window, or far away. A pattern may also send light to the window
-    smoothly, without speckles, and then the interference with scattered light counts more.
+    goes through the stop beside the window, or far away. A pattern may also send light to the
+    window smoothly, without speckles, and then the interference with scattered light counts more.
 
     window_slices: rows and columns of the window. light: the PSF, (..., rows, columns).
     measure_passing_brightness: a function that returns the panel's brightness in the passing band,

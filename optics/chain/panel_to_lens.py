@@ -1,9 +1,9 @@
 """Propagate the field of a panel's pixels through free space to a grid at the lens, by FFTs.
 
-The spectrum of square pixels of uniform modulation is known in closed form at every frequency.
-Free space multiplies it by the phase of Fresnel's approximation. Both factor into y and x. So each
-axis takes one FFT over the pixels, a product with the transfer function over a band of frequencies,
-and one FFT back to the lens grid. Frequencies beyond the panel's Nyquist rate repeat those below it,
+The spectrum of square pixels of uniform modulation is known in closed form at every frequency. Free
+space multiplies it by the phase of Fresnel's approximation. Both factor into y and x. So each axis
+takes one FFT over the pixels, a product with the transfer function over a band of frequencies, and
+one FFT back to the lens grid. Frequencies beyond the panel's Nyquist rate repeat those below it,
 under another part of the pixel's envelope. Frequencies beyond the grid's Nyquist rate are folded
 into it.
 """
@@ -65,7 +65,8 @@ class PropagatorAxis:
     magnification. first_sample_position: position of the first sample, in the panel's coordinates.
     band: frequencies that are propagated. shared_range: numbers (first, last) of the frequencies in
     a spectrum that several propagators share; None for the band's own. has_pixel_slope: whether the
-    phase across a pixel rises by one cycle per metre, to the first order, instead of being constant.
+    phase across a pixel rises by one cycle per metre, to the first order, instead of being
+    constant.
     """
 
     pixel_count: int
@@ -314,7 +315,8 @@ class PanelToLensPropagator:
     ) -> torch.Tensor:
         """Compute the field at the lens from the panel's spectrum.
 
-        extra_y, extra_x: further factors on the band's frequencies, on top of the transfer function.
+        extra_y, extra_x: further factors on the band's frequencies, on top of the transfer
+        function.
         """
         y, x = (
             transfer if also is None else (transfer * also.to(spectrum.device)).to(self.dtype)

@@ -78,12 +78,12 @@ class QuadratureEngine(ChainEngine):
     """Computes the PSF by Gauss-Legendre nodes that follow the stop's boundary.
 
     Non-uniform FFTs lead from the panel's spectrum to the nodes, and from the nodes to the sensor.
-    Light of the frequency f moves sideways by f times the Fresnel area A. Frequencies that reach the
-    stop from no point of the panel are left out by a band with smooth ends. Against the chirp
+    Light of the frequency f moves sideways by f times the Fresnel area A. Frequencies that reach
+    the stop from no point of the panel are left out by a band with smooth ends. Against the chirp
     exp(-i pi A (f - f0)²), a Gaussian step of standard deviation s at the distance D from the
-    stationary frequency f0 leaves exp(-2 (pi A s D)² / (1 + (2 pi A s²)²)). The best s² is
-    1 / (2 pi A), which leaves exp(-pi A D² / 2). So only light that the tolerance allows is left
-    out (see StopEdgeScatter), and the error falls faster than any power.
+    stationary frequency f0 leaves exp(-2 (pi A s D)² / (1 + (2 pi A s²)²)). The best s² is 1 / (2
+    pi A), which leaves exp(-pi A D² / 2). So only light that the tolerance allows is left out (see
+    StopEdgeScatter), and the error falls faster than any power.
     """
 
     name = "chain, quadrature"

@@ -15,8 +15,8 @@ from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spect
 from optics.validation import require_positive
 
 _STEEPNESS = 6
-"""Exponent of an interference filter's super-Gaussian. Its transmission falls from 90 to 10 % within
-a quarter of its width."""
+"""Exponent of an interference filter's super-Gaussian. Its transmission falls from 90 to 10 %
+within a quarter of its width."""
 
 
 @dataclass(frozen=True)
@@ -181,8 +181,8 @@ class Band:
     def _stages(self) -> tuple[int, float]:
         """The number of stages of a Lyot filter, and the order of its thinnest stage.
 
-        The order lies between half a wave and one wave. The filter then has the requested width, and
-        its next order lies below half its wavelength.
+        The order lies between half a wave and one wave. The filter then has the requested width,
+        and its next order lies below half its wavelength.
         """
         # λ± = λ₀ / (1 ∓ a) with half maxima at u = ± π m a lie 2 a λ₀ / (1 - a²) apart.
         ratio = self.fwhm / self.centre

@@ -14,7 +14,8 @@ VISIBLE = (400e-9, 720e-9)
 Liquid-crystal filters can be set to wavelengths in this range."""
 
 HALOGEN_TEMPERATURE = 3200.0
-"""Colour temperature in kelvin of a photographic halogen lamp, for which tungsten film is balanced."""
+"""Colour temperature of a photographic halogen lamp in kelvin, for which tungsten film was
+balanced."""
 
 _SECOND_RADIATION_CONSTANT = 0.01438776877503933
 """Second radiation constant h c / k in metre kelvin, exact in the SI of 2019."""

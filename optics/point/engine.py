@@ -71,7 +71,7 @@ class PSFEngine(CandidateMethod):
 
     @abstractmethod
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the points (y, x) of the pupil, in metres, at which phases and amplitudes apply."""
+        """Return the points (y, x) of the pupil, in metres, at which a pattern is sampled."""
 
     @abstractmethod
     def intensity(

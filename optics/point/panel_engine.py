@@ -254,7 +254,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return panel.active_side**4 * area / (q.scale**2 * power)
 
     def _pixel_envelope(self) -> torch.Tensor | float:
-        """Return the relative intensity that one panel pixel sends to each sample, 1 on the axis."""
+        """Return the relative intensity of one panel pixel at each sample, 1 on the axis."""
         if self._pixel_model != "flat":
             return 1.0
         q, side = self._request, self._camera.panel.active_side

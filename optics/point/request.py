@@ -33,9 +33,9 @@ class PSFRequest:
     integration over sensor pixels. phase_slope: radians per stop radius by which a phase that is
     added to the lens' wave may change.
 
-    separation: metres from a panel to the lens; `distance` is measured from the object to the panel.
-    field: metres (y, x) on the sensor from the axis to the point's geometric image, around which
-    the samples lie. sphere: the point's spherical wave over the panel; None for its parabola.
+    separation: metres from a panel to the lens; `distance` is measured from the object to the
+    panel. field: metres (y, x) on the sensor from the axis to the point's geometric image, around
+    which the samples lie. sphere: the point's spherical wave over the panel; None for its parabola.
     pixel: size (y, x) in metres of the sensor pixels over which the samples are integrated
     afterwards; 0 if the samples themselves are wanted.
     """
@@ -69,7 +69,7 @@ class PSFRequest:
 
     @property
     def shadow_magnification(self) -> Scalar:
-        """The width of the panel's shadow at the lens over the panel's: 1 + separation / distance."""
+        """The width of the panel's shadow at the lens over the panel's own width."""
         return 1 + self.separation / self.distance
 
     @property

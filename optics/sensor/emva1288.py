@@ -20,7 +20,8 @@ _ROUNDING = 1 / 12
 class TransferPoint:
     """A point of the photon transfer curve, from two frames of even light.
 
-    exposure: seconds. mean: less the dark mean, DN. variance: temporal, less the dark variance, DN².
+    exposure: seconds. mean: less the dark mean, DN. variance: temporal, less the dark variance,
+    DN².
     """
 
     exposure: float

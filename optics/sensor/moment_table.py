@@ -108,7 +108,7 @@ def _clipping_range(sensor: Sensor, stages: Stages) -> tuple[float, float]:
 
 
 def _round_up_limit(max_electrons: float, limit: float) -> float:
-    """Round the end of a moment table up to a power of two, so that it serves other pictures too."""
+    """Round the end of a moment table up to a power of two, so that other pictures can use it."""
     return min(limit, 2.0 ** math.ceil(math.log2(max(max_electrons, 64.0))))
 
 

@@ -75,8 +75,8 @@ class Mosaic:
     def sample_channels(self, channels: torch.Tensor) -> torch.Tensor:
         """Sample pictures of all channels as a sensor with this mosaic does.
 
-        channels: (channel, rows, columns). Returns (rows, columns). Raises ValueError if there isn't
-        one picture for each of `channels`.
+        channels: (channel, rows, columns). Returns (rows, columns). Raises ValueError if there
+        isn't one picture for each of `channels`.
         """
         if channels.ndim != 3 or len(channels) != len(self.channels):
             raise ValueError(

@@ -326,8 +326,7 @@ def _lies_within(inner: Shape, outer: Shape) -> bool:
             _distance_to_segment(inner.centre, a, b) >= inner.radius for a, b in outer.edges
         )
     return (
-        abs(_loop_area(_intersection_loop(outer, inner, 1)) - _shoelace(inner.corners))
-        < NEGLIGIBLE
+        abs(_loop_area(_intersection_loop(outer, inner, 1)) - _shoelace(inner.corners)) < NEGLIGIBLE
     )
 
 
@@ -373,9 +372,9 @@ def _circle_intersection(a: Circle, b: Circle, sign: int) -> Loop | None:
 def _circle_polygon_intersection(circle: Circle, polygon: Polygon, sign: int) -> Loop | None:
     """Return the boundary of the intersection of a circle and a polygon.
 
-    Edges inside the circle are kept. An edge outside is replaced by the arc that it hides, seen from
-    the circle's centre. Every edge or arc sweeps a signed area around the centre, so that the sum is
-    right for every simple polygon.
+    Edges inside the circle are kept. An edge outside is replaced by the arc that it hides, seen
+    from the circle's centre. Every edge or arc sweeps a signed area around the centre, so that the
+    sum is right for every simple polygon.
     """
     pieces: list[Piece] = []
     for a, b in polygon.edges:

@@ -10,7 +10,6 @@ from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane
 from optics.stop.aperture import Array, Piece, Stop
 
-
 _NODES, _WEIGHTS = gauss_legendre(16)
 
 
@@ -89,7 +88,8 @@ def _integrate_along_piece(
     half, middle = np.diff(t) / 2, (t[:-1] + t[1:]) / 2
     at = middle[:, None] + half[:, None] * _NODES
     y, x = piece.points(at)
-    # The midpoint of a step could lie on a line that an arc touches. The mean of its points doesn't.
+    # The midpoint of a step could lie on a line that an arc touches. The mean of its points
+    # doesn't.
     row = np.searchsorted(lines[0], y.mean(axis=1)) - 1
     column = np.searchsorted(lines[1], x.mean(axis=1)) - 1
     on = (row >= 0) & (row < count[0]) & (column >= 0)

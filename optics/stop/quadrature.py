@@ -102,9 +102,14 @@ def count_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
         inner, outer = stop.annulus_radii
         count, some = _sparse_line_nodes(outer - inner, _radial_slope(outer, slope_bound), tol)
         radii = inner + (outer - inner) * some
-        return int(count * np.mean([_circle_node_count(r, slope_bound, tol) for r in radii.tolist()]))
+        return int(
+            count * np.mean([_circle_node_count(r, slope_bound, tol) for r in radii.tolist()])
+        )
     return int(
-        min(_row_rule_node_count(stop, slope_bound, tol), _arc_rule_node_count(stop, slope_bound, tol))
+        min(
+            _row_rule_node_count(stop, slope_bound, tol),
+            _arc_rule_node_count(stop, slope_bound, tol),
+        )
     )
 
 
