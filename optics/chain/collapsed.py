@@ -155,7 +155,7 @@ class CollapsedEngine(PSFEngine):
 
 
 def can_collapse(camera: Camera) -> bool:
-    """Whether a thin lens at the panel can replace the camera's lens.
+    """Tell whether a thin lens at the panel can replace the camera's lens.
 
     The lens must have no aberrations, and the panel must not be too near to the plane in focus.
     """

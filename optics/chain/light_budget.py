@@ -25,7 +25,7 @@ from optics.pupil import numeric_camera, open_area, pupil_amplitude
 
 @dataclass(frozen=True)
 class LightBudget:
-    """Where a point's light goes: through the stop, to the window, or blocked.
+    """Holds where a point's light goes: through the stop, to the window, or blocked.
 
     The shares are in the units of a PSF: shares of what panel and stop would pass on the axis if
     they stood in one plane.
