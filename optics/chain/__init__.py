@@ -1,7 +1,9 @@
-"""Panel, space, lens and stop, space, sensor: the light behind a panel apart from its lens.
+"""Compute the PSF of a panel that stands apart from its lens: the chain from panel to sensor.
 
-GridEngine goes with FFTs from plane to plane, QuadratureEngine by quadrature over the stop for many
-digits, and CollapsedEngine takes panel and lens as one plane while the difference is small.
+The light goes from the panel through free space to the lens with its stop, and through free space
+to the sensor. GridEngine propagates it by FFTs from plane to plane. QuadratureEngine integrates
+over the stop by quadrature, for small tolerances. CollapsedEngine treats panel and lens as one
+plane, where the difference is small.
 """
 
 from optics.chain.engine_choice import CHAIN_METHODS, chain_engines

@@ -1,4 +1,4 @@
-"""A panel before a lens, computed as a panel in the lens, while the difference is small."""
+"""Compute the PSF of a panel before a lens as if it stood in the lens, if the error is small."""
 
 from __future__ import annotations
 
@@ -29,15 +29,14 @@ from optics.validation import as_number, rounded_up
 
 
 class CollapsedEngine(PSFEngine):
-    """One Fourier integral from the panel, with the stop's shadow on it (see
-    `collapse_to_thin_camera`).
+    """Computes the PSF by one Fourier integral from the panel, with the stop's shadow on it.
 
-    Exact but for what the stop's edge does to light on its way to it, and for pixels that the
-    shadow cuts: one covered in part passes light by its open area, as behind a panel in the
-    lens, while the chain cuts it. Both are estimated (see `StopEdgeScatter` and
-    `cut_pixel_error_share`), and the offer is refused where they take more than their part of the
-    tolerance. As cut pixels and the edge's light may be off in the same direction, their errors are
-    added.
+    See `collapse_to_thin_camera` for the model. It has two errors. First, it neglects the
+    diffraction between the panel and the stop's edge. Second, a panel pixel that the shadow covers
+    in part passes light in proportion to its open area, while the real stop cuts the pixel. Both
+    errors are estimated (see `StopEdgeScatter` and `cut_pixel_error_share`), and the engine raises
+    ToleranceError where they exceed the tolerance. They are added, because both may have the same
+    sign.
     """
 
     name = "collapsed"
@@ -89,7 +88,7 @@ class CollapsedEngine(PSFEngine):
         )
 
     def _estimate_cut_pixel_error(self, thin: Camera) -> float:
-        """What it costs that pixels in part are gray, whole ones."""
+        """Estimate the error of taking a partly covered panel pixel as a dimmer whole one."""
         inner = _thin_lens_request(self._request, self._camera, self._request.tol)
         edge = self._search.edge_scatter
         return edge.error_from_light_share(
@@ -98,7 +97,10 @@ class CollapsedEngine(PSFEngine):
 
     @staticmethod
     def _require_fixed_pixel_edges(request: PSFRequest, thin: Camera) -> None:
-        """The edges of the pixels that a shadow cuts don't move with any length."""
+        """Raise ToleranceError if derivatives are wanted and the stop's shadow cuts panel pixels.
+
+        The collapsed camera has no derivative of the area that the shadow leaves open.
+        """
         if request.differentiable and float(pupil_amplitude(thin).min()) < 1:
             raise ToleranceError(
                 "the derivatives of a stop whose shadow cuts the panel can't be kept by a "
@@ -146,15 +148,17 @@ class CollapsedEngine(PSFEngine):
 
     @cached_property
     def _fallback_engine(self) -> GridEngine:
-        """The whole chain, for a window that gets less light than the stop's edge may scatter."""
+        """The engine for windows so dim that light scattered at the stop's edge matters there."""
         chain = GridEngine(self._request, self._camera, self._search)
         chain.prepare()
         return chain
 
 
 def can_collapse(camera: Camera) -> bool:
-    """Whether a thin lens at the panel may stand for a camera: one without aberrations, whose
-    panel isn't too near to the plane in focus."""
+    """Tell whether a thin lens at the panel can replace the camera's lens.
+
+    The lens must have no aberrations, and the panel must not be too near to the plane in focus.
+    """
     return (
         camera.lens.has_quadratic_phase
         and camera.ray_matrix_b >= MIN_RAY_MATRIX_B_SHARE * camera.lens.image_distance
@@ -162,11 +166,11 @@ def can_collapse(camera: Camera) -> bool:
 
 
 def _thin_lens_request(request: PSFRequest, camera: Camera, tol: float) -> PSFRequest:
-    """The same request for the thin lens at the panel.
+    """Convert a PSF request for the camera into one for the thin lens at the panel.
 
-    The point's image lies elsewhere behind the moved stop, if it is blurred: the chief ray
-    through the panel's middle meets the sensor at field (1 - lever (d + z1) / (d z2)) off the
-    one through the lens, that is -field z1 (1 + z1/d) (1/(d + z1) - 1/F).
+    If the point is out of focus, its image moves, because the stop moves to the panel. The ray
+    through the panel's middle meets the sensor at the distance -field z1 (1 + z1/d) (1/(d + z1) -
+    1/F) from the ray through the middle of the lens.
     """
     thin = collapse_to_thin_camera(camera, request.distance, request.numeric.field)
     # V (1 + z1/d) z1, and 1 + z1/d = (d + z1) / d.

@@ -1,8 +1,9 @@
-"""Pixels that a stop's shadow cuts: what it costs to take a part of one as a dimmer whole."""
+"""Estimate the PSF error of taking panel pixels that a shadow cuts as dimmer whole ones."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,37 +15,50 @@ from optics.pupil import vergence_error
 
 Array = NDArray[np.float64]
 
-_PLACES_ACROSS_PIXEL = 12
-"""Places across a pixel at which the shadow is looked at."""
 
-_MAX_PIXELS = 1024
-"""Pixels that are looked at, evenly along the edge, to stand for all of them."""
+@dataclass(frozen=True)
+class CutPixelSettings:
+    """Tune how the error of cut panel pixels is estimated.
+
+    Attributes
+    ----------
+    samples_across : int
+        Samples across a pixel at which the stop's shadow is evaluated. Chosen.
+    max_pixels : int
+        Most pixels that are evaluated, evenly spaced along the edge, to represent all. Chosen.
+    """
+
+    samples_across: int = 12
+    max_pixels: int = 1024
+
+
+_SETTINGS = CutPixelSettings()
 
 
 def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: float) -> float:
-    """Of the window's light, what is wrong where cut pixels pass light by their open area.
+    """Estimate the share of the window's light that is wrong because of cut panel pixels.
 
-    request, camera: of a thin lens in the panel's plane, with the shadow for a stop. direct_area:
-    square metres of the panel from which the window is lit, each weighed by the light.
+    request, camera: of a thin lens in the panel's plane, whose stop is the shadow. direct_area:
+    square metres of the panel from which the window is lit, weighted by the light.
 
-    A pixel of the side a, of which the shadow leaves chi(s) open, sends to the frequency g
+    The shadow leaves the part chi(s) of a pixel of side a open. The pixel then sends the amplitude
 
         c(g) = 1/a² integral of chi(s) exp(-2 pi i g s) ds
 
-    instead of its open area times the envelope sinc(a g). In all directions together the
-    difference has the energy of the variance of chi, the open share times the closed one
-    (Parseval's theorem). But as both are equal for g = 0, a window at low frequencies sees
-    little of it: the shift of the light's centre, 2 pi g times the first moment of chi, and
-    more toward the pixel's first zero. So c(g) is summed over each pixel, at the frequencies
-    that the lens turns from there into the window. The differences of pixels of any phases add
-    in intensity, as their light does; where the pixels' gaps are large, the open area that counts
-    is the whole pixel's.
+    to the frequency g. The model takes its open area times the envelope sinc(a g) instead. Over all
+    frequencies, the energy of the difference is the variance of chi, which is the open share times
+    the closed share (Parseval's theorem). Both amplitudes are equal for g = 0, so the difference is
+    small in a window at low frequencies: there it is the shift of the light's centre, 2 pi g times
+    the first moment of chi. It grows toward the pixel's first zero. Therefore c(g) is computed for
+    each pixel at the frequencies that the lens turns from that pixel into the window. The pixels'
+    phases are unknown, so their differences add in intensity, as their light does. With a fill
+    factor below 1, the open area is that of the whole pixel, gaps included.
     """
     pixel = _find_cut_pixels(camera)
     if not len(pixel):
         return 0.0
     q = request.numeric
-    some = pixel[:: math.ceil(len(pixel) / _MAX_PIXELS)]
+    some = pixel[:: math.ceil(len(pixel) / _SETTINGS.max_pixels)]
     whole = len(pixel) / len(some) * camera.panel.pitch**2
     place = [camera.panel.plane.coordinates(axis).numpy()[some[:, axis]] for axis in (0, 1)]
     middle = np.stack(place, axis=-1)
@@ -54,7 +68,7 @@ def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: floa
     side = camera.panel.active_side
     within = _open_area_transform(camera, middle, side, frequency)
     if camera.panel.fill_factor == 1:
-        # The same places: what is looked at is exact where it has to be.
+        # The same samples as in `within` make the difference exactly 0 at frequency 0.
         open_area = _open_area_transform(camera, middle, side, 0 * frequency).real
     envelope = _sampled_sinc_envelope(frequency, side).prod(axis=-1)
     error = float((np.abs(within - open_area * envelope) ** 2).mean(axis=1).sum()) * whole
@@ -65,7 +79,7 @@ def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: floa
 
 
 def _find_cut_pixels(camera: Camera) -> NDArray[np.int64]:
-    """Rows and columns of the panel's pixels through which the stop's edge runs, (pixels, 2)."""
+    """Find the rows and columns of the panel pixels that the stop's edge crosses, (pixels, 2)."""
     panel, radius = camera.panel, camera.lens.stop_diameter / 2
     lines = [_pixel_boundaries(camera, axis) / radius for axis in (0, 1)]
     found = []
@@ -81,7 +95,7 @@ def _find_cut_pixels(camera: Camera) -> NDArray[np.int64]:
 
 
 def _pixel_boundaries(camera: Camera, axis: int) -> Array:
-    """Metres of the lines between pixels along an axis."""
+    """Return the positions, in metres, of the boundaries between panel pixels along an axis."""
     line, pitch = camera.panel.plane.coordinates(axis).numpy(), camera.panel.pitch
     return np.append(line - pitch / 2, line[-1] + pitch / 2)
 
@@ -89,11 +103,13 @@ def _pixel_boundaries(camera: Camera, axis: int) -> Array:
 def _open_area_transform(
     camera: Camera, middle: Array, side: float, frequency: Array
 ) -> NDArray[np.complex128]:
-    """Mean of chi(s) exp(-2 pi i f s) over squares, (pixels, frequencies).
+    """Average chi(s) exp(-2 pi i f s) over panel pixels, (pixels, frequencies).
 
-    middle: (pixels, 2) metres. frequency: (pixels, frequencies, 2), cycles per metre.
+    chi is 1 where the stop's shadow leaves the panel open, and 0 elsewhere. middle: the pixels'
+    centres, (pixels, 2), metres. frequency: (pixels, frequencies, 2), cycles per metre.
     """
-    inside = ((np.arange(_PLACES_ACROSS_PIXEL) + 0.5) / _PLACES_ACROSS_PIXEL - 0.5) * side
+    count = _SETTINGS.samples_across
+    inside = ((np.arange(count) + 0.5) / count - 0.5) * side
     y, x = (middle[:, axis, None] + inside for axis in (0, 1))
     radius, stop = camera.lens.stop_diameter / 2, camera.lens.stop
     y, x = y[:, :, None] / radius, x[:, None, :] / radius
@@ -102,10 +118,10 @@ def _open_area_transform(
         is_open = is_open & ~shape.contains(y, x)
     turns = np.exp(-2j * math.pi * frequency[..., None] * inside)
     light = np.einsum("pyx,pfy,pfx->pf", is_open * 1.0, turns[:, :, 0], turns[:, :, 1])
-    return np.asarray(light / _PLACES_ACROSS_PIXEL**2)
+    return np.asarray(light / count**2)
 
 
 def _sampled_sinc_envelope(frequency: Array, side: float) -> Array:
-    """The envelope sinc along each axis, of a sum over the places that are looked at."""
+    """Return a pixel's envelope along each axis, for a sum over samples instead of an integral."""
     turns = frequency * side
-    return np.asarray(np.sinc(turns) / np.sinc(turns / _PLACES_ACROSS_PIXEL))
+    return np.asarray(np.sinc(turns) / np.sinc(turns / _SETTINGS.samples_across))

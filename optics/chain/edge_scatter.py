@@ -1,19 +1,23 @@
-"""How much light a stop's edge scatters into a window: what a cheaper method may leave out.
+"""Estimate the light that a stop's edge scatters into a window of the PSF.
 
-Seen from far away, an edge of length l under the irradiance I and a plane wave scatters the
+A cheaper method of the chain may neglect part of this light, and its error is estimated from it.
+
+In the far field, a straight edge of length l under a plane wave of irradiance I scatters the
 spectral density I l / (4 pi² D²) per cycle along its normal, at the normal distance D in
 frequency (the Fourier integral of a half plane; Keller's edge rays, 10.1364/JOSA.52.000116).
-Light of all frequencies that the panel's pixels send, and that gets to a piece of the edge at
-all, is so scattered into the few that the window receives. What a method does wrong with it is
-summed over the edge, the window and D, and compared with the light that goes straight into the
-window. Nearer than D = 1 / (4 radius) the two sides of a stop aren't told apart: all of it, of
-the area S, sends S² to a unit of frequency area at the most, which is 2 pi D S² per cycle,
-shared out among the pieces of the edge. Of a round stop's light, both parts together are 1.02.
+The panel's pixels send light of all frequencies. The part of it that reaches a piece of the edge is
+scattered in this way into the few frequencies that the window receives. The part that a method
+treats wrongly is summed over the edge, the window and D, and compared with the light that goes
+straight into the window. For D below 1 / (4 radius) the edges on both sides of the stop act
+together: a stop of area S sends S² to a unit of frequency area at most, which is 2 pi D S² per
+cycle, distributed over the pieces of the edge. For a round stop both parts together give 1.02 of
+the light.
 
-No pattern is known beforehand: the panel counts as evenly lit at all of its frequencies, under
-the envelope sinc² of one pixel, as behind a random pattern. There the relative error of the
-intensity is that of the field; less where it is integrated over pixels, since what comes from
-the edge beats finely with what comes from elsewhere in the stop.
+The pattern isn't known when the method is planned. So the panel counts as evenly lit at all of its
+frequencies, under the envelope sinc² of one pixel, as behind a random pattern. For such a panel the
+relative error of the intensity equals that of the field. It is smaller where the intensity is
+integrated over sensor pixels, because light from the edge and light from elsewhere in the stop
+interfere in fine fringes, which a pixel averages.
 """
 
 from __future__ import annotations
@@ -34,32 +38,59 @@ from optics.pupil import open_area, pupil_phase
 
 Array = NDArray[np.float64]
 
-_EDGE_PIECES, _FAR_STEPS, _NEAR_STEPS, _STOP_SAMPLES = 96, 48, 6, 40
-"""Pieces of the stop's edge, distances in frequency to either side, those at which the edges are
-not told apart, and places across the stop."""
 
-_MAX_CYCLES_PER_PIXEL = 40.0
-"""Cycles per pixel beyond which its envelope leaves no light that counts."""
+@dataclass(frozen=True)
+class EdgeScatterSettings:
+    """Tune how the light that the stop's edge scatters is estimated.
 
-_MANY_SPECKLES_FACTOR, _FEW_SPECKLES_FACTOR = 0.95, 2.5
-"""What an estimate for an evenly lit panel is multiplied by: for many speckles in the window,
-where it was measured to be too large by a quarter to a half, since rays light the ends of the
-panel's shadow fully; and for a single one, as the square root of their number falls."""
+    Attributes
+    ----------
+    edge_pieces : int
+        Pieces into which the stop's edge is divided. Chosen.
+    far_steps : int
+        Steps in frequency on either side of an edge, at distances D above 1 / (4 radius). Chosen.
+    near_steps : int
+        Steps in frequency on either side, at smaller distances. Chosen.
+    stop_samples : int
+        Samples across the stop. Chosen.
+    max_cycles_per_pixel : float
+        Cycles per panel pixel up to which scattered light is followed. Beyond, the pixel's envelope
+        leaves a negligible share.
+    many_speckles_factor : float
+        Factor on an estimate for an evenly lit panel, if the window holds many speckles. There the
+        estimate was measured to be too large by a quarter to a half, because rays light the ends
+        of the panel's shadow fully.
+    few_speckles_factor : float
+        Addition to that factor for a single speckle; it is divided by the square root of the
+        number of speckles.
+    min_relative_light : float
+        Share of the brightest light below which a ray counts as dark. Chosen.
+    window_probe_offset : float
+        Distance of the points that represent the window from its middle, in sides of the window.
+        Chosen.
+    """
 
-_MIN_RELATIVE_LIGHT = 0.02
-"""Of the brightest light, what counts as light at all."""
+    edge_pieces: int = 96
+    far_steps: int = 48
+    near_steps: int = 6
+    stop_samples: int = 40
+    max_cycles_per_pixel: float = 40.0
+    many_speckles_factor: float = 0.95
+    few_speckles_factor: float = 2.5
+    min_relative_light: float = 0.02
+    window_probe_offset: float = 1 / 3
 
-_WINDOW_PROBE_OFFSET = 1 / 3
-"""Of a window's sides from its middle: where it is looked at, to stand for all of it."""
+
+_SETTINGS = EdgeScatterSettings()
 
 
 @dataclass(frozen=True)
 class RaySamples:
-    """Light at places in the lens' plane, (..., 2) for y and x.
+    """Rays of light at points in the lens' plane; arrays (..., 2) hold y and x.
 
-    frequency: cycles per metre at the panel. panel_position: metres on the panel that it comes
-    from. light: its density, 0 where the panel sends none. unbounded_light: what it would be if the
-    panel had no end, so that it wouldn't matter where the light comes from.
+    frequency: cycles per metre at the panel, (..., 2). panel_position: where the ray leaves the
+    panel, metres, (..., 2). light: density of the light, 0 where the panel sends none.
+    unbounded_light: density that it would have if the panel were infinitely large.
     """
 
     frequency: Array
@@ -69,7 +100,7 @@ class RaySamples:
 
 
 class StopEdgeScatter:
-    """The edge of a camera's stop, and what goes from the panel by way of it into a window."""
+    """Estimates the light that goes from the panel by way of the stop's edge into a window."""
 
     def __init__(self, request: PSFRequest, camera: Camera) -> None:
         self._q, self._camera = request.numeric, camera
@@ -80,7 +111,7 @@ class StopEdgeScatter:
         self._edge_points, self._normal, self._length = _sample_stop_edge(camera, q.radius)
         low = 1 / (4 * q.radius)
         edges = _normal_distance_steps(
-            low, _MAX_CYCLES_PER_PIXEL / camera.panel.active_side, len(self._length)
+            low, _SETTINGS.max_cycles_per_pixel / camera.panel.active_side, len(self._length)
         )
         away, step = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges)
         area, rim = q.lens.stop.area * q.radius**2, self._length.sum()
@@ -100,18 +131,18 @@ class StopEdgeScatter:
 
     @property
     def fresnel_zone_frequency(self) -> float:
-        """Cycles per metre that light takes to spread over a Fresnel zone on its way."""
+        """The inverse of the Fresnel zone's width between panel and lens, in cycles per metre."""
         return 1 / math.sqrt(self._fresnel_area)
 
     @cached_property
     def max_window_frequency(self) -> Array:
-        """The largest frequency behind the lens that goes to the samples, along y and x."""
+        """The largest frequency behind the lens that reaches the sensor samples, along y and x."""
         q = self._q
         far = [float(q.samples.coordinates(axis).abs().max()) for axis in (0, 1)]
         return np.array(far) / q.scale
 
     def lens_frequency_shift(self, at: Array) -> Array:
-        """Cycles per metre by which the lens turns light at places (..., 2) in its plane."""
+        """Return how far the lens shifts the light's frequency at points (..., 2), cycles/m."""
         q = self._q
         place = torch.from_numpy(at / q.radius).requires_grad_()
         phase = pupil_phase(
@@ -123,21 +154,28 @@ class StopEdgeScatter:
         return np.asarray(found.numpy() / (2 * math.pi * q.radius))
 
     def trace_rays(self, at: Array, behind: Array) -> RaySamples:
-        """Light that has the frequencies `behind` the lens, before the lens turns it there."""
+        """Trace rays back to the panel, from points in the lens' plane.
+
+        at: the points, metres, (..., 2). behind: the rays' frequencies just before the lens, cycles
+        per metre, (..., 2).
+        """
         frequency = self._shadow_magnification * behind
         start = at / self._shadow_magnification - self._shift - self._fresnel_area * frequency
         sent = self._pixel_envelope(frequency)
         return RaySamples(frequency, start, sent * self._panel_illumination(start), sent)
 
     def _pixel_envelope(self, frequency: Array) -> Array:
-        """A pixel's envelope sinc², and beyond its first zero the mean over its lobes."""
+        """Return a panel pixel's envelope sinc², averaged over its lobes beyond the first zero."""
         turns = np.abs(frequency) * self._camera.panel.active_side
         lobes = 0.5 / (math.pi * np.maximum(turns, 1.0)) ** 2
         return np.asarray(np.prod(np.where(turns < 1, np.sinc(turns) ** 2, lobes), axis=-1))
 
     def _panel_illumination(self, start: Array) -> Array:
-        """1 on the panel, and beside it what its own edges bend: at the distance x in the shadow
-        of an edge, fresnel_area / (2 pi x)² (Fresnel's integrals, far from the edge)."""
+        """Return the relative irradiance that the panel's own edges leave at a position.
+
+        It is 1 on the panel. Beside it, at the distance x from the edge, diffraction leaves
+        fresnel_area / (2 pi x)² (Fresnel's integrals, far from the edge).
+        """
         light = np.ones(start.shape[:-1])
         for axis in (0, 1):
             beside = self._distance_from_panel(start[..., axis], axis)
@@ -147,7 +185,7 @@ class StopEdgeScatter:
         return light
 
     def _distance_from_panel(self, place: Array, axis: int) -> Array:
-        """Metres from the panel's nearest edge along an axis, 0 on the panel."""
+        """Return the distance in metres from the panel's edge along an axis, 0 on the panel."""
         line = self._camera.panel.plane.coordinates(axis)
         half = self._camera.panel.pitch / 2
         below, above = float(line[0]) - half - place, place - float(line[-1]) - half
@@ -160,21 +198,25 @@ class StopEdgeScatter:
 
     @cached_property
     def _opening_bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest place (y, x) of the stop's opening, in radii: a hole may be small."""
+        """The lowest and highest (y, x) of the stop's opening, in stop radii.
+
+        The opening may be much smaller than the circle around it, so samples cover only the
+        opening.
+        """
         low, high = zip(*(stop_extent(self._camera, axis) for axis in (0, 1)), strict=True)
         return np.array(low), np.array(high)
 
     @cached_property
     def _stop_coordinates(self) -> tuple[Array, Array]:
-        """Places along y and x across the stop's opening, metres."""
+        """The coordinates of the samples along y and x across the stop's opening, metres."""
         low, high = self._opening_bounds
-        line = (np.arange(_STOP_SAMPLES) + 0.5) / _STOP_SAMPLES
+        line = (np.arange(_SETTINGS.stop_samples) + 0.5) / _SETTINGS.stop_samples
         y, x = self._q.radius * (low + np.outer(line, high - low)).T
         return y, x
 
     @cached_property
     def _open_mask(self) -> NDArray[np.bool_]:
-        """Which crossings of the lines are open."""
+        """Whether the stop is open at each sample of `_stop_coordinates`."""
         y, x = np.meshgrid(
             *(line / self._q.radius for line in self._stop_coordinates), indexing="ij"
         )
@@ -186,30 +228,32 @@ class StopEdgeScatter:
 
     @cached_property
     def _open_points(self) -> Array:
-        """The open ones, (n, 2) for y and x."""
+        """The samples at which the stop is open, (n, 2) for y and x, metres."""
         y, x = np.meshgrid(*self._stop_coordinates, indexing="ij")
         return np.stack([y[self._open_mask], x[self._open_mask]], axis=-1)
 
     @cached_property
     def _direct_rays(self) -> RaySamples:
-        """Light that goes straight through the stop into the window, (places, window, 2)."""
+        """The rays that go straight through the stop into the window, (points, window, 2)."""
         at = self._open_points
         return self.trace_rays(at[:, None], self._window - self.lens_frequency_shift(at)[:, None])
 
     @cached_property
     def direct_area(self) -> float:
-        """Square metres of the stop from which the window is lit, each weighed by the light."""
+        """The area of the stop from which the window is lit, weighted by the light, m²."""
         low, high = self._opening_bounds
-        each = float(np.prod(high - low)) * (self._q.radius / _STOP_SAMPLES) ** 2
+        each = float(np.prod(high - low)) * (self._q.radius / _SETTINGS.stop_samples) ** 2
         return float(self._direct_rays.light.mean(axis=1).sum()) * each
 
     @cached_property
     def passing_band(self) -> tuple[Array, Array]:
-        """The lowest and highest frequencies (y, x) that go straight into the window's samples,
-        from wherever the panel is lit; with room for a Fresnel zone, but not beyond all that go
-        there from anywhere."""
+        """The lowest and highest frequencies (y, x) that go straight into the window.
+
+        These are the frequencies of rays from the lit panel, widened by a Fresnel zone. The band
+        isn't wider than that of an infinitely large panel.
+        """
         rays, room = self._direct_rays, self._shadow_magnification * self.max_window_frequency / 2
-        lit = rays.light > _MIN_RELATIVE_LIGHT * rays.light.max(initial=0.0)
+        lit = rays.light > _SETTINGS.min_relative_light * rays.light.max(initial=0.0)
         if not lit.any():
             return -room - self.fresnel_zone_frequency, room + self.fresnel_zone_frequency
         low, high = (end(rays.frequency[lit], axis=0) for end in (np.min, np.max))
@@ -222,7 +266,7 @@ class StopEdgeScatter:
 
     @cached_property
     def speckle_count(self) -> float:
-        """About how many of them a window has, behind an evenly lit panel."""
+        """The approximate number of speckles in the window, behind an evenly lit panel."""
         q = self._q
         rows, columns = (k - 2 * q.margin for k in q.samples.shape)
         area = rows * columns * q.samples.pitch[0] * q.samples.pitch[1]
@@ -230,12 +274,12 @@ class StopEdgeScatter:
 
     @property
     def share_per_frequency_area(self) -> float:
-        """Of the point's light, what an evenly lit panel sends to a unit of frequency area."""
+        """The share of the light that an evenly lit panel sends to a unit of frequency area, m²."""
         return self.direct_area * self._camera.panel.active_side**2 / open_area(self._camera)
 
     @property
     def window_share(self) -> float:
-        """Of an evenly lit panel's light, what goes into the window."""
+        """The share of an evenly lit panel's light that goes into the window."""
         q = self._q
         rows, columns = (k - 2 * q.margin for k in q.samples.shape)
         area = rows * columns * q.samples.pitch[0] * q.samples.pitch[1]
@@ -243,8 +287,10 @@ class StopEdgeScatter:
 
     @cached_property
     def _passing_kernels(self) -> list[tuple[Array, Array]]:
-        """Frequencies all over the band that passes, and how a pixel sends to them, so that the
-        squares of what is sent add up to light; along each axis."""
+        """Frequencies over the passing band, and a pixel's amplitude at each, along each axis.
+
+        The amplitudes are scaled so that the sum of their squares is the light in the band.
+        """
         panel, found = self._camera.panel, []
         for axis in (0, 1):
             low, high = (float(end[axis]) for end in self.passing_band)
@@ -256,13 +302,13 @@ class StopEdgeScatter:
 
     @cached_property
     def passing_share(self) -> float:
-        """Of an evenly lit panel's light, what has frequencies that pass."""
+        """The share of an evenly lit panel's light that lies in the passing band."""
         return float(np.prod([(strength**2).sum() for _, strength in self._passing_kernels]))
 
     def passing_brightness(self, field: torch.Tensor) -> tuple[float, float]:
-        """Brightness of a panel at frequencies that pass, over that of an evenly lit one.
+        """Compute a panel's brightness in the passing band, relative to an evenly lit panel.
 
-        The least and the most in a batch; field: (..., rows, columns) of the panel.
+        field: of the panel, (..., rows, columns). Returns the least and the greatest of a batch.
         """
         power = field.real**2 + field.imag**2
         total = power.sum(dim=(-2, -1), dtype=torch.float64)
@@ -278,14 +324,17 @@ class StopEdgeScatter:
 
     @cached_property
     def _accepted_frequencies(self) -> Array:
-        """Frequencies before the lens that the window accepts at the edge: (edge, window, 1, 2)."""
+        """The frequencies before the lens that reach the window from the stop's edge.
+
+        The shape is (edge, window, 1, 2).
+        """
         return np.asarray(self._window - self.lens_frequency_shift(self._edge_points)[:, None])[
             :, :, None
         ]
 
     @cached_property
     def scattered_rays(self) -> RaySamples:
-        """The light that the edge scatters into the window, (edge, window, distance, 2)."""
+        """The rays that the stop's edge scatters into the window, (edge, window, distance, 2)."""
         rays = self.trace_rays(
             self._edge_points[:, None, None], self._accepted_frequencies - self.edge_frequency_shift
         )
@@ -297,11 +346,11 @@ class StopEdgeScatter:
     def aliased_light(
         self, alias_frequency: Array, low: Array, high: Array, edge_transmission: Array
     ) -> float:
-        """Light of a band (low, high) that a grid's own frequency brings into the window.
+        """Estimate the light that aliasing on the lens grid adds to the window from a band.
 
-        alias_frequency: cycles per metre (y, x) by which it arrives beside the window.
-        edge_transmission: share of the field that the grid's edge passes, by its turn (edge, 1,
-        distance). The window's middle stands for all of it.
+        alias_frequency: cycles per metre (y, x) by which the sampled stop shifts the light.
+        edge_transmission: share of the field that the grid's averaged edge passes, by its shift in
+        frequency, (edge, 1, distance). The window's middle represents all of the window.
         """
         behind = (
             self._accepted_frequencies[:, 0] + alias_frequency - self.edge_frequency_shift[:, 0]
@@ -314,11 +363,11 @@ class StopEdgeScatter:
 
     @cached_property
     def edge_frequency_shift(self) -> Array:
-        """By which frequency the edge turns the light: (edge, 1, distance, 2)."""
+        """The shift in frequency that the stop's edge gives to light, (edge, 1, distance, 2)."""
         return np.asarray(self._normal[:, None, None] * self._normal_distances[:, None, :, None])
 
     def relative_error(self, lost_light: float) -> float:
-        """Relative L2 error of an intensity whose field lacks that much."""
+        """Return the relative L2 error of the PSF if its field lacks so much light."""
         if not self.direct_area > 0:
             return math.inf
         return (
@@ -328,20 +377,20 @@ class StopEdgeScatter:
         )
 
     def allowed_light_loss(self, error: float) -> float:
-        """The light that may be lost for a relative L2 error of the intensity."""
+        """Return the light that may be lost for a given relative L2 error of the PSF."""
         return (
             error / (self._safety_factor * self._pixel_averaging_factor)
         ) ** 2 * self.direct_area
 
     @cached_property
     def _pixel_averaging_factor(self) -> float:
-        """What is left of a relative error when light is integrated over pixels.
+        """The share of a relative error that remains after integration over sensor pixels.
 
-        Light from two places that are g apart in frequency makes fringes, of which a pixel of
-        side p keeps sinc²(g p) of the power. Of an evenly lit panel's light |U|², half of the
-        power is its mean, and half are fringes of any two places in the stop; the error
-        2 Re(U* e) is all fringes, of the stop's places with those of its edge (Goodman,
-        Statistical Optics, §7.5, for either alone).
+        Light from two points that differ by g in frequency makes fringes. A pixel of side p keeps
+        sinc²(g p) of their power. For an evenly lit panel, half of the power of |U|² is its mean,
+        and half belongs to fringes between any two points in the stop. The error 2 Re(U* e)
+        consists of fringes alone, between points in the stop and points on its edge (section 7.5
+        of Goodman, Statistical Optics, for either alone).
         """
         rim = self.scattered_rays.light.sum(axis=(1, 2))
         if not (any(self._q.pixel) and self.direct_area > 0 and rim.any()):
@@ -351,16 +400,21 @@ class StopEdgeScatter:
 
     @cached_property
     def normalised_second_moment(self) -> float:
-        """Mean square of an evenly lit panel's light in the window over the square of its mean:
-        2 for samples of speckles, less for pixels that average them."""
+        """The mean square of an evenly lit panel's light in the window over its squared mean.
+
+        It is 2 for point samples of speckles, and less for pixels, which average them.
+        """
         if not (any(self._q.pixel) and self.direct_area > 0):
             return 2.0
         light = self._direct_rays.light.mean(axis=1)
         return 1 + float(self._fringe_power_share(self._open_points) @ light / light.sum())
 
     def _fringe_power_share(self, at: Array) -> Array:
-        """Share of their power that pixels keep, of fringes of all light in the stop with that
-        of each place (n, 2) at the lens."""
+        """Return the share of the fringes' power that sensor pixels keep.
+
+        The fringes are those of all light in the stop with the light from each point `at`, (n, 2)
+        in the lens' plane.
+        """
         light = np.zeros(self._open_mask.shape)
         light[self._open_mask] = self._direct_rays.light.mean(axis=1)
         down, along = (
@@ -374,19 +428,20 @@ class StopEdgeScatter:
 
     @property
     def _safety_factor(self) -> float:
-        return _MANY_SPECKLES_FACTOR + _FEW_SPECKLES_FACTOR / math.sqrt(self.speckle_count)
+        few = _SETTINGS.few_speckles_factor / math.sqrt(self.speckle_count)
+        return _SETTINGS.many_speckles_factor + few
 
     def error_from_light_share(self, share: float) -> float:
-        """Relative L2 error of an intensity of whose light so large a share is wrong."""
+        """Return the relative L2 error of a PSF if the given share of its light is wrong."""
         return self._safety_factor * math.sqrt(share)
 
     @cached_property
     def _collapse_light_errors(self) -> tuple[float, float]:
-        """Light that is wrong where the stop's shadow on the panel stands for the stop: of
-        frequencies that pass, and of all.
+        """The light that is wrong if the stop's shadow on the panel replaces the stop.
 
-        Light of the frequency f that the edge turns to g has run on by the phase
-        pi fresnel_area (g² - f²) where the panel stands apart.
+        The first number is for frequencies in the passing band, the second for all. Between panel
+        and stop, light of the frequency f that the edge turns to g gains the phase
+        pi fresnel_area (g² - f²), which the shadow on the panel doesn't give.
         """
         rays = self.scattered_rays
         goes = self._shadow_magnification * self._accepted_frequencies
@@ -400,52 +455,54 @@ class StopEdgeScatter:
         return float(lost[is_in_band(rays.frequency, *self.passing_band)].sum()), float(lost.sum())
 
     def collapse_error(self) -> float:
-        """What it costs to put the stop's shadow on the panel in place of the stop."""
+        """Return the relative error of replacing the stop by its shadow on the panel."""
         return self.relative_error(self._collapse_light_errors[1])
 
     @property
     def collapse_passing_share(self) -> float:
-        """Share of that error's square that light of frequencies that pass makes."""
+        """The share of the squared `collapse_error` that light in the passing band contributes."""
         within, whole = self._collapse_light_errors
         return within / whole if whole > 0 else 0.0
 
 
 def _normal_distance_steps(low: float, high: float, pieces: int) -> Array:
-    """Ends of the steps in distance from an edge's own frequency, (pieces, steps + 1), cycles a
-    metre; those nearer than `low` first.
+    """Return the limits of the steps in frequency away from the stop's edge, in cycles per metre.
 
-    Every piece of the edge has other steps (by the golden ratio, so that neighbours' fill each
-    other's gaps): where a band ends, or the panel, is told much finer than by a step.
+    The shape is (pieces, steps + 1); steps nearer than `low` come first. Every piece of the edge
+    has its own steps, shifted by the golden ratio, so that the steps of neighbouring pieces
+    interleave. The ends of a band or of the panel are thus resolved much finer than one step.
     """
+    far_steps, near_steps = _SETTINGS.far_steps, _SETTINGS.near_steps
     high = max(high, 4 * low)
     shift = ((np.arange(pieces) + 0.5) * (math.sqrt(5) - 1) / 2) % 1
-    number = np.arange(_FAR_STEPS + 1) + shift[:, None]
-    far = low * (high / low) ** (number / _FAR_STEPS)
-    near = np.broadcast_to(np.linspace(0, low, _NEAR_STEPS + 1), (pieces, _NEAR_STEPS + 1))
+    number = np.arange(far_steps + 1) + shift[:, None]
+    far = low * (high / low) ** (number / far_steps)
+    near = np.broadcast_to(np.linspace(0, low, near_steps + 1), (pieces, near_steps + 1))
     return np.concatenate([near, far], axis=1)
 
 
 def is_in_band(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """Which frequencies (..., 2) are in a band; low, high: (2,) for y and x."""
+    """Tell which frequencies (..., 2) lie in a band; low and high are (2,), for y and x."""
     y, x = frequency[..., 0], frequency[..., 1]
     return np.asarray((y >= low[0]) & (y <= high[0]) & (x >= low[1]) & (x <= high[1]))
 
 
 def window_frequencies(q: PSFRequest) -> Array:
-    """Frequencies (y, x) behind the lens that go to places in the window, (places, 2)."""
+    """Return the frequencies (y, x) behind the lens for five points of the window, (5, 2)."""
     rows, columns = q.window_slices
     lines = (q.samples.coordinates(0)[rows], q.samples.coordinates(1)[columns])
     (y0, y1), (x0, x1) = ((float(line[0]), float(line[-1])) for line in lines)
     middle = np.array([y0 + y1, x0 + x1]) / 2
     half = np.array([y1 - y0, x1 - x0]) / 2
     corners = [[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]]
-    return np.asarray((middle + 2 * _WINDOW_PROBE_OFFSET * half * np.array(corners)) / q.scale)
+    away = 2 * _SETTINGS.window_probe_offset * half * np.array(corners)
+    return np.asarray((middle + away) / q.scale)
 
 
 def _sample_stop_edge(camera: Camera, radius: float) -> tuple[Array, Array, Array]:
-    """Places along the stop's boundary, its normals there, and lengths; metres."""
+    """Divide the stop's boundary into pieces: their midpoints, normals and lengths, in metres."""
     pieces = [piece for loop in camera.lens.stop.loops for piece in loop.pieces]
-    count = max(4, _EDGE_PIECES // len(pieces))
+    count = max(4, _SETTINGS.edge_pieces // len(pieces))
     t = (np.arange(count) + 0.5) / count
     at, along = (
         np.concatenate([np.stack(np.broadcast_arrays(*part), axis=-1) for part in parts])

@@ -1,4 +1,4 @@
-"""The light of a point behind a panel, free space, a lens with its stop, and free space again."""
+"""The base class of all engines that compute a PSF through the chain from panel to sensor."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from optics.validation import as_number, needs_gradient
 
 
 class ChainEngine(PSFEngine):
-    """Panel, space, stop and lens, space, sensor: thesis Eq. 5.1 to 5.7, in Fresnel's model.
+    """Computes the PSF of a panel apart from its lens: thesis Eq. 5.1 to 5.7, in Fresnel's model.
 
     With the point's parabolic wave factored out (Sziklas and Siegman 1975,
     10.1364/AO.14.001874), the spread M = 1 + z1/d and the point's image at x_i on the sensor,
@@ -30,10 +30,11 @@ class ChainEngine(PSFEngine):
         exp(i pi (x - x_o)² / (lambda (d + z1))) W(x / M - z1 x_i / z2) / M,
 
     where W is the panel's modulation after z1 / M of free space and x_o = -x_i (d + z1) / z2
-    the object: completing the square in s of (s - x_o)²/d + (x - s)²/z1 leaves
-    (M / z1) (s - c)² + (x - x_o)² / (d + z1), c = x / M - z1 x_i / z2. An object at infinity is
-    M = 1. Then the lens leaves the defocus and its aberrations (`pupil_phase`), and a Fraunhofer
-    integral about the image point goes to the sensor; the tilt by x_o is what moves it there.
+    the object. This follows from completing the square in s: (s - x_o)²/d + (x - s)²/z1 equals
+    (M / z1) (s - c)² + (x - x_o)² / (d + z1), with c = x / M - z1 x_i / z2. M is 1 for an object at
+    infinity. After the lens, the phase is that of defocus and aberrations (`pupil_phase`). A
+    Fraunhofer integral about the image point leads to the sensor; the tilt of the wave from x_o
+    moves the image to that point.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class ChainEngine(PSFEngine):
 
     @abstractmethod
     def _plan(self, n: PSFRequest) -> None:
-        """Choose what keeps the tolerance of a request in plain numbers."""
+        """Choose the sampling that keeps the tolerance of a PSF request in plain numbers."""
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._camera.panel.plane.mesh()
@@ -59,7 +60,7 @@ class ChainEngine(PSFEngine):
     def panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
-        """The panel's field, without the point's parabola."""
+        """Return the field behind the panel, without the point's parabolic wave."""
         factor = self.modulation_factor(phase, amplitude, self._camera.panel.shape, self._dtype)
         if factor is None:
             factor = torch.ones(self._camera.panel.shape, dtype=self._dtype)
@@ -69,13 +70,16 @@ class ChainEngine(PSFEngine):
         return factor * sphere.wave_factor(*self.points()).to(factor)
 
     def empty_intensity(self, modulated: torch.Tensor) -> torch.Tensor:
-        """The answers to no fields at all, (..., rows, columns): FFTs take none."""
+        """Return the PSFs of an empty batch, (..., rows, columns), which FFTs don't accept."""
         light = modulated.real.sum(dim=(-2, -1))
         return light[..., None, None].expand(*light.shape, *self._request.samples.shape)
 
     def wavefront_slope_fields(self, field: torch.Tensor) -> list[tuple[int, torch.Tensor]]:
-        """The panel's field times the slope of the sphere's difference from its parabola inside
-        every pixel, cycles a metre along each axis; nothing where there is no sphere."""
+        """Return, per axis, the panel's field times the wave's extra slope inside each pixel.
+
+        The slope is that of the exact spherical wave less its parabola, in cycles per metre. The
+        list is empty if the request has no spherical wave.
+        """
         sphere = self._request.sphere
         if sphere is None:
             return []
@@ -83,8 +87,11 @@ class ChainEngine(PSFEngine):
         return [(axis, field * slope.to(field)) for axis, slope in enumerate(slopes)]
 
     def _sphere_error(self) -> float:
-        """What it costs to follow the sphere's difference from its parabola inside a pixel by its
-        slope: half of the square of half the turn, on average over the pixel a third of that."""
+        """Estimate the error of taking the spherical wave's extra phase as linear inside a pixel.
+
+        At the pixel's edge it is half of the square of half the phase change across the pixel. Its
+        mean over the pixel is a third of that.
+        """
         sphere, panel = self._request.numeric.sphere, self._camera.panel
         if sphere is None:
             return 0.0
@@ -92,7 +99,7 @@ class ChainEngine(PSFEngine):
         return turn**2 / 12
 
     def _propagator_variables(self) -> PropagatorVariables | None:
-        """What the field at the lens depends on, where its derivatives are wanted."""
+        """Return the variables of the field at the lens, or None if no derivative is wanted."""
         q = self._request
         lengths = (q.wavelength, q.separation, q.distance, q.radius, *q.chief_ray_slopes)
         if not any(map(needs_gradient, lengths)):
@@ -108,12 +115,12 @@ class ChainEngine(PSFEngine):
         return PropagatorVariables(bend * one, stretch * one, (shift[0] * one, shift[1] * one))
 
     def _open_pixel_area(self) -> Scalar:
-        """Square metres of pixels that panel and stop would leave open in one plane."""
+        """Return the open area of panel pixels, in m², if panel and stop stood in one plane."""
         fill = self._camera.panel.fill_factor
         area, radius = open_area(self._camera) * fill, self._request.radius
         if not needs_gradient(radius):
             return area
-        # The stop's edge is smooth enough for a difference of areas.
+        # The area changes smoothly with the radius, so a central difference gives its derivative.
         lens, part = self._camera.lens, 1e-5
         wider, narrower = (
             open_area(replace(self._camera, lens=replace(lens, f_number=lens.f_number / (1 + p))))
@@ -123,7 +130,7 @@ class ChainEngine(PSFEngine):
         return area + growth * (radius / as_number(radius) - 1)
 
     def intensity_scale(self) -> Scalar:
-        """What turns |sum over the lens' samples in stop radii|² into shares of the light."""
+        """Return the factor from |sum over the lens samples|² to PSF values, in stop radii."""
         q = self._request
         area = q.samples.pitch[0] * q.samples.pitch[1]
         return (
@@ -132,7 +139,7 @@ class ChainEngine(PSFEngine):
 
     @property
     def _passing_error_share(self) -> float:
-        """Share of the error's square that light makes whose frequencies pass the stop."""
+        """The share of the squared error that light in the passing band contributes."""
         return 0.0
 
     def _intensity_or_replan(
@@ -142,16 +149,16 @@ class ChainEngine(PSFEngine):
         amplitude: torch.Tensor | None,
         measure_passing_brightness: Callable[[], tuple[float, float]] | None = None,
     ) -> torch.Tensor:
-        """The light, if the window gets enough of it; else that of an engine planned for less.
+        """Return `light`, or the result of a stricter engine if the window is too dark.
 
-        measure_passing_brightness: the panel's brightness (see LowLightCorrection), where somebody
-        knows it sooner.
+        light: the PSF as this engine computes it. measure_passing_brightness: a function that
+        returns the panel's brightness (see LowLightCorrection), where the caller has a faster one.
         """
-        look = measure_passing_brightness or (
+        measure = measure_passing_brightness or (
             lambda: self._edge_scatter.passing_brightness(self.panel_field(phase, amplitude))
         )
         ratio = LowLightCorrection(
-            self._edge_scatter, self._request.window_slices, light, amplitude, look
+            self._edge_scatter, self._request.window_slices, light, amplitude, measure
         ).error_divisor(self._passing_error_share)
         if self.error.value / ratio + self.arithmetic <= self._promised_tol:
             return light

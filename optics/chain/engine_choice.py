@@ -1,4 +1,4 @@
-"""Which ways lead through the chain of panel, space, lens and sensor."""
+"""List the engines that compute a PSF through the chain from panel to sensor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from optics.point.request import PSFRequest
 from optics.pupil import numeric_camera, require_open_pupil
 
 CHAIN_METHODS = (CollapsedEngine.name, GridEngine.name, QuadratureEngine.name)
-"""A transform's name asks for the collapsed camera."""
+"""Names of the chain's engines. A Fourier transform's name selects the collapsed camera."""
 
 
 def chain_engines(
@@ -47,7 +47,7 @@ def chain_engines(
         For a stop that leaves the panel dark, or a method that isn't known.
     """
     require_open_pupil(numeric_camera(camera))
-    # What the stop's edge scatters is looked at once for all of them.
+    # All engines share one estimate of the light that the stop's edge scatters.
     edge = StopEdgeScatter(request, numeric_camera(camera))
     search = functools.cache(lambda: LensGridSearch(edge))
     transform = method if method in PANEL_METHODS else None

@@ -1,10 +1,10 @@
-"""The chain of panel, space, stop, space and sensor on grids, by FFTs."""
+"""Compute the PSF through the chain from panel to sensor on grids, by FFTs."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -29,11 +29,27 @@ from optics.point.request import PSFRequest
 from optics.pupil import defocus_curvature, pupil_phase
 from optics.stop.coverage import coverage
 
-_GRID_SHARE, _TRANSFORM_SHARE = 0.92, 0.02
-"""Of the tolerance: what the grid may leave out, and what a transform may add in the field."""
 
-_LENS_WAVE_MEMORY_SHARE = 0.25
-"""Of the memory allowed, what an aberrated lens' wave may take to be kept."""
+@dataclass(frozen=True)
+class ChainGridSettings:
+    """Tune how a GridEngine divides its tolerance and memory.
+
+    Attributes
+    ----------
+    grid_tol_share : float
+        Share of the tolerance that the grid at the lens may use. Chosen.
+    transform_tol_share : float
+        Share of the tolerance that a Fourier transform may use, in the field. Chosen.
+    lens_wave_memory_share : float
+        Share of the allowed memory in which an aberrated lens' wave may be cached. Chosen.
+    """
+
+    grid_tol_share: float = 0.92
+    transform_tol_share: float = 0.02
+    lens_wave_memory_share: float = 0.25
+
+
+_SETTINGS = ChainGridSettings()
 
 
 class GridEngine(ChainEngine):
@@ -70,7 +86,7 @@ class GridEngine(ChainEngine):
     def _plan(self, n: PSFRequest) -> None:
         self._set_precision(0.1 * n.tol < FLOAT32_ARITHMETIC)
         rough = self._sphere_error()
-        allowed = _GRID_SHARE * n.tol - rough
+        allowed = _SETTINGS.grid_tol_share * n.tol - rough
         if not allowed > 0:
             raise unreachable_tolerance_error(n.tol, 1.1 * (rough + 0.2 * n.tol))
         self._grid = choose_lens_grid(n, self._camera, self._search, allowed)
@@ -114,18 +130,21 @@ class GridEngine(ChainEngine):
         )
 
     def _plan_lens_wave(self) -> LensWave | None:
-        """What of the lens' wave isn't a product along y and x; derivatives make their own."""
+        """Plan the lens' wave of a lens whose wave isn't a product of factors along y and x.
+
+        None for other lenses, and where derivatives are wanted, which compute the wave anew.
+        """
         n = self._request.numeric
         if n.lens.has_quadratic_phase or self._request.differentiable:
             return None
-        room = _LENS_WAVE_MEMORY_SHARE * n.budget.memory
+        room = _SETTINGS.lens_wave_memory_share * n.budget.memory
         return LensWave(partial(_lens_phase, n), self._lens_plane, self._dtype, room)
 
     def _plan_sensor_map(self) -> PanelToSensorMap:
         n, lens = self._request.numeric, self._camera.lens
         real = torch.zeros((), dtype=self._dtype).real.dtype
         openings = BlockwiseStopMask(lens.stop, n.radius, self._lens_plane, real)
-        error = max(_TRANSFORM_SHARE * n.tol, FINEST_GRIDDING)
+        error = max(_SETTINGS.transform_tol_share * n.tol, FINEST_GRIDDING)
         geometry = FourierGeometry(self._lens_plane, n.samples, n.scale)
         return PanelToSensorMap(self.propagator, openings, geometry, error, n.budget)
 
@@ -159,7 +178,7 @@ class GridEngine(ChainEngine):
             self._sensor_map.set_lens_wave(self._separable_lens_wave(), self._lens_wave)
 
     def _separable_lens_wave(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """The lens' wave along y and x, of one that is their product."""
+        """Return the factors of the lens' wave along y and x; ones if it isn't their product."""
         n = self._request.numeric
         if not n.lens.has_quadratic_phase:
             y, x = (torch.ones(count, dtype=torch.complex128) for count in self._lens_plane.shape)
@@ -208,12 +227,14 @@ class GridEngine(ChainEngine):
         ]
         return PanelToLensPropagator(axes[0], axes[1], self._dtype)
 
-    def _field_at_sensor(self, relay: PanelToLensPropagator, field: torch.Tensor) -> torch.Tensor:
-        """The sum over the lens' samples, of a panel's field by one of the propagators."""
+    def _field_at_sensor(
+        self, propagator: PanelToLensPropagator, field: torch.Tensor
+    ) -> torch.Tensor:
+        """Propagate a panel's field to the sensor with the given propagator to the lens."""
         if self._request.differentiable:
-            return self._differentiable_field_at_sensor(relay, field)
+            return self._differentiable_field_at_sensor(propagator, field)
         return propagate_to_sensor(
-            self._sensor_map.with_relay_propagator(relay), panel_spectrum(relay, field)
+            self._sensor_map.with_propagator(propagator), panel_spectrum(propagator, field)
         )
 
     def intensity_from_spectrum(
@@ -239,14 +260,14 @@ class GridEngine(ChainEngine):
         return self._intensity_from_field(field, phase, amplitude, spectrum.detach)
 
     def _differentiable_field_at_sensor(
-        self, relay: PanelToLensPropagator, field: torch.Tensor
+        self, propagator: PanelToLensPropagator, field: torch.Tensor
     ) -> torch.Tensor:
-        """_field_at_sensor() with derivatives in all lengths."""
+        """Propagate a panel's field to the sensor, differentiable in all lengths."""
         q = self._request
         turns = _lens_phase(q, *self._lens_plane.mesh()) / (2 * math.pi)
         wave = unit_phasor(turns, self._dtype)
         wave = wave * coverage(self._camera.lens.stop, q.numeric.radius, self._lens_plane)
-        field = propagate_to_lens(relay, field, self._propagator_variables()) * wave.to(
+        field = propagate_to_lens(propagator, field, self._propagator_variables()) * wave.to(
             self._dtype
         ).to(field.device)
         moved = q.transform_variables
@@ -259,14 +280,18 @@ class GridEngine(ChainEngine):
         amplitude: torch.Tensor | None,
         spectrum: Callable[[], torch.Tensor],
     ) -> torch.Tensor:
-        """spectrum: of the panel, without derivatives; only a dim window asks for it."""
+        """Compute the PSF from the field at the sensor.
+
+        spectrum: a function that returns the panel's spectrum without derivatives. It is called
+        only for a window that gets little light.
+        """
         cell = (
             self._lens_plane.pitch[0] * self._lens_plane.pitch[1] / self._request.numeric.radius**2
         )
         light = (field.real**2 + field.imag**2) * (self.intensity_scale() * cell**2)
         light = light.to(torch.float64 if self._dtype == torch.complex128 else torch.float32)
 
-        def inside() -> tuple[float, float]:
+        def measure_passing_brightness() -> tuple[float, float]:
             low, high = (end.tolist() for end in self._edge_scatter.passing_band)
             power = self.propagator.mean_band_power(spectrum(), low, high)
             rows, columns = self._camera.panel.shape
@@ -276,7 +301,7 @@ class GridEngine(ChainEngine):
             found = power / sent
             return float(found.min()), float(found.max())
 
-        return self._intensity_or_replan(light, phase, amplitude, inside)
+        return self._intensity_or_replan(light, phase, amplitude, measure_passing_brightness)
 
     @cached_property
     def _passing_error_share(self) -> float:
@@ -284,6 +309,6 @@ class GridEngine(ChainEngine):
 
 
 def _lens_phase(q: PSFRequest, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Radians of the lens' wave at places in its plane, metres."""
+    """Return the phase of the lens' wave, in radians, at points of its plane in metres."""
     radius = q.numeric.radius
     return pupil_phase(q.lens, q.object_to_lens_distance, q.wavelength, y / radius, x / radius)

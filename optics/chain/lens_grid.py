@@ -1,9 +1,9 @@
-"""Which frequencies of the panel's light have to be followed to the lens, and how fine a grid
-there has to be."""
+"""Choose the band of the panel's frequencies and the grid at the lens that keep a tolerance."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,8 +17,6 @@ from optics.point.request import PSFRequest
 
 Array = NDArray[np.float64]
 
-_BAND_TOL_SHARES = (0.3, 0.5, 0.7)
-"""Shares of the tolerance that frequencies left out may take; the cheapest is chosen."""
 
 _GRID_REFINEMENTS = (
     *np.arange(1.25, 2, 0.125),
@@ -34,31 +32,52 @@ _GRID_REFINEMENTS = (
     48,
     64,
 )
-"""Of the grid, over the band's half: the coarsest that keeps its part is taken."""
-
-_LOG_FREQUENCY_STEP = 0.005
-"""Of the logarithm of frequencies, in which light is added up."""
+"""Candidate sampling rates of the lens grid, over the band's half width. The search takes the
+lowest rate that keeps the tolerance."""
 
 _SPLITS = np.linspace(0.05, 0.95, 13)
+"""Candidate shares of the lost light that the limits of a band along y may cause; those along x
+cause the rest."""
+
+
+@dataclass(frozen=True)
+class LensGridSettings:
+    """Tune the search for the grid at the lens.
+
+    Attributes
+    ----------
+    band_tol_shares : tuple of float
+        Candidate shares of the tolerance for the frequencies outside the band. The search takes the
+        share that gives the smallest grid.
+    log_frequency_step : float
+        Step of the logarithm of the frequency in which light is summed. Sorting the light itself
+        takes five times as long.
+    """
+
+    band_tol_shares: tuple[float, ...] = (0.3, 0.5, 0.7)
+    log_frequency_step: float = 0.005
+
+
+_SETTINGS = LensGridSettings()
 
 
 def choose_lens_grid(
     request: PSFRequest, camera: Camera, search: LensGridSearch, tol: float
 ) -> LensGrid:
-    """The cheapest band and grid that leave a relative error of `tol`.
+    """Choose the cheapest band of frequencies and grid at the lens with a relative error of `tol`.
 
-    Light of the frequencies left out, of which the window gets what the stop's edge scatters,
-    is the first part of the error (see StopEdgeScatter). The second is that of the stop's gray
-    edge: a cell of the grid that the edge cuts passes light by its open area, so the edge scatters
-    sinc of its turn in frequency over the rate, which is too little, and also what one and two
-    directions of the grid's own frequencies turn back.
+    The error has two parts. The first comes from frequencies outside the band, whose light the
+    stop's edge scatters into the window (see StopEdgeScatter). The second comes from the sampled
+    edge of the stop: a cell of the grid that the edge cuts passes light in proportion to its open
+    area. The edge then scatters too little, by the sinc of its shift in frequency over the sampling
+    rate, and aliasing along either or both axes of the grid adds light to the window.
 
-    Raises ToleranceError if no grid does.
+    Raises ToleranceError if no grid keeps the tolerance.
     """
-    soft = np.array([BandTaper.for_axis(request, camera, axis).width for axis in (0, 1)])
+    taper_width = np.array([BandTaper.for_axis(request, camera, axis).width for axis in (0, 1)])
     chosen: LensGrid | None = None
-    for share in _BAND_TOL_SHARES:
-        found = search.find_coarsest_grid(share * tol, tol, soft)
+    for share in _SETTINGS.band_tol_shares:
+        found = search.find_coarsest_grid(share * tol, tol, taper_width)
         if found is not None and (chosen is None or _grid_size(found) < _grid_size(chosen)):
             chosen = found
     if chosen is None:
@@ -75,25 +94,34 @@ def _pair(values: Array) -> tuple[float, float]:
 
 
 def _edge_transmission(turns: Array) -> Array:
-    """What a gray edge leaves of the light that it turns, by the cycles a sample (..., 2)."""
+    """Return the share of the scattered field that a sampled stop edge keeps.
+
+    turns: shift in frequency, in cycles per sample of the lens grid, (..., 2).
+    """
     return np.asarray(np.sinc(turns).prod(axis=-1))
 
 
 def _missing_scatter(turned: Array, passed: Array) -> float:
-    """Light that a gray edge fails to turn, of what each turn takes."""
+    """Return the scattered light that a sampled stop edge loses.
+
+    turned: light that each shift in frequency should get. passed: share of the field that it gets.
+    """
     return float(turned @ (1 - passed.ravel()) ** 2)
 
 
 class LensGridSearch:
-    """What bands and grids leave out, of one edge's light."""
+    """Searches the band and the lens grid that neglect little of the light from a stop's edge."""
 
     def __init__(self, edge: StopEdgeScatter) -> None:
         self.edge_scatter = edge
 
     @cached_property
     def _nonzero_scatter(self) -> tuple[Array, Array, NDArray[np.int64]]:
-        """Light that there is: how much, its frequency at the panel, and which of the edge's
-        turns it takes."""
+        """The scattered light of all rays that aren't dark.
+
+        The arrays hold each ray's light, its frequency at the panel, and the index of the shift in
+        frequency that the stop's edge gives it.
+        """
         rays = self.edge_scatter.scattered_rays
         seen = rays.light > 0
         edge, _, distance = np.nonzero(seen)
@@ -124,12 +152,14 @@ class LensGridSearch:
     def find_coarsest_grid(
         self, allowed_error: float, tol: float, taper_width: Array
     ) -> LensGrid | None:
-        """The coarsest grid for the narrowest band that leaves out no more than is allowed.
+        """Find the coarsest lens grid that keeps `tol`, for the narrowest band of frequencies.
 
-        taper_width: cycles per metre (y, x) that the band's smooth ends take at either side.
+        allowed_error: error that the frequencies outside the band may cause. taper_width: width of
+        the band's smooth ends on either side, cycles per metre (y, x). Returns None if no grid
+        keeps the tolerance.
         """
         edge = self.edge_scatter
-        low, high, out = self._narrowest_band(allowed_error, taper_width)
+        low, high, outside = self._narrowest_band(allowed_error, taper_width)
         turned = self._light_by_edge_shift(low, high)
         base = (
             np.maximum(np.abs(low), np.abs(high)) / edge.shadow_magnification
@@ -138,7 +168,7 @@ class LensGridSearch:
         for finer in _GRID_REFINEMENTS:
             rate = finer * base
             passed = _edge_transmission(edge.edge_frequency_shift / rate)
-            lost = out + _missing_scatter(turned, passed)
+            lost = outside + _missing_scatter(turned, passed)
             if edge.relative_error(lost) > tol:
                 continue
             error = edge.relative_error(lost + _aliased_light(edge, low, high, rate, passed))
@@ -147,14 +177,14 @@ class LensGridSearch:
         return None
 
     def _light_by_edge_shift(self, low: Array, high: Array) -> Array:
-        """Light of a band, by which of the edge's turns it takes."""
+        """Sum the light of a band for each shift in frequency that the stop's edge gives."""
         light, frequency, turn = self._nonzero_scatter
         inside = is_in_band(frequency, low, high)
         count = self.edge_scatter.edge_frequency_shift[..., 0].size
         return np.asarray(np.bincount(turn[inside], light[inside], count), dtype=np.float64)
 
     def passing_error_share(self, grid: LensGrid) -> float:
-        """Share of a grid's squared error that light makes whose frequencies pass the stop."""
+        """Return the share of a grid's squared error that light in the passing band contributes."""
         edge, rate = self.edge_scatter, np.array(grid.sampling_rate)
         low, high = edge.passing_band
         passed = _edge_transmission(edge.edge_frequency_shift / rate)
@@ -162,16 +192,16 @@ class LensGridSearch:
         lost += _aliased_light(edge, low, high, rate, passed)
         return min(1.0, (edge.relative_error(lost) / grid.error) ** 2) if grid.error else 0.0
 
-    def _narrowest_band(self, allowed: float, soft: Array) -> tuple[Array, Array, float]:
-        """The narrowest band, low and high, and the light that it leaves out.
+    def _narrowest_band(self, allowed: float, taper_width: Array) -> tuple[Array, Array, float]:
+        """Find the narrowest band, its low and high limits, and the light outside it.
 
-        Rays don't know that light spreads over a Fresnel zone, so a zone is added; but not
-        beyond the band of light from anywhere, for which that makes no difference.
+        Rays neglect that light spreads over a Fresnel zone, so the band is widened by a zone. It
+        isn't made wider than the band of an infinitely large panel, which needs no such margin.
         """
-        low, high = self.find_band(allowed, soft)
+        low, high = self.find_band(allowed, taper_width)
         light, frequency, _ = self._nonzero_scatter
-        out = float(light[~is_in_band(frequency, low, high)].sum())
-        least, most = self.find_band(allowed, soft, unbounded_panel=True)
+        outside = float(light[~is_in_band(frequency, low, high)].sum())
+        least, most = self.find_band(allowed, taper_width, unbounded_panel=True)
         wide = (
             low - self.edge_scatter.fresnel_zone_frequency,
             high + self.edge_scatter.fresnel_zone_frequency,
@@ -180,15 +210,16 @@ class LensGridSearch:
         high = np.minimum(wide[1], np.maximum(high, most))
         if (low > wide[0]).any() or (high < wide[1]).any():
             rays = self.edge_scatter.scattered_rays
-            out = float(rays.unbounded_light[~is_in_band(rays.frequency, low, high)].sum())
-        return low, high, out
+            outside = float(rays.unbounded_light[~is_in_band(rays.frequency, low, high)].sum())
+        return low, high, outside
 
     def find_band(
         self, error: float, taper_width: Array, *, unbounded_panel: bool = False
     ) -> tuple[Array, Array]:
-        """The smallest (low, high), each (y, x), that leaves out no more than an error.
+        """Find the smallest band whose neglected light causes no more than a relative error.
 
-        unbounded_panel: of light from anywhere, on the panel or beside it.
+        The result is (low, high), each (y, x), in cycles per metre. unbounded_panel: whether light
+        counts as if the panel were infinitely large.
         """
         ordered = (
             self._unbounded_light_outside_band if unbounded_panel else self._light_outside_band
@@ -213,7 +244,7 @@ class LensGridSearch:
 def _cumulative_light_by_side(
     frequency: Array, light: Array, ends: tuple[Array, Array], zone: float
 ) -> list[tuple[Array, Array]]:
-    """Light beyond the ends (low, high) of a band, to each side along each axis."""
+    """Sum the light outside the ends (low, high) of a band, on each side along each axis."""
     low, high = ends
     found = []
     for axis in (0, 1):
@@ -227,21 +258,22 @@ def _cumulative_light_by_side(
 def _cumulative_light_outwards(
     frequency: Array, light: Array, end: float, zone: float
 ) -> tuple[Array, Array]:
-    """Frequencies beyond an end, the farthest first, and the light from there on outwards.
+    """Return frequencies beyond a band's end, the farthest first, and the light beyond each.
 
-    In steps of half a percent of a frequency's distance from the end, and of a zone: sorting
-    the light itself takes five times as long.
+    The frequencies are in steps of half a percent of the distance from the end plus a Fresnel zone.
+    Sorting the light itself takes five times as long.
     """
+    step = _SETTINGS.log_frequency_step
     away = np.log1p(np.maximum(frequency - end, 0.0) / zone)
-    steps = math.ceil(float(away.max(initial=0.0)) / _LOG_FREQUENCY_STEP)
-    number = np.minimum((away / _LOG_FREQUENCY_STEP).astype(np.int64), steps)
+    steps = math.ceil(float(away.max(initial=0.0)) / step)
+    number = np.minimum((away / step).astype(np.int64), steps)
     outwards = np.cumsum(np.bincount(number, light, steps + 1)[::-1])
-    reached = end + zone * np.expm1(_LOG_FREQUENCY_STEP * np.arange(steps + 1, 0, -1))
+    reached = end + zone * np.expm1(step * np.arange(steps + 1, 0, -1))
     return reached, outwards.astype(np.float64)
 
 
 def _cutoff_for_lost_light(frequency: Array, light: Array, lost: float) -> float:
-    """Beyond which frequency no more light than that is scattered."""
+    """Return the frequency beyond which no more than the light `lost` is scattered."""
     place = int(np.searchsorted(light, lost))
     return float(frequency[place]) if place < frequency.size else -math.inf
 
@@ -249,6 +281,6 @@ def _cutoff_for_lost_light(frequency: Array, light: Array, lost: float) -> float
 def _aliased_light(
     edge: StopEdgeScatter, low: Array, high: Array, rate: Array, passed: Array
 ) -> float:
-    """Light that gets into the window's middle by the grid's own frequencies."""
+    """Sum the light that aliasing on the lens grid adds to the window, over eight directions."""
     ways = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
     return sum(edge.aliased_light(np.array(way) * rate, low, high, passed) for way in ways)

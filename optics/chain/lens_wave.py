@@ -1,4 +1,4 @@
-"""The wave that a lens gives to light, at samples in its plane, some rows at a time."""
+"""Compute a lens' transmitted wave at samples in its plane, a few rows at a time."""
 
 from __future__ import annotations
 
@@ -13,17 +13,15 @@ from optics.fourier import unit_phasor
 from optics.plane import Plane
 
 _ROWS = 64
-"""Samples whose wave is made at a time, and kept."""
-
-_TOUCHES_PER_SAMPLE = 25
-"""Times that a sample is touched for its wave to be made."""
+"""Rows of samples whose wave is computed at a time."""
 
 
 class LensWave:
-    """exp(i phase) on a plane: kept where there is room for it, or made anew for every call.
+    """Holds a lens' wave exp(i phase) on a plane, cached or computed anew for every call.
 
-    phase: radians at places y, x (metres), float64. dtype: complex. memory_limit: bytes that may be
-    kept. A phase that isn't smooth is known all over the plane, whatever the room.
+    phase: a function of y and x in metres that returns radians, float64. dtype: complex.
+    memory_limit: bytes up to which the wave is cached. A phase that no Chebyshev expansion
+    represents is always cached.
     """
 
     def __init__(
@@ -48,12 +46,13 @@ class LensWave:
         return making + (self._size if self.is_cached else 0)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Of every call; what is kept takes none."""
+        """Predict the processor time per call for the lens' wave; 0 if it is cached."""
         rows, columns = self._plane.shape
-        return 0.0 if self.is_cached else _TOUCHES_PER_SAMPLE * rows * columns * speed.touch
+        # Computing the wave takes about 25 memory accesses per sample.
+        return 0.0 if self.is_cached else 25 * rows * columns * speed.touch
 
     def prepare(self) -> None:
-        """Make what is kept."""
+        """Compute the lens' wave if it is to be cached."""
         if not self.is_cached or self._cached_wave is not None:
             return
         if self._expansion is None:
@@ -66,7 +65,7 @@ class LensWave:
             self._cached_wave[part] = self._wave(self._expansion.rows(part))
 
     def wave_on_rows(self, part: slice) -> torch.Tensor:
-        """Of some rows, (rows, columns); after prepare()."""
+        """Return the lens' wave on some rows, (rows, columns); call prepare() before."""
         if self._cached_wave is not None:
             return self._cached_wave[part]
         assert self._expansion is not None

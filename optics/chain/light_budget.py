@@ -1,4 +1,4 @@
-"""Where the light of a point gets to: the stop's blades, or through them, or the window."""
+"""Compute how much of a point's light passes the stop, is blocked, or reaches the PSF's window."""
 
 from __future__ import annotations
 
@@ -22,17 +22,10 @@ from optics.chain.stop_mask import BlockwiseStopMask
 from optics.point.request import PSFRequest
 from optics.pupil import numeric_camera, open_area, pupil_amplitude
 
-_MAX_PIXEL_ORDER = 16.0
-"""Of a pixel's own diffraction that are followed to either side; about 1 % of its light goes
-farther, if the stop lets it get so far, and counts as the rest does."""
-
-_MIN_STOP_SAMPLES = 1024
-"""Across the stop at the least: noise of speckles between them averages out."""
-
 
 @dataclass(frozen=True)
 class LightBudget:
-    """Where a point's light goes: through the stop, to the window, or blocked.
+    """Holds where a point's light goes: through the stop, to the window, or blocked.
 
     The shares are in the units of a PSF: shares of what panel and stop would pass on the axis if
     they stood in one plane.
@@ -99,11 +92,12 @@ def _panel_and_stop_light(
     n: PSFRequest, camera: Camera, fields: Sequence[tuple[float, torch.Tensor]]
 ) -> tuple[float, float]:
     parts = [(share, _light_through_stop(n, camera, field)) for share, field in fields]
-    return sum(s * panel for s, (panel, _) in parts), sum(s * passed for s, (_, passed) in parts)
+    leaving = sum(share * panel for share, (panel, _) in parts)
+    return leaving, sum(share * passed for share, (_, passed) in parts)
 
 
 def _light_through_stop(n: PSFRequest, camera: Camera, field: torch.Tensor) -> tuple[float, float]:
-    """What leaves the panel, and what gets through the stop."""
+    """Return the light that leaves the panel and the light that passes the stop, as shares."""
     light = (field.real**2 + field.imag**2).to(torch.float64)
     pixel = camera.panel.pitch**2 / open_area(camera)
     panel = float(light.sum()) * pixel
@@ -112,26 +106,31 @@ def _light_through_stop(n: PSFRequest, camera: Camera, field: torch.Tensor) -> t
     try:
         return panel, _light_at_lens(n, camera, field)
     except ToleranceError:
-        # Nothing gets from any of the panel to any of the stop.
+        # By geometric optics, no light of the panel reaches the stop.
         return panel, 0.0
 
 
 def _light_at_lens(n: PSFRequest, camera: Camera, field: torch.Tensor) -> float:
     grid, followed = _reachable_lens_grid(n, camera)
     axes = plan_propagator_axes(n, camera, grid)
-    relay, plane = PanelToLensPropagator(axes[0], axes[1], field.dtype), lens_plane(n, axes)
+    propagator, plane = PanelToLensPropagator(axes[0], axes[1], field.dtype), lens_plane(n, axes)
     real = torch.zeros((), dtype=field.dtype).real.dtype
     openings = BlockwiseStopMask(camera.lens.stop, n.radius, plane, real)
-    arriving = relay.fields_at_lens(relay.spectrum(field), openings.row_blocks)
+    arriving = propagator.fields_at_lens(propagator.spectrum(field), openings.row_blocks)
     power = sum(openings.open_power(part, block) for block, (_, part) in enumerate(arriving))
     area = plane.pitch[0] * plane.pitch[1] / float(n.shadow_magnification) ** 2
     return power * area / (open_area(camera) * camera.panel.fill_factor) / followed
 
 
 def _reachable_lens_grid(n: PSFRequest, camera: Camera) -> tuple[LensGrid, float]:
-    """Frequencies that get to the stop, and the share of a pixel's light that is followed."""
+    """Plan a lens grid for all frequencies that reach the stop.
+
+    Returns the grid, and the share of a panel pixel's light that it includes.
+    """
     bend = fresnel_area(n)
-    most, low, high, followed = _MAX_PIXEL_ORDER / camera.panel.active_side, [], [], 1.0
+    # 16 orders of a pixel's own diffraction are followed to either side. If the stop is wide
+    # enough, about 1 % of the light lies beyond. It is assumed to pass in the same proportion.
+    most, low, high, followed = 16.0 / camera.panel.active_side, [], [], 1.0
     for axis in (0, 1):
         line = camera.panel.plane.coordinates(axis)
         half = camera.panel.pitch / 2
@@ -147,11 +146,12 @@ def _reachable_lens_grid(n: PSFRequest, camera: Camera) -> tuple[LensGrid, float
         high.append(min(last, most))
         if first < -most or last > most:
             followed *= _pixel_light_share(camera, max(first, -most), min(last, most))
-    rate = _MIN_STOP_SAMPLES / (2 * n.radius)
+    # With at least 1024 samples across the stop, the noise of speckles averages out.
+    rate = 1024 / (2 * n.radius)
     return LensGrid((low[0], low[1]), (high[0], high[1]), (rate, rate), 0.0), followed
 
 
 def _pixel_light_share(camera: Camera, low: float, high: float) -> float:
-    """Of a pixel's light, what goes to frequencies between two along an axis."""
+    """Return the share of a panel pixel's light between two frequencies along an axis."""
     f = torch.linspace(low, high, 20001, dtype=torch.float64) * camera.panel.active_side
     return float(torch.trapezoid(torch.sinc(f) ** 2, f))

@@ -1,35 +1,54 @@
-"""Windows that get little of the light: errors that are small shares of the rest count there."""
+"""Correct error estimates for PSF windows that get little of the light.
+
+An error that is a small share of all light may be a large share of the light in a dim window.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import torch
 
 from optics.chain.edge_scatter import StopEdgeScatter
 
-_EXPECTED_WINDOW_LIGHT = 0.8
-"""Of the light behind an evenly lit panel: what a window must get for an estimate that counts on
-that light."""
 
-_LOW_LIGHT_EXPONENT = 1 / 8
-"""Power of a dim window's brightness by which its error is trusted less: what gets into the dark
-comes from few directions of a pattern, whose light isn't even."""
+@dataclass(frozen=True)
+class LowLightSettings:
+    """Tune the error estimate of a PSF window that gets little light.
+
+    Attributes
+    ----------
+    expected_window_light : float
+        Share of the light behind an evenly lit panel that the window must get for an estimate made
+        for that panel to hold. Chosen.
+    low_light_exponent : float
+        Exponent of a dim window's relative brightness, by which its error estimate is enlarged
+        further. Light in a dim window comes from few directions of a pattern, so it is less even
+        than the estimate assumes. Chosen.
+    """
+
+    expected_window_light: float = 0.8
+    low_light_exponent: float = 1 / 8
+
+
+_SETTINGS = LowLightSettings()
 
 
 class LowLightCorrection:
-    """By what errors for an evenly lit panel have to be divided for the light of a pattern.
+    """Finds the number by which an error estimate for an evenly lit panel must be divided.
 
-    Such an error is a share of the light that the stop's edge may scatter, which an even panel
-    sends everywhere. A pattern may send less of it to the window, and more to where the edge
-    scatters it from: beside the window, but through the stop as well (light that passes), or
-    nowhere near. And it may send it smoothly, without speckles: what beats with it counts more.
+    Such an estimate assumes that the panel sends the same light to all frequencies. A pattern may
+    send less light to the window than an even panel, and more to the frequencies from which the
+    stop's edge scatters light into the window. These frequencies may lie in the passing band, which
+    goes through the stop beside the window, or far away. A pattern may also send light to the
+    window smoothly, without speckles, and then the interference with scattered light counts more.
 
-    window_slices: rows and columns of the window. light: (..., rows, columns).
-    measure_passing_brightness: brightness of the panel at frequencies that pass, over that of an
-    even panel: the least and the most of a batch. It is called only where it matters.
+    window_slices: rows and columns of the window. light: the PSF, (..., rows, columns).
+    measure_passing_brightness: a function that returns the panel's brightness in the passing band,
+    relative to an even panel: the least and the greatest of a batch. It is called only if needed.
     """
 
     def __init__(
@@ -48,11 +67,12 @@ class LowLightCorrection:
         if light.numel() and even > 0:
             seen = light.detach()[..., window_slices[0], window_slices[1]]
             each = seen.sum(dim=(-2, -1))
-            # Of a dark window nothing is known.
+            # A window without any light allows no estimate.
             if float(each.min()) > 0:
                 square = seen.shape[-2] * seen.shape[-1] * seen.square().sum(dim=(-2, -1))
                 smooth = (square / each**2 / edge_scatter.normalised_second_moment).clamp(max=1.0)
-                self.brightness = float((each * smooth).min()) / even / _EXPECTED_WINDOW_LIGHT
+                expected = _SETTINGS.expected_window_light
+                self.brightness = float((each * smooth).min()) / even / expected
 
     @cached_property
     def _passing_brightness(self) -> tuple[float, float]:
@@ -60,7 +80,10 @@ class LowLightCorrection:
             return self._measure_passing_brightness()
 
     def error_divisor(self, within: float) -> float:
-        """Of an error of whose square light that passes makes the share `within`; 1 at most."""
+        """Return the divisor of an error estimate, at most 1.
+
+        within: share of the squared error that light in the passing band contributes.
+        """
         most = within / self._passing_share + (1 - within) / (1 - self._passing_share)
         if self.brightness >= most:
             return 1.0
@@ -71,10 +94,10 @@ class LowLightCorrection:
             return 1.0
         return (
             min(1.0, math.sqrt(self.brightness / wrong))
-            * min(1.0, self.brightness) ** _LOW_LIGHT_EXPONENT
+            * min(1.0, self.brightness) ** _SETTINGS.low_light_exponent
         )
 
     @property
     def uniform_error_divisor(self) -> float:
-        """Of an error that every pattern makes alike; 1 at most."""
+        """The divisor of an error estimate that doesn't depend on the pattern, at most 1."""
         return min(1.0, math.sqrt(self.brightness))

@@ -1,10 +1,11 @@
-"""From a panel's pixels through Fresnel's space to a grid in the lens' plane, by FFTs.
+"""Propagate the field of a panel's pixels through free space to a grid at the lens, by FFTs.
 
-The spectrum of square pixels of one modulation is known in closed form at every frequency, the
-space beyond multiplies it by a phase, and both factor into y and x. So each axis takes one FFT
-over the pixels, its product with what the space does to every frequency of a band, and one FFT
-back to the grid wanted. Frequencies beyond the panel's Nyquist rate are those below it again,
-under another part of the pixel's envelope; those beyond the grid's are folded into it.
+The spectrum of square pixels of uniform modulation is known in closed form at every frequency. Free
+space multiplies it by the phase of Fresnel's approximation. Both factor into y and x. So each axis
+takes one FFT over the pixels, a product with the transfer function over a band of frequencies, and
+one FFT back to the lens grid. Frequencies beyond the panel's Nyquist rate repeat those below it,
+under another part of the pixel's envelope. Frequencies beyond the grid's Nyquist rate are folded
+into it.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from optics.fourier.transform import apply_function, apply_linear_map
 
 @dataclass(frozen=True)
 class TaperedBand:
-    """Frequencies along an axis, cycles per metre, and how smoothly they end.
+    """Holds a band of frequencies along an axis, with smooth ends; all in cycles per metre.
 
-    low, high: where the light has fallen to one half. taper_sigma: standard deviation of the
-    Gaussian that smooths the ends. taper_sigmas: standard deviations beyond low and high where
-    nothing is left.
+    low, high: where the amplitude has fallen to one half. taper_sigma: standard deviation of the
+    Gaussian that smooths the ends. taper_sigmas: number of standard deviations beyond low and high
+    at which the amplitude counts as zero.
     """
 
     low: float
@@ -46,7 +47,7 @@ class TaperedBand:
         )
 
     def taper(self, frequency: torch.Tensor) -> torch.Tensor:
-        """Between 0 and 1, float64."""
+        """Return the band's amplitude factor at a frequency, from 0 to 1, float64."""
         width = math.sqrt(2) * self.taper_sigma
         above = torch.erfc((self.low - frequency) / width)
         below = torch.erfc((frequency - self.high) / width)
@@ -55,15 +56,17 @@ class TaperedBand:
 
 @dataclass(frozen=True)
 class PropagatorAxis:
-    """One axis of a propagator from the panel to samples at the lens; SI.
+    """Describes one axis of a propagator from the panel to samples at the lens; SI units.
 
-    pixel_count: of a pitch. fft_length: points of the FFT, which make one period. sample_count: at
-    the lens, `folded_length` of which make the same period. pixel_side: of a pixel's active square.
-    fresnel_area: wavelength times the distance in free space, over the beam's spread.
-    first_sample_position: where the first sample lies, in the panel's coordinates. band: of the
-    frequencies that go on. shared_range: numbers (first, last) of the frequencies that a spectrum
-    holds, which other propagators want as well; the band's own if None. has_pixel_slope: whether a
-    pixel's wave rises by one cycle a metre, to the first order, instead of being flat.
+    pixel_count, pitch: number of panel pixels and their pitch. pixel_side: side of a pixel's active
+    square. fft_length: points of the FFT over the panel, which make one period. sample_count:
+    samples at the lens. folded_length: points of the FFT back to the lens, which make the same
+    period. fresnel_area: wavelength times the distance in free space, over the shadow's
+    magnification. first_sample_position: position of the first sample, in the panel's coordinates.
+    band: frequencies that are propagated. shared_range: numbers (first, last) of the frequencies in
+    a spectrum that several propagators share; None for the band's own. has_pixel_slope: whether the
+    phase across a pixel rises by one cycle per metre, to the first order, instead of being
+    constant.
     """
 
     pixel_count: int
@@ -84,12 +87,12 @@ class PropagatorAxis:
 
     @property
     def step(self) -> float:
-        """Metres between the samples at the lens, in the panel's coordinates."""
+        """The pitch in metres of the samples at the lens, in the panel's coordinates."""
         return self.period / self.folded_length
 
     @property
     def first_frequency_number(self) -> int:
-        """Number of the band's first frequency."""
+        """The number of the band's first frequency, in steps of one over the period."""
         return math.ceil(self.band.outer_limits[0] * self.period)
 
     @property
@@ -98,7 +101,7 @@ class PropagatorAxis:
 
     @property
     def spectrum_range(self) -> tuple[int, int]:
-        """Numbers of the first and the last frequency that a spectrum holds."""
+        """The numbers of the first and the last frequency in the panel's spectrum."""
         return self.shared_range or (
             self.first_frequency_number,
             self.first_frequency_number + self.frequency_count - 1,
@@ -106,27 +109,27 @@ class PropagatorAxis:
 
     @property
     def spectrum_length(self) -> int:
-        """Values in a spectrum: what it holds, or one whole turn of the panel's."""
+        """The number of values in the panel's spectrum, at most one period of it."""
         first, last = self.spectrum_range
         return min(last - first + 1, self.fft_length)
 
     @cached_property
     def band_frequencies(self) -> torch.Tensor:
-        """Cycles per metre, float64."""
+        """The frequencies of the band, in cycles per metre, float64."""
         number = (
             torch.arange(self.frequency_count, dtype=torch.float64) + self.first_frequency_number
         )
         return number / self.period
 
     def transfer(self, dtype: torch.dtype) -> torch.Tensor:
-        """What becomes of every frequency from the panel's first pixel to the first sample."""
+        """Return the transfer function from the panel to the lens at the band's frequencies."""
         f = self.band_frequencies
         strength = (
             self._envelope(f * self.pixel_side)
             * self.band.taper(f)
             * (self.pixel_side / self.period)
         )
-        # Turns are reduced in float64.
+        # The phase in turns may be large, so it is reduced in float64 whatever `dtype` is.
         turns = (
             f * (self.first_sample_position + self.pixel_count // 2 * self.pitch)
             - self.fresnel_area * f**2 / 2
@@ -134,10 +137,11 @@ class PropagatorAxis:
         return (unit_phasor(turns, torch.complex128) * strength).to(dtype)
 
     def _envelope(self, turns: torch.Tensor) -> torch.Tensor:
-        """What a pixel sends to frequencies, in cycles across it.
+        """Return a panel pixel's envelope at frequencies given in cycles across the pixel.
 
-        A wave that rises by g cycles a metre moves it: sinc(side (f - g)) is about
-        sinc(side f) - side g sinc'(side f).
+        It is a sinc. A wave whose phase rises by g cycles per metre shifts the sinc in frequency:
+        sinc(side (f - g)) is about sinc(side f) - side g sinc'(side f). With `has_pixel_slope`, the
+        result is the second term for g = 1.
         """
         if not self.has_pixel_slope:
             return torch.sinc(turns)
@@ -174,8 +178,11 @@ class PropagatorAxis:
         dim: int,
         scratch: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """scratch: (`folded_length` along dim), in whose memory the answer comes; new memory takes
-        time."""
+        """Compute the field at the lens along one axis, from the panel's spectrum.
+
+        scratch: memory for the result, with `folded_length` values along dim. Reusing it saves the
+        time of new memory.
+        """
         shape = list(spectrum.shape)
         shape[dim] = self.folded_length
         folded = spectrum.new_empty(shape) if scratch is None else scratch
@@ -202,7 +209,7 @@ class PropagatorAxis:
         return spectrum
 
     def _spectrum_pieces(self) -> Iterator[tuple[int, int]]:
-        """Start and size of the stretches of the panel's spectrum that are held."""
+        """Yield start and size of the parts of the panel's whole spectrum that are kept."""
         first, last = self.spectrum_range
         at = first
         while at <= last:
@@ -212,7 +219,7 @@ class PropagatorAxis:
             at += size
 
     def slices_in_band(self, low: float, high: float) -> list[slice]:
-        """Where a spectrum holds the frequencies from low to high."""
+        """Return the slices of the panel's spectrum that hold the frequencies from low to high."""
         first, last = math.ceil(low * self.period), math.floor(high * self.period)
         if self.spectrum_length < self.fft_length:
             start = self.spectrum_range[0]
@@ -225,14 +232,18 @@ class PropagatorAxis:
         )
 
     def _folding_runs(self) -> Iterator[tuple[int, int, int, int]]:
-        """Stretches of the band that are whole in the kept spectrum and in the folded one: where
-        they begin in each and in the band, and their size."""
+        """Divide the band into runs that are contiguous in the kept and the folded spectrum.
+
+        Yields each run's start in the kept spectrum, in the folded spectrum and in the band, and
+        its size.
+        """
         at, whole = 0, self.spectrum_length == self.fft_length
         while at < self.frequency_count:
             number = self.first_frequency_number + at
             source = number % self.fft_length if whole else number - self.spectrum_range[0]
             target = number % self.folded_length
-            # The first turn of the folded spectrum ends where the second begins.
+            # A run ends where the folded spectrum is full for the first time: `to_lens` overwrites
+            # up to there, and adds afterwards.
             end = (
                 self.frequency_count
                 if at >= self.folded_length
@@ -248,11 +259,11 @@ def _broadcast_along(values: torch.Tensor, dim: int) -> torch.Tensor:
 
 
 class PanelToLensPropagator:
-    """The field on the lens' grid, (..., y, x), of a modulation (..., rows, columns).
+    """Propagates a panel's field (..., rows, columns) to the lens grid, (..., y, x), and back.
 
-    Both ways, and in two steps: the spectrum depends on the panel and the bands alone, and
-    serves several distances. Differentiable in the modulation and in what `PropagatorVariables`
-    names.
+    It works in two steps. The first step, to the spectrum, depends only on the panel and the bands,
+    so that one spectrum serves several distances. The propagation is differentiable in the
+    modulation and in the fields of `PropagatorVariables`.
     """
 
     def __init__(self, y: PropagatorAxis, x: PropagatorAxis, dtype: torch.dtype) -> None:
@@ -276,8 +287,11 @@ class PanelToLensPropagator:
     def mean_band_power(
         self, spectrum: torch.Tensor, low: Sequence[float], high: Sequence[float]
     ) -> torch.Tensor:
-        """Mean square of a spectrum (..., y, x) over frequencies of a band, from low to high
-        along y and x: of light that is sent everywhere alike, the sum of its squares."""
+        """Average the squared modulus of a panel's spectrum over a band of frequencies.
+
+        spectrum: (..., y, x). low, high: limits of the band along y and x. For a panel that sends
+        the same power to all frequencies, the result is the sum of its squared amplitudes.
+        """
         y, x = (
             axis.slices_in_band(*ends) for axis, *ends in zip(self.axes, low, high, strict=True)
         )
@@ -299,7 +313,11 @@ class PanelToLensPropagator:
         extra_y: torch.Tensor | None = None,
         extra_x: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """extra_y, extra_x: factors on the frequencies, besides what space does."""
+        """Compute the field at the lens from the panel's spectrum.
+
+        extra_y, extra_x: further factors on the band's frequencies, on top of the transfer
+        function.
+        """
         y, x = (
             transfer if also is None else (transfer * also.to(spectrum.device)).to(self.dtype)
             for transfer, also in zip(
@@ -309,11 +327,11 @@ class PanelToLensPropagator:
         return self.axes[1].to_lens(self.axes[0].to_lens(spectrum, y, -2), x, -1)
 
     def __call__(self, field: torch.Tensor) -> torch.Tensor:
-        """The field on the lens' grid, without derivatives."""
+        """Propagate a panel's field to the lens grid, without derivatives."""
         return self.to_lens(self.spectrum(field))
 
     def adjoint(self, grid: torch.Tensor) -> torch.Tensor:
-        """The conjugate transpose of a call."""
+        """Apply the conjugate transpose of a call: from the lens grid back to the panel."""
         y, x = self.transfers(grid.device)
         lines = self.axes[1].to_lens_adjoint(grid.resolve_conj(), x, -1)
         return self.spectrum_adjoint(self.axes[0].to_lens_adjoint(lines, y, -2))
@@ -321,8 +339,7 @@ class PanelToLensPropagator:
     def fields_at_lens(
         self, spectrum: torch.Tensor, blocks: Sequence[slice]
     ) -> Iterator[tuple[slice, torch.Tensor]]:
-        """Some rows of the field at the lens after the others, (rows, columns), all in the same
-        memory."""
+        """Yield the field at the lens block by block, (rows, columns), all in the same memory."""
         y, x = self.transfers(spectrum.device)
         lines = self.axes[0].to_lens(spectrum, y, -2)
         scratch = lines.new_empty(
@@ -358,10 +375,11 @@ class PanelToLensPropagator:
 
 @dataclass(frozen=True)
 class PropagatorVariables:
-    """Numbers that stand for what a propagator was planned with, and carry derivatives.
+    """Holds a propagator's parameters as tensors that carry derivatives.
 
-    fresnel_area: square metres; both axes'. stretch: 1, of the samples' places about the panel's
-    middle less the shift. shift: metres (y, x) by which all places move.
+    Their values are those with which the propagator was planned. fresnel_area: square metres, the
+    same for both axes. stretch: factor on the positions of the samples at the lens, with the value
+    1. shift: metres (y, x) by which all positions move, with the value 0.
     """
 
     fresnel_area: torch.Tensor
@@ -374,7 +392,7 @@ def propagate_to_lens(
     field: torch.Tensor,
     variables: PropagatorVariables | None = None,
 ) -> torch.Tensor:
-    """The field on the lens' grid, with all derivatives that are asked for."""
+    """Propagate a panel's field to the lens grid, with all derivatives that are asked for."""
     if variables is None or not torch.is_grad_enabled():
         return apply_linear_map(propagator, propagator.adjoint, field)
     return apply_function(
@@ -390,41 +408,41 @@ def propagate_to_lens(
 class _PropagateToLens(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any, relay: PanelToLensPropagator, field: torch.Tensor, *numbers: Any
+        ctx: Any, propagator: PanelToLensPropagator, field: torch.Tensor, *numbers: Any
     ) -> torch.Tensor:
-        ctx.propagator, ctx.dtype = relay, field.dtype
-        spectrum = relay.spectrum(field)
+        ctx.propagator, ctx.dtype = propagator, field.dtype
+        spectrum = propagator.spectrum(field)
         ctx.numbers = numbers
         ctx.save_for_backward(spectrum if any(ctx.needs_input_grad[2:]) else None)
-        return relay.to_lens(spectrum)
+        return propagator.to_lens(spectrum)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        relay: PanelToLensPropagator = ctx.propagator
+        propagator: PanelToLensPropagator = ctx.propagator
         gradient = gradient.resolve_conj()
         answers: list[Any] = [None] * 5
         if ctx.needs_input_grad[1]:
-            answers[0] = relay.adjoint(gradient).to(ctx.dtype)
+            answers[0] = propagator.adjoint(gradient).to(ctx.dtype)
         if any(ctx.needs_input_grad[2:]):
             (spectrum,) = ctx.saved_tensors
-            found = _variable_gradients(relay, spectrum, gradient)
+            found = _variable_gradients(propagator, spectrum, gradient)
             answers[1:] = [value.to(n) for n, value in zip(ctx.numbers, found, strict=True)]
         return (None, *answers)
 
 
 def _variable_gradients(
-    relay: PanelToLensPropagator, spectrum: torch.Tensor, gradient: torch.Tensor
+    propagator: PanelToLensPropagator, spectrum: torch.Tensor, gradient: torch.Tensor
 ) -> tuple[torch.Tensor, ...]:
-    """What fresnel_area, stretch and shift change, weighed by the gradient."""
-    fy, fx = (axis.band_frequencies for axis in relay.axes)
+    """Compute the gradients in the Fresnel area, the stretch and the shift along y and x."""
+    fy, fx = (axis.band_frequencies for axis in propagator.axes)
     turned = 2j * math.pi
 
     def weigh_by_gradient(also_y: torch.Tensor | None, also_x: torch.Tensor | None) -> torch.Tensor:
-        change = relay.to_lens(spectrum, also_y, also_x)
+        change = propagator.to_lens(spectrum, also_y, also_x)
         # Sums of many samples are kept in double precision.
         product = gradient.to(torch.complex128).conj() * change
-        return product.real.reshape(-1, *relay.shape).sum(0)
+        return product.real.reshape(-1, *propagator.shape).sum(0)
 
     along_y, along_x = weigh_by_gradient(turned * fy, None), weigh_by_gradient(None, turned * fx)
     bend = weigh_by_gradient(-0.5 * turned * fy**2, None) + weigh_by_gradient(
@@ -433,7 +451,7 @@ def _variable_gradients(
     y, x = (
         axis.first_sample_position
         + axis.step * torch.arange(axis.sample_count, dtype=torch.float64, device=along_y.device)
-        for axis in relay.axes
+        for axis in propagator.axes
     )
     stretch = (along_y * y[:, None]).sum() + (along_x * x).sum()
     return bend.sum(), stretch, along_y.sum(), along_x.sum()
@@ -444,5 +462,5 @@ def _row_count(rows: slice) -> int:
 
 
 def fast_fft_length(least: float) -> int:
-    """The shortest FFT that is at least so long, and fast."""
+    """Return the shortest fast FFT length that is at least `least`."""
     return int(scipy.fft.next_fast_len(max(1, math.ceil(least - 1e-9))))

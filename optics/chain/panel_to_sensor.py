@@ -1,4 +1,4 @@
-"""From a panel's spectrum through the stop to the sensor, a few rows of the lens at a time."""
+"""Map a panel's spectrum through lens and stop to the sensor, a few rows of the lens at a time."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ PictureMap = Callable[[torch.Tensor], torch.Tensor]
 
 
 class PanelToSensorMap:
-    """A linear map from a panel's field to samples at the sensor, and its adjoint.
+    """Maps a panel's spectrum linearly to the field at the sensor, and back by the adjoint.
 
-    The lens' plane never stands in memory as a whole: space to the lens, the stop, the lens and
-    the Fourier integral onward all work along one axis after the other, but for the stop's
-    edge and for aberrations. So each block of rows goes all the way along x before the next.
+    The field at the lens is never in memory as a whole. The propagation to the lens, the lens, and
+    the Fourier integral to the sensor all work along one axis after the other; only the stop's edge
+    and aberrations don't. So each block of rows is taken all the way along x before the next block.
 
-    turn_y, turn_x: the lens' wave along each axis. wave: what of it isn't their product, at the
-    lens' samples, or None. geometry: of the Fourier integral from the lens.
+    geometry: of the Fourier integral from the lens to the sensor. error: relative L2 error that its
+    transform may have. Call `set_lens_wave` before the map is used.
     """
 
     def __init__(
@@ -47,22 +47,26 @@ class PanelToSensorMap:
         self._wave: LensWave | None = None
 
     def set_lens_wave(
-        self, turn: tuple[torch.Tensor, torch.Tensor], wave: LensWave | None = None
+        self, factors: tuple[torch.Tensor, torch.Tensor], wave: LensWave | None = None
     ) -> None:
-        """Set the lens' wave: its factors along y and x, and what isn't their product."""
+        """Set the lens' wave.
+
+        factors: its factors along y and x. wave: the remaining factor, which depends on both, or
+        None.
+        """
         geometry, dtype = self.sensor_transform.geometry, self.propagator.dtype
         tilts = [geometry.pupil_tilt(axis, torch.complex128) for axis in (0, 1)]
         y, x = (
             (factor if tilt is None else factor * tilt).to(dtype)[:, None]
-            for factor, tilt in zip(turn, tilts, strict=True)
+            for factor, tilt in zip(factors, tilts, strict=True)
         )
         self._lens_factors, self._wave = (y, x), wave
         self._image_tilts = tuple(geometry.image_tilt(axis, dtype) for axis in (0, 1))
 
-    def with_relay_propagator(self, relay: PanelToLensPropagator) -> PanelToSensorMap:
-        """The same behind another propagator to the same samples."""
+    def with_propagator(self, propagator: PanelToLensPropagator) -> PanelToSensorMap:
+        """Return the same map with another propagator from the panel to the same lens samples."""
         other = copy.copy(self)
-        other.propagator = relay
+        other.propagator = propagator
         return other
 
     def _lens_factors_on(self, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
@@ -71,7 +75,7 @@ class PanelToSensorMap:
         return y.to(device), x.to(device)
 
     def __call__(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """The field at the sensor, (rows, columns) of samples, of one panel's spectrum."""
+        """Compute the field at the sensor, (rows, columns), from one spectrum of the panel."""
         y_rule, x_rule = self.sensor_transform.axis_rules(spectrum.device)
         turn_y, _ = self._lens_factors_on(spectrum.device)
         found = spectrum.new_empty((self.sensor_transform.image.shape[1], self.propagator.shape[0]))
@@ -87,7 +91,7 @@ class PanelToSensorMap:
         )
 
     def _fields_behind_stop(self, spectrum: torch.Tensor) -> Iterator[tuple[slice, torch.Tensor]]:
-        """Behind the stop, block by block, (rows, columns); without the wave along y."""
+        """Yield the field behind the stop, block by block; the lens' factor along y is missing."""
         turn_x = self._lens_factors_on(spectrum.device)[1][:, 0]
         arriving = self.propagator.fields_at_lens(spectrum, self._stop_mask.row_blocks)
         for block, (rows, field) in enumerate(arriving):
@@ -98,7 +102,7 @@ class PanelToSensorMap:
             yield rows, field
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """The conjugate transpose: a panel's spectrum from a field at the sensor."""
+        """Apply the conjugate transpose: from a field at the sensor to a spectrum of the panel."""
         field = field.to(self.propagator.dtype)
         y_rule, x_rule = self.sensor_transform.axis_rules(field.device)
         turn_y, turn_x = (
@@ -133,12 +137,12 @@ class PanelToSensorMap:
         return self.propagator.cpu_seconds(speed) + self.sensor_transform.cpu_seconds(speed)
 
 
-def panel_spectrum(relay: PanelToLensPropagator, field: torch.Tensor) -> torch.Tensor:
+def panel_spectrum(propagator: PanelToLensPropagator, field: torch.Tensor) -> torch.Tensor:
     """Compute the spectrum of a panel's field, differentiable in the field.
 
     Parameters
     ----------
-    relay : PanelToLensPropagator
+    propagator : PanelToLensPropagator
         The propagator to the lens; it determines which frequencies are computed.
     field : torch.Tensor
         The panel's complex field, (..., rows, columns).
@@ -148,18 +152,21 @@ def panel_spectrum(relay: PanelToLensPropagator, field: torch.Tensor) -> torch.T
     torch.Tensor
         The spectrum, (..., y frequencies, x frequencies), complex.
     """
-    return apply_linear_map(relay.spectrum, relay.spectrum_adjoint, field)
+    return apply_linear_map(propagator.spectrum, propagator.spectrum_adjoint, field)
 
 
-def propagate_to_sensor(lens_pass: PanelToSensorMap, spectrum: torch.Tensor) -> torch.Tensor:
-    """The field at the sensor, (..., rows, columns), of a panel's spectrum; differentiable."""
+def propagate_to_sensor(sensor_map: PanelToSensorMap, spectrum: torch.Tensor) -> torch.Tensor:
+    """Compute the field at the sensor, (..., rows, columns), differentiable in the spectrum."""
     return apply_linear_map(
-        _apply_per_picture(lens_pass), _apply_per_picture(lens_pass.adjoint), spectrum
+        _apply_per_picture(sensor_map), _apply_per_picture(sensor_map.adjoint), spectrum
     )
 
 
 def _apply_per_picture(function: PictureMap) -> PictureMap:
-    """One picture at a time: a batch takes no more memory than its answers."""
+    """Return a function that applies a map to each picture of a batch, one after the other.
+
+    A batch then takes no more memory than one picture and the results.
+    """
 
     def each(fields: torch.Tensor) -> torch.Tensor:
         if fields.ndim == 2:

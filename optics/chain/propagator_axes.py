@@ -1,5 +1,4 @@
-"""The axes of a propagator to the lens: how long its FFTs are, and where its samples lie at the
-lens."""
+"""Plan the axes of the propagator from panel to lens: FFT lengths and samples at the lens."""
 
 from __future__ import annotations
 
@@ -15,21 +14,37 @@ from optics.chain.panel_to_lens import PropagatorAxis, TaperedBand, fast_fft_len
 from optics.plane import Plane
 from optics.point.request import PSFRequest
 
-_TAPER_TOL_SHARE = 1e-2
-"""What a band's smooth ends leave of its light outside the light's geometric reach, in shares
-of the tolerance."""
 
-_MARGIN, _ZONES = 0.05, 2.0
-"""For the light of a band's ends to die away: of the panel and the stop together, and in
-Fresnel zones. A larger margin costs longer FFTs, a smaller one wider ends."""
+@dataclass(frozen=True)
+class PropagatorAxisSettings:
+    """Tune the margins of the FFTs from panel to lens.
+
+    Attributes
+    ----------
+    taper_tol_share : float
+        Share of the tolerance that the smooth ends of a band may leave outside the area that its
+        light reaches by geometric optics. Chosen.
+    margin_share : float
+        Width in which the light of a band's ends decays, as a share of the widths of panel and stop
+        together. A larger margin takes longer FFTs, a smaller one wider ends of the band. Chosen.
+    margin_zones : float
+        Addition to that width, in Fresnel zones. Chosen.
+    """
+
+    taper_tol_share: float = 1e-2
+    margin_share: float = 0.05
+    margin_zones: float = 2.0
+
+
+_SETTINGS = PropagatorAxisSettings()
 
 
 @dataclass(frozen=True)
 class LensGrid:
-    """Frequencies at the panel and samples in the lens' plane, along y and x.
+    """Holds the band of frequencies at the panel and the sampling rate at the lens, (y, x).
 
     low, high: cycles per metre. sampling_rate: samples per metre at the lens, at least. error:
-    relative L2 of the intensity behind an evenly lit panel, an estimate.
+    estimated relative L2 error of the PSF behind an evenly lit panel.
     """
 
     low: tuple[float, float]
@@ -40,11 +55,12 @@ class LensGrid:
 
 @dataclass(frozen=True)
 class BandTaper:
-    """How a band ends along an axis.
+    """Describes how smoothly a band of frequencies ends along an axis, by a Gaussian step.
 
-    margin: metres at the panel in which the light of its ends dies away. sigma: the Gaussian's
-    standard deviation, cycles per metre; its impulse response falls as
-    exp(-2 (pi sigma margin)²). sigmas: of sigma until nothing is left.
+    margin: metres at the panel in which the light of the band's ends decays. sigma: standard
+    deviation of the Gaussian, cycles per metre; its impulse response falls as
+    exp(-2 (pi sigma margin)²). sigmas: number of standard deviations at which the band counts as
+    zero.
     """
 
     margin: float
@@ -55,8 +71,9 @@ class BandTaper:
     def for_axis(q: PSFRequest, camera: Camera, axis: int) -> BandTaper:
         low, high = stop_extent(camera, axis)
         wide = (high - low) * q.radius + camera.panel.shape[axis] * camera.panel.pitch
-        margin = _MARGIN * wide + _ZONES * math.sqrt(fresnel_area(q))
-        steps = math.sqrt(2 * math.log(1 / min(_TAPER_TOL_SHARE * q.tol, 1e-3)))
+        zones = _SETTINGS.margin_zones * math.sqrt(fresnel_area(q))
+        margin = _SETTINGS.margin_share * wide + zones
+        steps = math.sqrt(2 * math.log(1 / min(_SETTINGS.taper_tol_share * q.tol, 1e-3)))
         return BandTaper(margin, steps / (2 * math.pi * margin), steps)
 
     @property
@@ -65,16 +82,19 @@ class BandTaper:
 
 
 def fresnel_area(q: PSFRequest) -> float:
-    """Square metres by which a frequency moves light from panel to lens, at the panel."""
+    """Return the Fresnel area of the space between panel and lens, in m².
+
+    Light of a frequency moves sideways by the product of the two, in the panel's coordinates.
+    """
     return float(q.wavelength * q.separation / q.shadow_magnification)
 
 
 def plan_propagator_axes(
     request: PSFRequest, camera: Camera, grid: LensGrid, lengths: Sequence[int] = (0, 0)
 ) -> list[PropagatorAxis]:
-    """The propagator's axes to a grid that covers what is lit of the stop.
+    """Plan the axes (y, x) of a propagator to a lens grid that covers the lit part of the stop.
 
-    lengths: FFT points along each axis, at least.
+    lengths: least number of FFT points along each axis.
     """
     return [_plan_axis(request, camera, grid, axis, lengths[axis]) for axis in (0, 1)]
 
@@ -87,7 +107,8 @@ def _plan_axis(
     ends = float(line[0]) - panel.pitch / 2, float(line[-1]) + panel.pitch / 2
     end = BandTaper.for_axis(q, camera, axis)
     band = TaperedBand(grid.low[axis], grid.high[axis], end.sigma, end.sigmas)
-    # Where light of the band gets to, and where the stop is open, in the panel's coordinates.
+    # `reach` is where light of the band arrives at the lens, and low to high is where the stop is
+    # open, both in the panel's coordinates.
     reach = ends[0] + bend * band.outer_limits[0], ends[1] + bend * band.outer_limits[1]
     shift = float(q.chief_ray_slopes[axis]) * q.separation
     low, high = (edge * q.radius / spread - shift for edge in stop_extent(camera, axis))
@@ -102,7 +123,7 @@ def _plan_axis(
     period = length * panel.pitch
     fold = fast_fft_length(period * grid.sampling_rate[axis] * spread)
     step = period / fold
-    # A cell to spare at either end, for a gray edge.
+    # One more cell at either end holds the partly covered cells at the stop's edge.
     count = min(math.ceil((high - low) / step) + 2, fold)
     first = (low + high) / 2 - count // 2 * step
     return PropagatorAxis(
@@ -111,7 +132,7 @@ def _plan_axis(
 
 
 def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
-    """Lowest and highest place of the stop's opening along an axis, in stop radii."""
+    """Return the lowest and highest coordinate of the stop's opening on an axis, in stop radii."""
     t = np.linspace(0, 1, 257)
     opening = camera.lens.stop.loops[0]
     places = np.concatenate([piece.points(t)[axis] for piece in opening.pieces])
@@ -119,7 +140,7 @@ def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
 
 
 def lens_plane(request: PSFRequest, axes: list[PropagatorAxis]) -> Plane:
-    """The propagator's samples as a plane at the lens, metres."""
+    """Return the plane of the propagator's samples at the lens, in metres."""
     spread = float(request.shadow_magnification)
     pitch = [axis.step * spread for axis in axes]
     centre = [

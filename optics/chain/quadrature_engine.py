@@ -1,10 +1,10 @@
-"""The chain of panel, space, stop, space and sensor by exact quadrature over the stop."""
+"""Compute the PSF through the chain from panel to sensor by quadrature over the stop."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,28 +41,49 @@ from optics.stop.quadrature import (
 )
 from optics.validation import needs_gradient
 
-_BAND_TOL_SHARE, _QUADRATURE_TOL_SHARE, _TRANSFORM_TOL_SHARE = 0.5, 0.05, 0.02
-"""Of the tolerance: for light left out; and in the field for the nodes and each transform."""
 
-_TAPER_TOL_SHARE = 1e-2
-"""Of the tolerance: what a band's ends may change within the light's reach."""
+@dataclass(frozen=True)
+class ChainQuadratureSettings:
+    """Tune how a QuadratureEngine divides its tolerance and memory.
 
-_BYTES_PER_NODE = 400
-_MOST_NODES = 200_000_000
-"""Some minutes of work."""
+    Attributes
+    ----------
+    band_tol_share : float
+        Share of the tolerance for light outside the band of frequencies. Chosen.
+    quadrature_tol_share : float
+        Share of the tolerance for the quadrature, in the field. Chosen.
+    transform_tol_share : float
+        Share of the tolerance for each non-uniform FFT, in the field. Chosen.
+    taper_tol_share : float
+        Share of the tolerance that the band's smooth ends may change within the area that the
+        light reaches. Chosen.
+    bytes_per_node : int
+        Memory for each node, bytes.
+    max_nodes : int
+        Most nodes that are computed; they take some minutes.
+    """
+
+    band_tol_share: float = 0.5
+    quadrature_tol_share: float = 0.05
+    transform_tol_share: float = 0.02
+    taper_tol_share: float = 1e-2
+    bytes_per_node: int = 400
+    max_nodes: int = 200_000_000
+
+
+_SETTINGS = ChainQuadratureSettings()
 
 
 class QuadratureEngine(ChainEngine):
-    """Gauss-Legendre nodes that follow the stop's boundary, and non-uniform FFTs to them from
-    the panel's spectrum, and from them to the sensor.
+    """Computes the PSF by Gauss-Legendre nodes that follow the stop's boundary.
 
-    A frequency f goes from a place on the panel to one fresnel_area f beside it. Those that get
-    from no place of the panel to any of the stop are left out, by a smooth end of the band. Against
-    the chirp exp(-i pi A (f - f0)²), A being the fresnel_area, a Gaussian step of standard
-    deviation s at the distance D from the stationary frequency f0 leaves exp(-2 (pi A s D)² / (1 +
-    (2 pi A s²)²)); the best s² = 1 / (2 pi A) makes that exp(-pi A D² / 2). So nothing else is left
-    out than what the tolerance allows (see StopEdgeScatter), and the error falls faster than any
-    power.
+    Non-uniform FFTs lead from the panel's spectrum to the nodes, and from the nodes to the sensor.
+    Light of the frequency f moves sideways by f times the Fresnel area A. Frequencies that reach
+    the stop from no point of the panel are left out by a band with smooth ends. Against the chirp
+    exp(-i pi A (f - f0)²), a Gaussian step of standard deviation s at the distance D from the
+    stationary frequency f0 leaves exp(-2 (pi A s D)² / (1 + (2 pi A s²)²)). The best s² is 1 / (2
+    pi A), which leaves exp(-pi A D² / 2). So only light that the tolerance allows is left out (see
+    StopEdgeScatter), and the error falls faster than any power.
     """
 
     name = "chain, quadrature"
@@ -72,29 +93,31 @@ class QuadratureEngine(ChainEngine):
     def _plan(self, n: PSFRequest) -> None:
         self.arithmetic = 10 * FLOAT64_ARITHMETIC
         rough = self._sphere_error()
-        allowed = _BAND_TOL_SHARE * n.tol - rough
+        settings = _SETTINGS
+        allowed = settings.band_tol_share * n.tol - rough
         if not allowed > 0:
-            raise unreachable_tolerance_error(n.tol, 1.1 * (rough + 0.2 * n.tol) / _BAND_TOL_SHARE)
+            least = 1.1 * (rough + 0.2 * n.tol) / settings.band_tol_share
+            raise unreachable_tolerance_error(n.tol, least)
         low, high = self._search.find_band(allowed, np.zeros(2))
         ends = zip(low, high, strict=True)
         self._axes = [_plan_axis(n, self._camera, k, *pair) for k, pair in enumerate(ends)]
         self._window_amplitude = min(1.0, self._edge_scatter.window_share) ** 0.5
         self._transform_tol = max(
-            _TRANSFORM_TOL_SHARE * n.tol * self._window_amplitude, FINEST_NUFFT
+            settings.transform_tol_share * n.tol * self._window_amplitude, FINEST_NUFFT
         )
         used = 2 * (
-            _QUADRATURE_TOL_SHARE * n.tol + 2 * self._transform_tol / self._window_amplitude
+            settings.quadrature_tol_share * n.tol + 2 * self._transform_tol / self._window_amplitude
         )
-        left = rough + allowed + 2 * _TAPER_TOL_SHARE * n.tol + used
+        left = rough + allowed + 2 * settings.taper_tol_share * n.tol + used
         self.error = ErrorEstimate(left, "estimate, for an evenly lit panel")
         self._slope_bound = self._build_slope_bound(n)
         self._node_count = count_nodes(
-            n.lens.stop, self._slope_bound, _QUADRATURE_TOL_SHARE * n.tol
+            n.lens.stop, self._slope_bound, settings.quadrature_tol_share * n.tol
         )
         self.sampling = f"{self._node_count} nodes in the stop"
         self._full_block: _StopNodeBlock | None = None
-        self._nodes_in_memory = self._node_count * _BYTES_PER_NODE <= n.budget.memory / 2
-        if self._node_count > _MOST_NODES or (
+        self._nodes_in_memory = self._node_count * settings.bytes_per_node <= n.budget.memory / 2
+        if self._node_count > settings.max_nodes or (
             self._request.differentiable and not self._nodes_in_memory
         ):
             raise ToleranceError(
@@ -104,7 +127,7 @@ class QuadratureEngine(ChainEngine):
             )
 
     def _build_slope_bound(self, n: PSFRequest) -> PhaseSlopeBound:
-        """The lens' own, and that of all the light that gets there."""
+        """Bound the slope of the phase in the stop, for the lens and all light that reaches it."""
         turn = math.hypot(*(max(map(abs, axis.band.outer_limits)) for axis in self._axes))
         tilt = 2 * math.pi * n.radius * turn / float(n.shadow_magnification)
         at_lens = replace(n, distance=n.object_to_lens_distance, separation=0.0, phase_slope=tilt)
@@ -112,7 +135,7 @@ class QuadratureEngine(ChainEngine):
 
     @property
     def _frequency_plane(self) -> Plane:
-        """The band as a plane, cycles per metre."""
+        """The panel's frequencies as a plane, in cycles per metre."""
         counts = [axis.frequency_count for axis in self._axes]
         steps = [1 / axis.period for axis in self._axes]
         middles = [
@@ -130,11 +153,11 @@ class QuadratureEngine(ChainEngine):
         )
         plane, samples = self._frequency_plane, self._request.samples
         each = nonuniform_bytes(0, plane) + nonuniform_bytes(0, samples)
-        return each + 32 * plane.shape[0] * plane.shape[1] + _BYTES_PER_NODE * nodes
+        return each + 32 * plane.shape[0] * plane.shape[1] + _SETTINGS.bytes_per_node * nodes
 
     @property
     def _max_block_nodes(self) -> int:
-        return max(1 << 18, self._request.budget.memory // 4 // _BYTES_PER_NODE)
+        return max(1 << 18, self._request.budget.memory // 4 // _SETTINGS.bytes_per_node)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         there = nonuniform_seconds(
@@ -148,7 +171,8 @@ class QuadratureEngine(ChainEngine):
         if not self.error.value + self.arithmetic <= n.tol:
             raise unreachable_tolerance_error(n.tol, self.error.value + self.arithmetic)
         if self._nodes_in_memory:
-            rule = stop_rule(n.lens.stop, self._slope_bound, _QUADRATURE_TOL_SHARE * n.tol)
+            tol = _SETTINGS.quadrature_tol_share * n.tol
+            rule = stop_rule(n.lens.stop, self._slope_bound, tol)
             self._full_block = _StopNodeBlock(rule, self)
             self.sampling = f"{rule.count} nodes in the stop"
 
@@ -157,9 +181,8 @@ class QuadratureEngine(ChainEngine):
             yield self._full_block
             return
         n = self._request.numeric
-        for nodes in stop_rule_blocks(
-            n.lens.stop, self._slope_bound, _QUADRATURE_TOL_SHARE * n.tol, self._max_block_nodes
-        ):
+        tol = _SETTINGS.quadrature_tol_share * n.tol
+        for nodes in stop_rule_blocks(n.lens.stop, self._slope_bound, tol, self._max_block_nodes):
             yield _StopNodeBlock(nodes, self)
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
@@ -180,7 +203,7 @@ class QuadratureEngine(ChainEngine):
         return self._intensity_or_replan(power, phase, amplitude)
 
     def _spectrum_at_lens(self, field: torch.Tensor, axes: list[PropagatorAxis]) -> torch.Tensor:
-        """All frequencies of the band after the space, (..., y, x)."""
+        """Compute the spectrum of a panel's field after propagation to the lens, (..., y, x)."""
         y, x = axes
         for axis, dim in ((y, -2), (x, -1)):
             field = torch.fft.fft(field, axis.fft_length, dim)
@@ -191,7 +214,7 @@ class QuadratureEngine(ChainEngine):
         moved = self._propagator_variables()
         weights = [axis.transfer(self._dtype).to(field.device) for axis in axes]
         if moved is not None:
-            # The Fresnel area's derivative comes by a factor that is 1.
+            # This factor has the value 1 and carries the derivative in the Fresnel area.
             weights = [
                 w * torch.polar(torch.ones_like(a), a)
                 for w, a in (
@@ -208,20 +231,20 @@ class QuadratureEngine(ChainEngine):
 
 
 def _plan_axis(n: PSFRequest, camera: Camera, axis: int, low: float, high: float) -> PropagatorAxis:
-    """Frequencies from `low` to `high`, or as far as light gets from the panel to the stop."""
+    """Plan an axis for the frequencies from `low` to `high` that reach the stop from the panel."""
     panel, spread = camera.panel, float(n.shadow_magnification)
     bend = fresnel_area(n)
     line = panel.plane.coordinates(axis)
     ends = float(line[0]) - panel.pitch / 2, float(line[-1]) + panel.pitch / 2
     shift = float(n.chief_ray_slopes[axis]) * n.separation
     stop = [place * n.radius / spread - shift for place in stop_extent(camera, axis)]
-    steps = math.sqrt(2 * math.log(1 / (_TAPER_TOL_SHARE * n.tol)))
+    steps = math.sqrt(2 * math.log(1 / (_SETTINGS.taper_tol_share * n.tol)))
     room = steps / math.sqrt(math.pi * bend)
-    soft = 1 / math.sqrt(2 * math.pi * bend)
+    sigma = 1 / math.sqrt(2 * math.pi * bend)
     low = max(low - room, (stop[0] - ends[1]) / bend - room)
     high = min(high + room, (stop[1] - ends[0]) / bend + room)
-    band = TaperedBand(low, high, soft, steps)
-    margin = steps / (2 * math.pi * soft)
+    band = TaperedBand(low, high, sigma, steps)
+    margin = steps / (2 * math.pi * sigma)
     reach = ends[0] + bend * band.outer_limits[0], ends[1] + bend * band.outer_limits[1]
     least = max(reach[1] - stop[0], stop[1] - reach[0], ends[1] - ends[0]) + margin
     length = fast_fft_length(least / panel.pitch)
@@ -231,7 +254,7 @@ def _plan_axis(n: PSFRequest, camera: Camera, axis: int, low: float, high: float
 
 
 class _StopNodeBlock:
-    """Some nodes, what the lens does there, and the transforms to them and onwards."""
+    """Holds a block of nodes in the stop, and the transforms to the nodes and to the sensor."""
 
     def __init__(self, nodes: QuadratureNodes, engine: QuadratureEngine) -> None:
         self._nodes, self._engine = nodes, engine
@@ -249,7 +272,7 @@ class _StopNodeBlock:
         )
 
     def field(self, light: torch.Tensor) -> torch.Tensor:
-        """On the samples, in square stop radii."""
+        """Compute the field at the sensor from this block of nodes, in square stop radii."""
         q = self._engine._request
         moved, onward = self._engine._propagator_variables(), q.transform_variables
         numbers = (moved.stretch, *moved.shift) if moved is not None else (None, None, None)
@@ -265,7 +288,7 @@ class _StopNodeBlock:
 def _field_at_nodes(
     transform: NonuniformTransform, light: torch.Tensor, *numbers: Any
 ) -> torch.Tensor:
-    """The field at the transform's points, from the light's frequencies on its image plane."""
+    """Compute the field at the nodes in the stop, from its spectrum `light`."""
     wanted = light.requires_grad or any(map(needs_gradient, numbers))
     if not (wanted and torch.is_grad_enabled()):
         return transform.adjoint(light.detach())
@@ -273,7 +296,7 @@ def _field_at_nodes(
 
 
 class _FieldAtNodes(torch.autograd.Function):
-    """The sum of light exp(2 pi i f (stretch y + shift)) over all frequencies f, at nodes y."""
+    """Sums light exp(2 pi i f (stretch y + shift)) over all frequencies f, at the nodes y."""
 
     @staticmethod
     def forward(
@@ -294,7 +317,7 @@ class _FieldAtNodes(torch.autograd.Function):
             (light,) = ctx.saved_tensors
             f = (transform.image.coordinates(0)[:, None], transform.image.coordinates(1)[None, :])
             turned = [transform._adjoint(light * (2j * math.pi * one)) for one in f]
-            # How much the answer changes for a metre along each axis, at every node.
+            # y and x are the derivatives in each node's position, per metre.
             y, x = (
                 (gradient.conj() * one).real.reshape(-1, one.shape[-1]).sum(0) for one in turned
             )

@@ -1,4 +1,7 @@
-"""The stop on a grid at the lens, block by block: only what its edge cuts is kept."""
+"""Mask a field at the lens by the stop, block by block of rows.
+
+Only the cells that the stop's edge cuts are stored as numbers.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +19,16 @@ from optics.stop.aperture import Stop
 from optics.stop.coverage import Coverage, coverage
 
 _CELL_ROWS, _CELL_COLUMNS = 16, 64
-"""Samples in a cell of the coarse picture, in which whole cells are open or closed. Sixteen rows
-of a fine grid still fit into a processor's cache."""
+"""Samples in a coarse cell, which is open, closed or cut by the edge as a whole. Sixteen rows of a
+fine grid still fit into a processor's cache."""
 
 
 @dataclass(frozen=True)
 class MaskSegment:
-    """Samples of a block's rows that aren't open: columns first to last, exclusive.
+    """Describes a range of columns, in a block of rows, where the stop isn't fully open.
 
-    share: open area of every sample, (rows, columns); None where all are closed.
+    first, last: columns, the last one exclusive. share: open area of every sample, (rows, columns);
+    None where all are closed.
     """
 
     first: int
@@ -33,9 +37,9 @@ class MaskSegment:
 
 
 class BlockwiseStopMask:
-    """A stop's covered area on a plane, by blocks of rows.
+    """Masks fields on a plane by the open area of a stop, in blocks of rows.
 
-    radius: of the stop, metres. Covered areas are made where the edge runs and nowhere else.
+    radius: of the stop, metres. Open areas are computed only along the stop's edge.
     """
 
     def __init__(self, stop: Stop, radius: float, plane: Plane, dtype: torch.dtype) -> None:
@@ -48,7 +52,7 @@ class BlockwiseStopMask:
 
     @cached_property
     def segments_by_block(self) -> list[list[MaskSegment]]:
-        """The stretches of every block."""
+        """The segments of every block of rows where the stop isn't fully open."""
         fine = Coverage(self._stop, self._radius, self._plane)
         lines = zip(self.row_blocks, self._coarse_coverage(), strict=True)
         return [self._find_segments(fine, rows, line) for rows, line in lines]
@@ -57,7 +61,7 @@ class BlockwiseStopMask:
         plane, sides = self._plane, (_CELL_ROWS, _CELL_COLUMNS)
         shape = [math.ceil(n / side) for n, side in zip(plane.shape, sides, strict=True)]
         pitch = [p * side for p, side in zip(plane.pitch, sides, strict=True)]
-        # The middle of a cell of the coarse picture lies between two samples.
+        # The middle of a coarse cell lies between two samples.
         centre = [
             self._sample_position(axis, 0)
             - plane.pitch[axis] / 2
@@ -68,7 +72,7 @@ class BlockwiseStopMask:
         return np.asarray(coverage(self._stop, self._radius, coarse).numpy())
 
     def _sample_position(self, axis: int, number: int) -> float:
-        """Metres of a sample along an axis."""
+        """Return the position of a sample of the lens grid along an axis, in metres."""
         plane = self._plane
         return (number - plane.shape[axis] // 2) * plane.pitch[axis] + float(plane.centre[axis])
 
@@ -88,23 +92,23 @@ class BlockwiseStopMask:
         return found
 
     def apply(self, field: torch.Tensor, block: int) -> None:
-        """Close what is closed of a block's field (rows, columns), in its own memory."""
-        for stretch in self.segments_by_block[block]:
-            part = field[:, stretch.first : stretch.last]
-            if stretch.share is None:
+        """Multiply a block of the field (rows, columns) by the stop's open share, in place."""
+        for segment in self.segments_by_block[block]:
+            part = field[:, segment.first : segment.last]
+            if segment.share is None:
                 part.zero_()
             else:
-                # Two real products take less time than one with a share made complex.
+                # Two real products take less time than one with a complex share.
                 parts = torch.view_as_real(part)
-                parts.mul_(stretch.share.to(field.device)[..., None])
+                parts.mul_(segment.share.to(field.device)[..., None])
 
     def open_power(self, field: torch.Tensor, block: int) -> float:
-        """Sum of |field|² over what is open of a block (rows, columns)."""
+        """Sum |field|² over the open part of a block (rows, columns)."""
         light = field.real**2 + field.imag**2
         total = float(light.sum(dtype=torch.float64))
-        for stretch in self.segments_by_block[block]:
-            part = light[:, stretch.first : stretch.last]
-            if stretch.share is not None:
-                part = part * (1 - stretch.share)
+        for segment in self.segments_by_block[block]:
+            part = light[:, segment.first : segment.last]
+            if segment.share is not None:
+                part = part * (1 - segment.share)
             total -= float(part.sum(dtype=torch.float64))
         return total

@@ -1,4 +1,4 @@
-"""A panel before a lens as one panel in a lens: where the stop cuts nothing that matters."""
+"""Replace a camera whose panel stands before the lens by one with a thin lens at the panel."""
 
 from __future__ import annotations
 
@@ -12,35 +12,35 @@ from optics.stop.aperture import Circle, Point, Polygon, Shape, Stop
 def collapse_to_thin_camera(
     camera: Camera, distance: Scalar, field: tuple[Scalar, Scalar] = (0.0, 0.0)
 ) -> Camera:
-    """The camera with a thin lens in the panel's plane that has the same ray matrix.
+    """Return a camera with a thin lens in the panel's plane that has the same ray matrix.
 
     distance: metres from the object to the panel. field: metres (y, x) on the sensor from the
     axis to its image.
 
-    From panel to sensor the ray matrix is
+    The ray matrix from panel to sensor is
 
         (1 z2; 0 1) (1 0; -1/f 1) (1 z1; 0 1) = (A B; C D),
         A = 1 - z2/f,    B = z1 + z2 - z1 z2 / f,
 
-    and Fresnel's integral of the whole is one from the panel (Collins 1970,
+    and the whole propagation is one Fresnel integral from the panel (Collins 1970,
     10.1364/JOSA.60.001168),
 
         U(u) = 1 / (i lambda B) integral of U0(s) exp(i pi (A s² - 2 s u + D u²) / (lambda B)) ds.
 
-    A thin lens at the panel with the image distance B has A' = 1 - B/f'; it does the same to
-    the intensity if A' = A, so 1/f' = (1 - A) / B. With the thin-lens equation
-    z2/f = 1 + z2/F, for the focus distance F from the lens,
+    A thin lens at the panel with the image distance B has A' = 1 - B/f'. It gives the same
+    intensity if A' = A, so 1/f' = (1 - A) / B. With the thin-lens equation z2/f = 1 + z2/F, for the
+    focus distance F from the lens, it follows that
 
-        B = z2 (1 - z1/F),    F' = -B/A = F - z1:
+        B = z2 (1 - z1/F),    F' = -B/A = F - z1.
 
-    the plane in focus stays where it is. The stop becomes its geometric shadow on the panel, as
-    the object throws it: narrower by 1 + z1/distance, and moved by -field z1 / z2.
+    So the plane in focus stays where it is. The stop becomes its geometric shadow on the panel, for
+    light from the object: narrower by the factor 1 + z1/distance, and moved by -field z1 / z2.
 
     The thesis' equations have slips: the modulations in Eq. 5.3 and 5.5 are exp(i phase), the
     lens' phase in Eq. 5.5 is -pi (x'² + y'²) / (lambda f), and the distance in Eq. 5.6 is z2.
 
-    Raises ValueError for a lens with aberrations or a stigmatic one, whose wave isn't a
-    parabola, and for a panel in the plane in focus or beyond it.
+    Raises ValueError for a lens with aberrations or a stigmatic lens, because their waves aren't
+    parabolas, and for a panel in the plane in focus or beyond it.
     """
     lens, z1 = camera.lens, camera.separation
     if not lens.has_quadratic_phase:
@@ -65,7 +65,10 @@ def collapse_to_thin_camera(
 
 
 def _shift_stop(stop: Stop, shift: Point) -> tuple[float, Stop]:
-    """How far a moved stop reaches, in its radii, and the same in units of that."""
+    """Shift a stop, in stop radii, and scale it to a radius of 1 around the axis again.
+
+    Returns the radius before scaling, and the stop.
+    """
     reach = 1 + (shift[0] ** 2 + shift[1] ** 2) ** 0.5
     if reach == 1:
         return 1.0, stop

@@ -1,4 +1,4 @@
-"""Sources, their spectra and flicker, and the filter's band."""
+"""Describe light sources, their spectra and flicker, and the band of a spectral filter."""
 
 from optics.light.bands import Band
 from optics.light.sources import blackbody, broadband, halogen, lamp_from_table, monochromatic

@@ -1,4 +1,4 @@
-"""What a filter passes by wavelength."""
+"""Define the band of a spectral filter: its transmission by wavelength."""
 
 from __future__ import annotations
 
@@ -14,12 +14,9 @@ from scipy.optimize import brentq
 from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spectrum
 from optics.validation import require_positive
 
-NEGLIGIBLE = 1e-6
-"""Transmission below which a band has ended."""
-
 _STEEPNESS = 6
-"""Exponent of an interference filter's super-Gaussian: from 90 to 10 % in a quarter of its
-width."""
+"""Exponent of an interference filter's super-Gaussian. Its transmission falls from 90 to 10 %
+within a quarter of its width."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +79,7 @@ class Band:
             )
         if (self.shape == "table") != (self.table is not None):
             raise ValueError("a table goes with the shape 'table', and only with it")
-        # A filter as wide as half of its wavelength would reach to wavelengths below none.
+        # A filter that is twice as wide as its centre would reach down to negative wavelengths.
         if not self.fwhm < 2 * self.centre:
             raise ValueError(
                 f"fwhm is {self.fwhm:g} m around {self.centre:g} m; give less than twice the centre"
@@ -102,7 +99,7 @@ class Band:
     def from_table(
         table: Spectrum, leak: float = 0.0, leak_range: tuple[float, float] = (400e-9, 720e-9)
     ) -> Band:
-        """Band of a measured filter, from its transmission curve.
+        """Make the band of a measured filter from its transmission curve.
 
         Its centre is the mean of the wavelengths, weighted by transmission; its width lies between
         the outermost half maxima.
@@ -130,7 +127,7 @@ class Band:
             raise ValueError("the table passes nothing; give a filter's transmission")
         one = table.with_scale(1 / table.peak)
         nodes, values = np.asarray(one.wavelengths), np.asarray(one.values)
-        # The moment of a linear piece by Simpson's rule, which is exact for it.
+        # Simpson's rule is exact for the first moment of a linear piece.
         middle, mean = (nodes[1:] + nodes[:-1]) / 2, (values[1:] + values[:-1]) / 2
         ends = nodes * values
         moment = float((np.diff(nodes) * (ends[1:] + ends[:-1] + 4 * middle * mean) / 6).sum())
@@ -138,7 +135,7 @@ class Band:
         return Band(moment / one.integral(), width, "table", leak, leak_range, one)
 
     def transmission(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
-        """Transmission at wavelengths in metres, 0 to 1, without the leak."""
+        """Compute the filter's transmission at wavelengths in metres, 0 to 1, without the leak."""
         asked = np.asarray(wavelengths, dtype=np.float64)
         if self.table is not None:
             return self.table.at(asked)
@@ -152,14 +149,14 @@ class Band:
         return self._lyot(asked)
 
     def total_transmission(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
-        """Transmission at wavelengths in metres, with the leak."""
+        """Compute the filter's transmission at wavelengths in metres, with the leak."""
         asked = np.asarray(wavelengths, dtype=np.float64)
         low, high = self.leak_range
         return self.transmission(asked) + self.leak * ((low <= asked) & (asked <= high))
 
     @cached_property
     def support(self) -> tuple[float, float]:
-        """Shortest and longest wavelength in metres, between which a millionth or more passes.
+        """The shortest and longest wavelength in metres at which the filter passes a millionth.
 
         The leak is left out.
         """
@@ -171,9 +168,10 @@ class Band:
             return max(SHORTEST_WAVELENGTH, self.centre / (1 + 0.5 / order)), min(
                 LONGEST_WAVELENGTH, high
             )
+        halvings = -math.log2(1e-6)
         reach = {
-            "gaussian": math.sqrt(-math.log2(NEGLIGIBLE)),
-            "interference": (-math.log2(NEGLIGIBLE)) ** (1 / _STEEPNESS),
+            "gaussian": math.sqrt(halvings),
+            "interference": halvings ** (1 / _STEEPNESS),
             "open": 1.0,
         }[self.shape]
         half = 0.5 * self.fwhm * reach
@@ -181,9 +179,10 @@ class Band:
 
     @cached_property
     def _stages(self) -> tuple[int, float]:
-        """Number of stages, and the thinnest one's order: more than half a wave to one wave.
+        """The number of stages of a Lyot filter, and the order of its thinnest stage.
 
-        It has the width asked for, and its next order below half its wavelength.
+        The order lies between half a wave and one wave. The filter then has the requested width,
+        and its next order lies below half its wavelength.
         """
         # λ± = λ₀ / (1 ∓ a) with half maxima at u = ± π m a lie 2 a λ₀ / (1 - a²) apart.
         ratio = self.fwhm / self.centre
@@ -205,7 +204,7 @@ class Band:
 
 
 def _lyot_half(stages: int) -> float:
-    """The phase at which so many stages pass half."""
+    """Return the phase u at which a Lyot filter of so many stages passes half of the light."""
 
     def above_half(u: float) -> float:
         return math.prod(math.cos(2**k * u) ** 2 for k in range(stages)) - 0.5
@@ -214,7 +213,10 @@ def _lyot_half(stages: int) -> float:
 
 
 def _half_width(nodes: NDArray[np.float64], values: NDArray[np.float64]) -> float:
-    """Between the outermost half maxima of a piecewise linear curve with a peak of 1."""
+    """Return the width of a filter's curve between its outermost half maxima.
+
+    The curve is piecewise linear and has a peak of 1.
+    """
     above = np.flatnonzero(values >= 0.5)
     first, last = int(above[0]), int(above[-1])
 

@@ -1,4 +1,4 @@
-"""A quantity by wavelength."""
+"""Define spectra: quantities by wavelength, such as a radiance or a transmission."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 SHORTEST_WAVELENGTH, LONGEST_WAVELENGTH = 300e-9, 1100e-9
-"""Metres: where silicon sees, and so the range of what isn't given by a table."""
+"""Limits in metres of the wavelengths that silicon detects. Spectra that aren't given by a table
+cover this range."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Spectrum:
     def flat(
         value: float, low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
     ) -> Spectrum:
-        """Spectrum with the same value at all wavelengths of a range.
+        """Make a spectrum with the same value at all wavelengths of a range.
 
         Parameters
         ----------
@@ -79,33 +80,33 @@ class Spectrum:
 
     @property
     def low(self) -> float:
-        """Shortest wavelength, metres."""
+        """The shortest wavelength of the spectrum, in metres."""
         return self.wavelengths[0]
 
     @property
     def high(self) -> float:
-        """Longest wavelength, metres."""
+        """The longest wavelength of the spectrum, in metres."""
         return self.wavelengths[-1]
 
     @property
     def peak(self) -> float:
-        """The largest value."""
+        """The largest value of the spectrum."""
         return max(self.values)
 
     def at(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
-        """Values at wavelengths in metres, of the same shape, float64."""
+        """Interpolate the spectrum at wavelengths in metres; the same shape, float64."""
         asked = np.asarray(wavelengths, dtype=np.float64)
         return np.interp(asked, self.wavelengths, self.values, left=0.0, right=0.0)
 
     def with_scale(self, factor: float) -> Spectrum:
-        """Spectrum with every value multiplied by a factor, which isn't negative."""
+        """Return the spectrum with every value multiplied by a factor, which isn't negative."""
         return Spectrum(self.wavelengths, tuple(factor * value for value in self.values))
 
     def times(self, other: Spectrum) -> Spectrum:
-        """Product with another spectrum: exact at the nodes of both, linear between them.
+        """Multiply by another spectrum, exactly at the nodes of both and linearly between them.
 
-        Between two nodes the true product is a parabola, by (a₂-a₁)(b₂-b₁)/4 apart at most. Where
-        the two ranges don't overlap, the product is 0.
+        Between two nodes the true product is a parabola, which differs by (a₂-a₁)(b₂-b₁)/4 at most.
+        If the two ranges don't overlap, the product is 0.
         """
         low, high = max(self.low, other.low), min(self.high, other.high)
         if not low < high:
@@ -115,7 +116,7 @@ class Spectrum:
         return Spectrum(tuple(nodes), tuple(self.at(nodes) * other.at(nodes)))
 
     def integral(self, low: float | None = None, high: float | None = None) -> float:
-        """Integral over wavelength, exact.
+        """Integrate the spectrum over wavelength, exactly.
 
         Parameters
         ----------

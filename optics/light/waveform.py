@@ -1,4 +1,4 @@
-"""How a lamp's light changes with time."""
+"""Define waveforms: periodic changes of a lamp's light with time (flicker)."""
 
 from __future__ import annotations
 
@@ -64,17 +64,17 @@ class Waveform:
 
     @property
     def period(self) -> float:
-        """Period of the light in seconds."""
+        """The period of the lamp's light, in seconds."""
         return 1 / self.frequency
 
     @property
     def is_constant(self) -> bool:
-        """Whether the light never changes."""
+        """Whether the lamp's light never changes."""
         return self.shape == "constant" or self.depth == 0
 
     @property
     def ripple(self) -> float:
-        """Largest relative deviation from the mean, at any time."""
+        """The largest relative deviation of the lamp's light from its mean."""
         if self.is_constant:
             return 0.0
         if self.shape == "square":
@@ -82,7 +82,7 @@ class Waveform:
         return self.depth
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Value of the factor at times in seconds."""
+        """Compute the factor on the lamp's light at times in seconds."""
         turns = self._turns(time)
         if self.is_constant:
             return np.ones_like(turns)
@@ -91,7 +91,7 @@ class Waveform:
         return 1 + self._sign * self.depth * np.sin(2 * np.pi * (turns % 1))
 
     def mean(self, start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
-        """Mean of the factor over intervals of time, exact.
+        """Average the factor on the lamp's light over intervals of time, exactly.
 
         Parameters
         ----------
@@ -117,7 +117,8 @@ class Waveform:
             return np.ones_like(length)
         if self.shape == "square":
             return self._square_mean(first, length)
-        # The sine at the middle times the sinc of half the length: no difference of large terms.
+        # The mean of a sine is the sine at the middle times a sinc of the length. This form doesn't
+        # subtract large terms.
         half = length * self.frequency
         middle = self._turns(first) + half / 2
         swing = np.sin(2 * np.pi * (middle % 1)) * np.sinc(half)
@@ -129,7 +130,7 @@ class Waveform:
 
     @property
     def _excess(self) -> float:
-        """Of a square wave while it is bright, above the mean."""
+        """The relative excess of a square wave over its mean, while the lamp is bright."""
         return self.depth * (1 - self.duty) / self.duty
 
     def _turns(self, time: ArrayLike) -> NDArray[np.float64]:
@@ -139,7 +140,7 @@ class Waveform:
         self, start: NDArray[np.float64], length: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         turns, span = self._turns(start) % 1, length * self.frequency
-        # A whole period adds nothing to the deviation.
+        # The deviation from the mean integrates to zero over a whole period.
         rest = span % 1
         deviation = self._deviation(turns + rest) - self._deviation(turns)
         long = span > 0
@@ -147,7 +148,7 @@ class Waveform:
         return np.where(long, mean, self.at(start))
 
     def _deviation(self, turns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Integral of a square wave's deviation from turn 0, in turns."""
+        """Integrate a square wave's deviation from its mean, from turn 0 on; in turns."""
         part = turns % 1
         bright = np.minimum(part, self.duty)
         return self._excess * bright - self.depth * (part - bright)

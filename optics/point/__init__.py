@@ -1,6 +1,6 @@
-"""The light of one point: what is requested of it, what answers, and a panel in the lens.
+"""Define requests for a PSF and the engines that compute it, with one engine for a panel in a lens.
 
-A PSFRequest is a lens, a point, a wavelength and samples at the sensor; a PSFEngine is a way to
-answer it. PSFs (optics.psf) and the chain behind a panel that stands apart (optics.chain) rest on
-both.
+A PSFRequest holds a lens, a point, a wavelength and the samples at the sensor. A PSFEngine computes
+the light on these samples. The packages `optics.psf` and, for a panel apart from its lens,
+`optics.chain` build on both.
 """

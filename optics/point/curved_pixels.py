@@ -1,4 +1,4 @@
-"""Panel pixels with a curved wave inside them, integrated exactly."""
+"""Compute the Fourier integral over panel pixels inside which the wave is curved."""
 
 from __future__ import annotations
 
@@ -9,17 +9,14 @@ import torch
 from optics.fourier import FourierGeometry, MatrixTransform, unit_phasor
 from optics.gauss_legendre import gauss_legendre
 
-_EXTRA_NODES = 10
-"""Gauss-Legendre nodes beyond half a radian each, for full precision."""
-
 
 class CurvedPixelTransform(MatrixTransform):
-    """The Fourier integral over square pixels on which a quadratic phase lies.
+    """Computes the Fourier integral over square panel pixels under a quadratic phase.
 
-    For pixels of constant phase the integral is the sum over their centres times one
-    envelope; defocus bends the wave inside each pixel differently. The curvature is the
-    same along both axes and the pixel is a square, so the integral still factors into
-    rows and columns, and each factor is a matrix:
+    For pixels of constant phase, the integral is the sum over their centres times one envelope.
+    Defocus bends the wave differently inside each pixel. The curvature is the same along both axes
+    and the pixel is a square, so the integral still factors into rows and columns. Each factor is a
+    matrix:
 
         K(u, x) = mean over |d| < side / 2 of exp(i curvature (x + d)² - 2 pi i u (x + d) / scale)
 
@@ -35,12 +32,13 @@ class CurvedPixelTransform(MatrixTransform):
         self._curvature, self._side = curvature, side
 
     def node_count(self, axis: int) -> int:
-        """Quadrature nodes inside a pixel: enough for its largest change of phase."""
+        """Return the number of quadrature nodes in a pixel, for the largest change of phase."""
         x, u = (p.coordinates(axis).abs().max() for p in (self.geometry.pupil, self.geometry.image))
         half = self._side / 2
         bend = abs(self._curvature) * (2 * float(x) * half + half**2)
         tilt = 2 * math.pi * float(u) * half / self.geometry.scale
-        return math.ceil((bend + tilt) / 2) + _EXTRA_NODES
+        # One Gauss-Legendre node per two radians and ten more give full precision.
+        return math.ceil((bend + tilt) / 2) + 10
 
     def _kernel(self, axis: int) -> torch.Tensor:
         g = self.geometry

@@ -1,10 +1,11 @@
-"""The contract of all ways to compute a PSF."""
+"""Define PSFEngine, the interface of all methods that compute a PSF."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -14,21 +15,38 @@ from optics.accuracy import FLOAT32_ARITHMETIC, FLOAT64_ARITHMETIC, CandidateMet
 from optics.point.request import PSFRequest
 from optics.validation import require_finite, rounded_up
 
-_EPSILON = 4e-16
 
-_SLOPE_MARGIN = 1.05
-_SLOPE_SAMPLES, _NEIGHBOUR_COUNT = 3000, 7
-"""Points at which a phase's slope is looked at, and how many of the nearest beside each."""
+@dataclass(frozen=True)
+class PhaseSlopeSettings:
+    """Tune the check that a phase isn't too steep for a PSF engine's quadrature nodes.
+
+    Attributes
+    ----------
+    margin : float
+        Factor by which a phase may be steeper than planned. Chosen.
+    samples : int
+        Points at which the slope is evaluated. Chosen.
+    neighbours : int
+        Nearest points to each of them, itself included, to which slopes are measured. Chosen.
+    """
+
+    margin: float = 1.05
+    samples: int = 3000
+    neighbours: int = 7
+
+
+_SLOPE_SETTINGS = PhaseSlopeSettings()
 
 
 class PSFEngine(CandidateMethod):
-    """A way to compute the light of a point, offered before it is prepared.
+    """Computes the light of a point on the sensor; the base class of all PSF methods.
 
-    An offer knows its bytes and its processor time without having made anything large;
-    `prepare()` makes it, measures its error and raises ToleranceError if that is too much.
-    `intensity()` then gives the share of the light on every sample, (..., rows, columns).
+    An engine states its memory and processor time before it allocates anything large. `prepare()`
+    allocates it, measures the error, and raises ToleranceError if the error is too large. Then
+    `intensity()` returns the share of the light on every sample, (..., rows, columns).
 
-    name, sampling, precision: in words. error: of the sampling, once prepared.
+    name, sampling, precision: descriptions in words. error: of the sampling; known after
+    `prepare()`. arithmetic: relative L2 error from rounding.
     """
 
     sampling: str
@@ -41,19 +59,19 @@ class PSFEngine(CandidateMethod):
 
     @property
     def sample_count(self) -> int:
-        """How many samples at the sensor it computes."""
+        """The number of samples at the sensor."""
         rows, columns = self._request.samples.shape
         return rows * columns
 
     def _set_precision(self, double: bool) -> None:
-        """Complex numbers in double or in single precision, and what that costs."""
+        """Set the complex type to double or single precision, and its rounding error."""
         self._dtype = torch.complex128 if double else torch.complex64
         self.precision = "float64" if double else "float32"
         self.arithmetic = FLOAT64_ARITHMETIC if double else FLOAT32_ARITHMETIC
 
     @abstractmethod
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Metres (y, x) in the pupil where extra phases and amplitudes are wanted."""
+        """Return the points (y, x) of the pupil, in metres, at which a pattern is sampled."""
 
     @abstractmethod
     def intensity(
@@ -67,7 +85,7 @@ class PSFEngine(CandidateMethod):
         samples: Sequence[int],
         dtype: torch.dtype = torch.complex128,
     ) -> torch.Tensor | None:
-        """Extra phase (radians) and amplitude as one complex factor; or None."""
+        """Return the pattern's phase (radians) and amplitude as one complex factor, or None."""
         if phase is None and amplitude is None:
             return None
         factor: torch.Tensor | None = None
@@ -77,7 +95,7 @@ class PSFEngine(CandidateMethod):
                 raise ValueError(
                     f"phase is {phase.dtype}; it is real, in radians; amplitude may absorb"
                 )
-            # A phase of 1e5 waves keeps its fraction.
+            # Wrapping in float64 keeps the fraction of a wave of a phase of 1e5 waves.
             angle = wrap_phase(phase.to(torch.float64)).to(dtype.to_real())
             factor = torch.polar(torch.ones_like(angle), angle)
         if amplitude is not None:
@@ -87,14 +105,14 @@ class PSFEngine(CandidateMethod):
         return factor
 
     def require_phase_slope(self, phase: torch.Tensor | None) -> None:
-        """Raise ValueError for a phase too steep for the nodes, which were chosen before."""
+        """Raise ValueError for a phase that is too steep for the planned quadrature nodes."""
         if phase is None or not phase.numel():
             return
         q = self._request.numeric
         if self._neighbour_pairs is None:
             self._neighbour_pairs = NeighbourPairs(*(p / q.radius for p in self.points()))
         slope = self._neighbour_pairs.steepest_slope(phase.detach())
-        if slope > _SLOPE_MARGIN * q.phase_slope:
+        if slope > _SLOPE_SETTINGS.margin * q.phase_slope:
             raise ValueError(
                 f"phase turns by {slope:.3g} radians per stop radius, and {q.phase_slope:g} were "
                 f"planned for; plan a PSFOperator with phase_slope={rounded_up(slope)}"
@@ -102,15 +120,18 @@ class PSFEngine(CandidateMethod):
 
 
 class CachedPupilWave(ABC):
-    """What has a point's light in a pupil: made at the first call and kept, unless somebody
-    asks for derivatives, which would be lost with the tensors that they came from."""
+    """Computes a point's wave in the pupil at the first call and caches it.
+
+    With derivatives the wave is computed at every call, because a cached tensor would belong to the
+    graph of an earlier call.
+    """
 
     _request: PSFRequest
     _cached_wave: torch.Tensor | None = None
 
     @abstractmethod
     def _compute_pupil_wave(self) -> torch.Tensor:
-        """The stop and the wave in it."""
+        """Compute the point's wave in the pupil, with the stop."""
 
     def _pupil_wave(self) -> torch.Tensor:
         if self._request.differentiable:
@@ -121,14 +142,14 @@ class CachedPupilWave(ABC):
 
 
 def wrap_phase(angle: torch.Tensor) -> torch.Tensor:
-    """Radians from -pi to pi, with their derivative."""
+    """Wrap a phase to -pi to pi radians; its derivative stays."""
     return angle - 2 * math.pi * torch.round(angle.detach() / (2 * math.pi))
 
 
 class NeighbourPairs:
-    """Pairs of points that lie close together, to tell how steep a phase is.
+    """Finds pairs of neighbouring points in the pupil, to measure how steep a phase is.
 
-    y, x: in stop radii, one-dimensional, or a column and a row. Some points are looked at.
+    y, x: in stop radii, one-dimensional, or a column and a row. A random sample of points is used.
     """
 
     def __init__(self, y: torch.Tensor, x: torch.Tensor) -> None:
@@ -136,14 +157,19 @@ class NeighbourPairs:
         self._point_count = math.prod(shape)
         places = torch.stack([p.expand(shape).ravel() for p in (y, x)], dim=1).numpy()
         rng = np.random.default_rng(0)
-        some = rng.choice(self._point_count, min(_SLOPE_SAMPLES, self._point_count), replace=False)
-        found = cKDTree(places).query(places[some], k=min(_NEIGHBOUR_COUNT, self._point_count))
+        count = min(_SLOPE_SETTINGS.samples, self._point_count)
+        some = rng.choice(self._point_count, count, replace=False)
+        neighbours = min(_SLOPE_SETTINGS.neighbours, self._point_count)
+        found = cKDTree(places).query(places[some], k=neighbours)
         away, near = (np.reshape(part, (some.size, -1))[:, 1:].copy() for part in found)
         self._distances, self._neighbour_indices = torch.from_numpy(away), torch.from_numpy(near)
         self._sampled_indices = torch.from_numpy(some)
 
     def steepest_slope(self, phase: torch.Tensor) -> float:
-        """The steepest that is seen, radians per stop radius, of phases (..., points)."""
+        """Return the steepest slope between the pairs, in radians per stop radius.
+
+        phase: (..., points).
+        """
         flat = phase.cpu().to(torch.float64).reshape(-1, self._point_count)
         turn = wrap_phase(flat[:, self._neighbour_indices] - flat[:, self._sampled_indices, None])
         far = self._distances > 0
@@ -151,9 +177,12 @@ class NeighbourPairs:
 
 
 def double_precision_error(request: PSFRequest) -> float:
-    """Relative L2 error of an intensity in double precision: a phase of so many radians keeps
-    no more digits than double precision leaves it."""
-    return 10 * FLOAT64_ARITHMETIC + _EPSILON * request.numeric.phase_slope_bound.largest_slope(1.0)
+    """Return the relative L2 rounding error of a PSF in double precision.
+
+    The larger the phase in radians, the fewer digits of its fraction double precision holds.
+    """
+    slope = request.numeric.phase_slope_bound.largest_slope(1.0)
+    return 10 * FLOAT64_ARITHMETIC + 4e-16 * slope
 
 
 def _require_sample_shape(name: str, value: torch.Tensor, samples: Sequence[int]) -> None:

@@ -1,9 +1,9 @@
-"""The light of a point behind a panel of pixels and a lens."""
+"""Compute the PSF of a lens with a panel of pixels in its plane."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
@@ -52,31 +52,47 @@ PANEL_METHODS = (
     GriddedTransform.name,
     CurvedPixelTransform.name,
 )
-"""The methods behind a panel; not all of them serve every request."""
+"""Names of the Fourier transforms for a PSF behind a panel; not all of them serve every request."""
 
-_MAX_PIXEL_PHASE_STEP = 600.0
-"""Radians across a panel pixel beyond which the blur is far larger than any sensor."""
 
-_TRANSFORM_SHARE = 0.02
-"""Of the tolerance that a transform may use, for all the light there is."""
+@dataclass(frozen=True)
+class PanelEngineSettings:
+    """Tune the PSF engine for a panel in a lens.
 
-_LOW_LIGHT_SHARE = 0.02
-"""Share of the light in the window from which that of the transform's error is a small one."""
+    Attributes
+    ----------
+    max_pixel_phase_step : float
+        Largest change of phase across a panel pixel, in radians. Beyond, the blur is far larger
+        than any sensor.
+    transform_tol_share : float
+        Share of the tolerance that the Fourier transform may use. Chosen.
+    low_light_share : float
+        Share of the light below which the window counts as dark, so that the transform's error,
+        which scales with all light, may exceed its share of the tolerance. Chosen.
+    max_nodes : int
+        Most Gauss-Legendre nodes along a side of a pixel. Chosen.
+    """
 
-_MAX_NODES = 400
+    max_pixel_phase_step: float = 600.0
+    transform_tol_share: float = 0.02
+    low_light_share: float = 0.02
+    max_nodes: int = 400
+
+
+_SETTINGS = PanelEngineSettings()
 
 
 class PanelEngine(CachedPupilWave, PSFEngine):
-    """Every panel pixel is a square of one modulation, and the lens' wave lies over it.
+    """Computes the PSF of a lens and a panel in its plane, whose pixels are uniform squares.
 
-    Where the wave hardly turns across a pixel it is taken as constant there (flat pixels):
-    one sum over the pixels, times the envelope of one. Otherwise it is integrated inside
-    each pixel: by a matrix along each axis if it is a thin lens' defocus (curved pixels),
-    or by Gauss-Legendre nodes (divided pixels). A pixel that the stop covers in part passes
-    light by its open area.
+    The lens' wave adds to each pixel's modulation. Where the wave's phase hardly changes across a
+    pixel, it is taken as constant there (flat pixels), and the field is one sum over the pixels
+    times a pixel's envelope. Otherwise the wave is integrated inside each pixel: by a matrix along
+    each axis for a thin lens' defocus (curved pixels), or by Gauss-Legendre nodes (divided pixels).
+    A pixel that the stop covers in part passes light in proportion to its open area.
 
-    transform: the name of one; the cheapest if None. precise: in double precision by exact
-    transforms, whatever the tolerance.
+    transform: name of the Fourier transform; the cheapest if None. precise: whether to use double
+    precision and exact transforms, whatever the tolerance.
     """
 
     def __init__(
@@ -98,7 +114,8 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         flat = self._flat_pixel_error()
         self._double = precise or n.tol - (flat if flat < n.tol else 0) < 2 * FLOAT32_ARITHMETIC
         self._set_precision(self._double)
-        allowed = 0.0 if precise else max(_TRANSFORM_SHARE * n.tol, FINEST_GRIDDING)
+        share = _SETTINGS.transform_tol_share
+        allowed = 0.0 if precise else max(share * n.tol, FINEST_GRIDDING)
         self._transform_tol = allowed
         if flat + self.arithmetic + 2 * allowed <= n.tol:
             self._pixel_model, self._nodes_per_side, sampling = "flat", 1, flat
@@ -131,28 +148,28 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return FourierGeometry(RectilinearGrid(y, x), n.samples, n.scale)
 
     def _kernel_phase_step(self) -> float:
-        """Radians by which the kernel turns across a panel pixel, to the farthest sample."""
+        """Return how much the Fourier kernel of the farthest sample turns across a pixel, rad."""
         n = self._request.numeric
         return (
             2 * math.pi * self._camera.panel.pitch * self._request.farthest_sample_radius / n.scale
         )
 
     def _flat_pixel_error(self) -> float:
-        """What it costs to take the lens' wave as constant over a panel pixel.
+        """Bound the error of taking the lens' wave as constant over each panel pixel.
 
-        With a step of s rad across a pixel, its light on the axis is overrated by s²/24 in
-        amplitude; where the image lies t rad per pixel off the axis, by s t / 12 on one side
-        of the pupil and underrated on the other. Light goes to t = pi at most, where a panel
-        can steer it.
+        If the phase changes by s rad across a pixel, the pixel's amplitude on the axis is
+        overestimated by s²/24. For a sample at t rad per pixel off the axis, it is overestimated by
+        s t / 12 on one side of the pupil and underestimated on the other. A panel can steer light
+        to t = pi at most.
         """
         return self._pixel_phase_step * (
             self._pixel_phase_step / 12 + min(self._kernel_phase_step(), math.pi) / 10
         )
 
     def _plan_curved_or_divided_pixels(self) -> tuple[float, list[Transform]]:
-        """The error and the transforms where the wave bends inside a pixel."""
+        """Return the error and the transforms for a wave that bends inside the panel pixels."""
         n, panel = self._request.numeric, self._camera.panel
-        if self._pixel_phase_step > _MAX_PIXEL_PHASE_STEP:
+        if self._pixel_phase_step > _SETTINGS.max_pixel_phase_step:
             raise ToleranceError(
                 f"tol {n.tol:g} can't be kept: the wave turns by {self._pixel_phase_step:.2g} rad "
                 "across a panel pixel; bring the object closer to the plane in focus"
@@ -167,7 +184,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
             self._geometry(self._nodes_per_side), self._dtype, self._transform_tol
         )
         offered: list[Transform] = list(divided)
-        # Its matrices hold the wave, and give no derivatives of it.
+        # The matrices for curved pixels contain the lens' wave and give no derivatives in it.
         if n.lens.has_quadratic_phase and n.sphere is None and not self._request.differentiable:
             curvature = defocus_curvature(n.lens, n.distance, n.wavelength)
             offered.append(
@@ -176,7 +193,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return allowed, offered
 
     def _extra_aberration_nodes(self) -> int:
-        """Nodes for polynomials that aren't straight lines over a coarse pixel."""
+        """Return the nodes to add for aberrations that aren't linear across a coarse pixel."""
         n = self._request.numeric
         degree = max((degree for degree, _, _ in n.lens.aberrations), default=0)
         return math.ceil(degree * min(1.0, 10 * self._camera.panel.pitch / n.radius))
@@ -202,7 +219,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return self._camera.panel.plane.mesh()
 
     def _compute_pupil_wave(self) -> torch.Tensor:
-        """The stop and the lens' wave on pixels or nodes."""
+        """Compute the lens' wave behind the stop, on the panel pixels or their nodes."""
         q = self._request
         amplitude = pupil_amplitude(self._camera)
         if self._pixel_model == "curved":
@@ -229,7 +246,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return torch.polar(_repeat_per_node(amplitude, k) * shares, wrap_phase(phase))
 
     def _intensity_scale(self) -> torch.Tensor | float:
-        """What turns |sum over the pixels|² into shares of the light a sample."""
+        """Return the factor from |sum over the pixels|² to shares of the light per sample."""
         q, panel = self._request, self._camera.panel
         # A pixel that the stop covers in part passes light by its open area.
         power = float(pupil_amplitude(self._camera).sum()) * panel.active_side**2
@@ -237,7 +254,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return panel.active_side**4 * area / (q.scale**2 * power)
 
     def _pixel_envelope(self) -> torch.Tensor | float:
-        """The intensity that one square panel pixel sends to a sample, 1 on the axis."""
+        """Return the relative intensity of one panel pixel at each sample, 1 on the axis."""
         if self._pixel_model != "flat":
             return 1.0
         q, side = self._request, self._camera.panel.active_side
@@ -251,7 +268,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         if factor is not None:
             wave = wave.to(factor.device) * _repeat_per_node(factor, self._nodes_per_side)
         moved = q.transform_variables
-        # A panel doesn't grow with the stop.
+        # The panel keeps its size if the stop's radius changes, so only the scale stretches.
         stretch = q.numeric.scale / q.scale if needs_gradient(q.scale) else None
         field = self._transform(wave, stretch, moved.shift)
         light = (field.real**2 + field.imag**2) * self._intensity_scale()
@@ -267,9 +284,9 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return value.to(like) if not value.requires_grad else value.to(like.device)
 
     def _has_too_little_light(self, light: torch.Tensor, amplitude: torch.Tensor | None) -> bool:
-        """Whether the window gets so little of the light that its errors are those of the rest.
+        """Tell whether the window is so dim that errors of the light elsewhere dominate in it.
 
-        The rest is what one period of the panel's sum holds.
+        The light elsewhere is that in one period of the sum over the panel's pixels.
         """
         if amplitude is not None:
             total = float((amplitude.detach().abs() ** 2).mean())
@@ -281,11 +298,13 @@ class PanelEngine(CachedPupilWave, PSFEngine):
             return False
         rows, columns = self._request.window_slices
         least = float(light.detach()[..., rows, columns].sum(dim=(-2, -1)).min())
-        return 0 < least < _LOW_LIGHT_SHARE * total * self._window_period_share()
+        return 0 < least < _SETTINGS.low_light_share * total * self._window_period_share()
 
     def _window_period_share(self) -> float:
-        """Of a period of the panel's sum that the window covers, 1 at most: noise spreads over
-        all of it evenly."""
+        """Return the share of a period of the panel's sum that the window covers, 1 at most.
+
+        The transform's error spreads evenly over a period.
+        """
         n, pitch = self._request.numeric, self._camera.panel.pitch
         period = n.scale / pitch
         (rows, columns), (py, px) = (k - 2 * n.margin for k in n.samples.shape), n.samples.pitch
@@ -297,15 +316,18 @@ class PanelEngine(CachedPupilWave, PSFEngine):
 
 
 def _repeat_per_node(values: torch.Tensor, nodes: int) -> torch.Tensor:
-    """Every value for all nodes of its pixel."""
+    """Repeat each panel pixel's value for all nodes of the pixel."""
     if nodes == 1:
         return values
     return values.repeat_interleave(nodes, -2).repeat_interleave(nodes, -1)
 
 
 def _pixel_node_count(half_turn: float, error: float) -> int:
-    """Gauss-Legendre nodes that integrate exp(i h x) over -1 to 1 to a relative error."""
-    for k in range(2, _MAX_NODES):
+    """Return the number of Gauss-Legendre nodes that integrate a wave over a pixel to an error.
+
+    The wave is exp(i half_turn x), for x from -1 to 1.
+    """
+    for k in range(2, _SETTINGS.max_nodes):
         log = 2 * k * math.log(2 * half_turn + 1e-300) + 4 * math.lgamma(k + 1)
         log -= math.log(2 * k + 1) + 3 * math.lgamma(2 * k + 1)
         if log < math.log(error):

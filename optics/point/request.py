@@ -1,4 +1,4 @@
-"""What is asked of a PSF: a lens, a point, a wavelength, samples, a tolerance."""
+"""Define the request for a PSF: a lens, a point, a wavelength, samples and a tolerance."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from optics.validation import (
 
 @dataclass(frozen=True)
 class PSFRequest:
-    """A point's light behind a lens, sampled on a plane at the sensor.
+    """Describes a PSF to be computed: a point's light behind a lens, on samples at the sensor.
 
-    lens, distance, wavelength: SI; numbers, or 0-d tensors in which the answer shall be
-    differentiable. samples: the plane; its centre may hold tensors. tol: relative L2 error
-    of the intensity on the samples. margin: samples at each side that only help to integrate
-    those inside. phase_slope: radians per stop radius by which phases that are added to a
-    lens' wave may turn.
+    lens, distance, wavelength: SI units; numbers, or 0-d tensors in which the PSF shall be
+    differentiable. samples: the plane of the samples; its centre may hold tensors. tol: relative L2
+    error of the intensity on the samples. margin: samples on each side that serve only the
+    integration over sensor pixels. phase_slope: radians per stop radius by which a phase that is
+    added to the lens' wave may change.
 
-    separation: metres from a panel to the lens; `distance` is the object's from the panel.
-    field: metres (y, x) on the sensor from the axis to the point's geometric image, around
-    which the samples lie. sphere: what the point's wave over the panel has besides a parabola.
-    pixel: metres (y, x) of the pixels over which the samples are integrated afterwards; 0 where
-    the samples themselves are wanted.
+    separation: metres from a panel to the lens; `distance` is measured from the object to the
+    panel. field: metres (y, x) on the sensor from the axis to the point's geometric image, around
+    which the samples lie. sphere: the point's spherical wave over the panel; None for its parabola.
+    pixel: size (y, x) in metres of the sensor pixels over which the samples are integrated
+    afterwards; 0 if the samples themselves are wanted.
     """
 
     lens: Lens
@@ -58,63 +58,63 @@ class PSFRequest:
 
     @cached_property
     def numeric(self) -> PSFRequest:
-        """The same in plain numbers."""
+        """The same PSF request in plain numbers, without derivatives."""
         return cast(PSFRequest, to_plain_numbers(self))
 
     @property
     def window_slices(self) -> tuple[slice, slice]:
-        """Rows and columns of the samples that aren't margin."""
+        """The rows and columns of the samples without the margin."""
         rows, columns = self.samples.shape
         return slice(self.margin, rows - self.margin), slice(self.margin, columns - self.margin)
 
     @property
     def shadow_magnification(self) -> Scalar:
-        """How much wider than the panel its shadow at the lens is, 1 + separation / distance."""
+        """The width of the panel's shadow at the lens over the panel's own width."""
         return 1 + self.separation / self.distance
 
     @property
     def object_to_lens_distance(self) -> Scalar:
-        """Metres from the object to the lens."""
+        """The distance from the object to the lens, in metres."""
         return self.distance + self.separation
 
     @property
     def chief_ray_slopes(self) -> tuple[Scalar, Scalar]:
-        """Slopes (y, x) of the chief ray through the middle of the lens."""
+        """The slopes (y, x) of the chief ray through the middle of the lens."""
         z = self.lens.image_distance
         return self.field[0] / z, self.field[1] / z
 
     @property
     def scale(self) -> Scalar:
-        """Wavelength times image distance, m²."""
+        """The wavelength times the image distance, m²."""
         return self.wavelength * self.lens.image_distance
 
     @property
     def radius(self) -> Scalar:
-        """Of the stop, metres."""
+        """The radius of the stop, in metres."""
         return self.lens.stop_diameter / 2
 
     @property
     def intensity_scale(self) -> Scalar:
-        """What turns |integral over the stop in stop radii|² into shares of the light a sample."""
+        """The factor from |integral over the stop in stop radii|² to shares of light per sample."""
         area = self.samples.pitch[0] * self.samples.pitch[1]
         return area * self.radius**2 / (self.scale**2 * self.lens.stop.area)
 
     @cached_property
     def farthest_sample_radius(self) -> float:
-        """Metres from the axis to the farthest sample."""
+        """The distance from the axis to the farthest sample, in metres."""
         y, x = self.numeric.samples.mesh()
         return math.hypot(float(y.abs().max()), float(x.abs().max()))
 
     @cached_property
     def phase_slope_bound(self) -> PhaseSlopeBound:
-        """Of the wave in the stop and of the kernel towards the farthest sample."""
+        """The bound of the phase's slope in the stop, with the kernel of the farthest sample."""
         n = self.numeric
         tilt = 2 * math.pi * n.radius * self.farthest_sample_radius / n.scale
         return phase_slope_bound(n.lens, n.distance, n.wavelength, tilt + self.phase_slope)
 
     @property
     def transform_variables(self) -> TransformVariables:
-        """How the pupil stretches and the image shifts with what is differentiable."""
+        """The stretch of the pupil and the shift of the image, as tensors with derivatives."""
         n = self.numeric
         stretch = (self.radius / n.radius) * (n.scale / self.scale)
         centre = self.samples.centre
@@ -124,13 +124,13 @@ class PSFRequest:
         return TransformVariables(stretch if needs_gradient(stretch) else None, shift)  # type: ignore[arg-type]
 
     def require_unchanged(self) -> None:
-        """Raise ValueError if a tensor has got another value since the plan was made."""
+        """Raise ValueError if a tensor of the PSF request has changed since the plan was made."""
         names = ("lens", "distance", "wavelength", "samples", "separation", "field")
         require_unchanged_attributes(names, self.numeric, replace(self).numeric, "PSFOperator")
 
     @property
     def differentiable(self) -> bool:
-        """Whether any derivative is wanted."""
+        """Whether the PSF shall be differentiable in any length of the request."""
         lens = self.lens
         lengths = (self.distance, self.wavelength, lens.focal_length, lens.f_number)
         aberrations = (path for _, _, path in lens.aberrations)
@@ -140,14 +140,17 @@ class PSFRequest:
 
     @property
     def needs_geometry_gradient(self) -> bool:
-        """Whether derivatives are wanted that move the light on the samples."""
+        """Whether derivatives are wanted in lengths that move the light on the samples."""
         moving = (self.scale, self.radius, *self.samples.centre)
         return any(needs_gradient(value) for value in moving)
 
 
 @dataclass(frozen=True)
 class TransformVariables:
-    """The numbers 1 and (0, 0) of optics.fourier.Transform, with what they depend on."""
+    """Holds stretch and shift of an `optics.fourier.Transform`, as tensors with derivatives.
+
+    Their values are 1 and (0, 0); None where no derivative is wanted.
+    """
 
     stretch: torch.Tensor | None
     shift: tuple[torch.Tensor, torch.Tensor] | None

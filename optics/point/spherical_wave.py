@@ -1,4 +1,4 @@
-"""A point's wave over the panel: the exact sphere, against its parabola."""
+"""Compute a point's exact spherical wave over the panel, relative to its parabola."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from optics.validation import as_number, to_plain_numbers
 
 @dataclass(frozen=True)
 class SphericalWaveCorrection:
-    """What the spherical wave of thesis Eq. 5.1 and 5.2 has besides a paraxial parabola.
+    """Computes the spherical wave of thesis Eq. 5.1 and 5.2, divided by its paraxial parabola.
 
-    distance: metres from the object to the panel's plane, math.inf allowed. chief_ray_sines: (y, x)
-    of the chief ray's direction, which is that of the point's image seen from the lens, field over
-    image distance. centre: metres (y, x) where the chief ray meets the panel.
+    distance: metres from the object to the panel's plane, math.inf allowed. chief_ray_sines: sines
+    (y, x) of the chief ray's direction, which are field over image distance. centre: metres (y, x)
+    where the chief ray meets the panel.
 
-    With the vergence v = 1 / distance, the distance r0 from the point to the centre, w = 1 / r0
-    = v sqrt(1 - s²) with s = chief_ray_sines, and a place p from the centre, the sphere is r = r0 q
-    with q² = 1 + 2 w s.p + w² p², and the parabola's path is s.p + v p² / 2. Their difference r -
-    r0 - s.p - v p² / 2 is formed from differences that hold no large numbers, so that a far object
-    is the limit of a near one. The amplitude is that of 1 / r, relative to the distance along the
-    axis: 1 / (v r).
+    Let v = 1 / distance be the vergence, r0 the distance from the point to the centre, s the
+    chief_ray_sines, w = 1 / r0 = v sqrt(1 - s²), and p a position relative to the centre. The
+    sphere's path is r = r0 q with q² = 1 + 2 w s.p + w² p², and the parabola's path is
+    s.p + v p² / 2. Their difference r - r0 - s.p - v p² / 2 is computed without subtracting large
+    numbers, so that a far object is the limit of a near one. The amplitude is 1 / r relative to the
+    distance along the axis, 1 / (v r).
     """
 
     distance: Scalar
@@ -42,7 +42,10 @@ class SphericalWaveCorrection:
             )
 
     def wave_factor(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """Complex, at metres (y, x) on the panel that broadcast; complex128."""
+        """Return the wave's complex factor at positions (y, x) on the panel, complex128.
+
+        y, x: metres, tensors that broadcast.
+        """
         path, amplitude = self._path_and_amplitude(y, x)
         return torch.polar(amplitude, 2 * math.pi / self.wavelength * path)
 
@@ -64,7 +67,10 @@ class SphericalWaveCorrection:
     def phase_gradient(
         self, y: torch.Tensor, x: torch.Tensor, spacing: float
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Cycles a metre along y and x by which wave_factor() turns, from places so far apart."""
+        """Return the slope of wave_factor()'s phase along y and x, in cycles per metre.
+
+        It is the difference over `spacing` metres around each position.
+        """
         ends = [
             (
                 self._path_and_amplitude(y + h * a, x + h * b)[0]
@@ -75,8 +81,10 @@ class SphericalWaveCorrection:
         return ends[0] / (spacing * self.wavelength), ends[1] / (spacing * self.wavelength)
 
     def largest_phase_slope(self, half_diagonal: float) -> float:
-        """Radians a metre by which the phase turns on a panel, at most; half_diagonal: metres from
-        its middle to its corner."""
+        """Return the steepest slope of the wave's phase on a panel, in radians per metre.
+
+        half_diagonal: metres from the panel's middle to its corner.
+        """
         line = torch.linspace(-half_diagonal, half_diagonal, 65, dtype=torch.float64)
         path, _ = self.numeric._path_and_amplitude(line[:, None], line[None, :])
         step = max(float(path.diff(dim=axis).abs().max()) for axis in (0, 1))
@@ -91,5 +99,5 @@ class SphericalWaveCorrection:
 
     @property
     def numeric(self) -> SphericalWaveCorrection:
-        """The same in plain numbers."""
+        """The same spherical wave in plain numbers, without derivatives."""
         return cast(SphericalWaveCorrection, to_plain_numbers(self))

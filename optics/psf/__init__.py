@@ -1,9 +1,9 @@
-"""The point spread function: what the light of a point becomes on the sensor.
+"""Compute point spread functions: the light of a point source on the sensor.
 
-A PSFOperator takes the cheapest engine that keeps its tolerance: `axial` for round lenses,
-`scattered_nodes` for any smooth wave in any stop, `sampled` where a percent will do, and
-`panel_engine` behind a modulator (optics.point). Where the modulator stands apart from the lens,
-the engines are those of optics.chain.
+A PSFOperator selects the cheapest engine that keeps its tolerance: `axial` for round lenses,
+`scattered_nodes` for any smooth wave in any stop, `sampled` for large tolerances, and
+`optics.point.panel_engine` behind a modulator. If the modulator stands apart from the lens, the
+engines are those of optics.chain.
 """
 
 from optics.chain import CHAIN_METHODS, LightBudget

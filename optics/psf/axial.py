@@ -1,4 +1,4 @@
-"""The light of a lens that looks the same in all directions around its axis."""
+"""Compute the PSF of a rotationally symmetric lens."""
 
 from __future__ import annotations
 
@@ -19,23 +19,22 @@ from optics.pupil import pupil_phase
 from optics.stop.quadrature import line_rule, line_rule_node_count
 
 _OVERSAMPLING = 2.0
-"""Of the field along the radius, over its Nyquist rate."""
+"""Sampling rate of the field along the radius, over its Nyquist rate."""
 
-_PROBES = 64
 _CHUNK = 1 << 23
 
 
 class AxialEngine(CachedPupilWave, PSFEngine):
-    """A Hankel transform, and a windowed sinc from its radii to the radius of every sample.
+    """Computes the PSF of a round lens by a Hankel transform and interpolation along the radius.
 
-    Around the axis the two-dimensional integral (thesis Eq. 2.13) is
+    For a rotationally symmetric pupil, the two-dimensional integral (thesis Eq. 2.13) is
 
         U(s) = 2 pi integral of exp(i phase(r)) J0(2 pi r s / (wavelength z)) r dr,
 
-    summed by Gauss-Legendre nodes on evenly spaced radii s. The field has no finer detail
-    along s than the stop's diameter gives it, so a Kaiser-windowed sinc carries it further
-    (Kaiser 1974). Far out of focus, where a matrix would grow without end, the field of a
-    thin lens comes from an integral along the stop's rim instead.
+    summed by Gauss-Legendre nodes on evenly spaced radii s. The stop's diameter limits the field's
+    bandwidth along s, so a Kaiser-windowed sinc interpolates it at the radius of every sample
+    (Kaiser 1974). Far out of focus, where the matrix would become too large, the field of a thin
+    lens comes from an integral along the stop's rim instead.
     """
 
     precision = "float64"
@@ -55,7 +54,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
 
     @staticmethod
     def can_serve(request: PSFRequest) -> bool:
-        """Whether stop and aberrations are round, and no derivative moves the light."""
+        """Tell whether the lens is rotationally symmetric, and no derivative moves the PSF."""
         lens = request.lens
         round_ = all(m == 0 for _, m, _ in lens.aberrations)
         return (
@@ -94,7 +93,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
             raise unreachable_tolerance_error(q.tol, 1.2 * self.error.value + self.arithmetic)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Along one ray; a phase there is one around the axis."""
+        """Return the points of the pupil along one radius; a phase there holds for all angles."""
         if self._along_rim:
             empty = torch.zeros(0, dtype=torch.float64)
             return empty, empty
@@ -126,24 +125,28 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         )
 
     def _sum_over_pupil_radii(self, wave: torch.Tensor) -> torch.Tensor:
-        """(..., sums, 2) from (..., radii)."""
+        """Sum a wave (..., pupil radii) to the field at the sensor radii, (..., radii, 2)."""
         matrix = self._hankel_matrix.to(wave.device)
         return (torch.view_as_real(wave).mT @ matrix.mT).mT
 
     def _intensity_on_radii(self, parts: torch.Tensor) -> torch.Tensor:
-        """Intensity on every radius of the samples, from the field's two parts."""
+        """Interpolate the intensity at every radius of the samples.
+
+        parts: real and imaginary part of the field, (..., radii, 2).
+        """
         taps, weights = self._taps.to(parts.device), self._weights.to(parts.device)
         near = (parts[..., taps, :] * weights[..., None]).sum(-2)
         return near[..., 0] ** 2 + near[..., 1] ** 2
 
     def _measure_error(self, radius: torch.Tensor) -> ErrorEstimate:
-        """The answer against more nodes and no interpolation, on some of its radii."""
+        """Measure the PSF's error at some radii, against more nodes and no interpolation."""
         q = self._request.numeric
         times = torch.bincount(
             self._radius_index[q.window_slices].ravel(), minlength=radius.numel()
         )
         seen = torch.nonzero(times).ravel()
-        count = min(_PROBES, seen.numel())
+        # 64 radii represent all of them.
+        count = min(64, seen.numel())
         if self._along_rim:
             count = min(count, max(4, _CHUNK // rim_node_count(q, q.tol)))
         chosen = seen[torch.linspace(0, seen.numel() - 1, count).round().long()]
@@ -164,7 +167,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
                 else torch.view_as_real(kept)
             )
             value = self._intensity_on_radii(parts)[chosen].numpy()
-        # Each radius counts as often as there are samples on it.
+        # Each radius is weighted by the number of samples on it.
         often = times[chosen].numpy()
         error = math.sqrt(float((often * (value - truth) ** 2).sum()))
         size = math.sqrt(float((often * truth**2).sum()))
@@ -173,12 +176,15 @@ class AxialEngine(CachedPupilWave, PSFEngine):
 
 
 def _radians_per_metre(q: PSFRequest) -> float:
-    """Radians per metre on the sensor and stop radius in the pupil."""
+    """Return the kernel's phase in radians, per metre on the sensor and stop radius."""
     return 2 * math.pi * q.radius / q.scale
 
 
 def _radial_rule(q: PSFRequest, finer: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Radii in the pupil, in stop radii, and the weights of an integral over the open area."""
+    """Return radii in the pupil, in stop radii, and the weights of an integral over the open area.
+
+    finer: factor on the phase's slope for which the nodes are chosen.
+    """
     assert q.lens.stop.annulus_radii is not None
     inner, outer = q.lens.stop.annulus_radii
     t, weight = line_rule(outer - inner, finer * _radial_phase_slope(q), q.tol)
@@ -192,7 +198,10 @@ def _radial_phase_slope(q: PSFRequest) -> float:
 
 
 def _interpolation(position: np.ndarray, reach: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Which radii the field at each position is made of, and their weights; it is even."""
+    """Return the radii from which the field at each position is interpolated, and their weights.
+
+    The field is even in the radius, so that negative radii count as positive ones.
+    """
     first = np.floor(position).astype(np.int64) - reach + 1
     taps = first[:, None] + np.arange(2 * reach)
     away = position[:, None] - taps
@@ -204,10 +213,11 @@ def _interpolation(position: np.ndarray, reach: int) -> tuple[torch.Tensor, torc
 
 @dataclass
 class _HankelCost:
-    """What a Hankel transform or a rim integral takes.
+    """Predicts memory and time of a PSF by a Hankel transform or a rim integral.
 
-    nodes: in the pupil. spacing: metres between the radii that the field is summed on;
-    field_radii: their number. reach: of the interpolation. radii: different ones among the samples.
+    nodes: number of nodes in the pupil. spacing: metres between the radii at which the field is
+    summed. field_radii: number of these radii. reach: samples on either side that the interpolation
+    uses. radii: number of different radii among the samples.
     """
 
     request: PSFRequest
@@ -228,7 +238,7 @@ class _HankelCost:
         rows, columns = q.samples.shape
         different = rows * columns
         if not any(q.samples.centre):
-            # A centred window shows every radius four times, eight with square pixels.
+            # In a centred window every radius occurs four times, or eight times with square pixels.
             times = 8 if q.samples.pitch[0] == q.samples.pitch[1] else 4
             different = different // times + rows + columns
         return _HankelCost(q, nodes, spacing, sums, reach, min(different, rows * columns))
@@ -248,13 +258,13 @@ class _HankelCost:
 
 
 def _prefers_rim(q: PSFRequest, size: _HankelCost) -> bool:
-    """Where the rim has far fewer nodes than the stop has along its radius."""
+    """Tell whether the rim integral takes far fewer nodes than a rule along the stop's radius."""
     if not q.lens.has_quadratic_phase:
         return False
     return size.nodes * size.field_radii > _CHUNK and size.nodes > 2 * rim_node_count(q, q.tol)
 
 
 def _interpolation_reach(tol: float) -> int:
-    """Samples on either side that the interpolation needs: Kaiser's formula, in decibels."""
+    """Return the samples on either side that the interpolation needs, by Kaiser's formula in dB."""
     attenuation = 40 - 20 * math.log10(tol)
     return math.ceil((attenuation - 8) / (2 * 2.285 * 2 * math.pi * (1 - 1 / _OVERSAMPLING))) + 2

@@ -1,4 +1,4 @@
-"""The PSF behind a panel, with all that the panel does to the light."""
+"""Compute the PSF behind a modulator, with its unmodulated light, jitter and flicker."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def modulated_psf(
         raise ValueError("timed_fields is empty; give one share of time and its field at least")
     light = (1 - modulator.unmodulated_share) * light
     for share, straight in modulator.unmodulated_fields:
-        # The operator keeps what is the same for every pattern.
+        # Unmodulated light is the same for every pattern, so the operator caches its PSF.
         light = light + time * share * operator.unmodulated_psf(straight, cache_result=True).to(
             light
         )
@@ -77,20 +77,20 @@ def modulated_psf(
 def _jitter_scattered_psf(
     operator: PSFOperator, camera: Camera, field: torch.Tensor
 ) -> torch.Tensor:
-    """The light on the pixels if every panel pixel had any phase, of its own."""
+    """Compute the PSF of panel pixels with random, independent phases."""
     lens, side = camera.lens, camera.panel.active_side
     scale = operator.scale
     y, x = (c.to(field.device) * (side / scale) for c in operator.pixels.mesh())
     area = operator.pixels.pitch[0] * operator.pixels.pitch[1]
     one = (torch.sinc(y) * torch.sinc(x)) ** 2 * (area * side**2 / scale**2)
-    # A pixel that the stop covers in part is as large as the others, and dimmer.
+    # A panel pixel that the stop covers in part counts as a full-size pixel that is dimmer.
     opened = pupil_amplitude(replace(camera, lens=to_plain_numbers(lens))).to(field.device)
     power = ((field.real**2 + field.imag**2) * opened**2).sum((-2, -1)) / opened.sum()
     return power[..., None, None] * one
 
 
 def _require_matching_camera(operator: PSFOperator, modulator: Modulator) -> Camera:
-    """The operator's, once it is known to be the modulator's as well."""
+    """Return the operator's camera, or raise ValueError if it doesn't match the modulator."""
     camera, panel = operator.camera, modulator.panel
     if camera is None:
         raise ValueError("operator is of a lens alone; plan it for a camera with the panel")

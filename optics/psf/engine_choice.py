@@ -1,4 +1,4 @@
-"""Which ways serve a request for a PSF, and which of them is the cheapest."""
+"""Choose the cheapest engine that keeps the tolerance of a PSF request."""
 
 from __future__ import annotations
 
@@ -25,16 +25,11 @@ from optics.psf.scattered_nodes import ScatteredNodesEngine
 from optics.validation import rounded_up
 
 METHODS = ("axial", "scattered", "sampled")
-"""For a lens; behind a panel the methods are those of the Fourier transform."""
-
-
-_ADVICE_HEADROOM = 10.0
-"""Between a tolerance that is advised and one that can be planned for: a twentieth to a tenth of
-an even panel's light is enough then."""
+"""Names of the PSF methods for a lens alone. Behind a panel the methods are Fourier transforms."""
 
 
 def require_method(method: str | None, camera: Camera | None) -> None:
-    """Raise ValueError for a name that isn't one of a lens' methods, or of a chain's."""
+    """Raise ValueError for a name that isn't a PSF method of the lens, or of the camera's chain."""
     if camera is None:
         select_methods(METHODS, method, "a lens")
     elif camera.separation:
@@ -47,7 +42,7 @@ def _build_choice(
     method: str | None,
     tried_engines: Iterable[PSFEngine] = (),
 ) -> MethodChoice[PSFEngine]:
-    """The engines that offer to serve, but for those of the kinds that were tried."""
+    """Collect the engines that may compute a PSF, without the kinds that were already tried."""
     makers = _engine_factories(request, camera, method)
     kinds = {one.name for one in tried_engines}
     return MethodChoice(
@@ -61,7 +56,7 @@ def _build_choice(
 def _engine_factories(
     request: PSFRequest, camera: Camera | None, method: str | None
 ) -> dict[str, Callable[[], PSFEngine]]:
-    """What makes every engine that may serve a request."""
+    """Return a function for each engine that may serve a PSF request; it makes the engine."""
     makers: dict[str, Callable[[], PSFEngine]]
     if camera is None:
         probe = ReferenceProbe(request)
@@ -80,10 +75,10 @@ def _engine_factories(
 def prepare_cheapest_engine(
     request: PSFRequest, camera: Camera | None, method: str | None, reserved_tol: float
 ) -> PSFEngine:
-    """The cheapest engine that fits the memory and keeps the tolerance, prepared.
+    """Prepare the cheapest PSF engine that fits the memory and keeps the tolerance.
 
-    reserved_tol: what is left out of the request's tolerance. Raises ToleranceError with a
-    tolerance that can be kept, or with what else would help.
+    reserved_tol: part of the caller's tolerance that the request's tolerance doesn't include.
+    Raises ToleranceError, whose message names a tolerance that can be kept or another remedy.
     """
     choice = _build_choice(request, camera, method)
     for engine in choice.prepared_candidates():
@@ -99,8 +94,10 @@ def prepare_cheapest_engine(
 def fallback_engines(
     request: PSFRequest, camera: Camera, tried_engines: Iterable[PSFEngine]
 ) -> Iterator[PSFEngine]:
-    """Engines of other kinds than those that were tried, which promise the tolerance too, the
-    cheapest first; each is prepared when it is asked for."""
+    """Yield further PSF engines that keep the tolerance, of other kinds than those already tried.
+
+    The cheapest comes first. Each is prepared just before it is yielded.
+    """
     return _build_choice(request, camera, None, tried_engines).prepared_candidates()
 
 
@@ -111,19 +108,22 @@ def tolerance_error_with_advice(
     reserved_tol: float,
     floor: float,
 ) -> ToleranceError:
-    """A refusal that names a tolerance, from `floor` upwards, which can be kept.
+    """Return a ToleranceError that names a tolerance, from `floor` upwards, that can be kept.
 
-    An engine plans anew for another tolerance, and knows only roughly what that leaves out. So
-    for a panel apart from its lens, whose engines are cheap to plan, the advice is tried out;
-    with room for patterns that send less light into the window than an even one, where there is
-    any. Planning takes a tenth of a second, so the tolerances are bisected: whoever keeps one
-    keeps a larger one, too. reserved_tol: what is left out of the request's tolerance.
+    An engine plans anew for another tolerance and can't predict exactly which error remains. So for
+    a panel apart from its lens, whose engines are cheap to plan, the candidate tolerances are
+    tested. If possible, the named tolerance leaves room for patterns that send less light into the
+    window than an even panel. Planning takes a tenth of a second, so the search bisects: an engine
+    that keeps one tolerance also keeps a larger one. reserved_tol: part of the caller's tolerance
+    that the request's tolerance doesn't include.
     """
     promised = request.tol + reserved_tol
     if camera is None or not camera.separation or math.isnan(promised):
         return unreachable_tolerance_error(promised, floor)
     candidates = list(_candidate_tolerances(floor))
-    for room in (_ADVICE_HEADROOM, 1.0):
+    # With a tolerance ten times the one that can be planned for, a window that gets a twentieth to
+    # a tenth of an even panel's light is bright enough.
+    for room in (10.0, 1.0):
 
         def can_keep(tol: float, room: float = room) -> bool:
             asked = (replace(request, tol=(tol - reserved_tol) / part) for part in (room, 1.0))
@@ -136,13 +136,13 @@ def tolerance_error_with_advice(
 
 
 def _can_keep_tolerance(request: PSFRequest, camera: Camera, method: str | None) -> bool:
-    """Whether any engine promises to."""
+    """Tell whether any PSF engine predicts that it keeps the request's tolerance."""
     offers = _build_choice(request, camera, method).candidates
     return any(one.error.value + one.arithmetic <= request.tol for one in offers)
 
 
 def _candidate_tolerances(floor: float) -> Iterator[float]:
-    """Tolerances as they are written in advice, in ever larger steps."""
+    """Yield rounded tolerances from `floor` up to 1, in growing steps."""
     step = 1.0
     while floor < 1:
         yield float(rounded_up(floor))

@@ -1,4 +1,4 @@
-"""From lens or camera, object distance and wavelength to the PSF on the sensor."""
+"""Compute the PSF on the sensor, for a lens or camera, an object distance and a wavelength."""
 
 from __future__ import annotations
 
@@ -41,9 +41,6 @@ from optics.pupil import (
 from optics.sensor import PIXEL_INTEGRATION_ERROR, PixelIntegration
 from optics.threads import in_full_precision
 from optics.validation import accepts_numpy, as_number, to_plain_numbers
-
-_MIN_SINGLE_AMPLITUDE = 1e-12
-"""Amplitudes whose squares single precision holds, with room for a dim window."""
 
 
 class PSFOperator:
@@ -336,12 +333,10 @@ class PSFOperator:
         light = self._pixel_integration(light) if self._pixel_integration else light
         if peak == 1:
             return light
-        # Beyond what single precision holds, the answer is in double.
-        wide = (
-            light
-            if _MIN_SINGLE_AMPLITUDE < peak < 1 / _MIN_SINGLE_AMPLITUDE
-            else light.to(torch.float64)
-        )
+        # Outside this range of amplitudes, their squares may exceed the range of single precision,
+        # also in a dim window.
+        least = 1e-12
+        wide = light if least < peak < 1 / least else light.to(torch.float64)
         return wide * peak**2
 
     def _intensity_with_fallback(
@@ -350,7 +345,11 @@ class PSFOperator:
         amplitude: torch.Tensor | None,
         spectrum: torch.Tensor | None,
     ) -> torch.Tensor:
-        """By the engine; by another where this pattern leaves it too little light to keep tol."""
+        """Compute the light on the samples by the engine, or by a fallback engine.
+
+        A fallback is needed if the pattern sends so little light to the window that the first
+        engine can't keep the tolerance.
+        """
         try:
             if spectrum is not None and isinstance(self.engine, GridEngine):
                 return self.engine.intensity_from_spectrum(spectrum, phase, amplitude)
@@ -366,8 +365,11 @@ class PSFOperator:
             raise
 
     def _fallback_engines(self) -> Iterator[PSFEngine]:
-        """Those that may stand in for an engine that nobody asked for by its name, the last one
-        that did first. Only of a panel apart from the lens are there any."""
+        """Yield the engines that may replace the first one.
+
+        The fallback that was used last comes first. There are none if the caller named a method, or
+        if the panel doesn't stand apart from the lens.
+        """
         if self._method is not None or self.camera is None or not self.camera.separation:
             return
         tried = [self.engine]
@@ -415,7 +417,7 @@ class PSFOperator:
     def _panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
-        """The panel's field, (rows, columns), complex64."""
+        """Compute the field behind the panel for one pattern, (rows, columns), complex64."""
         assert self.camera is not None
         shape = self.camera.panel.shape
         factor = self.engine.modulation_factor(phase, amplitude, shape, torch.complex64)
@@ -430,7 +432,7 @@ class PSFOperator:
 
 
 def normalise_amplitude(amplitude: torch.Tensor | None) -> tuple[torch.Tensor | None, float]:
-    """An amplitude of peak 1, and its peak."""
+    """Scale a pattern's amplitude to a peak of 1; return it and the original peak."""
     peak = _peak_amplitude(amplitude)
     if amplitude is None or peak == 1:
         return amplitude, 1.0
@@ -438,7 +440,7 @@ def normalise_amplitude(amplitude: torch.Tensor | None) -> tuple[torch.Tensor | 
 
 
 def _peak_amplitude(amplitude: torch.Tensor | None) -> float:
-    """The largest amplitude there is; 1 where there is none, or it is no number."""
+    """Return the largest amplitude; 1 if there is none, or if it is zero or not finite."""
     if amplitude is None or not amplitude.numel():
         return 1.0
     peak = float(amplitude.detach().abs().max())
@@ -465,7 +467,7 @@ def _validate_field_position(field: tuple[Scalar, Scalar]) -> tuple[Scalar, Scal
 def _build_spherical_wave(
     camera: Camera | None, distance: Scalar, wavelength: Scalar, field: tuple[Scalar, Scalar]
 ) -> SphericalWaveCorrection:
-    """The wave over the panel of a point whose chief ray meets the sensor at `field`."""
+    """Build the spherical wave over the panel of a point imaged at `field` on the sensor."""
     if camera is None:
         raise ValueError("sphere is True; it is a wave over a panel, and a lens has none")
     image, z1 = camera.lens.image_distance, camera.separation
@@ -474,7 +476,7 @@ def _build_spherical_wave(
 
 
 def _numeric_optics(optics: Camera | Lens) -> Camera | Lens:
-    """The same in plain numbers."""
+    """Return the camera or lens in plain numbers, without derivatives."""
     return numeric_camera(optics) if isinstance(optics, Camera) else to_plain_numbers(optics)
 
 

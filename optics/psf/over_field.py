@@ -1,4 +1,4 @@
-"""PSFs over the field of view: a few computed, all others interpolated, to a tolerance."""
+"""Interpolate PSFs over the field of view from a few computed ones, to a tolerance."""
 
 from __future__ import annotations
 
@@ -10,25 +10,23 @@ import torch
 
 from optics.accuracy import ErrorEstimate, ToleranceError
 from optics.progress import Progress
+from optics.psf.reference_probe import ERROR_MARGIN
 from optics.validation import rounded_up
 
 PSFAtPosition = Callable[[tuple[float, float]], torch.Tensor]
-"""The PSF, (..., rows, columns), of the point whose image lies at (y, x) metres."""
-
-_MARGIN = 2.0
-"""An error is known from few places: it counts twice."""
+"""Function from the position (y, x) of a point's image, metres, to its PSF (..., rows, columns)."""
 
 _MAX_LEVELS = 6
-"""Levels of nodes along an axis: 1, 3, 5, 9, 17, 33."""
+"""Number of levels of nodes along an axis; they have 1, 3, 5, 9, 17 and 33 nodes."""
 
 _CHECK_POSITIONS = ((0.31, -0.73), (-0.57, 0.43), (0.83, 0.61))
-"""Places in the field, in half its sides, at which the whole is tried in the end; none is a
-node."""
+"""Positions in the field, in half sides, at which the final interpolation is checked. None of them
+is a node."""
 
 
 @dataclass(frozen=True)
 class SensorRegion:
-    """A rectangle of the sensor: from low to high along y and x, metres from the axis."""
+    """A rectangle of the sensor: (low, high) along y and x, in metres from the axis."""
 
     y: tuple[float, float]
     x: tuple[float, float]
@@ -39,32 +37,32 @@ class SensorRegion:
                 raise ValueError(f"{name} is {low:g} to {high:g} m; give the lower end first")
 
     def position_at(self, v: float, u: float) -> tuple[float, float]:
-        """Metres (y, x) of a place given in half sides from the middle, -1 to 1."""
+        """Convert a position in half sides from the region's middle, -1 to 1, to metres (y, x)."""
         return _position_in_range(self.y, v), _position_in_range(self.x, u)
 
     def relative_position(self, y: float, x: float) -> tuple[float, float]:
-        """A place (y, x) in half sides; ValueError if it lies outside."""
+        """Convert a position (y, x) in metres to half sides; ValueError if it lies outside."""
         return _relative_position("y", self.y, y), _relative_position("x", self.x, x)
 
 
 class PSFOverField:
-    """The PSF at any place of a region, from Chebyshev nodes in it.
+    """Interpolates the PSF at any position of a sensor region, from PSFs at Chebyshev nodes.
 
-    The PSF changes smoothly over the field: the light of a panel moves across the stop as the
-    point moves. Polynomials through Chebyshev nodes converge as fast as it is smooth
-    (Trefethen, Approximation Theory and Approximation Practice, chapter 8), and their nodes
-    nest: each axis is refined, as long as the nodes that come in aren't what was interpolated
-    there. What was interpolated below zero is set to zero, which is nearer the truth.
+    The PSF changes smoothly over the field, because the light of a panel moves across the stop as
+    the point moves. Polynomials through Chebyshev nodes converge as fast as the smoothness allows
+    (Trefethen, Approximation Theory and Approximation Practice, chapter 8). The nodes of each level
+    include those of the level before. Each axis is refined until the PSFs at new nodes agree with
+    their interpolation. Interpolated values below zero are set to zero, which reduces their error.
 
-    compute_psf: computes a PSF, (..., rows, columns), always on pixels relative to the point's
-    image, as PSFOperator with `field` does. region: of the sensor. tol: L2 error of an interpolated
-    PSF, relative to the L2 norm of the brightest one: where the lens' stop leaves hardly any light,
-    hardly any can be wrong. max_psfs: PSFs that may be computed. Call with (y, x), metres from the
-    axis.
+    compute_psf: function that computes a PSF, (..., rows, columns), on pixels relative to the
+    point's image, as PSFOperator with `field` does. region: of the sensor. tol: L2 error of an
+    interpolated PSF, relative to the L2 norm of the brightest PSF, so that PSFs dimmed by the stop
+    count less. max_psfs: most PSFs that may be computed. Call the object with (y, x), metres from
+    the axis.
 
-    error: measured at three places that are no nodes. node_count: PSFs that were computed.
+    error: measured at three positions between the nodes. node_count: number of nodes.
 
-    Raises ToleranceError if so many nodes don't keep tol, with the error that they leave.
+    Raises ToleranceError, which names the remaining error, if `max_psfs` PSFs don't keep tol.
     """
 
     def __init__(
@@ -100,7 +98,7 @@ class PSFOverField:
         return self._interpolate(*self._region.relative_position(y, x))
 
     def _refine_to_tolerance(self) -> ErrorEstimate:
-        """Refine until the tolerance is kept, also where no nodes have come in."""
+        """Refine the nodes until the tolerance is kept at new nodes and at the check positions."""
         sides = (self._region.y, self._region.x)
         wide = [axis for axis, (low, high) in enumerate(sides) if low < high]
         if not wide:
@@ -113,10 +111,10 @@ class PSFOverField:
             left = self._worst_check_error()
             if left <= self._tol:
                 where = f"measured at {len(_CHECK_POSITIONS)} places between the nodes"
-                return ErrorEstimate(_MARGIN * left, where)
+                return ErrorEstimate(ERROR_MARGIN * left, where)
 
     def _refine_axis(self, axis: int) -> float:
-        """Nodes of the next level along an axis; the largest error at those that came in."""
+        """Refine the nodes along an axis by one level; return the largest error at new nodes."""
         self._level[axis] += 1
         before, across = self._nodes[axis], self._nodes[1 - axis]
         if self._level[axis] == _MAX_LEVELS:
@@ -124,9 +122,9 @@ class PSFOverField:
         after = _chebyshev_nodes(self._level[axis])
         if len(after) * len(across) > self._max_psfs:
             raise self._tolerance_error()
-        came = [node for node in after if node not in before]
+        added = [node for node in after if node not in before]
         worst = 0.0
-        for node in came:
+        for node in added:
             self._progress.report(len(self._cached_psfs) / self._max_psfs, "PSFs over the field")
             for other in across:
                 place = (node, other) if axis == 0 else (other, node)
@@ -142,11 +140,11 @@ class PSFOverField:
         )
 
     def _worst_check_error(self) -> float:
-        """The worst error at places that are no nodes."""
+        """Return the largest error of interpolated PSFs at the check positions."""
         return max(self._interpolation_error(v, u) for v, u in _CHECK_POSITIONS)
 
     def _interpolation_error(self, v: float, u: float) -> float:
-        """L2 error of what is interpolated there, over the norm of the brightest PSF."""
+        """Return the L2 error of an interpolated PSF, over the norm of the brightest PSF."""
         wrong = _l2_norm(self._interpolate(v, u) - self._psf_at_node(v, u))
         return wrong / self._brightest if wrong else 0.0
 
@@ -172,11 +170,11 @@ class PSFOverField:
 
 
 def _chebyshev_nodes(level: int) -> list[float]:
-    """Chebyshev points of the second kind, from -1 to 1; every level holds those before."""
+    """Return Chebyshev points of the second kind, from -1 to 1; each level includes the last."""
     if level == 0:
         return [0.0]
     steps = 2**level
-    # From a table of one level, so that a node is the same number in all of them.
+    # All levels take their nodes from the finest one, so that a shared node is the same number.
     finest = 2 ** (_MAX_LEVELS - 1)
     return [_chebyshev_point(k * finest // steps, finest) for k in range(steps + 1)]
 
@@ -186,7 +184,7 @@ def _chebyshev_point(k: int, steps: int) -> float:
 
 
 def _barycentric_weights(nodes: list[float], place: float) -> list[float]:
-    """Of the values at the nodes in the polynomial through them, at a place (barycentric)."""
+    """Return the weights of the nodes for barycentric interpolation of a PSF at a position."""
     if place in nodes or len(nodes) == 1:
         return [1.0 if node == place or len(nodes) == 1 else 0.0 for node in nodes]
     last = len(nodes) - 1

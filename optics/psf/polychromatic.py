@@ -1,4 +1,4 @@
-"""The PSF of light of several wavelengths: a weighted sum."""
+"""Compute the PSF of light of several wavelengths, as a weighted sum."""
 
 from __future__ import annotations
 

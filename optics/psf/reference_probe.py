@@ -1,10 +1,10 @@
-"""The exact integral at a few samples, to measure what a method's error really is."""
+"""Measure the error of a PSF against exact integrals at a few samples."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,24 +18,42 @@ from optics.stop.quadrature import PhaseSlopeBound, QuadratureNodes, count_nodes
 
 Array = NDArray[np.float64]
 
-_REFERENCE_REFINEMENT = 1.3
-"""Of the judge's rule over a rule that should do."""
-
-_MAX_TERMS = 5_000_000
-"""Nodes times probes that a measurement may cost."""
-
-_MAX_SAMPLES, _MIN_SAMPLES = 48, 4
 _CHUNK = 1 << 21
 _MAX_CACHED_NODES = 1 << 24
 
 ERROR_MARGIN = 2.0
-"""An error is known from few samples: it counts twice."""
+"""Factor on an error that was measured at few samples."""
+
+
+@dataclass(frozen=True)
+class ReferenceProbeSettings:
+    """Tune how the error of a PSF is measured.
+
+    Attributes
+    ----------
+    refinement : float
+        Factor on the phase's slope for which the reference's nodes are chosen. Chosen.
+    max_terms : int
+        Most terms, nodes times samples, of a measurement. Chosen.
+    max_samples : int
+        Most samples at which the error is measured. Chosen.
+    min_samples : int
+        Fewest samples at which the error is measured. Chosen.
+    """
+
+    refinement: float = 1.3
+    max_terms: int = 5_000_000
+    max_samples: int = 48
+    min_samples: int = 4
+
+
+_SETTINGS = ReferenceProbeSettings()
 
 
 class ReferenceProbe:
-    """Some of a request's samples, with the exact light on them.
+    """Computes the exact light at some samples of a PSF request, to measure errors.
 
-    The judge is a sum term by term, over a finer quadrature than the methods' own.
+    The reference is a direct sum over a finer quadrature than that of the PSF engines.
     """
 
     def __init__(self, request: PSFRequest) -> None:
@@ -44,7 +62,7 @@ class ReferenceProbe:
         self._cached_samples: tuple[NDArray[np.int64], Array, Array] | None = None
 
     def measure_error(self, light: torch.Tensor) -> ErrorEstimate:
-        """Relative L2 error of light (rows, columns), shares of a point's light."""
+        """Measure the relative L2 error of a PSF, (rows, columns), against exact quadrature."""
         values = light.detach().to(torch.float64).numpy()
         where, weight, truth = self._reference_samples(values)
         error = values.ravel()[where] - truth
@@ -57,11 +75,13 @@ class ReferenceProbe:
         )
 
     def _reference_samples(self, light: Array) -> tuple[NDArray[np.int64], Array, Array]:
-        """The samples, their weights, and the truth: drawn by the first light that is shown."""
+        """Return the reference samples, their weights, and the exact light on them.
+
+        The first PSF that is measured determines which samples are drawn.
+        """
         if self._cached_samples is None:
-            count = int(
-                min(_MAX_SAMPLES, max(_MIN_SAMPLES, _MAX_TERMS // self._reference_node_count))
-            )
+            affordable = _SETTINGS.max_terms // self._reference_node_count
+            count = int(min(_SETTINGS.max_samples, max(_SETTINGS.min_samples, affordable)))
             rows, columns = self._request.window_slices
             number = np.arange(light.size).reshape(light.shape)[rows, columns].ravel()
             sample_indices, weight = _draw_samples(light[rows, columns], count)
@@ -71,12 +91,12 @@ class ReferenceProbe:
 
     @cached_property
     def _reference_slope_bound(self) -> PhaseSlopeBound:
-        steep = self._request.phase_slope_bound
+        planned, finer = self._request.phase_slope_bound, _SETTINGS.refinement
         return replace(
-            steep,
-            radial=lambda r: _REFERENCE_REFINEMENT * steep.radial(r),
-            azimuthal=lambda r: _REFERENCE_REFINEMENT * steep.azimuthal(r),
-            tilt=_REFERENCE_REFINEMENT * steep.tilt,
+            planned,
+            radial=lambda r: finer * planned.radial(r),
+            azimuthal=lambda r: finer * planned.azimuthal(r),
+            tilt=finer * planned.tilt,
         )
 
     @cached_property
@@ -85,7 +105,7 @@ class ReferenceProbe:
         return count_nodes(q.lens.stop, self._reference_slope_bound, 1e-2 * q.tol)
 
     def _reference_blocks(self) -> Iterable[QuadratureNodes]:
-        """The judge's nodes; kept where they are few."""
+        """Return the reference's nodes in blocks; they are cached if they are few."""
         if self._cached_nodes is not None:
             return self._cached_nodes
         q = self._request
@@ -114,8 +134,11 @@ class ReferenceProbe:
 
 
 def _draw_samples(light: Array, count: int) -> tuple[NDArray[np.int64], Array]:
-    """Samples, drawn half by their light, where errors weigh most, and half evenly; and one
-    over the probability of each. The draw is always the same."""
+    """Draw samples of a PSF at random; return them and one over the probability of each.
+
+    Half of the probability is in proportion to the light, because errors count most where it is
+    bright, and half is even. The draw is always the same.
+    """
     rng = np.random.default_rng(0)
     flat = np.abs(light).ravel()
     total = float(flat.sum())

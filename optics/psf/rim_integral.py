@@ -1,4 +1,4 @@
-"""The field of a thin lens out of focus as an integral along the rim of its round stop."""
+"""Compute the field of a defocused thin lens as an integral along the rim of its round stop."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ _CHUNK = 1 << 21
 
 
 def rim_node_count(q: PSFRequest, tol: float, refinement: float = 1.0) -> int:
-    """Evenly spaced nodes around the rim, for the farthest sample."""
+    """Return the number of evenly spaced nodes around the stop's rim, for the farthest sample."""
     turn = refinement * q.phase_slope_bound.tilt
-    # A sample whose geometric image lies at the rim sees a narrow peak there.
+    # The integrand has a narrow peak if the point of the stop that is imaged onto the sample lies
+    # near the rim.
     peak = 6 * math.sqrt(abs(_edge_defocus(q)))
     return math.ceil(turn + 4 * turn ** (1 / 3) + refinement * peak - 2 * math.log10(tol)) + 16
 
 
 def _edge_defocus(q: PSFRequest) -> float:
-    """Radians of defocus at the stop's edge."""
+    """Return the phase of defocus at the stop's edge, in radians."""
     curvature: float = defocus_curvature(q.lens, q.distance, q.wavelength)
     return curvature * q.radius**2
 
@@ -30,23 +31,24 @@ def _edge_defocus(q: PSFRequest) -> float:
 def rim_field(
     q: PSFRequest, sensor: NDArray[np.float64], refinement: float = 1.0
 ) -> NDArray[np.complex128]:
-    """The field at radii on the sensor (metres), in square stop radii, complex128.
+    """Compute the field at radii on the sensor, in square stop radii, complex128.
 
-    With a quadratic phase c |r - p|² around the point p of the stop that is imaged
-    geometrically onto the sample, Green's theorem turns the integral over the stop into
+    sensor: radii in metres. The phase is quadratic, c |r - p|², around the point p of the stop that
+    is imaged geometrically onto the sample. Green's theorem turns the integral over the stop into
 
         U = 1/2 closed integral of g(c rho²) (rho x d rho),   g(a) = (exp(i a) - 1) / (i a),
 
-    along its rim, with rho seen from p, up to a phase that no intensity shows: the boundary
-    diffraction wave of Maggi and Rubinowicz, in the paraxial case exact. Its nodes don't grow
-    with defocus. An obscuration's rim is taken off.
+    along the rim, with rho measured from p, up to a phase that doesn't affect the intensity. This
+    is the boundary diffraction wave of Maggi and Rubinowicz, which is exact in the paraxial case.
+    The number of nodes grows only with the square root of the defocus. The integral along an
+    obscuration's rim is subtracted.
     """
     assert q.lens.stop.annulus_radii is not None
     c, tilt = _edge_defocus(q), 2 * math.pi * q.radius / q.scale
     count = rim_node_count(q, q.tol, refinement)
     inner, outer = q.lens.stop.annulus_radii
     field = np.zeros(sensor.size, dtype=np.complex128)
-    # The rim looks the same on both sides of the line through the sample.
+    # The integrand is symmetric about the line through the sample, so half of the rim is enough.
     half = count // 2 + 1
     angle = 2 * math.pi * np.arange(half) / (2 * (half - 1))
     weight = np.full(half, 2.0)
@@ -58,7 +60,7 @@ def rim_field(
         for radius, sign in ((outer, 1), (inner, -1)):
             if radius == 0:
                 continue
-            # rho² and rho x d rho / d angle, in forms that lose no digits near the rim.
+            # These forms of rho² and rho x d rho / d angle lose no digits near the rim.
             across = 2 * radius * middle * (1 - np.cos(angle))
             rho2 = (radius - middle) ** 2 + across
             turned = radius * (radius - middle) + across / 2
@@ -67,5 +69,5 @@ def rim_field(
 
 
 def _g(a: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """(exp(i a) - 1) / (i a) = exp(i a / 2) sinc(a / 2)."""
+    """Return the rim integral's factor (exp(i a) - 1) / (i a) = exp(i a / 2) sinc(a / 2)."""
     return np.exp(0.5j * a) * np.sinc(a / (2 * math.pi))

@@ -1,8 +1,9 @@
-"""A lens' pupil on a square grid, with exact edges: quick where a percent will do."""
+"""Compute the PSF of a lens from its pupil on a square grid, quickly for large tolerances."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import torch
 
@@ -15,29 +16,49 @@ from optics.psf.reference_probe import ReferenceProbe
 from optics.pupil import pupil_phase
 from optics.stop.coverage import coverage
 
-_EDGE_ERROR_FACTOR = 3e-3
-"""The error of a grid with covered edges is about this times the radians, at the stop's edge
-and towards the light, from one of its samples to the next, squared: fitted to exact integrals
-for 40 lenses, where it lay between 1e-3 and 7e-3. A grid that turns out too coarse is refined."""
 
-_MAX_PHASE_STEP = 0.8 * math.pi
-"""Radians from sample to sample in the whole window, below Nyquist's."""
+@dataclass(frozen=True)
+class SampledGridSettings:
+    """Tune the grid over the pupil from which a PSF is computed.
 
-_MIN_GRID_SIZE = 16
-_GROWTH = 1.5
-_TRIES = 4
+    Attributes
+    ----------
+    edge_error_factor : float
+        Relative error of the PSF over the squared change of phase between neighbouring samples, in
+        radians, at the stop's edge and towards the light. It was fitted to exact integrals for 40
+        lenses, where it lay between 1e-3 and 7e-3. A grid that proves too coarse is refined.
+    max_phase_step : float
+        Largest change of phase between neighbouring samples for the whole window, in radians. It is
+        below Nyquist's limit of pi.
+    min_size : int
+        Fewest samples across the grid. Chosen.
+    growth : float
+        Largest factor by which the grid is refined in one step. Chosen.
+    tries : int
+        Most grids that are tried. Chosen.
+    """
+
+    edge_error_factor: float = 3e-3
+    max_phase_step: float = 0.8 * math.pi
+    min_size: int = 16
+    growth: float = 1.5
+    tries: int = 4
+
+
+_SETTINGS = SampledGridSettings()
 
 
 class SampledEngine(CachedPupilWave, PSFEngine):
-    """The stop's covered area and the wave on a grid, and the cheapest transform of it.
+    """Computes the PSF of a lens from the open area and the wave on a grid over the pupil.
 
-    What most programs do. The grid's error falls with the square of its pitch, whatever the
-    wave: a few digits are cheap, and many unaffordable.
+    The cheapest Fourier transform leads to the sensor. The grid's error falls with the square of
+    its pitch, whatever the wave. So large tolerances are cheap, and small ones take too many
+    samples.
     """
 
     name = "grid"
     MIN_TOLERANCE = 3e-5
-    """No tolerance below this is worth a grid."""
+    """Tolerance below which a grid isn't tried, because it would be too large."""
 
     def __init__(self, request: PSFRequest, probe: ReferenceProbe) -> None:
         self._request, self._probe = request, probe
@@ -46,16 +67,19 @@ class SampledEngine(CachedPupilWave, PSFEngine):
             q.phase_slope_bound.largest_slope(1.0) - q.phase_slope_bound.tilt,
             q.phase_slope_bound.largest_slope(1.0),
         )
-        # A wave of such a slope sends its light to where the kernel's is the same, at most.
+        # The wave sends its light at most to the samples for which the kernel has the same slope.
         lit = outwards + min(outwards + math.pi, q.phase_slope_bound.tilt)
-        needed = max(2 * lit * math.sqrt(_EDGE_ERROR_FACTOR / q.tol), 2 * whole / _MAX_PHASE_STEP)
-        self._grid_size = max(_MIN_GRID_SIZE, math.ceil(needed))
+        needed = max(
+            2 * lit * math.sqrt(_SETTINGS.edge_error_factor / q.tol),
+            2 * whole / _SETTINGS.max_phase_step,
+        )
+        self._grid_size = max(_SETTINGS.min_size, math.ceil(needed))
         self._plan()
 
     def _plan(self) -> None:
         q = self._request.numeric
         self._set_precision(0.5 * q.tol < FLOAT32_ARITHMETIC)
-        # A margin of a sample on every side, for edges that lie on the outermost lines.
+        # A margin of one sample on every side holds edges that lie on the outermost lines.
         pitch = 2 * q.radius / (self._grid_size - 2)
         self._plane = Plane((self._grid_size, self._grid_size), (pitch, pitch))
         geometry = FourierGeometry(self._plane, q.samples, q.scale)
@@ -72,7 +96,7 @@ class SampledEngine(CachedPupilWave, PSFEngine):
 
     def prepare(self) -> None:
         q = self._request.numeric
-        for _ in range(_TRIES):
+        for _ in range(_SETTINGS.tries):
             self._cached_wave = None
             self._amplitude = coverage(q.lens.stop, q.radius, self._plane)
             with torch.no_grad():
@@ -80,7 +104,8 @@ class SampledEngine(CachedPupilWave, PSFEngine):
             if self.error.value + self.arithmetic <= q.tol:
                 return
             ratio = math.sqrt(self.error.value / q.tol) * 1.1
-            self._grid_size = math.ceil(self._grid_size * min(max(ratio, 1.2), _GROWTH))
+            growth = min(max(ratio, 1.2), _SETTINGS.growth)
+            self._grid_size = math.ceil(self._grid_size * growth)
             self._plan()
             if self.bytes > q.budget.memory:
                 break

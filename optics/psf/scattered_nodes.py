@@ -1,8 +1,9 @@
-"""Any smooth wave in any stop: exact quadrature, and a non-uniform FFT to the samples."""
+"""Compute the PSF of any smooth wave in any stop, by quadrature and a non-uniform FFT."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import torch
 
@@ -19,28 +20,45 @@ from optics.psf.reference_probe import ReferenceProbe
 from optics.pupil import pupil_phase
 from optics.stop.quadrature import QuadratureNodes, count_nodes, stop_rule, stop_rule_blocks
 
-_STEP_TOL_SHARE = 0.1
-"""Of the tolerance that quadrature and transform may each use, in the field."""
-
-_TRIES = 4
-
-_BYTES_PER_NODE = 340
-"""Its position and weight, its wave, and what its transform keeps of it."""
-
-_REBUILD_COST_FACTOR = 6.0
-"""Times as long a call takes that makes its nodes anew."""
-
 _LEAST_BLOCK = 1 << 20
-_MOST_NODES = 300_000_000
-"""Some minutes of work."""
+
+
+@dataclass(frozen=True)
+class ScatteredNodesSettings:
+    """Tune the PSF engine of quadrature nodes and non-uniform FFTs.
+
+    Attributes
+    ----------
+    step_tol_share : float
+        Share of the tolerance that the quadrature and the transform may each use, in the field.
+        Chosen.
+    tries : int
+        Most tolerances of the transform that are tried. Chosen.
+    bytes_per_node : int
+        Memory in bytes for a node's position, weight and wave, and for its data in the transform.
+    rebuild_cost_factor : float
+        Time of a call that computes its nodes anew, over that of a call with nodes in memory.
+    max_nodes : int
+        Most nodes that are computed; they take some minutes.
+    """
+
+    step_tol_share: float = 0.1
+    tries: int = 4
+    bytes_per_node: int = 340
+    rebuild_cost_factor: float = 6.0
+    max_nodes: int = 300_000_000
+
+
+_SETTINGS = ScatteredNodesSettings()
 
 
 class ScatteredNodesEngine(PSFEngine):
-    """Nodes that follow the stop's boundary, and finufft from them to the samples.
+    """Computes the PSF by nodes that follow the stop's boundary, and finufft to the samples.
 
-    Whole circles of nodes in round stops, rows and columns in rectangles, and arcs in all
-    others. The error is spectral in the nodes: two digits cost a few percent. Where the
-    nodes fit no memory they are made anew at every call, block by block.
+    The nodes lie on whole circles in round stops, on rows and columns in rectangles, and on arcs in
+    all other stops. The error falls exponentially with the number of nodes, so that two more digits
+    cost a few percent. If the nodes don't fit the memory, they are computed anew at every call,
+    block by block.
     """
 
     name = "quadrature and non-uniform FFT"
@@ -50,15 +68,16 @@ class ScatteredNodesEngine(PSFEngine):
         self._request, self._probe = request, probe
         q = request.numeric
         self.arithmetic = double_precision_error(q)
-        self._transform_tol = max(_STEP_TOL_SHARE * q.tol, FINEST_NUFFT)
-        self._node_count = count_nodes(q.lens.stop, q.phase_slope_bound, _STEP_TOL_SHARE * q.tol)
+        self._quadrature_tol = _SETTINGS.step_tol_share * q.tol
+        self._transform_tol = max(self._quadrature_tol, FINEST_NUFFT)
+        self._node_count = count_nodes(q.lens.stop, q.phase_slope_bound, self._quadrature_tol)
         self._window = nonuniform_bytes(0, q.samples)
-        allowed = (q.budget.memory - self._window) // _BYTES_PER_NODE
+        allowed = (q.budget.memory - self._window) // _SETTINGS.bytes_per_node
         self._max_block_nodes = max(allowed, _LEAST_BLOCK)
-        # Derivatives need all nodes at once.
+        # Derivatives need all nodes in memory at once.
         self._nodes_in_memory = self._node_count <= self._max_block_nodes or request.differentiable
         self._full_block: _NodeBlock | None = None
-        if self._node_count > _MOST_NODES:
+        if self._node_count > _SETTINGS.max_nodes:
             raise ToleranceError(
                 f"tol {q.tol:g} can't be kept: the wave turns so fast that it takes "
                 f"{self._node_count:.1e} nodes in the stop; bring the object closer to the "
@@ -72,25 +91,25 @@ class ScatteredNodesEngine(PSFEngine):
             if self._nodes_in_memory
             else min(self._node_count, self._max_block_nodes)
         )
-        return self._window + _BYTES_PER_NODE * nodes
+        return self._window + _SETTINGS.bytes_per_node * nodes
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         seconds = nonuniform_seconds(
             self._node_count, self._request.samples, self._transform_tol, speed
         )
-        return seconds if self._nodes_in_memory else _REBUILD_COST_FACTOR * seconds
+        return seconds if self._nodes_in_memory else _SETTINGS.rebuild_cost_factor * seconds
 
     def prepare(self) -> None:
         q = self._request.numeric
         nodes = (
-            stop_rule(q.lens.stop, q.phase_slope_bound, _STEP_TOL_SHARE * q.tol)
+            stop_rule(q.lens.stop, q.phase_slope_bound, self._quadrature_tol)
             if self._nodes_in_memory
             else None
         )
         if nodes is not None:
             self._node_count = nodes.count
         self.sampling = f"{self._node_count} nodes in the stop"
-        for _ in range(_TRIES):
+        for _ in range(_SETTINGS.tries):
             if nodes is not None:
                 self._full_block = _NodeBlock(nodes, self._request, self._transform_tol)
             with torch.no_grad():
@@ -98,7 +117,7 @@ class ScatteredNodesEngine(PSFEngine):
             wanted = q.tol - self.arithmetic
             if self.error.value <= wanted:
                 return
-            # A window in the dark: the transform's error is one of all the light.
+            # The transform's error scales with all of the light, so a dim window needs a finer one.
             if self._transform_tol <= FINEST_NUFFT:
                 break
             self._transform_tol = max(
@@ -107,10 +126,10 @@ class ScatteredNodesEngine(PSFEngine):
         raise unreachable_tolerance_error(q.tol, 1.5 * self.error.value + self.arithmetic)
 
     def _blocks(self) -> Iterator[_NodeBlock]:
-        """Where all nodes don't fit the memory: some of them after the others."""
+        """Yield the nodes in blocks, for a stop whose nodes don't all fit the memory."""
         q = self._request.numeric
         for nodes in stop_rule_blocks(
-            q.lens.stop, q.phase_slope_bound, _STEP_TOL_SHARE * q.tol, self._max_block_nodes
+            q.lens.stop, q.phase_slope_bound, self._quadrature_tol, self._max_block_nodes
         ):
             yield _NodeBlock(nodes, self._request, self._transform_tol)
 
@@ -141,7 +160,7 @@ class ScatteredNodesEngine(PSFEngine):
 
 
 class _NodeBlock(CachedPupilWave):
-    """Some nodes, the light of a point on them, and the transform to the samples."""
+    """Holds a block of nodes in the stop, and the transform from them to the PSF's samples."""
 
     def __init__(self, nodes: QuadratureNodes, request: PSFRequest, error: float) -> None:
         q = request.numeric
@@ -151,7 +170,10 @@ class _NodeBlock(CachedPupilWave):
         )
 
     def field(self, factor: torch.Tensor | None) -> torch.Tensor:
-        """On the samples, in square stop radii; factor: of the modulation, on the nodes."""
+        """Compute the field on the samples from this block of nodes, in square stop radii.
+
+        factor: complex modulation on the nodes, or None.
+        """
         q, wave = self._request, self._pupil_wave()
         if factor is not None:
             wave = wave.to(factor.device) * factor
@@ -159,7 +181,7 @@ class _NodeBlock(CachedPupilWave):
         return self.transform(wave, moved.stretch, moved.shift)
 
     def _compute_pupil_wave(self) -> torch.Tensor:
-        """Weights and phases."""
+        """Compute the lens' wave on the nodes, times their weights."""
         q, nodes = self._request, self._nodes
         phase = pupil_phase(q.lens, q.distance, q.wavelength, nodes.y, nodes.x)
         return torch.polar(torch.ones_like(phase), phase) * nodes.weight

@@ -1,4 +1,4 @@
-"""PSFs of one pattern at many distances, wavelengths and fields, planned and computed together."""
+"""Compute the PSFs of one pattern at many distances, wavelengths and fields together."""
 
 from __future__ import annotations
 
@@ -16,9 +16,6 @@ from optics.plane import Plane
 from optics.psf.operator import PSFOperator, normalise_amplitude
 from optics.threads import in_full_precision
 from optics.validation import accepts_numpy
-
-_CACHED_FIELDS_SHARE = 0.25
-"""Of the memory allowed, what fields at the sensor may take that a derivative needs again."""
 
 
 class PSFStack:
@@ -120,7 +117,7 @@ class PSFStack:
         return torch.stack([torch.stack(one).reshape(shape) for one in found], dim=1)
 
     def _per_band(self, name: str, value: torch.Tensor | None) -> list[torch.Tensor | None]:
-        """What belongs to every band, of what may be the same for all."""
+        """Return a phase or amplitude for each band, from one for each or one for all."""
         bands = len(self._shared_spectra)
         if value is None or value.ndim == 2:
             return [value] * bands
@@ -151,7 +148,7 @@ class PSFStack:
         return found
 
     def _needs_recomputation(self, spectrum: torch.Tensor | None) -> bool:
-        """Whether to compute fields at the sensor a second time, rather than keep them."""
+        """Tell whether derivatives should compute fields at the sensor again to save memory."""
         if spectrum is None or not (spectrum.requires_grad and torch.is_grad_enabled()):
             return False
         kept = sum(
@@ -159,11 +156,12 @@ class PSFStack:
             for band in range(len(self._shared_spectra))
             for one in self._operators_of_band(band)
         )
-        return kept > _CACHED_FIELDS_SHARE * self._budget.memory
+        # Fields at the sensor that derivatives need may take a quarter of the allowed memory.
+        return kept > 0.25 * self._budget.memory
 
 
 class _SharedSpectrum:
-    """One spectrum of the panel for all operators that can take it."""
+    """Computes one spectrum of the panel for all PSF operators of a band that can use it."""
 
     def __init__(self, operators: Sequence[PSFOperator]) -> None:
         engines = [one.engine for one in operators]

@@ -1,4 +1,4 @@
-"""From light to digital numbers, in the quantities of EMVA 1288."""
+"""Model the image sensor, from light on its pixels to digital numbers, in terms of EMVA 1288."""
 
 from optics.sensor.fixed_pattern import FixedPattern, fixed_pattern, has_fixed_pattern
 from optics.sensor.frame_sampling import expose, sample_frame

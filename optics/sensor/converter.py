@@ -1,4 +1,4 @@
-"""What a converter makes of electrons in a well: mean and variance, over the read noise."""
+"""Compute mean and variance of a sensor's readout, for a known number of electrons in the well."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from optics.sensor.stages import Stages
 Numbers = NDArray[np.float64]
 
 _MAX_DEVIATIONS = 8.5
-"""Standard deviations of read noise beyond which nothing counts: 1e-17 of it."""
+"""Standard deviations of read noise that are summed; 1e-17 of the probability lies beyond."""
 
 
 def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple[Numbers, Numbers]:
-    """Mean and variance of what is read of so many electrons, in electrons and electrons².
+    """Compute mean and variance of a pixel's readout, in electrons and electrons², exactly.
 
-    electrons: in the well, with the pixel's offset; any shape. What is read is (number - black
-    level) gain, clipped and rounded as far as `stages` says. Exact.
+    electrons: in the well, with the pixel's offset; any shape. The readout is (number - black
+    level) times the gain, clipped and rounded as `stages` says.
     """
     noise = sensor.read_noise if stages.read_noise else 0.0
     if stages.quantisation:
@@ -35,7 +35,7 @@ def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple
 
 
 def _clipped_moments(x: Numbers, noise: float, low: float, high: float) -> tuple[Numbers, Numbers]:
-    """Of a normal number around x that is clipped at both ends."""
+    """Compute mean and variance of a normal number with the mean x that is clipped at both ends."""
     if not noise:
         return np.clip(x, low, high), np.zeros_like(x)
     a, b = (low - x) / noise, (high - x) / noise
@@ -54,7 +54,10 @@ def _density(z: Numbers) -> Numbers:
 def _rounded_moments(
     scaled: Numbers, noise: float, sensor: Sensor, clipping: bool
 ) -> tuple[Numbers, Numbers]:
-    """Of a normal number around `scaled` that is rounded, by how likely it reaches each step."""
+    """Compute mean and variance of a rounded normal number with the mean `scaled`.
+
+    They are sums over the probabilities that the number reaches each whole step.
+    """
     top = 2**sensor.bits - 1
     if not noise:
         number = np.round(scaled)

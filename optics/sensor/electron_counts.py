@@ -1,4 +1,4 @@
-"""How likely a pixel holds each whole number of electrons."""
+"""Compute the probability of each number of electrons in a sensor pixel (shot noise)."""
 
 from __future__ import annotations
 
@@ -12,18 +12,16 @@ from optics.sensor.stages import ShotNoise
 
 Numbers = NDArray[np.float64]
 
-_MAX_DEVIATIONS = 9.0
-"""Standard deviations beyond which no number of electrons counts."""
-
 
 def electron_range(mean: float) -> tuple[int, int]:
-    """First and last number of electrons that counts, for so many expected."""
-    reach = _MAX_DEVIATIONS * math.sqrt(mean) + 20
+    """Return the first and last number of electrons with a probability that isn't negligible."""
+    # Nine standard deviations are enough. The 20 serve few expected electrons.
+    reach = 9.0 * math.sqrt(mean) + 20
     return max(0, math.floor(mean - reach)), math.ceil(mean + reach)
 
 
 def count_probabilities(mean: float, shot: ShotNoise) -> tuple[int, Numbers]:
-    """The first number of electrons that counts, and how likely it and the next ones are."""
+    """Return the first possible number of electrons, and the probabilities from there on."""
     first, last = electron_range(mean)
     counts = np.arange(first, last + 1, dtype=np.float64)
     shares = (_rounded_normal if shot == "Gaussian" else _poisson)(mean, counts)
@@ -37,7 +35,7 @@ def _poisson(mean: float, counts: Numbers) -> Numbers:
 
 
 def _rounded_normal(mean: float, counts: Numbers) -> Numbers:
-    """Whole numbers nearest to a normal one; what would be negative counts as none."""
+    """Compute probabilities of a rounded normal number of electrons; negative ones count as 0."""
     if mean == 0:
         return (counts == 0).astype(np.float64)
     spread = mean / math.sqrt(mean + 1 / 12)

@@ -1,4 +1,4 @@
-"""A camera's own figures from its frames alone, as EMVA 1288 release 4 (linear) measures them."""
+"""Measure a camera's characteristics from its frames alone, after EMVA 1288 release 4 (linear)."""
 
 from __future__ import annotations
 
@@ -13,19 +13,16 @@ Frame = NDArray[np.integer]
 Array = NDArray[np.float64]
 
 _ROUNDING = 1 / 12
-"""Variance of rounding to whole numbers."""
-
-_TRANSFER_LIMIT = 0.7
-"""Of the saturation's mean, up to which the photon transfer curve is fitted (section 6.6)."""
-
-_LINEARITY_FROM, _LINEARITY_TO = 0.05, 0.95
-"""Of the same, between which linearity is judged (section 6.7)."""
+"""Variance of rounding to whole numbers, DN²."""
 
 
 @dataclass(frozen=True)
 class TransferPoint:
-    """Two frames of even light: their mean less the dark mean, and their temporal variance less
-    the dark variance, in digital numbers. exposure: seconds."""
+    """A point of the photon transfer curve, from two frames of even light.
+
+    exposure: seconds. mean: less the dark mean, DN. variance: temporal, less the dark variance,
+    DN².
+    """
 
     exposure: float
     mean: float
@@ -34,12 +31,12 @@ class TransferPoint:
 
 @dataclass(frozen=True)
 class Characteristics:
-    """What is found.
+    """Holds the characteristics of a sensor that are measured from pairs of frames.
 
     gain: electrons per digital number (1/K). read_noise: electrons, temporal, in darkness at
     the shortest exposure. dark_current: electrons per second. saturation_capacity: electrons at
     which the variance is largest. linearity_error: mean absolute deviation from the best line,
-    relative. rate: electrons per second of the light. points: the photon transfer curve.
+    relative. rate: electrons per second from the light. points: the photon transfer curve.
     """
 
     gain: float
@@ -53,17 +50,17 @@ class Characteristics:
 
 @dataclass(frozen=True)
 class Uniformity:
-    """prnu: relative. dsnu: electrons, in darkness. Both are standard deviations of pixels."""
+    """Holds a sensor's PRNU (relative) and DSNU (electrons), standard deviations over pixels."""
 
     prnu: float
     dsnu: float
 
 
 def pair_moments(first: Frame, second: Frame) -> tuple[float, float]:
-    """Mean and temporal variance of two frames of the same (section 6.4): the variance is half
-    of their difference's, so that no fixed pattern is in it.
+    """Compute mean and temporal variance of two frames of the same scene (EMVA 1288, section 6.4).
 
-    Raises ValueError unless both have one shape, and two pixels or more.
+    The variance is half of that of their difference, which contains no fixed pattern. Raises
+    ValueError unless both frames have the same shape, and two pixels or more.
     """
     a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     if a.shape != b.shape or a.size < 2:
@@ -77,10 +74,11 @@ def pair_moments(first: Frame, second: Frame) -> tuple[float, float]:
 def measure_characteristics(
     illuminated: Mapping[float, tuple[Frame, Frame]], dark: Mapping[float, tuple[Frame, Frame]]
 ) -> Characteristics:
-    """Gain, noise, dark current and linearity, from pairs of frames.
+    """Measure a sensor's gain, noise, dark current and linearity, from pairs of frames.
 
-    illuminated, dark: by exposure in seconds, the same ones for both; even, constant light, and
-    none. Raises ValueError for fewer than five exposures, or other ones in darkness.
+    illuminated: pairs of frames in even, constant light, by exposure time in seconds. dark: pairs
+    without light, of the same exposure times. Raises ValueError for fewer than five exposure times,
+    or if they differ between light and darkness.
     """
     exposures = sorted(illuminated)
     if exposures != sorted(dark):
@@ -90,7 +88,8 @@ def measure_characteristics(
     darkness = [(t, *pair_moments(*dark[t])) for t in exposures]
     points = tuple(_point(t, illuminated[t], mean, variance) for t, mean, variance in darkness)
     full = max(points, key=lambda point: point.variance)
-    slope = _photon_transfer_slope([p for p in points if p.mean <= _TRANSFER_LIMIT * full.mean])
+    # Section 6.6 of EMVA 1288 fits the photon transfer curve up to 70 % of saturation.
+    slope = _photon_transfer_slope([p for p in points if p.mean <= 0.7 * full.mean])
     gain = 1 / slope
     noise = max(darkness[0][2] - _ROUNDING, 0.0)
     times, means = np.array(exposures), np.array([mean for _, mean, _ in darkness])
@@ -114,8 +113,10 @@ def _point(
 
 
 def _photon_transfer_slope(points: Sequence[TransferPoint]) -> float:
-    """The photon transfer curve's slope (section 6.6). Each variance is known to a share of
-    itself, so that all points count alike by ratio: the curve is a line through zero."""
+    """Fit the slope of the photon transfer curve, a line through zero (EMVA 1288, section 6.6).
+
+    The error of each variance is proportional to the variance, so the fit uses relative residuals.
+    """
     used = [p for p in points if p.mean > 0]
     if len(used) < 2:
         raise ValueError(
@@ -128,9 +129,11 @@ def _photon_transfer_slope(points: Sequence[TransferPoint]) -> float:
 
 
 def _linearity(points: Sequence[TransferPoint], full: float) -> tuple[float, float]:
-    """Slope of the mean by exposure, and the mean deviation from the line, both by relative
-    residuals (section 6.7)."""
-    used = [p for p in points if _LINEARITY_FROM * full <= p.mean <= _LINEARITY_TO * full]
+    """Fit the mean by exposure time: slope and linearity error (EMVA 1288, section 6.7).
+
+    Both use relative residuals, of points from 5 to 95 % of saturation.
+    """
+    used = [p for p in points if 0.05 * full <= p.mean <= 0.95 * full]
     if len(used) < 3:
         raise ValueError(
             "fewer than three exposures lie between 5 and 95 % of saturation; take more"
@@ -142,11 +145,11 @@ def _linearity(points: Sequence[TransferPoint], full: float) -> tuple[float, flo
 
 
 def uniformity(half_full: Sequence[Frame], dark: Sequence[Frame], gain: float) -> Uniformity:
-    """PRNU and DSNU from frames at half of saturation, and as many dark ones (section 8).
+    """Measure PRNU and DSNU from frames at half of saturation and dark frames (section 8).
 
-    Frames are averaged; what their temporal noise leaves in the average is subtracted by its
-    own measure. The light must be even. gain: electrons per digital number. Raises ValueError
-    for fewer than two frames of either, or a light that isn't above darkness.
+    The frames are averaged. The temporal noise that remains in the average is measured and
+    subtracted. The light must be even. gain: electrons per digital number. Raises ValueError for
+    fewer than two frames of either kind, or if the light isn't brighter than darkness.
     """
     light, light_variance = _mean_and_spatial_variance(half_full)
     darkness, dark_variance = _mean_and_spatial_variance(dark)
@@ -158,7 +161,7 @@ def uniformity(half_full: Sequence[Frame], dark: Sequence[Frame], gain: float) -
 
 
 def _mean_and_spatial_variance(frames: Sequence[Frame]) -> tuple[Array, float]:
-    """The average frame, and the variance over its pixels without what is temporal."""
+    """Return the average frame, and the variance over its pixels without the temporal noise."""
     count = len(frames)
     if count < 2:
         raise ValueError(f"{count} frames are given; the temporal noise of one is unknown")

@@ -1,4 +1,4 @@
-"""What differs from pixel to pixel of one sensor, and stays as it is."""
+"""Generate a sensor's fixed pattern: what differs from pixel to pixel and stays the same."""
 
 from __future__ import annotations
 
@@ -10,11 +10,16 @@ import torch
 
 from optics.sensor.sensor import Sensor
 
-OFFSET_STEPS = 4
-"""Steps of offset a standard deviation: whole steps let moments be tabulated exactly."""
+_OFFSET_STEPS = 4
+"""Steps of a pixel's offset per standard deviation. With whole steps, moments can be tabulated
+exactly."""
 
 _MAX_DEVIATIONS = 4.5
-"""Standard deviations beyond which no pixel is drawn; one in 150,000 would be."""
+"""Standard deviations at which the random pattern is cut off. One pixel in 150,000 would lie
+beyond."""
+
+MAX_OFFSET_STEP = round(_MAX_DEVIATIONS * _OFFSET_STEPS)
+"""Largest number of offset steps of a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +50,7 @@ class FixedPattern:
 
 
 def has_fixed_pattern(sensor: Sensor) -> bool:
-    """Whether a sensor's pixels differ at all.
+    """Tell whether a sensor's pixels differ at all.
 
     Parameters
     ----------
@@ -61,11 +66,11 @@ def has_fixed_pattern(sensor: Sensor) -> bool:
 
 
 _cached_patterns: WeakKeyDictionary[Sensor, FixedPattern] = WeakKeyDictionary()
-"""Maps of all equal sensors: they last while the first of these does."""
+"""Patterns by sensor. Equal sensors share one entry, which lasts as long as the first of them."""
 
 
 def fixed_pattern(sensor: Sensor) -> FixedPattern:
-    """Maps of a sensor's fixed pattern, which are the same in every frame and run.
+    """Generate the maps of a sensor's fixed pattern, which are the same in every frame and run.
 
     They are random samples from the sensor's own seed. PRNU and DSNU are normal. DSNU comes in
     steps of a quarter of its standard deviation; the distribution is made narrower by as much as
@@ -96,14 +101,14 @@ def _generate_pattern(sensor: Sensor) -> FixedPattern:
     generator = torch.Generator().manual_seed(sensor.fixed_seed)
     shape = sensor.shape
     gain = 1 + sensor.prnu * _normal(shape, generator)
-    width = math.sqrt(OFFSET_STEPS**2 - 1 / 12)
+    width = math.sqrt(_OFFSET_STEPS**2 - 1 / 12)
     steps = torch.round(width * _normal(shape, generator)).to(torch.int8)
     chance = torch.rand(shape, generator=generator, dtype=torch.float64)
-    # One number a pixel, so that none is dead and hot.
+    # One random number per pixel decides both, so that no pixel is dead and hot.
     gain[chance < sensor.dead] = 0.0
     hot = chance > 1 - sensor.hot if sensor.hot else torch.zeros(shape, dtype=torch.bool)
     return FixedPattern(
-        gain.clamp(min=0.0), steps, sensor.dsnu / OFFSET_STEPS, hot * float(sensor.hot_current)
+        gain.clamp(min=0.0), steps, sensor.dsnu / _OFFSET_STEPS, hot * float(sensor.hot_current)
     )
 
 

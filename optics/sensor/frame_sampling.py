@@ -1,4 +1,4 @@
-"""Frames: numbers that a sensor gives, by chance."""
+"""Sample frames of a sensor at random: digital numbers from expected electrons."""
 
 from __future__ import annotations
 
@@ -11,11 +11,8 @@ from optics.sensor.stages import FEW_ELECTRONS, Stages, collect_electrons
 from optics.validation import require_finite, require_positive
 
 _MAX_FULL_WELLS = 4.0
-"""Full wells of light after which more makes no difference; without an end to it Poisson's
-generator would overflow."""
-
-_MIN_NORMAL_ELECTRONS = 1e8
-"""Electrons from which Poisson's distribution is within 1e-5 of the normal one everywhere."""
+"""Light, in full wells, at which expected electrons are cut off. More light makes no difference,
+and would overflow the generator of Poisson's distribution."""
 
 _ROUNDING_VARIANCE = 1 / 12
 """Variance that rounding to whole electrons adds to a normal draw (Sheppard)."""
@@ -124,13 +121,14 @@ def sample_frame(
 def electrons_from_normal(
     mean: torch.Tensor, noise: torch.Tensor, shot: Literal["Gaussian", "skewed"]
 ) -> torch.Tensor:
-    """Whole electrons that normal numbers stand for, of FEW expected ones or more; the shape of
-    both.
+    """Convert standard normal numbers into shot noise: whole electrons around their mean.
 
-    "Gaussian": mean and variance are Poisson's; its distribution is 0.07/√mean away
-    (Kolmogorov). "skewed": bent as the third and fourth moments ask for, which leaves 3e-4 at ten
-    electrons and 2e-5 at sixty (Cornish and Fisher 1937, Rev. Inst. Int. Stat. 5, 307). Both are
-    so much narrower as rounding makes them wider (Sheppard 1898).
+    mean: expected electrons, FEW_ELECTRONS or more. noise: standard normal numbers of the same
+    shape. With "Gaussian", mean and variance are Poisson's, and the distribution differs by
+    0.07/√mean (Kolmogorov). With "skewed", the third and fourth moments are corrected too, which
+    leaves a difference of 3e-4 at ten electrons and 2e-5 at sixty (Cornish and Fisher 1937, Rev.
+    Inst. Int. Stat. 5, 307). Both are made narrower by as much as rounding widens them (Sheppard
+    1898).
     """
     counted = torch.addcmul(mean, mean / (mean + _ROUNDING_VARIANCE).sqrt(), noise)
     if shot == "skewed":
@@ -143,10 +141,11 @@ def electrons_from_normal(
 def _sample_electrons(
     mean: torch.Tensor, stages: Stages, generator: torch.Generator
 ) -> torch.Tensor:
-    """Whole electrons."""
+    """Sample each pixel's number of electrons, with the shot noise of `stages`."""
     if stages.shot == "none":
         return mean
-    few = mean < (_MIN_NORMAL_ELECTRONS if stages.shot == "Poisson" else FEW_ELECTRONS)
+    # From 1e8 electrons on, Poisson's distribution is within 1e-5 of the normal one everywhere.
+    few = mean < (1e8 if stages.shot == "Poisson" else FEW_ELECTRONS)
     if bool(few.all()):
         return torch.poisson(mean, generator=generator)
     counted = electrons_from_normal(

@@ -1,10 +1,10 @@
-"""Means and variances by expected electrons, for all pixels of a sensor."""
+"""Tabulate mean and variance of a sensor's pixels by their expected electrons."""
 
 from __future__ import annotations
 
 import functools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -12,36 +12,60 @@ from scipy.interpolate import CubicSpline
 
 from optics.sensor.converter import readout_moments
 from optics.sensor.electron_counts import Numbers, count_probabilities, electron_range
+from optics.sensor.fixed_pattern import MAX_OFFSET_STEP
 from optics.sensor.sensor import Sensor
 from optics.sensor.stages import ShotNoise, Stages
 
-_NODES_PER_UNIT = 16
-"""Nodes of a table for a unit of sqrt(electrons), which is two standard deviations."""
-
 _ANSCOMBE_OFFSET = 3 / 8
-"""Nodes are even in sqrt(electrons + this) (Anscombe 1948), where shot noise is even too."""
+"""Offset in electrons. Nodes are evenly spaced in sqrt(electrons + offset), because the shot noise
+of that quantity is constant (Anscombe 1948)."""
 
 _MAX_TABULATED_ELECTRONS = 2.0**17
-"""Electrons beyond which, unless they are clipped, rounding is far finer than shot noise."""
+"""Electrons beyond which rounding is far finer than shot noise, so that no table is needed unless
+pixels clip."""
 
-_SATURATION_DEVIATIONS = 9.0
-"""Standard deviations around a limit beyond which a pixel surely is, or isn't, full."""
+BATCH_PIXELS = 1 << 17
+"""Pixels that are computed together; they stay in a processor's cache."""
 
-_SPLINE_REFINEMENT = 16
-"""Times by which a table is made finer by splines, so that lines serve between its nodes."""
 
-_BATCH_PIXELS = 1 << 17
-"""Pixels that are worked out together: they stay in a processor's own memory."""
+@dataclass(frozen=True)
+class MomentTableSettings:
+    """Tune the tables of a sensor's mean and variance.
+
+    Attributes
+    ----------
+    nodes_per_unit : int
+        Computed nodes per unit of sqrt(electrons), which is two standard deviations. Chosen.
+    spline_refinement : int
+        Factor by which splines refine the table, so that linear interpolation is enough between the
+        refined nodes. Chosen.
+    saturation_deviations : float
+        Standard deviations of shot noise from a limit, beyond which a pixel is certainly full or
+        certainly not. Chosen.
+    """
+
+    nodes_per_unit: int = 16
+    spline_refinement: int = 16
+    saturation_deviations: float = 9.0
+
+    @property
+    def step(self) -> float:
+        """Distance of the refined nodes in sqrt(electrons)."""
+        return 1 / (self.nodes_per_unit * self.spline_refinement)
+
+
+_SETTINGS = MomentTableSettings()
 
 
 def moment_tables(
     sensor: Sensor, stages: Stages, max_electrons: float, electrons_per_step: float = 0.0
 ) -> tuple[MomentTable, ...]:
-    """The tables that pixels of up to `max_electrons` electrons need, kept for the next.
+    """Return the tables that pixels of up to `max_electrons` electrons need, from a cache.
 
-    One from darkness on; where wells are deep, it ends where rounding is far finer than shot
-    noise, and another one begins near the full well. Between them, mean and variance are those
-    of plain shot noise. electrons_per_step: electrons of a step of offset; 0 where there is none.
+    The first table begins at darkness. For a deep well, it ends where rounding is far finer than
+    shot noise, and a second table begins near the full well. Between them, mean and variance are
+    those of shot noise alone. electrons_per_step: electrons per step of a pixel's offset; 0 without
+    offsets.
     """
     stages = replace(stages, dark_current=True, fixed_pattern=True)
     low, high = _clipping_range(sensor, stages)
@@ -66,22 +90,25 @@ def moment_tables(
 
 
 def _clipping_range(sensor: Sensor, stages: Stages) -> tuple[float, float]:
-    """Electrons from which a pixel may be clipped, and from which it surely is; both infinite
-    where nothing clips."""
+    """Return the electrons from which a pixel may clip, and from which it certainly clips.
+
+    Both are infinite if clipping isn't simulated.
+    """
     if not stages.clipping:
         return math.inf, math.inf
     top = (2**sensor.bits - 1 - sensor.black_level) * sensor.gain
     noise = 9 * sensor.read_noise + 5 * sensor.dsnu + sensor.gain
     first = min(sensor.full_well, max(top - noise, 0.0))
     final = min(sensor.full_well, top + noise)
+    deviations = _SETTINGS.saturation_deviations
     return (
-        max(first - _SATURATION_DEVIATIONS * math.sqrt(first) - 50, 0.0),
-        final + _SATURATION_DEVIATIONS * math.sqrt(final) + 130,
+        max(first - deviations * math.sqrt(first) - 50, 0.0),
+        final + deviations * math.sqrt(final) + 130,
     )
 
 
 def _round_up_limit(max_electrons: float, limit: float) -> float:
-    """A round number for the end of a table, so that it serves for other pictures too."""
+    """Round the end of a moment table up to a power of two, so that other pictures can use it."""
     return min(limit, 2.0 ** math.ceil(math.log2(max(max_electrons, 64.0))))
 
 
@@ -93,11 +120,11 @@ def _cached_table(
 
 
 class MomentTable:
-    """Means and variances by expected electrons and offset, for a sensor and its stages.
+    """Tabulates a pixel's mean and variance by expected electrons and offset, for a sensor.
 
-    low, high: electrons at both ends; beyond, it gives what they have. covers_saturation: whether
-    nothing changes beyond. electrons_per_step: electrons of a step of offset; 0 where there is
-    none.
+    low, high: electrons at both ends; beyond them, the values at the ends are used.
+    covers_saturation: whether the values no longer change beyond `high`. electrons_per_step:
+    electrons per step of a pixel's offset; 0 without offsets.
     """
 
     def __init__(
@@ -106,10 +133,11 @@ class MomentTable:
         self.low, self.high = low, high
         self.covers_saturation = high >= _clipping_range(sensor, stages)[1]
         self._start = math.sqrt(low + _ANSCOMBE_OFFSET)
-        count = math.ceil(_NODES_PER_UNIT * (math.sqrt(high + _ANSCOMBE_OFFSET) - self._start)) + 4
-        root = self._start + np.arange(count) / _NODES_PER_UNIT
+        per_unit = _SETTINGS.nodes_per_unit
+        count = math.ceil(per_unit * (math.sqrt(high + _ANSCOMBE_OFFSET) - self._start)) + 4
+        root = self._start + np.arange(count) / per_unit
         electrons = np.maximum(root**2 - _ANSCOMBE_OFFSET, 0.0)
-        self._reach = _MAX_OFFSET_STEP if electrons_per_step else 0
+        self._reach = MAX_OFFSET_STEP if electrons_per_step else 0
         offsets = np.arange(-self._reach, self._reach + 1) * electrons_per_step
         first = electron_range(electrons[0])[0]
         counts = np.arange(first, electron_range(electrons[-1])[1] + 1, dtype=np.float64)
@@ -123,17 +151,20 @@ class MomentTable:
     def __call__(
         self, electrons: torch.Tensor, steps: torch.Tensor | None
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean and variance of pixels, of any shape, float64."""
+        """Look up mean and variance of pixels, of any shape, float64.
+
+        electrons: expected. steps: the pixels' offsets in steps, or None.
+        """
         flat = electrons.flatten()
         mean, variance = torch.empty_like(flat), torch.empty_like(flat)
-        for start in range(0, flat.numel(), _BATCH_PIXELS):
-            part = slice(start, start + _BATCH_PIXELS)
+        for start in range(0, flat.numel(), BATCH_PIXELS):
+            part = slice(start, start + BATCH_PIXELS)
             own = None if steps is None else steps.flatten()[part].to(torch.int64)
             mean[part], variance[part] = self._interpolate(flat[part], own)
         return mean.reshape(electrons.shape), variance.reshape(electrons.shape)
 
     def max_slopes(self, max_electrons: float) -> tuple[float, float]:
-        """The largest slopes, of any sign, of mean and variance by electrons, up to so many."""
+        """Return the largest absolute slopes of mean and variance, up to `max_electrons`."""
         electrons = self._nodes_up_to(max_electrons)
         spaces = np.diff(electrons)[:, None]
         mean, variance = (
@@ -143,24 +174,25 @@ class MomentTable:
         return float(mean), float(variance)
 
     def min_variance(self, max_electrons: float) -> float:
-        """The least variance of up to so many electrons."""
+        """Return the least variance in the table, up to `max_electrons`."""
         return float(self.variance[: len(self._nodes_up_to(max_electrons))].min())
 
     def _nodes_up_to(self, max_electrons: float) -> Numbers:
-        """Nodes, two of them at least."""
-        start, step = self._start, 1 / (_NODES_PER_UNIT * _SPLINE_REFINEMENT)
+        """Return the table's nodes up to so many electrons, at least two."""
+        start, step = self._start, _SETTINGS.step
         electrons = (start + np.arange(len(self.mean)) * step) ** 2 - _ANSCOMBE_OFFSET
         return electrons[electrons <= max(max_electrons, electrons[1])]
 
     def _interpolate(
         self, electrons: torch.Tensor, steps: torch.Tensor | None
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        start, step = self._start, 1 / (_NODES_PER_UNIT * _SPLINE_REFINEMENT)
+        start, step = self._start, _SETTINGS.step
         electrons = electrons.clamp(self.low, self.high)
         base = (electrons + _ANSCOMBE_OFFSET).sqrt_().sub_(start).div_(step).floor_()
         base.clamp_(0, len(self.mean) - 2)
         root = base * step + start
-        # Lines in electrons, not in their root: means are straight but at the ends.
+        # Interpolation is linear in electrons, not in their root, because means are proportional to
+        # electrons except at the ends.
         between = (electrons - (root**2 - _ANSCOMBE_OFFSET)) / (step * (2 * root + step))
         columns = self.mean.shape[1]
         first = base.to(torch.int64).mul_(columns).add_(self._reach)
@@ -175,20 +207,16 @@ class MomentTable:
 
 
 def _refine_by_splines(values: Numbers) -> torch.Tensor:
-    """A table with splines between its nodes, (nodes, columns)."""
-    nodes = np.arange(len(values))
-    inner = np.arange((len(values) - 1) * _SPLINE_REFINEMENT + 1) / _SPLINE_REFINEMENT
+    """Refine a moment table, (nodes, columns), by splines between its nodes."""
+    nodes, finer = np.arange(len(values)), _SETTINGS.spline_refinement
+    inner = np.arange((len(values) - 1) * finer + 1) / finer
     return torch.from_numpy(CubicSpline(nodes, values)(inner))
-
-
-_MAX_OFFSET_STEP = 18
-"""Steps of offset at most: 4.5 standard deviations of four steps, see fixed_pattern()."""
 
 
 def _average_over_counts(
     mean: float, start: int, read: Numbers, variance: Numbers, shot: ShotNoise
 ) -> tuple[Numbers, Numbers]:
-    """Over all numbers of electrons: the law of total variance."""
+    """Average a pixel's mean and variance over shot noise, by the law of total variance."""
     first, shares = count_probabilities(float(mean), shot)
     part = slice(first - start, first - start + len(shares))
     whole = shares @ read[part]

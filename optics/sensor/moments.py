@@ -1,4 +1,4 @@
-"""Mean and variance of every pixel's number, exactly, without drawing any."""
+"""Compute mean and variance of every pixel of a sensor, without sampling frames."""
 
 from __future__ import annotations
 
@@ -9,12 +9,9 @@ import numpy as np
 import torch
 
 from optics.sensor.converter import readout_moments
-from optics.sensor.moment_table import moment_tables
+from optics.sensor.moment_table import BATCH_PIXELS, moment_tables
 from optics.sensor.sensor import Sensor
 from optics.sensor.stages import FEW_ELECTRONS, CollectedCharge, Stages, collect_electrons
-
-_BATCH_PIXELS = 1 << 17
-"""Pixels that are worked out together: they stay in a processor's own memory."""
 
 
 def moments(
@@ -23,7 +20,7 @@ def moments(
     sensor: Sensor,
     **switches: Any,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Mean and variance of every pixel's number, without sampling any frame.
+    """Compute mean and variance of every pixel's digital number, without sampling any frame.
 
     They are the moments of what `sample_frame` gives: sums over all numbers of electrons and all
     digital numbers, tabulated and interpolated, with a relative error of 1e-4. They refer to
@@ -54,7 +51,7 @@ def moments(
     """
     stages = Stages(**switches)
     if stages.shot == "skewed":
-        # What is skewed as Poisson's distribution is, is counted as that.
+        # "skewed" shot noise approximates Poisson's distribution, so it has the same moments.
         stages = replace(stages, shot="Poisson")
     held = collect_electrons(electrons, exposure, sensor, stages)
     if stages.shot == "none":
@@ -77,13 +74,13 @@ def moments(
 def _moments_without_shot_noise(
     charge: CollectedCharge, sensor: Sensor, stages: Stages
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Where electrons don't come by chance, each pixel by itself."""
+    """Compute each pixel's mean and variance by itself, for a sensor without shot noise."""
     full = charge.electrons
     if stages.clipping:
         full = full.clamp(max=sensor.full_well)
     flat = (full + charge.offset).flatten()
-    starts = range(0, flat.numel(), _BATCH_PIXELS)
-    parts = [readout_moments(flat[n : n + _BATCH_PIXELS].numpy(), sensor, stages) for n in starts]
+    starts = range(0, flat.numel(), BATCH_PIXELS)
+    parts = [readout_moments(flat[n : n + BATCH_PIXELS].numpy(), sensor, stages) for n in starts]
     mean, variance = (torch.from_numpy(np.concatenate(one)) for one in zip(*parts, strict=True))
     return mean.reshape(full.shape), variance.reshape(full.shape)
 
@@ -97,7 +94,8 @@ def _tabulated_moments(
     mean, variance = dark(electrons, charge.offset_steps)
     if dark.covers_saturation or most <= dark.high:
         return mean, variance
-    # So much light that nothing but shot noise is left of the noises, before wells are full.
+    # Between the tables, so much light falls on the pixels that rounding and read noise only add
+    # their variances to the shot noise.
     noise = sensor.read_noise**2 if stages.read_noise else 0.0
     step = sensor.gain**2 / 12 if stages.quantisation else 0.0
     much = electrons > dark.high

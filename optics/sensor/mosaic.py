@@ -1,4 +1,4 @@
-"""Colour filters on a sensor's pixels."""
+"""Define the mosaic of colour filters on a sensor's pixels."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ class Mosaic:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Letters of the pattern, each once, in the order in which they come."""
+        """The letters of the mosaic's pattern, each once, in their order of appearance."""
         return tuple(dict.fromkeys("".join(self.pattern)))
 
     def channel_map(self, shape: tuple[int, int]) -> torch.Tensor:
-        """Index into `channels` of each pixel's filter, (rows, columns), int64."""
+        """Return the index into `channels` of each pixel's filter, (rows, columns), int64."""
         index = {name: i for i, name in enumerate(self.channels)}
         cell = torch.tensor([[index[letter] for letter in row] for row in self.pattern])
         rows = torch.arange(shape[0])[:, None] % cell.shape[0]
@@ -73,10 +73,10 @@ class Mosaic:
         return cell[rows, columns]
 
     def sample_channels(self, channels: torch.Tensor) -> torch.Tensor:
-        """Sample pictures (channel, rows, columns) as a sensor with these filters does: (rows,
-        columns).
+        """Sample pictures of all channels as a sensor with this mosaic does.
 
-        Raises ValueError if there isn't one picture for each of `channels`.
+        channels: (channel, rows, columns). Returns (rows, columns). Raises ValueError if there
+        isn't one picture for each of `channels`.
         """
         if channels.ndim != 3 or len(channels) != len(self.channels):
             raise ValueError(

@@ -1,4 +1,4 @@
-"""From light to whole pixels."""
+"""Integrate light over the area of a sensor's pixels."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane, centred_crop
 
 PIXEL_OVERSAMPLING = 1.5
-"""How much finer than the light's Nyquist rate integrate_pixels() wants its samples."""
+"""Factor by which the samples of integrate_pixels() must be finer than the light's Nyquist rate."""
 
 _REACH = 20
-"""Samples that the interpolation reaches beyond a pixel's edge."""
+"""Samples beyond a pixel's edge that the interpolation uses."""
 
 _ATTENUATION = 200.0
-"""Of the interpolation, in dB: Kaiser's formula for _REACH and PIXEL_OVERSAMPLING."""
+"""Attenuation of the interpolation's stop band in dB, from Kaiser's formula for _REACH and
+PIXEL_OVERSAMPLING."""
 
 PIXEL_INTEGRATION_ERROR = 1e-9
 """Relative L2 error of integrate_pixels(), measured against quadrature with a margin of ten."""
 
 
 def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
-    """Transfer function of a square pixel with a fill factor of 1, on an rfft2 grid.
+    """Return the transfer function of a square pixel with a fill factor of 1, on an rfft2 grid.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
 
 
 def pixel_margin(factor: int) -> int:
-    """Number of whole pixels that integrate_pixels() needs around a pixel.
+    """Return the number of whole pixels that integrate_pixels() needs around a pixel.
 
     Parameters
     ----------
@@ -86,10 +87,11 @@ def pixel_margin(factor: int) -> int:
 
 @functools.cache
 def _pixel_kernel(factor: int) -> torch.Tensor:
-    """Weights of the samples around a pixel in its integral, origin in the middle, float64.
+    """Compute the weights of the samples around a pixel in the pixel's integral, float64.
 
-    The integral over a pixel of the interpolation of each sample, which is a sinc under
-    a Kaiser window (Kaiser 1974): light below a third of the sampling rate passes.
+    The origin is in the middle. Each weight is the integral over the pixel of the interpolation of
+    one sample, a sinc under a Kaiser window (Kaiser 1974). Light below a third of the sampling rate
+    passes unchanged.
     """
     sample = np.arange(-_REACH - factor // 2, _REACH + factor // 2 + 1)
     nodes, weights = gauss_legendre(8)
@@ -126,7 +128,7 @@ def integrate_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
 
 
 class PixelIntegration:
-    """Integrate light over whole pixels, from the finer samples that this takes.
+    """Integrates light over whole sensor pixels, and plans the finer samples that this takes.
 
     Call the object with the light on its `plane`, (..., rows, columns); the result is the light on
     each pixel, (..., *pixels.shape). The attribute `plane` is finer than the pixels and reaches
@@ -165,16 +167,16 @@ class PixelIntegration:
 
     @property
     def bytes(self) -> int:
-        """Bytes of the fine samples in single precision, before and after their padding."""
+        """The memory in bytes of the fine samples in single precision, with and without padding."""
         return 2 * 4 * self._samples
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predicted processor time in seconds of one integration."""
+        """Predict the processor time of one pixel integration, in seconds."""
         taps = _pixel_kernel(self._factor).numel() / self._factor * (1 + 1 / self._factor)
         return speed.call + self._samples * taps * speed.tap
 
     def __call__(self, light: torch.Tensor) -> torch.Tensor:
-        """Light on whole pixels, (..., rows, columns), from light on `plane`."""
+        """Compute the light on whole pixels, (..., rows, columns), from light on `plane`."""
         return centred_crop(integrate_pixels(light, self._factor), self._shape)
 
 

@@ -1,4 +1,4 @@
-"""The sensor as data: its pixels, and what they make of light."""
+"""Define the sensor as data: its pixels and their characteristics."""
 
 from __future__ import annotations
 
@@ -11,16 +11,13 @@ from optics.plane import Plane
 from optics.sensor.mosaic import Mosaic
 from optics.validation import require_positive, require_share
 
-_FULL_WELL_NOISE = 5.0
-"""Standard deviations of read noise by which a full well may read too low."""
-
-_MOST_PRNU = 0.2
-"""Beyond it a pixel might answer to light with less than nothing."""
+_MAX_PRNU = 0.2
+"""Largest PRNU. With more, a pixel's response to light might be negative."""
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor, in the quantities of EMVA 1288.
+    """Describes a sensor in the quantities of EMVA 1288.
 
     shape: (rows, columns). pitch: metres. bits: of the digital number. full_well:
     electrons. gain: electrons per digital number. read_noise: electrons, standard
@@ -28,12 +25,13 @@ class Sensor:
     light. quantum_efficiency: electrons per photon. exposure_range: seconds.
     The defaults are those of a 3.45 µm machine-vision sensor.
 
-    spectral_efficiency: electrons per photon by wavelength; None: quantum_efficiency at all.
-    colour: filters on the pixels, whose curves count instead; None: a monochrome sensor.
-    prnu: standard deviation of the pixels' response, relative. dsnu: of what they read without
-    light, electrons. dead, hot: shares of pixels that see nothing, and that have hot_current
-    electrons per second more. fixed_seed: of the maps of these four, one for each camera.
-    shutter: "global", or "rolling" by line_time seconds from row to row. model: its name.
+    spectral_efficiency: electrons per photon by wavelength; None for quantum_efficiency at all
+    wavelengths. colour: mosaic of colour filters, whose curves replace spectral_efficiency; None
+    for a monochrome sensor. prnu: standard deviation of the pixels' response, relative. dsnu:
+    standard deviation of the pixels' offsets in darkness, electrons. dead: share of pixels that
+    don't respond to light. hot: share of pixels whose dark current is higher by hot_current
+    electrons per second. fixed_seed: seed of the maps of these four, one for each camera. shutter:
+    "global", or "rolling" with line_time seconds from row to row. model: name of the sensor.
     """
 
     shape: tuple[int, int] = (512, 768)
@@ -80,9 +78,9 @@ class Sensor:
         Plane(self.shape, (self.pitch, self.pitch))
 
     def _require_sound_pixels(self) -> None:
-        if self.prnu > _MOST_PRNU:
+        if self.prnu > _MAX_PRNU:
             raise ValueError(
-                f"prnu is {self.prnu:g}; it is a share of the response, {_MOST_PRNU:g} at most"
+                f"prnu is {self.prnu:g}; it is a share of the response, {_MAX_PRNU:g} at most"
             )
         for name in ("dead", "hot"):
             require_share(name, getattr(self, name))
@@ -102,15 +100,15 @@ class Sensor:
     def window_plane(
         self, shape: tuple[int, int], centre: tuple[float, float] = (0.0, 0.0)
     ) -> Plane:
-        """Some of the sensor's pixels, (rows, columns) around a centre (y, x) in metres."""
+        """Return the plane of a window of the sensor: (rows, columns) around (y, x) in metres."""
         return Plane(shape, (self.pitch, self.pitch), centre)
 
     @property
     def full_scale(self) -> int:
         """The digital number from which a pixel counts as clipped.
 
-        Where the well is full before the converter ends, read noise must not make it
-        look unclipped.
+        If the well is full before the converter's range ends, read noise may lower the number of a
+        full pixel. So the limit lies five standard deviations of read noise below the full well.
         """
-        well = self.full_well - _FULL_WELL_NOISE * self.read_noise
+        well = self.full_well - 5.0 * self.read_noise
         return int(min(2**self.bits - 1, math.floor(self.black_level + well / self.gain)))

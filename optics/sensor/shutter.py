@@ -1,4 +1,4 @@
-"""When each row of a sensor is exposed."""
+"""Compute when each row of a sensor is exposed, for a global or a rolling shutter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from optics.validation import require_positive
 
 
 def row_starts(sensor: Sensor, first_start: float = 0.0, *, rolling: bool = True) -> torch.Tensor:
-    """Times at which each row's exposure begins.
+    """Return the times at which the exposure of each row of a sensor begins.
 
     A global shutter starts all rows at once. A rolling shutter starts each row by the sensor's line
     time after the one before, from the first row to the last.
@@ -33,11 +33,11 @@ def row_starts(sensor: Sensor, first_start: float = 0.0, *, rolling: bool = True
 
 
 def row_delay(sensor: Sensor) -> float:
-    """Seconds between one row's start and the next's."""
+    """Return the delay between the starts of two neighbouring rows of a sensor, in seconds."""
     return sensor.line_time if sensor.shutter == "rolling" else 0.0
 
 
 def frame_duration(sensor: Sensor, exposure: float) -> float:
-    """Seconds from the first row's beginning to the last row's end."""
+    """Return the time from the start of a frame's first row to the end of its last, in seconds."""
     require_positive("exposure", exposure, "s")
     return exposure + (sensor.shape[0] - 1) * row_delay(sensor)

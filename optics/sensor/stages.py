@@ -1,4 +1,4 @@
-"""The sensor's stages, in the order of the physics, and which of them are done."""
+"""Define the stages of a sensor's simulation, and compute the expected electrons of its pixels."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from optics.validation import require_finite, require_positive
 ShotNoise = Literal["none", "Gaussian", "skewed", "Poisson"]
 
 FEW_ELECTRONS = 10.0
-"""Electrons below which Poisson's distribution is drawn from in any case: it costs as little
-there, and a normal one would be cut at 0."""
+"""Expected electrons below which shot noise is always sampled from Poisson's distribution. It costs
+as little there, and a normal distribution would be cut off at 0."""
 
 
 @dataclass(frozen=True)
 class Stages:
-    """Which stages of a sensor are simulated; all of them by default.
+    """Selects which stages of a sensor are simulated; all of them by default.
 
     They follow the order of the physics: dark current, fixed pattern (response and hot pixels;
     offsets come after the full well), shot noise, full well, read noise, converter.
@@ -63,10 +63,10 @@ class Stages:
 
 @dataclass(frozen=True, eq=False)
 class CollectedCharge:
-    """What is there to be read: expected electrons of each pixel, and what it reads too much.
+    """Holds the expected electrons of each pixel of a sensor, and the pixel's offset.
 
-    electrons: float64, 0 or more. offset_steps: int8 numbers of `electrons_per_step` electrons;
-    None where no pixel reads too much.
+    electrons: float64, 0 or more. offset_steps: the offset in steps of `electrons_per_step`
+    electrons, int8; None for a sensor without offsets.
     """
 
     electrons: torch.Tensor
@@ -74,13 +74,13 @@ class CollectedCharge:
     electrons_per_step: float = 0.0
 
     def select(self, pixels: torch.Tensor) -> CollectedCharge:
-        """Some of the pixels, by a mask."""
+        """Return the charge of the pixels that a mask selects."""
         steps = None if self.offset_steps is None else self.offset_steps[pixels]
         return CollectedCharge(self.electrons[pixels], steps, self.electrons_per_step)
 
     @property
     def offset(self) -> torch.Tensor | float:
-        """Electrons, float64; 0 where no pixel reads too much."""
+        """The pixels' offsets in electrons, float64; 0 for a sensor without offsets."""
         return (
             0.0
             if self.offset_steps is None
@@ -91,10 +91,10 @@ class CollectedCharge:
 def collect_electrons(
     electrons: torch.Tensor, exposure: float, sensor: Sensor, stages: Stages
 ) -> CollectedCharge:
-    """The electrons that each pixel holds in the mean at the end of an exposure.
+    """Compute the expected electrons of each pixel at the end of an exposure.
 
-    electrons: of light, over the exposure, any shape; (rows, columns) of the sensor where its
-    pixels differ. Negative ones count as none. Raises ValueError for numbers that aren't
+    electrons: from light, over the exposure, of any shape; (rows, columns) of the whole sensor if
+    its pixels differ. Negative ones count as zero. Raises ValueError for numbers that aren't
     finite, and for a picture of another shape.
     """
     require_positive("exposure", exposure, "s")

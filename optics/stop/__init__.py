@@ -1,1 +1,6 @@
-"""The open area of a stop: its boundary, its share of every cell, exact integrals over it."""
+"""Describe aperture stops: their shapes, the share of each grid cell that is open, and quadrature.
+
+`aperture` defines the shapes and their boundaries, `coverage` computes open shares of cells,
+`quadrature` gives nodes and weights of integrals over the open area, and `arcs` the open parts of
+circles, which the quadrature needs.
+"""

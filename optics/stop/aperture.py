@@ -1,9 +1,8 @@
-"""The open area of a stop: circles and polygons, less what stands in their way.
+"""Define the open area of a stop: a circle or polygon, less obscurations.
 
-Lengths are in units of the stop's radius, which is that of the circle around it. Every
-open area is described by its boundary alone, and its area and its share of each cell of a
-grid follow from the boundary by Green's theorem, so that nothing is drawn or approximated on
-the way.
+Lengths are in units of the stop's radius, which is the radius of the circle around it. Every open
+area is described by its boundary alone. Its area and its share of each cell of a grid follow from
+the boundary exactly, by Green's theorem, so that nothing is rasterised.
 """
 
 from __future__ import annotations
@@ -22,13 +21,13 @@ from optics.gauss_legendre import gauss_legendre
 Point = tuple[float, float]
 Array = NDArray[np.float64]
 
-_NEGLIGIBLE = 1e-12
-"""Areas and lengths below this are rounding errors."""
+NEGLIGIBLE = 1e-12
+"""Areas and lengths below this, in units of the stop's radius, count as rounding errors."""
 
 
 @dataclass(frozen=True)
 class Circle:
-    """A disc. radius and centre (y, x) in stop radii."""
+    """A disc as part of a stop's shape; radius and centre (y, x) in stop radii."""
 
     radius: float = 1.0
     centre: Point = (0.0, 0.0)
@@ -45,7 +44,7 @@ class Circle:
 
 @dataclass(frozen=True)
 class Polygon:
-    """A simple polygon by its corners (y, x) in stop radii, in either sense of rotation."""
+    """A simple polygon as part of a stop's shape; corners (y, x) in stop radii, in either order."""
 
     corners: tuple[Point, ...]
 
@@ -56,7 +55,7 @@ class Polygon:
             raise ValueError("a polygon's corners must be finite numbers")
         if _crosses_itself(self.corners):
             raise ValueError("a polygon crosses itself; give its corners in order")
-        if abs(_shoelace(self.corners)) < _NEGLIGIBLE:
+        if abs(_shoelace(self.corners)) < NEGLIGIBLE:
             raise ValueError("a polygon's corners lie in a line; it has no area")
         if _shoelace(self.corners) < 0:
             object.__setattr__(self, "corners", tuple(reversed(self.corners)))
@@ -68,7 +67,7 @@ class Polygon:
     @property
     def is_convex(self) -> bool:
         return all(
-            _cross(a, b, c) >= -_NEGLIGIBLE
+            _cross(a, b, c) >= -NEGLIGIBLE
             for (a, b), (_, c) in zip(self.edges, self.edges[1:] + self.edges[:1], strict=True)
         )
 
@@ -85,13 +84,16 @@ Shape = Circle | Polygon
 
 
 def rectangle(height: float, width: float, centre: Point = (0.0, 0.0)) -> Polygon:
-    """An upright rectangle; lengths in stop radii."""
+    """Make an upright rectangle for a stop; lengths in stop radii."""
     (y, x), v, u = centre, height / 2, width / 2
     return Polygon(((y - v, x - u), (y - v, x + u), (y + v, x + u), (y + v, x - u)))
 
 
 def regular_polygon(sides: int, radius: float = 1.0, turn: float = 0.0) -> Polygon:
-    """The opening that `sides` straight blades leave; turn in radians, corners on the circle."""
+    """Make the opening of a stop with straight blades: a regular polygon.
+
+    radius: of the circle through its corners, in stop radii. turn: rotation in radians.
+    """
     if sides < 3:
         raise ValueError(f"sides is {sides}; an opening has three or more")
     angles = turn + 2 * math.pi / sides * np.arange(sides)
@@ -100,13 +102,13 @@ def regular_polygon(sides: int, radius: float = 1.0, turn: float = 0.0) -> Polyg
 
 @dataclass(frozen=True)
 class Segment:
-    """A straight piece of a boundary."""
+    """A straight piece of a stop's boundary."""
 
     start: Point
     end: Point
 
     def points(self, t: Array) -> tuple[Array, Array]:
-        """(y, x) at t from 0 to 1."""
+        """Return the points (y, x) of the segment at the parameters t, from 0 to 1."""
         (y0, x0), (y1, x1) = self.start, self.end
         return y0 + t * (y1 - y0), x0 + t * (x1 - x0)
 
@@ -115,7 +117,7 @@ class Segment:
         return np.full_like(t, y1 - y0), np.full_like(t, x1 - x0)
 
     def crossings(self, axis: int, level: Array) -> Array:
-        """Parameters t at which the coordinate of an axis takes any of the levels."""
+        """Return the parameters t at which the segment's coordinate equals one of the levels."""
         low, high = self.start[axis], self.end[axis]
         if low == high:
             return np.empty(0)
@@ -125,7 +127,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Arc:
-    """A piece of a circle, from one angle to another, in radians from x towards y."""
+    """A circular piece of a stop's boundary, between two angles in radians from x towards y."""
 
     centre: Point
     radius: float
@@ -159,14 +161,17 @@ Piece = Segment | Arc
 
 @dataclass(frozen=True)
 class Loop:
-    """A closed boundary around an area that counts `sign` times."""
+    """A closed boundary of a stop; the area inside it counts `sign` times."""
 
     pieces: tuple[Piece, ...]
     sign: int = 1
 
     @property
     def area(self) -> float:
-        """Half the turn of the radius vector; 24 nodes are exact for arcs and segments."""
+        """The signed area in square stop radii, by Green's theorem.
+
+        24 nodes make it exact to rounding, for arcs and segments.
+        """
         nodes, weights = gauss_legendre(24)
         t, total = (nodes + 1) / 2, 0.0
         for piece in self.pieces:
@@ -177,7 +182,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class Stop:
-    """An opening, and what obscures part of it; lengths in stop radii.
+    """An aperture stop: an opening and its obscurations; lengths in stop radii.
 
     Obscurations may reach beyond the opening's edge and overlap in pairs, as the vanes of a
     spider do. Raises ValueError where three overlap, or nothing stays open.
@@ -200,12 +205,15 @@ class Stop:
             raise ValueError(
                 "three obscurations overlap; end vanes where others begin, or draw them as one"
             )
-        if self.area <= _NEGLIGIBLE:
+        if self.area <= NEGLIGIBLE:
             raise ValueError("the obscurations close the stop: no light passes")
 
     @property
     def loops(self) -> tuple[Loop, ...]:
-        """The boundary: the opening, less each obscuration, plus what was taken off twice."""
+        """The stop's boundary: the opening, less each obscuration, plus the overlaps of pairs.
+
+        An overlap is added because both obscurations subtract it.
+        """
         found: list[Loop | None] = [_boundary(self.opening, 1)]
         found += [_intersection_loop(self.opening, shape, -1) for shape in self.obscurations]
         for a, b in combinations(self.obscurations, 2):
@@ -213,9 +221,9 @@ class Stop:
         return tuple(loop for loop in found if loop is not None)
 
     def _overlap_in_opening(self, a: Shape, b: Shape, c: Shape) -> bool:
-        """Whether three obscurations cover a part of the opening together.
+        """Tell whether three obscurations overlap inside the opening.
 
-        Touching doesn't count: vanes that end where others begin have corners in common.
+        Touching isn't overlapping: vanes that end where others begin share corners.
         """
         a, b, c = sorted((a, b, c), key=lambda shape: isinstance(shape, Circle))
         if isinstance(a, Polygon) and isinstance(b, Polygon):
@@ -225,8 +233,9 @@ class Stop:
             if both is None:
                 return False
             if c == self.opening or _lies_within(c, self.opening):
-                return _loop_area(_intersection_loop(c, both, 1)) > _NEGLIGIBLE
-        # Two circles, or one that the edge cuts: their common parts are found by sampling.
+                return _loop_area(_intersection_loop(c, both, 1)) > NEGLIGIBLE
+        # The overlap of two circles, or of a circle that the opening's edge cuts, is found by
+        # sampling.
         grid = (np.arange(800) + 0.5) / 400 - 1
         y, x = grid[:, None], grid[None, :]
         inside = (shape.contains(y, x) for shape in (self.opening, a, b, c))
@@ -244,12 +253,12 @@ class Stop:
 
     @property
     def area(self) -> float:
-        """In square stop radii."""
+        """The open area in square stop radii."""
         return sum(loop.area for loop in self.loops)
 
     @property
     def annulus_radii(self) -> tuple[float, float] | None:
-        """Inner and outer radius if the stop looks the same in all directions, else None."""
+        """The inner and outer radius of a stop that is a disc or an annulus, else None."""
         if not isinstance(self.opening, Circle) or any(self.opening.centre):
             return None
         if not self.obscurations:
@@ -261,7 +270,7 @@ class Stop:
 
     @property
     def rectangle_bounds(self) -> tuple[float, float, float, float] | None:
-        """(lowest y, highest y, lowest x, highest x) of an upright, clear rectangle, else None."""
+        """The limits (low y, high y, low x, high x) of an upright rectangular stop, else None."""
         if self.obscurations or not isinstance(self.opening, Polygon):
             return None
         if len(self.opening.corners) != 4:
@@ -278,7 +287,7 @@ def _shoelace(corners: Sequence[Point]) -> float:
 
 
 def _cross(a: Point, b: Point, c: Point) -> float:
-    """Positive if a, b, c turn from x towards y."""
+    """Return the cross product of ab and ac, positive for a turn from x towards y."""
     return (b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])
 
 
@@ -293,9 +302,9 @@ def _crosses_itself(corners: Sequence[Point]) -> bool:
 
 
 def _on_both_sides(start: Point, end: Point, c: Point, d: Point) -> bool:
-    """Whether a line has c and d on different sides; what is rounding off it is on it."""
+    """Tell whether c and d lie on different sides of a line, and neither on it up to rounding."""
     low, high = sorted((_cross(start, end, c), _cross(start, end, d)))
-    return low < -_NEGLIGIBLE and high > _NEGLIGIBLE
+    return low < -NEGLIGIBLE and high > NEGLIGIBLE
 
 
 def _boundary(shape: Shape, sign: int) -> Loop:
@@ -305,7 +314,7 @@ def _boundary(shape: Shape, sign: int) -> Loop:
 
 
 def _lies_within(inner: Shape, outer: Shape) -> bool:
-    """Whether one shape lies inside another; a polygon's own corners decide, if it is convex."""
+    """Tell whether one shape of a stop lies inside another."""
     if isinstance(outer, Circle) and isinstance(inner, Circle):
         return math.dist(inner.centre, outer.centre) + inner.radius <= outer.radius
     if isinstance(outer, Circle):
@@ -317,13 +326,12 @@ def _lies_within(inner: Shape, outer: Shape) -> bool:
             _distance_to_segment(inner.centre, a, b) >= inner.radius for a, b in outer.edges
         )
     return (
-        abs(_loop_area(_intersection_loop(outer, inner, 1)) - _shoelace(inner.corners))
-        < _NEGLIGIBLE
+        abs(_loop_area(_intersection_loop(outer, inner, 1)) - _shoelace(inner.corners)) < NEGLIGIBLE
     )
 
 
 def _distance_to_segment(p: Point, a: Point, b: Point) -> float:
-    """From a point to a segment."""
+    """Return the distance from a point to a segment of a polygon."""
     along = np.subtract(b, a)
     t = float(np.clip(np.dot(np.subtract(p, a), along) / np.dot(along, along), 0, 1))
     return math.dist(p, (a[0] + t * along[0], a[1] + t * along[1]))
@@ -334,7 +342,7 @@ def _loop_area(loop: Loop | None) -> float:
 
 
 def _intersection_loop(a: Shape, b: Shape, sign: int) -> Loop | None:
-    """The boundary of what two shapes have in common; None for nothing."""
+    """Return the boundary of the intersection of two shapes, or None if it is empty."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_intersection(a, b, sign)
     if isinstance(a, Circle):
@@ -362,10 +370,11 @@ def _circle_intersection(a: Circle, b: Circle, sign: int) -> Loop | None:
 
 
 def _circle_polygon_intersection(circle: Circle, polygon: Polygon, sign: int) -> Loop | None:
-    """Edges inside the circle stay; edges outside become the arc that they hide.
+    """Return the boundary of the intersection of a circle and a polygon.
 
-    Seen from the circle's centre every edge sweeps a signed area, and so does what it is
-    replaced by: the sum is right for every simple polygon.
+    Edges inside the circle are kept. An edge outside is replaced by the arc that it hides, seen
+    from the circle's centre. Every edge or arc sweeps a signed area around the centre, so that the
+    sum is right for every simple polygon.
     """
     pieces: list[Piece] = []
     for a, b in polygon.edges:
@@ -374,17 +383,17 @@ def _circle_polygon_intersection(circle: Circle, polygon: Polygon, sign: int) ->
         for low, high in pairwise(cuts):
             middle = [c[0] for c in edge.points(np.array([(low + high) / 2]))]
             p, q = (tuple(float(c[0]) for c in edge.points(np.array([t]))) for t in (low, high))
-            # An edge that touches the circle in its middle is outside.
-            if math.dist(middle, circle.centre) < circle.radius - _NEGLIGIBLE:
+            # An edge that only touches the circle in its middle counts as outside.
+            if math.dist(middle, circle.centre) < circle.radius - NEGLIGIBLE:
                 pieces.append(Segment(p, q))  # type: ignore[arg-type]
             else:
                 pieces.append(_hidden_arc(circle, p, q))  # type: ignore[arg-type]
     loop = Loop(tuple(pieces), sign)
-    return loop if abs(loop.area) > _NEGLIGIBLE else None
+    return loop if abs(loop.area) > NEGLIGIBLE else None
 
 
 def _circle_crossings(circle: Circle, edge: Segment) -> list[float]:
-    """Parameters at which an edge crosses a circle, in order."""
+    """Return the parameters t at which an edge of a polygon crosses a circle, in order."""
     start, along = np.subtract(edge.start, circle.centre), np.subtract(edge.end, edge.start)
     a, b = float(along @ along), float(start @ along)
     root = b * b - a * (float(start @ start) - circle.radius**2)
@@ -402,7 +411,7 @@ def _hidden_arc(circle: Circle, p: Point, q: Point) -> Arc:
 
 
 def _clip_polygon(a: Polygon, b: Polygon) -> Polygon | None:
-    """What two polygons have in common, one of them convex (Sutherland and Hodgman 1974)."""
+    """Intersect two polygons, one of which is convex (Sutherland and Hodgman 1974)."""
     if not a.is_convex:
         a, b = b, a
     if not a.is_convex:
@@ -410,7 +419,7 @@ def _clip_polygon(a: Polygon, b: Polygon) -> Polygon | None:
     corners: list[Point] = list(b.corners)
     for start, end in a.edges:
         corners = _clip_by_line(corners, start, end)
-    if len(corners) < 3 or abs(_shoelace(corners)) < _NEGLIGIBLE:
+    if len(corners) < 3 or abs(_shoelace(corners)) < NEGLIGIBLE:
         return None
     return Polygon(tuple(corners))
 
@@ -430,6 +439,6 @@ def _clip_by_line(corners: Sequence[Point], start: Point, end: Point) -> list[Po
 def _drop_repeated_corners(corners: Iterable[Point]) -> list[Point]:
     kept: list[Point] = []
     for corner in corners:
-        if not kept or math.dist(corner, kept[-1]) > _NEGLIGIBLE:
+        if not kept or math.dist(corner, kept[-1]) > NEGLIGIBLE:
             kept.append(corner)
-    return kept[:-1] if len(kept) > 1 and math.dist(kept[0], kept[-1]) <= _NEGLIGIBLE else kept
+    return kept[:-1] if len(kept) > 1 and math.dist(kept[0], kept[-1]) <= NEGLIGIBLE else kept

@@ -1,21 +1,20 @@
-"""Where a circle around the axis runs in the open part of a stop."""
+"""Find the arcs of circles around the axis that lie in the open part of a stop."""
 
 from __future__ import annotations
 
 import math
 from itertools import combinations, pairwise
 
-from optics.stop.aperture import Circle, Point, Polygon, Shape, Stop
+from optics.stop.aperture import NEGLIGIBLE, Circle, Point, Polygon, Shape, Stop
 
 Interval = tuple[float, float]
-"""Of angles in radians from x towards y, the first from 0 to below 2 pi."""
+"""First and last angle of an arc, in radians from x towards y; the first is in [0, 2 pi)."""
 
 _FULL_CIRCLE: Interval = (0.0, 2 * math.pi)
-_EPSILON = 1e-12
 
 
 def open_arcs(stop: Stop, r: float) -> list[Interval]:
-    """The open parts of the circle of radius r, in stop radii."""
+    """Return the arcs of the circle of radius r that a stop leaves open; r in stop radii."""
     found = _arcs_inside_shape(stop.opening, r)
     for shape in stop.obscurations:
         for low, high in _arcs_inside_shape(shape, r):
@@ -23,13 +22,13 @@ def open_arcs(stop: Stop, r: float) -> list[Interval]:
                 part
                 for first, last in found
                 for part in ((first, min(last, low)), (max(first, high), last))
-                if part[1] - part[0] > _EPSILON
+                if part[1] - part[0] > NEGLIGIBLE
             ]
     return _join_arcs_at_zero(found)
 
 
 def _join_arcs_at_zero(arcs: list[Interval]) -> list[Interval]:
-    """One arc for two that meet at the angle 0."""
+    """Join two arcs that meet at the angle 0 into one."""
     if len(arcs) < 2 or arcs[0][0] > 0 or arcs[-1][1] < _FULL_CIRCLE[1]:
         return arcs
     return [*arcs[1:-1], (arcs[-1][0], arcs[0][1] + 2 * math.pi)]
@@ -46,7 +45,10 @@ def _arcs_inside_shape(shape: Shape, r: float) -> list[Interval]:
 
 
 def _contains_point(polygon: Polygon, r: float, angle: float) -> bool:
-    """Polygon.contains() for one point; there may be a million of them, one after the other."""
+    """Tell whether a polygon contains one point, given in polar coordinates.
+
+    `Polygon.contains` is slow for single points, and this function may be called a million times.
+    """
     y, x = r * math.sin(angle), r * math.cos(angle)
     inside = False
     for (y0, x0), (y1, x1) in polygon.edges:
@@ -56,7 +58,7 @@ def _contains_point(polygon: Polygon, r: float, angle: float) -> bool:
 
 
 def _merge_touching_arcs(arcs: list[Interval]) -> list[Interval]:
-    """Arcs that touch become one."""
+    """Join arcs that touch."""
     kept: list[Interval] = []
     for first, last in arcs:
         if kept and first - kept[-1][1] <= 0:
@@ -82,7 +84,7 @@ def _arcs_inside_circle(circle: Circle, r: float) -> list[Interval]:
 
 
 def _crossing_angles(p: Point, q: Point, r: float) -> list[float]:
-    """Where an edge crosses the circle of radius r around the axis."""
+    """Return the angles at which an edge crosses the circle of radius r around the axis."""
     return [
         math.atan2(y, x) % (2 * math.pi)
         for y, x in _edge_circle_intersections((0.0, 0.0), r * r, p, q)
@@ -90,7 +92,7 @@ def _crossing_angles(p: Point, q: Point, r: float) -> list[float]:
 
 
 def break_radii(stop: Stop) -> list[float]:
-    """Radii between which open_arcs() changes smoothly, from the smallest to the largest."""
+    """Return the radii, in rising order, between which a stop's open arcs change smoothly."""
     shapes: tuple[Shape, ...] = (stop.opening, *stop.obscurations)
     found = [r for shape in shapes for r in _critical_radii(shape)]
     found += [
@@ -100,14 +102,14 @@ def break_radii(stop: Stop) -> list[float]:
     ]
     farthest = max(_critical_radii(stop.opening))
     kept = [0.0]
-    for r in sorted(r for r in found if r < farthest - _EPSILON):
-        if r > kept[-1] + _EPSILON:
+    for r in sorted(r for r in found if r < farthest - NEGLIGIBLE):
+        if r > kept[-1] + NEGLIGIBLE:
             kept.append(r)
     return [*kept, farthest]
 
 
 def _critical_radii(shape: Shape) -> list[float]:
-    """Of corners, and of points where an edge runs along a circle around the axis."""
+    """Return the radii of a shape's corners, and of points where an edge is tangent to a circle."""
     if isinstance(shape, Circle):
         away = math.hypot(*shape.centre)
         return [abs(shape.radius - away), shape.radius + away]
@@ -121,7 +123,7 @@ def _critical_radii(shape: Shape) -> list[float]:
 
 
 def _outline_intersections(a: Shape, b: Shape) -> list[Point]:
-    """Points where two outlines cross."""
+    """Return the points where the outlines of two shapes cross."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_intersections(a, b)
     if isinstance(a, Polygon) and isinstance(b, Polygon):
@@ -151,7 +153,10 @@ def _circle_intersections(a: Circle, b: Circle) -> list[Point]:
 
 
 def _edge_circle_intersections(centre: Point, square: float, p: Point, q: Point) -> list[Point]:
-    """Where an edge from p to q crosses a circle of a squared radius."""
+    """Return the points where an edge from p to q crosses a circle.
+
+    square: the circle's squared radius.
+    """
     (cy, cx), dy, dx = centre, q[0] - p[0], q[1] - p[1]
     y, x = p[0] - cy, p[1] - cx
     a, b = dy * dy + dx * dx, y * dy + x * dx

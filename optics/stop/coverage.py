@@ -1,4 +1,4 @@
-"""The share of each cell of a grid that lies in a stop, exactly."""
+"""Compute the share of each cell of a grid that a stop leaves open, exactly."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane
 from optics.stop.aperture import Array, Piece, Stop
 
-_ROUNDING = 2e-14
-"""Of an area that is walked around, in square stop radii."""
-
 _NODES, _WEIGHTS = gauss_legendre(16)
 
 
 def coverage(stop: Stop, radius: float, plane: Plane) -> torch.Tensor:
-    """Share of each cell of a plane that a stop of `radius` metres leaves open, float64."""
+    """Compute the share of each cell of a plane that a stop leaves open, float64.
+
+    radius: of the stop, metres.
+    """
     return Coverage(stop, radius, plane).open_share(
         slice(0, plane.shape[0]), slice(0, plane.shape[1])
     )
 
 
 class Coverage:
-    """Shares of the cells of a plane that a stop of `radius` metres leaves open, of any part.
+    """Computes the open share of the cells of a plane behind a stop of `radius` metres.
 
-    By Green's theorem the part of a cell in the stop is the sum over the boundary of
-    (x - left side of the cell) dy inside the cell, plus the cell's width times dy wherever
-    the boundary passes the cell on its right: one walk along the boundary fills a picture.
+    By Green's theorem, the open area of a cell is a sum over the stop's boundary: (x - left side of
+    the cell) dy inside the cell, plus the cell's width times dy wherever the boundary passes to the
+    right of the cell. So one pass along the boundary is enough for all cells.
     """
 
     def __init__(self, stop: Stop, radius: float, plane: Plane) -> None:
@@ -45,7 +45,7 @@ class Coverage:
         self._strip, self._step = strip[order], step[order]
 
     def open_share(self, rows: slice, columns: slice) -> torch.Tensor:
-        """Of some rows and columns, from a first to a last one, float64."""
+        """Return the open share of the cells in a range of rows and columns, float64."""
         part = slice(*np.searchsorted(self._row, (rows.start, rows.stop)))
         row, column = self._row[part] - rows.start, self._column[part] - columns.start
         on = column >= 0
@@ -57,12 +57,13 @@ class Coverage:
         np.add.at(passed, (row, np.minimum(column, width)), step)
         here = column < width
         np.add.at(inside, (row[here], column[here]), strip[here])
-        # What passes on the right of a cell passes on the right of all cells left of it.
+        # Boundary to the right of a cell is also to the right of all cells left of it.
         right = np.cumsum(passed[:, ::-1], axis=1)[:, ::-1]
         cell = self._pitch[0] * self._pitch[1]
         share = (inside + right[:, 1:] * self._pitch[1]) / cell
-        # Rounding must not let light through what is closed.
-        least = _ROUNDING / cell
+        # Rounding must not let light through a closed cell. The rounding error of an area from its
+        # boundary is about 2e-14 square stop radii.
+        least = 2e-14 / cell
         share[share < least] = 0.0
         share[share > 1 - least] = 1.0
         return torch.from_numpy(share)
@@ -76,10 +77,10 @@ def _cell_edges(plane: Plane, axis: int) -> Array:
 def _integrate_along_piece(
     piece: Piece, sign: int, lines: list[Array]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]:
-    """The steps along a piece of the boundary, cut where it crosses the lines of the grid.
+    """Divide a piece of a stop's boundary at the grid's lines and integrate over each step.
 
-    Their rows and columns, the sums of (x - left side of the cell) dy, and of dy; a step beyond
-    the right of the grid is in the column after the last.
+    Returns each step's row, its column, the integral of (x - left side of the cell) dy, and the
+    integral of dy. A step beyond the grid's right side has the column after the last.
     """
     count = [line.size - 1 for line in lines]
     cuts = [piece.crossings(axis, lines[axis]) for axis in (0, 1)]
@@ -87,7 +88,8 @@ def _integrate_along_piece(
     half, middle = np.diff(t) / 2, (t[:-1] + t[1:]) / 2
     at = middle[:, None] + half[:, None] * _NODES
     y, x = piece.points(at)
-    # A point in the middle could lie on a line that an arc touches; the mean doesn't.
+    # The midpoint of a step could lie on a line that an arc touches. The mean of its points
+    # doesn't.
     row = np.searchsorted(lines[0], y.mean(axis=1)) - 1
     column = np.searchsorted(lines[1], x.mean(axis=1)) - 1
     on = (row >= 0) & (row < count[0]) & (column >= 0)

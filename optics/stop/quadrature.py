@@ -1,8 +1,8 @@
-"""Where to take a smooth wave in a stop, and with which weight, so that its integral is exact.
+"""Choose nodes and weights that integrate a smooth wave over a stop to a tolerance.
 
-Gauss-Legendre nodes along straight lines converge faster than any power once a wave turns
-by less than two radians from one node to the next; so do evenly spaced nodes around a
-circle. All rules follow the stop's boundary, so no edge is ever crossed.
+Gauss-Legendre nodes along straight lines converge faster than any power once the phase changes by
+less than two radians from node to node. Evenly spaced nodes around a circle do so, too. All rules
+follow the stop's boundary, so that no rule integrates across an edge.
 """
 
 from __future__ import annotations
@@ -21,28 +21,23 @@ from optics.gauss_legendre import gauss_legendre
 from optics.stop.aperture import Array, Stop
 from optics.stop.arcs import break_radii, open_arcs
 
-_RADIANS_PER_SUBINTERVAL = 200.0
-"""Longer lines are cut into panels: rules of thousands of nodes are slow to find."""
-
 _CHUNK_NODES = 1 << 20
-"""Nodes that are made at once."""
+"""Nodes that are computed at a time."""
 
 _NodeChunk = tuple[Array, Array, Array]
 """Positions (y, x) in stop radii, and weights."""
 
 _SPARSE_NODES = 16
-"""Radii at which arcs are counted, and their ends followed."""
-
-_END_SPEED_MARGIN = 1.2
+"""Radii at which open arcs are evaluated to estimate the number of nodes and the arcs' ends."""
 
 
 @dataclass(frozen=True)
 class PhaseSlopeBound:
-    """How fast the phase may turn, in radians per stop radius.
+    """Bounds how fast the phase of a wave in the stop changes, in radians per stop radius.
 
-    radial(r): outwards, at radius r and the largest of all below; azimuthal(r): along the
-    circle, radians per radian of angle. tilt: of the kernel, towards the farthest sample.
-    azimuthal_cycles: the most that the wave makes around the axis.
+    radial(r): bound of the radial slope at all radii up to r. azimuthal(r): bound along the circle
+    of radius r, in radians per radian of angle. tilt: slope of the Fourier kernel of the farthest
+    sample. azimuthal_cycles: most cycles that the wave makes around the axis.
     """
 
     radial: Callable[[float], float]
@@ -51,13 +46,13 @@ class PhaseSlopeBound:
     azimuthal_cycles: int = 1
 
     def largest_slope(self, r: float) -> float:
-        """In any direction at a radius, kernel included."""
+        """Return the bound of the slope at radius r in any direction, Fourier kernel included."""
         return math.hypot(self.radial(r), self.azimuthal(r) / max(r, 1e-3)) + self.tilt
 
 
 @dataclass(frozen=True)
 class QuadratureNodes:
-    """Points (y, x) in stop radii and weights whose sum is the open area."""
+    """Holds quadrature nodes (y, x) in stop radii, and weights whose sum is the open area."""
 
     y: torch.Tensor
     x: torch.Tensor
@@ -75,66 +70,76 @@ def _unit_interval_rule(count: int) -> tuple[Array, Array]:
 
 
 def gauss_node_count(length: float, slope: float, tol: float) -> int:
-    """Gauss-Legendre nodes for a phase that turns by no more than slope x length.
+    """Return the number of Gauss-Legendre nodes for a phase that changes by slope x length at most.
 
-    Half a node a radian of half the turn, some for the transition (Trefethen 2008), and
-    some for the tolerance.
+    It is half a node per radian of half the change, plus nodes for the transition to convergence
+    (Trefethen 2008), plus nodes for the tolerance.
     """
     turn = length * slope / 2
     return math.ceil(turn / 2 + 2.5 * turn ** (1 / 3) - 1.5 * math.log10(tol)) + 8
 
 
 def _subinterval_count(length: float, slope: float) -> int:
-    return max(1, math.ceil(length * slope / 2 / _RADIANS_PER_SUBINTERVAL))
+    # Gauss-Legendre rules of thousands of nodes are slow to compute, so a line is divided where
+    # half of its phase change exceeds 200 rad.
+    return max(1, math.ceil(length * slope / 2 / 200.0))
 
 
 def line_rule(length: float, slope: float, tol: float) -> tuple[Array, Array]:
-    """Nodes in 0 to 1 and weights with sum 1, in panels."""
+    """Return composite Gauss-Legendre nodes from 0 to 1 and weights with the sum 1.
+
+    The line has the given length in stop radii, and the phase the given slope along it.
+    """
     panels = _subinterval_count(length, slope)
     nodes, weights = _unit_interval_rule(gauss_node_count(length / panels, slope, tol))
     starts = np.arange(panels)[:, None] / panels
     return (starts + nodes / panels).ravel(), np.tile(weights / panels, panels)
 
 
-def count_nodes(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> int:
-    """How many nodes stop_rule() makes, within some percent, without making them."""
+def count_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
+    """Estimate the number of nodes of stop_rule(), within some percent, without computing them."""
     if stop.annulus_radii is not None:
         inner, outer = stop.annulus_radii
-        count, some = _sparse_line_nodes(outer - inner, _radial_slope(outer, steepness), tol)
+        count, some = _sparse_line_nodes(outer - inner, _radial_slope(outer, slope_bound), tol)
         radii = inner + (outer - inner) * some
-        return int(count * np.mean([_circle_node_count(r, steepness, tol) for r in radii.tolist()]))
+        return int(
+            count * np.mean([_circle_node_count(r, slope_bound, tol) for r in radii.tolist()])
+        )
     return int(
-        min(_row_rule_node_count(stop, steepness, tol), _arc_rule_node_count(stop, steepness, tol))
+        min(
+            _row_rule_node_count(stop, slope_bound, tol),
+            _arc_rule_node_count(stop, slope_bound, tol),
+        )
     )
 
 
-def _row_rule_node_count(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> float:
-    """Infinite where the stop isn't an upright rectangle."""
+def _row_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> float:
+    """Return the number of nodes in rows and columns; infinite unless the stop is a rectangle."""
     if stop.rectangle_bounds is None:
         return math.inf
     y0, y1, x0, x1 = stop.rectangle_bounds
-    slope = steepness.largest_slope(1.0)
+    slope = slope_bound.largest_slope(1.0)
     return line_rule_node_count(y1 - y0, slope, tol) * line_rule_node_count(x1 - x0, slope, tol)
 
 
-def _arc_rule_node_count(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> int:
+def _arc_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
     total = 0.0
     for low, high in pairwise(break_radii(stop)):
         count, some = _sparse_line_nodes(
-            math.pi, _arc_integral_slope(stop, low, high, steepness), tol
+            math.pi, _arc_integral_slope(stop, low, high, slope_bound), tol
         )
         radii, _ = _end_clustered_radii(low, high, math.pi * (some - 0.5))
         arcs = ((r, arc) for r in radii.tolist() for arc in open_arcs(stop, r))
         total += (
             count
-            * sum(_single_arc_node_count(r, arc, steepness, tol) for r, arc in arcs)
+            * sum(_single_arc_node_count(r, arc, slope_bound, tol) for r, arc in arcs)
             / _SPARSE_NODES
         )
     return int(total)
 
 
 def _sparse_line_nodes(length: float, slope: float, tol: float) -> tuple[int, Array]:
-    """How many nodes line_rule() makes, and a few of them, as dense as all."""
+    """Return the number of nodes of line_rule(), and an evenly spread sample of them."""
     count = line_rule_node_count(length, slope, tol)
     panels = _subinterval_count(length, slope)
     number = ((np.arange(_SPARSE_NODES) + 0.5) / _SPARSE_NODES * count).astype(np.int64)
@@ -142,18 +147,18 @@ def _sparse_line_nodes(length: float, slope: float, tol: float) -> tuple[int, Ar
     return count, (panel + _unit_interval_rule(count // panels)[0][place]) / panels
 
 
-def stop_rule(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> QuadratureNodes:
-    """Nodes and weights of an integral over a stop."""
-    return _join_chunks(list(_node_chunks(stop, steepness, tol)))
+def stop_rule(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> QuadratureNodes:
+    """Return the nodes and weights of an integral over a stop."""
+    return _join_chunks(list(_node_chunks(stop, slope_bound, tol)))
 
 
 def stop_rule_blocks(
-    stop: Stop, steepness: PhaseSlopeBound, tol: float, max_nodes: int
+    stop: Stop, slope_bound: PhaseSlopeBound, tol: float, max_nodes: int
 ) -> Iterator[QuadratureNodes]:
-    """stop_rule() piece by piece, each of about `max_nodes` nodes, for rules that fit no memory."""
+    """Yield the nodes of stop_rule() in blocks of about `max_nodes`, to save memory."""
     gathered: list[_NodeChunk] = []
     count = 0
-    for part in _node_chunks(stop, steepness, tol):
+    for part in _node_chunks(stop, slope_bound, tol):
         if gathered and count + part[2].size > max_nodes:
             yield _join_chunks(gathered)
             gathered, count = [], 0
@@ -162,30 +167,31 @@ def stop_rule_blocks(
     yield _join_chunks(gathered)
 
 
-def _node_chunks(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
+def _node_chunks(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
     if stop.annulus_radii is not None:
-        return _ring_nodes(*stop.annulus_radii, steepness, tol)
+        return _ring_nodes(*stop.annulus_radii, slope_bound, tol)
     if stop.rectangle_bounds is None:
-        return _arc_nodes(stop, steepness, tol)
-    # Rows and columns follow a rectangle's edges; far out of focus, arcs follow the wave.
-    if _row_rule_node_count(stop, steepness, tol) <= _arc_rule_node_count(stop, steepness, tol):
-        return _row_nodes(stop, steepness, tol)
-    return _arc_nodes(stop, steepness, tol)
+        return _arc_nodes(stop, slope_bound, tol)
+    # Rows and columns follow a rectangle's edges. Far out of focus, arcs need fewer nodes, because
+    # they follow the wave.
+    if _row_rule_node_count(stop, slope_bound, tol) <= _arc_rule_node_count(stop, slope_bound, tol):
+        return _row_nodes(stop, slope_bound, tol)
+    return _arc_nodes(stop, slope_bound, tol)
 
 
 def product_rule(
-    stop: Stop, steepness: PhaseSlopeBound, tol: float
+    stop: Stop, slope_bound: PhaseSlopeBound, tol: float
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Rows and columns of nodes, with their weights, over an upright rectangle."""
+    """Return nodes and weights along y and along x, over a stop that is an upright rectangle."""
     assert stop.rectangle_bounds is not None
     y0, y1, x0, x1 = stop.rectangle_bounds
-    slope = steepness.largest_slope(1.0)
+    slope = slope_bound.largest_slope(1.0)
     (ty, wy), (tx, wx) = (line_rule(side, slope, tol) for side in (y1 - y0, x1 - x0))
     return (y0 + (y1 - y0) * ty, (y1 - y0) * wy), (x0 + (x1 - x0) * tx, (x1 - x0) * wx)
 
 
-def _row_nodes(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
-    (y, wy), (x, wx) = product_rule(stop, steepness, tol)
+def _row_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
+    (y, wy), (x, wx) = product_rule(stop, slope_bound, tol)
     rows = max(1, _CHUNK_NODES // x.size)
     for start in range(0, y.size, rows):
         part, weight = y[start : start + rows], wy[start : start + rows]
@@ -198,33 +204,36 @@ def _join_chunks(parts: list[_NodeChunk]) -> QuadratureNodes:
 
 
 def line_rule_node_count(length: float, slope: float, tol: float) -> int:
-    """How many nodes line_rule() makes."""
+    """Return the number of nodes of line_rule()."""
     panels = _subinterval_count(length, slope)
     return panels * gauss_node_count(length / panels, slope, tol)
 
 
-def _circle_node_count(r: float, steepness: PhaseSlopeBound, tol: float) -> int:
-    """Evenly spaced nodes around a circle: more than the cycles of the fastest harmonic."""
-    kernel = _harmonic_count(steepness.tilt * r, tol)
-    if not steepness.azimuthal(r):
+def _circle_node_count(r: float, slope_bound: PhaseSlopeBound, tol: float) -> int:
+    """Return the number of evenly spaced nodes around a circle that resolves all harmonics."""
+    kernel = _harmonic_count(slope_bound.tilt * r, tol)
+    if not slope_bound.azimuthal(r):
         return kernel
-    # A wave of so many cycles has only their multiples as harmonics.
-    return kernel + steepness.azimuthal_cycles * _harmonic_count(
-        steepness.azimuthal(r) / steepness.azimuthal_cycles, tol
+    # A wave of n cycles around the axis has only harmonics that are multiples of n.
+    return kernel + slope_bound.azimuthal_cycles * _harmonic_count(
+        slope_bound.azimuthal(r) / slope_bound.azimuthal_cycles, tol
     )
 
 
 def _harmonic_count(turn: float, tol: float) -> int:
-    """Of exp(i turn sin(angle)), down to a tolerance: those of Bessel functions."""
+    """Return the number of harmonics of exp(i turn sin(angle)) above a tolerance.
+
+    Their amplitudes are Bessel functions.
+    """
     return math.ceil(turn + 4.0 * turn ** (1 / 3) - 2.0 * math.log10(tol)) + 6
 
 
 def _ring_nodes(
-    inner: float, outer: float, steepness: PhaseSlopeBound, tol: float
+    inner: float, outer: float, slope_bound: PhaseSlopeBound, tol: float
 ) -> Iterator[_NodeChunk]:
-    t, along = line_rule(outer - inner, _radial_slope(outer, steepness), tol)
+    t, along = line_rule(outer - inner, _radial_slope(outer, slope_bound), tol)
     radii, along = inner + (outer - inner) * t, (outer - inner) * along
-    counts = np.array([_circle_node_count(r, steepness, tol) for r in radii])
+    counts = np.array([_circle_node_count(r, slope_bound, tol) for r in radii])
     most = max(1, _CHUNK_NODES // int(counts.max()))
     for start in range(0, radii.size, most):
         part = slice(start, start + most)
@@ -232,7 +241,7 @@ def _ring_nodes(
 
 
 def _circle_nodes(radii: Array, along: Array, counts: NDArray[np.int64]) -> _NodeChunk:
-    """Evenly spaced nodes on whole circles."""
+    """Return evenly spaced nodes on whole circles around the axis."""
     starts = np.cumsum(counts) - counts
     number = np.arange(counts.sum()) - np.repeat(starts, counts)
     angle = 2 * math.pi * number / np.repeat(counts, counts)
@@ -241,30 +250,35 @@ def _circle_nodes(radii: Array, along: Array, counts: NDArray[np.int64]) -> _Nod
     return r * np.sin(angle), r * np.cos(angle), weight
 
 
-def _arc_nodes(stop: Stop, steepness: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
-    """Circles around the axis, as far as they are open: the kernel alone turns along them,
-    and defocus does not."""
+def _arc_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
+    """Yield nodes on the open arcs of circles around the axis.
+
+    Defocus is constant along an arc, so that only the Fourier kernel needs nodes there.
+    """
     for low, high in pairwise(break_radii(stop)):
-        t, along = line_rule(math.pi, _arc_integral_slope(stop, low, high, steepness), tol)
+        t, along = line_rule(math.pi, _arc_integral_slope(stop, low, high, slope_bound), tol)
         radii, steps = _end_clustered_radii(low, high, math.pi * (t - 0.5))
         for r, step in zip(radii.tolist(), (math.pi * along * steps).tolist(), strict=True):
             for arc in open_arcs(stop, r):
-                around, weight = _arc_rule(r, arc, steepness, tol)
+                around, weight = _arc_rule(r, arc, slope_bound, tol)
                 yield r * np.sin(around), r * np.cos(around), step * r * weight
 
 
 def _end_clustered_radii(low: float, high: float, angle: Array) -> tuple[Array, Array]:
-    """Radii that crowd at both ends of a stretch, and dr / d angle, from -pi/2 to pi/2: smooth
-    also where an edge is tangent to a circle."""
+    """Return radii that cluster at both ends of an interval, and their derivative in the angle.
+
+    The angle runs from -pi/2 to pi/2. The integrand stays smooth in the angle where an edge of the
+    stop is tangent to a circle.
+    """
     middle, half = (low + high) / 2, (high - low) / 2
     return middle + half * np.sin(angle), half * np.cos(angle)
 
 
-def _arc_integral_slope(stop: Stop, low: float, high: float, steepness: PhaseSlopeBound) -> float:
-    """Radians by which the integral along the arcs turns per radian of angle.
+def _arc_integral_slope(stop: Stop, low: float, high: float, slope_bound: PhaseSlopeBound) -> float:
+    """Bound how fast the phase of the integral along the arcs changes, in radians per radian.
 
-    That is the angle of _end_clustered_radii(). The ends of the arcs may run along the stop's edge
-    much faster than outwards.
+    The angle is that of _end_clustered_radii(). The ends of the arcs may move along the stop's edge
+    much faster than the radius grows.
     """
     angle = np.linspace(-math.pi / 2, math.pi / 2, _SPARSE_NODES + 1)[1:-1]
     radii, _ = _end_clustered_radii(low, high, angle)
@@ -278,53 +292,57 @@ def _arc_integral_slope(stop: Stop, low: float, high: float, steepness: PhaseSlo
         for a, b in pairwise(ends)
         if a.size and b.size
     ]
-    speed = max([half, *(_END_SPEED_MARGIN * m / (angle[1] - angle[0]) for m in moved)])
-    turned = steepness.azimuthal(high) / max(high, 1e-3)
-    return steepness.radial(high) * half + (steepness.tilt + turned) * speed
+    # The factor 1.2 is a margin, because the ends are followed at few radii only.
+    speed = max([half, *(1.2 * m / (angle[1] - angle[0]) for m in moved)])
+    turned = slope_bound.azimuthal(high) / max(high, 1e-3)
+    return slope_bound.radial(high) * half + (slope_bound.tilt + turned) * speed
 
 
-def _radial_slope(r: float, steepness: PhaseSlopeBound) -> float:
-    return steepness.radial(r) + steepness.tilt
+def _radial_slope(r: float, slope_bound: PhaseSlopeBound) -> float:
+    return slope_bound.radial(r) + slope_bound.tilt
 
 
-def _azimuthal_slope(angle: float, r: float, steepness: PhaseSlopeBound, tol: float) -> float:
-    """Radians per radian that line_rule() has to follow along an open arc.
+def _azimuthal_slope(angle: float, r: float, slope_bound: PhaseSlopeBound, tol: float) -> float:
+    """Return the slope for line_rule() along an open arc, in radians per radian.
 
-    Over more than half a cycle the slope changes too much for the few nodes that a line has
-    to spare; the fastest harmonic is as fast everywhere.
+    Over more than half a cycle the phase's slope varies too much for the spare nodes of a line.
+    Then the frequency of the fastest harmonic is used, which is the same everywhere.
     """
-    if angle * steepness.azimuthal_cycles > math.pi * (1 + 1e-9):
-        return _circle_node_count(r, steepness, tol)
-    return steepness.tilt * r + steepness.azimuthal(r)
+    if angle * slope_bound.azimuthal_cycles > math.pi * (1 + 1e-9):
+        return _circle_node_count(r, slope_bound, tol)
+    return slope_bound.tilt * r + slope_bound.azimuthal(r)
 
 
 def _arc_rule(
-    r: float, arc: tuple[float, float], steepness: PhaseSlopeBound, tol: float
+    r: float, arc: tuple[float, float], slope_bound: PhaseSlopeBound, tol: float
 ) -> tuple[Array, Array]:
-    """Angles along an open arc, and weights whose sum is its angle."""
+    """Return angles along an open arc, and weights whose sum is the arc's angle."""
     first, last = arc
     if last - first >= 2 * math.pi:
-        count = _circle_node_count(r, steepness, tol)
+        count = _circle_node_count(r, slope_bound, tol)
         step = 2 * math.pi / count
         return step * np.arange(count, dtype=np.float64), np.full(count, step)
     pieces = _arc_piece_count(arc)
     angle: float = (last - first) / pieces
-    t, weight = line_rule(angle, _azimuthal_slope(angle, r, steepness, tol), tol)
+    t, weight = line_rule(angle, _azimuthal_slope(angle, r, slope_bound, tol), tol)
     starts = first + angle * np.arange(pieces, dtype=np.float64)[:, None]
     return (starts + angle * t).ravel(), np.tile(np.multiply(angle, weight), pieces)
 
 
 def _single_arc_node_count(
-    r: float, arc: tuple[float, float], steepness: PhaseSlopeBound, tol: float
+    r: float, arc: tuple[float, float], slope_bound: PhaseSlopeBound, tol: float
 ) -> int:
     if arc[1] - arc[0] >= 2 * math.pi:
-        return _circle_node_count(r, steepness, tol)
+        return _circle_node_count(r, slope_bound, tol)
     pieces = _arc_piece_count(arc)
     angle = (arc[1] - arc[0]) / pieces
-    return pieces * line_rule_node_count(angle, _azimuthal_slope(angle, r, steepness, tol), tol)
+    return pieces * line_rule_node_count(angle, _azimuthal_slope(angle, r, slope_bound, tol), tol)
 
 
 def _arc_piece_count(arc: tuple[float, float]) -> int:
-    """Half a turn at the most: a tilt's slope changes too much along a longer piece for the
-    nodes that gauss_node_count() has to spare."""
+    """Return the number of pieces of an arc, each half a circle at most.
+
+    Along a longer piece, the slope of a tilt varies too much for the spare nodes of
+    gauss_node_count().
+    """
     return math.ceil((arc[1] - arc[0]) / math.pi)

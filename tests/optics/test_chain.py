@@ -358,15 +358,15 @@ def test_light_of_a_panel_at_the_lens_is_told_by_its_open_pixels(phase):
         PSFOperator(at.lens, 0.5, WAVELENGTH, PIXELS).light_budget()
 
 
-def test_a_relay_is_fresnels_integral(rng):
+def test_a_propagator_is_fresnels_integral(rng):
     """Two strips of light 0.1 mm wide, after 20 mm, by Fresnel's integrals C and S."""
     pitch, side, bend = 0.1e-3, 0.09e-3, WAVELENGTH * 0.02
     values = rng.normal(size=2) + 1j * rng.normal(size=2)
     band = TaperedBand(-1.5e6, 1.5e6, 4e4, 5.0)
     axis = PropagatorAxis(2, pitch, side, 400, 61, 400, bend, -0.3e-3 + 1e-5, band)
     one = PropagatorAxis(1, pitch, side, 400, 1, 400, bend, 0.0, band)
-    relay = PanelToLensPropagator(axis, one, torch.complex128)
-    field = relay(torch.from_numpy(values[:, None]))
+    propagator = PanelToLensPropagator(axis, one, torch.complex128)
+    field = propagator(torch.from_numpy(values[:, None]))
     stretch = math.sqrt(2 / bend)
 
     def strip(c: np.ndarray, middle: float) -> np.ndarray:
@@ -382,16 +382,16 @@ def test_a_relay_is_fresnels_integral(rng):
 
 
 @pytest.mark.parametrize("shape", [(5, 6), (7, 8)])
-def test_a_relays_adjoint_is_its_conjugate_transpose(shape, rng):
+def test_a_propagators_adjoint_is_its_conjugate_transpose(shape, rng):
     """Also where frequencies turn around more than once, in the panel's and the lens' samples."""
     band = TaperedBand(-2.3e5, 1.7e5, 1e3, 4.0)
     y = PropagatorAxis(shape[0], 20e-6, 18e-6, 9, 12, 15, 1e-9, -1e-4, band)
     x = PropagatorAxis(shape[1], 20e-6, 18e-6, 60, 11, 140, 1e-9, 2e-5, band)
-    relay = PanelToLensPropagator(y, x, torch.complex128)
+    propagator = PanelToLensPropagator(y, x, torch.complex128)
     panel = torch.from_numpy(rng.normal(size=shape) + 1j * rng.normal(size=shape))
     lens = torch.from_numpy(rng.normal(size=(12, 11)) + 1j * rng.normal(size=(12, 11)))
-    forward = relay(panel)
-    back = relay.adjoint(lens)
+    forward = propagator(panel)
+    back = propagator.adjoint(lens)
     assert complex((lens.conj() * forward).sum()) == pytest.approx(
         complex((back.conj() * panel).sum()), rel=1e-12
     )
