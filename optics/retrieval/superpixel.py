@@ -114,5 +114,5 @@ class Superpixels:
 
 
 def coarsest_superpixels(goal: RetrievalGoal) -> Superpixels:
-    """Return the largest superpixels that keep all light of the goal's window."""
+    """Return the largest superpixels that represent the goal's window without loss."""
     return Superpixels(goal, superpixel_side(goal))
