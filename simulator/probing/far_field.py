@@ -93,8 +93,8 @@ class FarField:
     def beyond_energy(self) -> Array:
         """Return the integral of the zeroth order's squared density outside those squares.
 
-        The squares are those of ensquared_share. The integral is relative to that of uniform light over the period. It is exact, because the density is
-        sampled at its Nyquist rate.
+        The squares are those of ensquared_share. The integral is relative to that of uniform light
+        over the period. It is exact, because the density is sampled at its Nyquist rate.
         """
         total = self._ensquared_sums(self.zeroth_order_light**2)
         return np.asarray(self.light.size * np.maximum(total[-1] - total, 0.0))

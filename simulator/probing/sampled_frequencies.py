@@ -25,9 +25,9 @@ _ORDERS = 32 << 20
 class SampledFrequencies:
     """Frequencies that represent a picture's spectrum, sampled in proportion to their power.
 
-    The number of samples in a ring of the spectrum depends only on its radius. ky, kx: cycles per metre. place: index
-    of each frequency in the flattened rfft2 grid. share: factor by which its power must be
-    multiplied to represent its part of the ring. Frequency 0 isn't included.
+    The number of samples in a ring of the spectrum depends only on its radius. ky, kx: cycles per
+    metre. place: index of each frequency in the flattened rfft2 grid. share: factor by which its
+    power must be multiplied to represent its part of the ring. Frequency 0 isn't included.
     """
 
     ky: Array
