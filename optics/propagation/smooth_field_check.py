@@ -123,7 +123,7 @@ def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
         (1 + 1 / math.tan(math.pi * band * pitch)) / (2 * math.pi)
         for band, pitch in zip(span.half_bandwidths, span.source.pitch, strict=True)
     )
-    # A single line is both edges at once.
+    # A single row or column of samples is both edges at once.
     y, x = y * (2 / min(rows, 2)), x * (2 / min(columns, 2))
     first_last_y, first_last_x = (slice(None, None, max(n - 1, 1)) for n in (rows, columns))
     return y * sum_squared_modulus(field[..., first_last_y, :]) + x * sum_squared_modulus(

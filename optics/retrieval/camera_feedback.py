@@ -140,7 +140,7 @@ def refine(
     seen_target = target if blur is None else blur(target)
     bright = seen_target > JUDGED_TARGET_SHARE * seen_target.max()
     wanted = target
-    # A superpixel counts as one sample.
+    # The fields are those of superpixels, each of which is one sample instead of side² pixels.
     fields = (
         pixels.to_superpixel_origin(
             torch.stack([_field_on_window(goal, phase) for phase in phases])

@@ -109,7 +109,8 @@ class EffectPlan:
         levels: dict[str, int],
         forced: Mapping[str, int],
     ) -> None:
-        # A plan lives long. It doesn't refer to the situation, which may hold large pictures.
+        # A plan is stored for a long time, so it has no reference to the situation, which may hold
+        # large pictures.
         self.tol, self._levels = tol, levels
         self.recipe = build_recipe(ladder.effects, situation, levels)
         self.is_finest = all(
