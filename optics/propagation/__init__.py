@@ -1,8 +1,9 @@
-"""Light in free space: one file a kind of method, the cheapest that keeps a tolerance.
+"""Propagate light through free space, by the cheapest method that keeps a tolerance.
 
-A FreeSpace carries a field from one plane to another, by Rayleigh and Sommerfeld's integral or
-by Fresnel's (thesis Eq. 2.12). Every method states from sampling and physics where it serves,
-what it costs and how far off it may be; the operator takes the cheapest.
+A `FreeSpace` operator propagates a field from one plane to another, by the Rayleigh-Sommerfeld
+integral or by Fresnel's (thesis Eq. 2.12). Each method has its own module. From sampling and
+physics, it states where it is valid, what it costs and how large its error may be. The operator
+uses the cheapest valid method.
 """
 
 from optics.propagation.free_space_operator import FreeSpace, propagate

@@ -1,4 +1,4 @@
-"""The angular spectrum: between any two windows, or by FFTs between planes of one pitch."""
+"""Propagate light by the angular spectrum, between any two windows or planes of one pitch."""
 
 from __future__ import annotations
 
@@ -7,17 +7,15 @@ from optics.fourier.transform import PlaneTransform
 from optics.propagation.band import FrequencyBand, resolved_band
 from optics.propagation.spectral_propagator import SpectralPropagator
 
-_MOST_PARTS = 64
-"""Of a pitch, among which a common multiple of two is looked for."""
-
 
 class ScaledAngularSpectrum(SpectralPropagator):
-    """The frequencies whose rays reach the target, to any pitch, window and centre.
+    """Propagate by the angular spectrum to a plane of any pitch, window and centre.
 
-    The spectrum is taken where it is wanted, and summed where the target is, by the cheapest
-    transforms that there are for that (chirp-Z, matrices, gridding, FFTs).
+    The spectrum is computed only at frequencies whose rays reach the target, and the field only
+    at the target's samples. Both transforms are the cheapest available ones (chirp-Z, matrices,
+    gridding, FFTs).
 
-    Raises ToleranceError where rays graze.
+    Raises ToleranceError if some rays are grazing.
     """
 
     name = "scaled angular spectrum"
@@ -30,14 +28,14 @@ class ScaledAngularSpectrum(SpectralPropagator):
 
 
 class BandLimitedAngularSpectrum(SpectralPropagator):
-    """The frequencies whose rays reach the target, cut smoothly, between planes of one pitch.
+    """Propagate by the band-limited angular spectrum between planes of one pitch.
 
-    Matsushima and Shimobaba (2009, 10.1364/OE.17.019662) cut where the transfer function is
-    sampled too coarsely; here the period follows from the cut, and the cut from the target,
-    so that the error is bounded (optics.propagation.band). FFTs are padded to the period, and
-    of their frequencies only those that reach are kept.
+    Matsushima and Shimobaba (2009, 10.1364/OE.17.019662) cut the spectrum where the transfer
+    function is sampled too coarsely. Here the cut follows from the target, and the period from the
+    cut, so that the error is bounded (optics.propagation.band). FFTs are padded to the period, and
+    only frequencies whose rays reach the target are kept.
 
-    Raises ValueError for planes of two pitches; ToleranceError where rays graze.
+    Raises ValueError for planes of two pitches, and ToleranceError if some rays are grazing.
     """
 
     name = "band-limited angular spectrum"
@@ -56,13 +54,14 @@ class BandLimitedAngularSpectrum(SpectralPropagator):
 
 
 class AngularSpectrum(BandLimitedAngularSpectrum):
-    """Every frequency that a smooth field's samples resolve, and no taper (Goodman 3.10).
+    """Propagate a smooth field by the plain angular spectrum (section 3.10 of Goodman).
 
-    FFTs to and fro, padded until light that wraps around misses the target: the way of the
-    steepest light is what they grow with. For planes of one pitch that lie close together.
+    All frequencies that the samples resolve take part, without a taper. The FFTs are padded until
+    light that wraps around misses the target, so their length grows with the lateral displacement
+    of the steepest rays. The method suits planes of one pitch that are close together.
 
-    Raises ValueError for cells, whose edges send light to all sides, and for planes of two
-    pitches; ToleranceError where light of the field's band grazes.
+    Raises ValueError for cells, whose edges diffract light to all angles, and for planes of two
+    pitches. Raises ToleranceError if some rays of the field's band are grazing.
     """
 
     name = "angular spectrum"
@@ -76,13 +75,13 @@ class AngularSpectrum(BandLimitedAngularSpectrum):
         return resolved_band(self.span)
 
     def _count(self, steps: float) -> int:
-        """All frequencies of the FFT: the band's ends are one and the same."""
+        """Return the number of an FFT's frequencies, where both ends of the band coincide."""
         return max(round(steps), 1)
 
 
 def common_multiple(first: float, second: float) -> float:
-    """The least length that is a whole number of either, 0 if none is near."""
-    for parts in range(1, _MOST_PARTS + 1):
+    """Return the least common multiple of two pitches up to 64 times the first, or 0."""
+    for parts in range(1, 65):
         ratio = parts * first / second
         if abs(ratio - round(ratio)) < 1e-12 * ratio and round(ratio):
             return parts * first

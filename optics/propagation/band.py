@@ -1,24 +1,24 @@
-"""Which frequencies take part between two windows, and how finely they must be sampled.
+"""Choose the band of spatial frequencies of a propagation, and its sampling.
 
-Light of frequency f leaves a point sideways by X(f)
+A ray of frequency f is displaced sideways by X(f)
 (optics.propagation.transfer_function.PlaneWaveRays). Only rays from the source to the target
-matter. The others may be cut, and should: a spectrum that is sampled every df repeats the source
-every 1 / df, and the fewer rays there are, the closer the copies may stand.
+matter. The other frequencies are cut off for a reason: a spectrum that is sampled every df makes
+replicas of the source every 1 / df, and with fewer rays the replicas may be closer together.
 
-A sharp cut would ring. Cut by a Gaussian-smoothed step of width sigma at f_c, the light that
-is removed from a ray f_s = f_c - delta is, with kappa = dX/df,
+A sharp cut would cause ringing. With a cut by a Gaussian-smoothed step of width sigma at f_c, the
+light that is removed from a ray f_s = f_c - delta is, with kappa = dX/df,
 
     |integral of step(f) exp(-i pi kappa (f - f_s)²)| ~ exp(-2 pi² kappa² sigma² delta² /
                                                              (1 + 4 pi² kappa² sigma⁴)),
 
-and so is, by symmetry, the light that passes at rays f_c + delta. Both are least at sigma² =
-1 / (2 pi kappa), where they are exp(-L), L = pi kappa delta² / 2. Where kappa is larger beyond
-the edge, as it is at steeper rays, they are less. The factor before it is about 1 / (2 pi
-kappa delta); summed over all points of the source, which see the edge from delta on (Schur's
-test), an edge costs exp(-L) / (4 pi L) of the source's light at most. There are four edges and
-a circle, each for light that is removed and for light that comes from copies; the samples end
-where the step is a twentieth of epsilon. (Matsushima and Shimobaba 2009, 10.1364/OE.17.019662,
-cut sharply at the last ray that the period holds.)
+By symmetry, the same expression gives the light that passes at rays f_c + delta. Both are least at
+sigma² = 1 / (2 pi kappa), where they are exp(-L), L = pi kappa delta² / 2. Where kappa is larger
+beyond the edge, as it is for steeper rays, they are smaller. The factor before the exponential is
+about 1 / (2 pi kappa delta). Summed over all points of the source, whose rays are delta or more
+from the edge (Schur's test), an edge costs at most exp(-L) / (4 pi L) of the source's light. There
+are four edges and a circle, each for light that is removed and for light from replicas. The samples
+end where the step has fallen to a twentieth of epsilon. (Matsushima and Shimobaba 2009,
+10.1364/OE.17.019662, cut sharply at the last ray that the period holds.)
 """
 
 from __future__ import annotations
@@ -32,24 +32,27 @@ from optics.accuracy import ToleranceError
 from optics.propagation.span import FreeSpaceSpan
 from optics.propagation.transfer_function import PlaneWaveRays
 
-_EDGES = 10
-"""Four and a circle, for light that is removed and for light from copies."""
-
 
 def edge_exponent(epsilon: float) -> float:
-    """L at which all edges together cost epsilon; 1 at least, where the estimate holds."""
+    """Return the exponent L at which all edges of the frequency band together cost `epsilon`.
+
+    It is 1 at least, because the estimate holds from there on.
+    """
+    # Four edges and a circle count twice: for light that is removed, and for light from replicas.
+    edges = 10
     exponent = 1.0
     for _ in range(20):
-        exponent = max(math.log(_EDGES / (4 * math.pi * exponent * epsilon)), 1.0)
+        exponent = max(math.log(edges / (4 * math.pi * exponent * epsilon)), 1.0)
     return exponent
 
 
 @dataclass(frozen=True)
 class FrequencyTaper:
-    """A smooth step down with growing frequency, whose width suits the rays' slope.
+    """A smooth low-pass step in spatial frequency, whose width suits the slope of the rays.
 
-    last_full_frequency: the last frequency whose light must be whole. ray_slope: the least dX/df
-    there and beyond, square metres. epsilon: what may be lost.
+    last_full_frequency: the highest frequency that must pass without loss, cycles per metre.
+    ray_slope: the least dX/df there and beyond, square metres. epsilon: the share of the light that
+    may be lost.
     """
 
     last_full_frequency: float
@@ -70,12 +73,15 @@ class FrequencyTaper:
 
     @property
     def stop_frequency(self) -> float:
-        """From where on no light is left."""
+        """Return the frequency from which on the taper passes no light."""
         return self.centre + self.delta
 
     @property
     def end(self) -> float:
-        """Where the step is a twentieth of epsilon: as erfc(t) ~ exp(-t²) / (t sqrt(pi))."""
+        """Return the frequency at which the taper's step has fallen to a twentieth of epsilon.
+
+        It follows from erfc(t) ~ exp(-t²) / (t sqrt(pi)).
+        """
         return self.centre + math.sqrt(2 * math.log(2 / self.epsilon)) * self.sigma
 
     def __call__(self, frequency: torch.Tensor) -> torch.Tensor:
@@ -84,8 +90,11 @@ class FrequencyTaper:
 
 @dataclass(frozen=True)
 class AxisBand:
-    """The frequencies along an axis: samples from low to high, light that passes from
-    passband[0] to passband[1], and the tapers, if any; `below` is mirrored."""
+    """The spatial frequencies of a propagation along one axis, cycles per metre.
+
+    low, high: the range of the samples. passband: the range of the light that passes. below, above:
+    the tapers at either end, if any; `below` is a taper in the negative frequency.
+    """
 
     low: float
     high: float
@@ -100,12 +109,12 @@ class AxisBand:
 
     @property
     def largest_passed_frequency(self) -> float:
-        """The largest frequency of light that passes."""
+        """Return the largest frequency that passes the band along this axis."""
         return max(map(abs, self.passband))
 
     @property
     def largest_target_frequency(self) -> float:
-        """The largest frequency of light that lands on the target."""
+        """Return the largest frequency of light that reaches the target along this axis."""
         low, high = self.passband
         if self.above:
             high = min(high, self.above.last_full_frequency)
@@ -124,10 +133,12 @@ class AxisBand:
 
 @dataclass(frozen=True)
 class FrequencyBand:
-    """The frequencies of both axes, (y, x), and how far apart the source's copies must stand.
+    """The spatial frequencies of a propagation along (y, x), and the period of their replicas.
 
-    radial: a taper in the length of the frequency, where the corner of the axes' bands would
-    graze. period: metres along (y, x); the frequencies are 1 / period apart, or closer.
+    axes: the bands along y and x. radial: a taper in the modulus of the frequency, for bands whose
+    corners would contain grazing rays. period: least distance of the source's replicas along
+    (y, x), metres; the frequencies are 1 / period apart, or closer. epsilon: share of the light
+    that may be lost.
     """
 
     axes: tuple[AxisBand, AxisBand]
@@ -137,20 +148,20 @@ class FrequencyBand:
 
     @property
     def largest_target_frequency(self) -> float:
-        """The largest frequency of light that lands on the target, of both axes together."""
+        """Return the largest modulus of a frequency whose light reaches the target."""
         return math.hypot(*(axis.largest_target_frequency for axis in self.axes))
 
     @property
     def largest_frequency(self) -> float:
-        """The largest frequency that takes part, of both axes together."""
+        """Return the largest modulus of a frequency in the band."""
         corner = math.hypot(*(axis.largest_passed_frequency for axis in self.axes))
         return min(corner, self.radial.stop_frequency) if self.radial else corner
 
 
 def resolved_band(span: FreeSpaceSpan) -> FrequencyBand:
-    """All that a smooth field's samples resolve, without a taper.
+    """Return the band of all frequencies that a smooth field's samples resolve, without a taper.
 
-    Raises ToleranceError where the field's light grazes.
+    Raises ToleranceError if some rays of the field are grazing.
     """
     axes = []
     for carrier, band, pitch in zip(
@@ -162,10 +173,10 @@ def resolved_band(span: FreeSpaceSpan) -> FrequencyBand:
 
 
 def target_band(span: FreeSpaceSpan, epsilon: float) -> FrequencyBand:
-    """The frequencies of the source whose rays reach the target, cut smoothly beyond.
+    """Return the band of frequencies whose rays reach the target, with smooth tapers beyond.
 
-    epsilon: how much is lost or comes from copies, at most, of all the source's light.
-    Raises ToleranceError where the rays graze.
+    epsilon: largest share of the source's light that may be lost or come from replicas.
+    Raises ToleranceError if some rays to the target are grazing.
     """
     rays = _rays(span)
     tangents = [_target_tangents(span, axis) for axis in (0, 1)]
@@ -185,7 +196,7 @@ def target_band(span: FreeSpaceSpan, epsilon: float) -> FrequencyBand:
 
 @dataclass(frozen=True)
 class _TargetBands:
-    """The bands of rays that reach the target, axis by axis."""
+    """Compute, for each axis, the frequency band of the rays that reach the target."""
 
     span: FreeSpaceSpan
     rays: PlaneWaveRays
@@ -193,12 +204,15 @@ class _TargetBands:
     epsilon: float
 
     def taper_above(self, edge: float, outward: bool) -> FrequencyTaper:
-        """Beyond a frequency; the rays spread the least at the least angle there is."""
+        """Return the taper above a frequency, for the least slope of the rays beyond it."""
         slowest = min(max(edge, 0.0), 0.999999 * self.rays.grazing_frequency) if outward else 0.0
         return FrequencyTaper(edge, self.rays.ray_slope(slowest, self.near), self.epsilon)
 
     def axis_band(self, axis: int, tangents: tuple[float, float], across: float) -> AxisBand:
-        """Along an axis, for waves of up to a frequency across it; mirrored for a way back."""
+        """Return the frequency band along an axis, mirrored for backward propagation.
+
+        across: largest frequency along the other axis.
+        """
         low, high = tangents
         above = self._taper_beyond_tangent(high, across)
         below = self._taper_beyond_tangent(-low, across)
@@ -209,14 +223,17 @@ class _TargetBands:
         return self._within_field_band(band.mirror_image if backwards else band, axis)
 
     def _taper_beyond_tangent(self, tangent: float, across: float) -> FrequencyTaper:
-        """Of rays that go farther than a tangent; on the near side of an axis that the rays
-        don't cross, waves that go sideways as well need less to get there."""
+        """Return the taper beyond the frequency of rays with a given tangent.
+
+        If the tangent isn't positive, an oblique wave reaches it with a frequency of smaller
+        modulus.
+        """
         if tangent > 0:
             return self.taper_above(self.rays.frequency(tangent), outward=True)
         return self.taper_above(self.rays.frequency(tangent, across), outward=False)
 
     def _within_field_band(self, band: AxisBand, axis: int) -> AxisBand:
-        """What of a band is in the field as well."""
+        """Return the part of a band that lies in the field's own band."""
         span = self.span
         least = span.carrier[axis] - span.half_bandwidths[axis]
         most = span.carrier[axis] + span.half_bandwidths[axis]
@@ -234,7 +251,7 @@ def _rays(span: FreeSpaceSpan) -> PlaneWaveRays:
 
 
 def _target_tangents(span: FreeSpaceSpan, axis: int) -> tuple[float, float]:
-    """The least and the largest way sideways, a metre of distance, from source to target."""
+    """Return the least and the largest tangent of the rays from source to target."""
     low, high = span.source_extent(axis)
     places = [(corner[axis], abs(corner[2])) for corner in span.numeric.target_corners]
     return min((p - high) / z for p, z in places), max((p - low) / z for p, z in places)
@@ -246,7 +263,7 @@ def _with_period(
     radial: FrequencyTaper | None,
     epsilon: float,
 ) -> FrequencyBand:
-    """A band with the period at which no copy's light lands on the target."""
+    """Return a frequency band with the period at which no replica's light reaches the target."""
     band = FrequencyBand(axes, radial, (math.inf, math.inf), epsilon)
     rays = _rays(span)
     if not band.largest_frequency < rays.grazing_frequency * (1 - 1e-9):
@@ -261,7 +278,7 @@ def _with_period(
 
 
 def _period(span: FreeSpaceSpan, band: FrequencyBand, rays: PlaneWaveRays, axis: int) -> float:
-    """A copy's light goes as far as that of the source, and must miss every corner."""
+    """Return the least period of the source's replicas whose light misses the target's corners."""
     n = span.numeric
     low, high = band.axes[axis].passband
     if n.distance < 0:
@@ -281,7 +298,7 @@ def _period(span: FreeSpaceSpan, band: FrequencyBand, rays: PlaneWaveRays, axis:
 def _largest_tangent(
     band: FrequencyBand, rays: PlaneWaveRays, axis: int, frequency: float
 ) -> float:
-    """The largest tangent along an axis of light up to a frequency, whatever it does across."""
+    """Return the largest tangent along an axis of rays up to a frequency in the band."""
     if frequency <= 0:
         return rays.tangent(frequency)
     left = math.sqrt(max(band.largest_frequency**2 - frequency**2, 0.0))

@@ -1,4 +1,4 @@
-"""The paraxial integral as one Fourier transform between two chirps."""
+"""Propagate light paraxially by Fourier transforms between two chirps."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from optics.propagation.span import Scalar
 from optics.validation import as_number, needs_gradient
 
 WavePairs = list[tuple[torch.Tensor, torch.Tensor]]
-"""What comes before and after the transform along an axis, for every node."""
+"""The factors before and after the Fourier transform along an axis, for every envelope node."""
 
 
 @dataclass(frozen=True)
 class CellSampling:
-    """Rectangles of constant field, and how often their light is looked at.
+    """Cells of constant field on the source, and the nodes at which their envelope is exact.
 
-    sides: metres (y, x). nodes: places (y, x) of the source at which a cell's envelope is
-    taken exactly; between them it is interpolated.
+    sides: metres (y, x). nodes: numbers (y, x) of nodes on the source; between them the envelope
+    is interpolated.
     """
 
     sides: tuple[float, float]
@@ -36,23 +36,23 @@ class CellSampling:
 
 
 class ChirpedTransform:
-    """Fresnel's integral from the samples of one plane to those of another:
+    """Compute Fresnel's integral from the samples of one plane to those of another.
 
         U(X) = exp(i pi X² / scale) / (i scale) · sum of area U(x) exp(i pi x² / scale)
                exp(-2 pi i X x / scale),
 
-    with all places from the source's centre (Goodman 4.2.1). Any pitch and window will do:
-    the sum is a transform of optics.fourier. A negative scale is the conjugate of a positive
-    one's answer to the conjugate field.
+    All positions are relative to the source's centre (section 4.2.1 of Goodman). The sum is a
+    transform of optics.fourier, so any pitch and window is possible. The result for a negative
+    scale is the conjugate of the result for a positive scale and the conjugate field.
 
-    Cells send the sum times an envelope (optics.propagation.fresnel_integral) that depends
-    on how far each is from a target's sample. Far away it hardly changes from cell to cell;
-    in general it is interpolated between some of the source's places (envelope_node_count()), with
-    a transform for each.
+    For cells, the field is multiplied by an envelope (optics.propagation.fresnel_integral) that
+    depends on the displacement from the cell to the target's sample. At long distances it hardly
+    changes from cell to cell. In general it is interpolated between several nodes on the source
+    (envelope_node_count()), with one transform for each node.
 
-    scale: wavelength times distance, m², with the distance's sign. precise: whether the
-    transform has to be exact to rounding; otherwise it may add `error` of the field's light.
-    Differentiable in the field, the scale and the target's centre.
+    scale: wavelength times distance, m², with the distance's sign. error: relative L2 error that
+    the transform may add. The result is differentiable in the field, the scale and the target's
+    centre.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class ChirpedTransform:
         (ny, nx), (my, mx) = self._source.shape, self._target.shape
         samples = ny * nx + my * mx
         passes = 3 * samples * speed.touch * self._transform.precision_slowdown(speed)
-        # Every pass takes memory of its own.
+        # Every pass allocates memory of its own.
         passes += 2 * max(samples * self._dtype.itemsize - RETAINED_BYTES, 0) * speed.fresh
         return self._terms * (self._transform.cpu_seconds(speed) + passes)
 
@@ -121,7 +121,7 @@ class ChirpedTransform:
         return _ChirpWaves(waves[0], waves[1])
 
     def _axis_waves(self, axis: int, scale: torch.Tensor) -> WavePairs:
-        """For every node: what comes before the transform along an axis, and after it."""
+        """Compute the chirps before and after the transform along an axis, for every node."""
         source, target = self._source, self._target
         x = source.coordinates(axis) - source.centre[axis]
         way = target.coordinates(axis) - source.centre[axis]
@@ -143,7 +143,7 @@ class ChirpedTransform:
     def _stretch_and_shift(
         self,
     ) -> tuple[torch.Tensor | None, tuple[torch.Tensor, torch.Tensor] | None]:
-        """The stretch and the shift of the transform, from which its derivatives follow."""
+        """Return the stretch and the shift of the Fourier transform that carry the derivatives."""
         if not (self.differentiable and torch.is_grad_enabled()):
             return None, None
         centre, scale = self._target.centre, self._scale
@@ -172,7 +172,7 @@ class ChirpedTransform:
 
 
 class ChirpedPropagator(ParaxialPropagator):
-    """One such transform after the other, with a step down to darkness at each plane between."""
+    """Propagate by one or several chirped transforms, with tapers on the intermediate planes."""
 
     _steps: tuple[ChirpedTransform, ...]
 
@@ -188,7 +188,7 @@ class ChirpedPropagator(ParaxialPropagator):
             step.prepare()
 
     def _taper_ends(self, field: torch.Tensor) -> torch.Tensor:
-        """A field on the plane between, with its ends made dark."""
+        """Taper a field on an intermediate plane towards its ends."""
         return field
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
@@ -205,7 +205,7 @@ class ChirpedPropagator(ParaxialPropagator):
 
 @dataclass(frozen=True)
 class _ChirpWaves:
-    """Of both axes."""
+    """The chirp factors before and after the Fourier transform, along both axes."""
 
     y: WavePairs
     x: WavePairs
@@ -218,7 +218,7 @@ class _ChirpWaves:
 
     @property
     def adjoint(self) -> _ChirpWaves:
-        """Those of the adjoint."""
+        """Return the chirp factors of the adjoint transform."""
         y, x = ([(b.conj(), a.conj()) for a, b in axis] for axis in (self.y, self.x))
         return _ChirpWaves(y, x)
 
@@ -226,7 +226,7 @@ class _ChirpWaves:
 def _sum_terms(
     waves: _ChirpWaves, field: torch.Tensor, transform: Callable[[torch.Tensor], torch.Tensor]
 ) -> torch.Tensor:
-    """The sum over all terms of a field times the waves before, transformed, times those after."""
+    """Sum the chirped transforms of a field over all pairs of envelope nodes."""
     terms = (
         transform(field * before_y[:, None] * before_x) * after_y[:, None] * after_x
         for before_y, after_y in waves.y
@@ -236,14 +236,14 @@ def _sum_terms(
 
 
 def _chebyshev_nodes(x: torch.Tensor, count: int) -> list[float]:
-    """Chebyshev's nodes in the range of x."""
+    """Return `count` Chebyshev nodes in the range of x."""
     low, high = float(x.min()), float(x.max())
     angles = (2 * np.arange(count) + 1) * math.pi / (2 * count)
     return ((low + high) / 2 + (high - low) / 2 * np.cos(angles)).tolist()
 
 
 def _lagrange_weights(x: torch.Tensor, nodes: list[float]) -> list[torch.Tensor]:
-    """Lagrange's polynomials, 1 at one node and 0 at the others."""
+    """Evaluate the Lagrange polynomials of the nodes, each 1 at one node and 0 at the others."""
     if float(x.max()) == float(x.min()):
         return [torch.full_like(x, 1 / len(nodes)) for _ in nodes]
     found = []
@@ -254,12 +254,12 @@ def _lagrange_weights(x: torch.Tensor, nodes: list[float]) -> list[torch.Tensor]
 
 
 def envelope_error(turn: float, nodes: int) -> float:
-    """What an envelope costs that is interpolated between some nodes, relative L2.
+    """Return the relative L2 error of a cell envelope that is interpolated between nodes.
 
-    turn: radians by which the chirp over the source turns across its outermost cells. A cell
-    whose chirp turns by u has exp(i u d), |d| < 1/2, inside, which Lagrange's polynomial takes
-    from Chebyshev's nodes in -turn to turn with the remainder (turn |d|)^n / (2^(n-1) n!).
-    Fresnel's integral keeps light, so the error of the field is the mean square of that.
+    turn: phase in radians of the source's chirp across its outermost cells. The chirp of a cell
+    with phase u is exp(i u d), |d| < 1/2. Lagrange interpolation of it between Chebyshev nodes from
+    -turn to turn has the remainder (turn |d|)^n / (2^(n-1) n!). Fresnel's integral preserves the
+    power, so the error of the field is the root mean square of the remainder.
     """
     log = nodes * math.log(turn / 2) if turn > 0 else -math.inf
     log -= (nodes - 1) * math.log(2) + math.lgamma(nodes + 1)
@@ -267,9 +267,10 @@ def envelope_error(turn: float, nodes: int) -> float:
 
 
 def envelope_node_count(turn: float, error: float, most: int) -> int:
-    """The fewest nodes that keep an error; 0 if it takes more than `most`."""
+    """Return the fewest envelope nodes that keep an error; 0 if more than `most` are needed."""
     for nodes in range(1, most + 1):
-        # The other axis multiplies this one's error by its Lebesgue constant, below 3.
+        # The interpolation along the other axis multiplies the error by its Lebesgue constant,
+        # which is below 3.
         if 3 * envelope_error(turn, nodes) <= error:
             return nodes
     return 0

@@ -1,11 +1,11 @@
-"""A field on one plane, wanted on another: planned once, called many times."""
+"""Propagate a field from one plane to another by an operator that is planned once."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Unpack
 
 import torch
@@ -36,29 +36,44 @@ from optics.propagation.transfer_function import paraxial_phase_error
 from optics.threads import in_full_precision
 from optics.validation import accepts_numpy, require_unchanged_attributes, rounded_up
 
-_MARGIN = 0.03
-"""Of the tolerance, that a first plan keeps for all the light there is: it then holds for
-targets that a thousandth of the light reaches."""
 
-_TIGHT_PLAN_TOL_SHARE = 0.7
-"""Of the tolerance that is left when the light on the target is known."""
+@dataclass(frozen=True)
+class FreeSpaceSettings:
+    """Tune how FreeSpace chooses its plans and which tolerance it advises. All values are chosen.
 
-_ADVISED_LIGHT_SHARE = 0.5
-"""Of the light: a tolerance that is advised before a field is known is kept where as much of
-it reaches the target."""
+    Attributes
+    ----------
+    first_plan_tol_share : float
+        Share of the tolerance that the first plan keeps, relative to all light of the source. The
+        tolerance on the target then holds if a thousandth of the light reaches the target.
+    tight_plan_tol_share : float
+        Share of the tolerance that a second plan keeps, once the light on the target is known.
+    advised_light_share : float
+        Share of the light that must reach the target for an advised tolerance to hold, where the
+        advice is given before a field is known.
+    dim_target_share : float
+        Share of the light below which a target counts as dim.
+    advice_margin : float
+        Factor by which an advised tolerance is increased, because the share of the light in another
+        plan's result may be slightly less.
+    expensive_plan_calls : int
+        Cost of a plan, in function calls, above which a cheaper plan is looked for. Planning
+        itself costs about as much.
+    """
 
-_DIM_TARGET_SHARE = 0.01
-"""Share of the light below which a target is dim."""
+    first_plan_tol_share: float = 0.03
+    tight_plan_tol_share: float = 0.7
+    advised_light_share: float = 0.5
+    dim_target_share: float = 0.01
+    advice_margin: float = 1.01
+    expensive_plan_calls: int = 100
 
-_ADVICE_MARGIN = 1.01
-"""Advice is rounded up by so much: the share of another plan's answer may be a little less."""
 
-_EXPENSIVE_PLAN_CALLS = 100
-"""Function calls that a plan may cost before a cheaper one is looked for: planning is as dear."""
+_SETTINGS = FreeSpaceSettings()
 
 
 class FreeSpace:
-    """Propagates light from plane to plane through free space; planned once, called many times.
+    """Propagate light from plane to plane through free space; plan once, call many times.
 
     Call it with a field (..., *source.shape), tensor or array. The result is the field on the
     target, (..., *target.shape), complex64 or complex128 as `tol` needs it, without the factor
@@ -66,14 +81,14 @@ class FreeSpace:
     and in distance, wavelength and the target's centre where these are 0-d tensors. Mixed
     precision (autocast) is switched off inside.
 
-    `account` describes the plan, and the last call where that revealed more. For a smooth field in
-    the paraxial model it then says what the model leaves out. For a dim target it describes the
-    tighter plan, and its `cpu_predicted` is the time of all plans that the call needs.
+    `account` describes the plan. A call updates it in two cases. For a smooth field in the paraxial
+    model, it then contains the error of that model for this field. For a dim target, it describes
+    the tighter plan, and its `cpu_predicted` is the time of all plans that the call needs.
 
-    How much light arrives isn't known beforehand. Where the first plan's result is dimmer than its
-    error allows, the same field is propagated again, by the cheapest method that keeps the
-    tolerance, or by the named one. That may take many times what was predicted first. More than an
-    hour is refused, unless the method is named.
+    The light that reaches the target isn't known before the call. Where the first plan's result is
+    dimmer than its error allows, the same field is propagated again, by the cheapest method that
+    keeps the tolerance, or by the named one. That may take many times the time that was predicted
+    first. A call of more than an hour is refused, unless the method is named.
 
     Parameters
     ----------
@@ -144,23 +159,26 @@ class FreeSpace:
 
     @property
     def method(self) -> str:
-        """The name of the method in use."""
+        """Return the name of the propagation method in use."""
         return self._propagator.name
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor time of one call by the first plan, in seconds.
 
-        `speed` is that of the machine. `account.cpu_predicted` includes what a dim target takes
-        besides.
+        `speed` is that of the machine. After a call with a dim target, `account.cpu_predicted`
+        includes the time of the tighter plans as well.
         """
         return self._propagator.cpu_seconds(speed)
 
     def _first_plan(self) -> Propagator:
-        """With a margin for a target that gets a small share of the light; without, if only
-        that can be kept, or if it is so much cheaper that it is worth a try."""
+        """Plan the propagation with a margin for a target that a small share of the light reaches.
+
+        The margin is dropped if no method keeps it, or if a plan without it is much cheaper.
+        """
         speed, tol = self.span.budget.speed, self.span.tol
-        plan = methods_for_span(replace(self.span, tol=_MARGIN * tol), self._method)
-        if plan.seconds > _EXPENSIVE_PLAN_CALLS * speed.call:
+        tight_span = replace(self.span, tol=_SETTINGS.first_plan_tol_share * tol)
+        plan = methods_for_span(tight_span, self._method)
+        if plan.seconds > _SETTINGS.expensive_plan_calls * speed.call:
             loose = methods_for_span(self.span, self._method)
             cheaper = 2 * loose.seconds < plan.seconds or not math.isfinite(plan.seconds)
             plan = loose if cheaper else plan
@@ -170,7 +188,7 @@ class FreeSpace:
             if error.floor is None:
                 raise
             raise unreachable_tolerance_error(
-                tol, error.floor / math.sqrt(_ADVISED_LIGHT_SHARE)
+                tol, error.floor / math.sqrt(_SETTINGS.advised_light_share)
             ) from error
 
     def _build_account(self, propagator: Propagator) -> Account:
@@ -202,24 +220,25 @@ class FreeSpace:
         return answer if peak is None else answer * peak
 
     def _propagate_within_tol(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
-        """By the first plan, or by tighter ones until the tolerance is kept."""
+        """Propagate by the first plan, then by tighter plans until the tolerance is kept."""
         propagator, seconds = self._propagator, 0.0
         while True:
             answer = self._in_chunks(propagator, propagator.forward, field)
-            # Of a dark target the first share is rounding: it is looked at until it holds.
+            # On a dark target the first share consists of rounding errors, so the loop goes on
+            # until the error of a plan suits the share that it finds.
             share = self._least_light_share(answer, light)
             if self._is_tolerance_kept(propagator, share):
                 return answer
             seconds += propagator.cpu_seconds(self.span.budget.speed)
             propagator = self._tighter_plan(propagator, share)
-            # Told before it is done, to whoever wonders what takes so long.
+            # The account is updated first, so that it explains a long call while it runs.
             account = self._build_account(propagator)
             self.account = replace(account, cpu_predicted=seconds + account.cpu_predicted)
 
     def _check_smooth_field(
         self, promise: SmoothFieldCheck, field: torch.Tensor, light: torch.Tensor
     ) -> None:
-        """Refuse a field that isn't smooth; tell what the model leaves out of one that is."""
+        """Refuse a field that isn't smooth; for a smooth one, store the paraxial model's error."""
         spectrum = promise.checked_spectrum(field, light)
         if self.span.paraxial:
             how = "estimate: paraxial, over the field's spectrum; a scalar wave"
@@ -247,7 +266,7 @@ class FreeSpace:
         function: Callable[[torch.Tensor], torch.Tensor],
         field: torch.Tensor,
     ) -> torch.Tensor:
-        """As many fields at a time as the memory holds."""
+        """Propagate a batch of fields, as many at a time as the memory holds."""
         together = max(self.span.budget.memory // propagator.bytes, 1)
         batch = field.shape[:-2]
         if math.prod(batch) <= together:
@@ -258,10 +277,10 @@ class FreeSpace:
         return done.reshape(*batch, *done.shape[-2:])
 
     def _least_light_share(self, answer: torch.Tensor, light: torch.Tensor) -> float:
-        """The least share of its light that any field brings to the target; 1 if all are dark."""
+        """Return the least share of light that any field sends to the target; 1 if all are dark."""
         y, x = self.span.target.pitch
         found = power_shares(field_power(answer) * (y * x), light)
-        # No plan keeps a tolerance of NaN.
+        # NaN ends the search for a plan, because no plan keeps such a tolerance.
         return min(found, default=1.0) if all(map(math.isfinite, found)) else math.nan
 
     def _is_tolerance_kept(self, propagator: Propagator, share: float) -> bool:
@@ -269,15 +288,16 @@ class FreeSpace:
         return error <= self.span.tol * math.sqrt(min(share, 1.0))
 
     def _tighter_plan(self, last: Propagator, share: float) -> Propagator:
-        """A plan that keeps the tolerance for the little light that reaches the target.
+        """Return a propagation plan that keeps the tolerance on a dim target.
 
-        last: the plan by which that light was found.
+        last: the plan by which the light on the target was found. share: its share of the source's
+        light.
         """
         if self._tight_propagator is not None and self._is_tolerance_kept(
             self._tight_propagator, share
         ):
             return self._tight_propagator
-        tol = self.span.tol * math.sqrt(share) * _TIGHT_PLAN_TOL_SHARE
+        tol = self.span.tol * math.sqrt(share) * _SETTINGS.tight_plan_tol_share
         try:
             if not tol > 0:
                 raise ToleranceError("no light at all")
@@ -291,20 +311,20 @@ class FreeSpace:
     def _dim_target_error(
         self, last: Propagator, share: float, why: ToleranceError
     ) -> ToleranceError:
-        """The refusal for a share of the light, with the tolerance that would do.
+        """Return the ToleranceError for a dim target, with the least tolerance that can be kept.
 
-        That is one for which a plan can be made: the floor of all plans, or what the last one
-        was made for. It isn't known for an answer that is no more than the plan's error.
+        It follows from the floor of all plans, or from the tolerance that the last plan kept. It
+        isn't known where the result is no larger than the plan's error.
         """
         planned = last.span.tol if why.floor is None else why.floor
         found = math.sqrt(share) > 2 * (last.error.value + last.arithmetic)
         least = (
-            _ADVICE_MARGIN * planned / (_TIGHT_PLAN_TOL_SHARE * math.sqrt(share))
+            _SETTINGS.advice_margin * planned / (_SETTINGS.tight_plan_tol_share * math.sqrt(share))
             if found
             else math.inf
         )
         kept = f"tol {self.span.tol:g} can't be kept"
-        if share >= _DIM_TARGET_SHARE and least < 1:
+        if share >= _SETTINGS.dim_target_share and least < 1:
             return ToleranceError(
                 f"{kept} on a target that {share:.2g} of the light reaches; ask for tol "
                 f"{rounded_up(least)} or more"
@@ -317,7 +337,7 @@ class FreeSpace:
         )
 
     def _require_unchanged(self) -> None:
-        """Raise ValueError if a tensor has got another value since the plan was made."""
+        """Raise ValueError if a tensor length of the span has changed since it was planned."""
         if self.span.has_tensor_lengths:
             lengths = ("distance", "wavelength", "target")
             require_unchanged_attributes(
@@ -350,7 +370,7 @@ def propagate(
 ) -> Result[torch.Tensor]:
     """Propagate a field from one plane to another, and return it with its account.
 
-    It plans a FreeSpace and calls it once.
+    The function plans a FreeSpace operator and calls it once.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The Fresnel integral over an interval, in closed form, and what follows from it."""
+"""Compute Fresnel integrals over intervals in closed form, and the kernels that use them."""
 
 from __future__ import annotations
 
@@ -20,32 +20,30 @@ _Complexes = NDArray[np.complex128]
 
 _ROOT_I = cmath.exp(0.25j * math.pi)
 _NODES, _WEIGHTS = gauss_legendre(14)
-_FEW_RADIANS = 2.0
-"""Half a turn of phase up to which 14 Gauss-Legendre nodes are exact to rounding."""
 
 _PART = 1 << 18
-"""Integrals that are made at once."""
+"""Number of integrals that are computed at once."""
 
 
 def mean_chirp(place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
-    """The mean over |u| < width / 2 of exp(i pi (u² + 2 u place)), complex128.
+    """Return the mean over |u| < width / 2 of the chirp exp(i pi (u² + 2 u place)), complex128.
 
-    place: real tensor; width: 0-d, positive. That is what an interval's Fresnel integral
-    keeps when the chirp at its centre is taken out. With v = u + place,
+    place: real tensor. width: 0-d tensor, positive. This mean is an interval's Fresnel integral
+    after division by its width and by the chirp at its centre. With v = u + place,
 
         integral of exp(i pi v²) from t on = exp(i pi t²) g(t), t > 0,
         g(t) = w(exp(i pi / 4) sqrt(pi) t) exp(i pi / 4) / 2,
 
-    w Faddeeva's function (Abramowitz and Stegun 7.3.22, 7.1.3), so no large phase is ever
-    taken from another: those at the ends are pi (width² / 4 ± width place). Over short
-    intervals, where the ends' terms would cancel, it is a Gauss-Legendre sum.
-    Differentiable in both, once.
+    where w is Faddeeva's function (Abramowitz and Stegun 7.3.22, 7.1.3). So no two large phases
+    are subtracted: the phases at the ends are pi (width² / 4 ± width place). Over short intervals,
+    where the terms of the two ends would cancel, a Gauss-Legendre sum is used instead. The result
+    is differentiable once in both arguments.
     """
     return apply_function(_MeanChirp, place, width)
 
 
 class _MeanChirp(torch.autograd.Function):
-    """Derivatives in closed form as well: those of an integral are at its ends."""
+    """Differentiate mean_chirp() in closed form, from the values at the interval's ends."""
 
     @staticmethod
     def forward(ctx: Any, place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
@@ -66,11 +64,12 @@ class _MeanChirp(torch.autograd.Function):
 
 
 def _mean_chirps(place: _Reals, width: float) -> _Complexes:
-    """mean_chirp() of a list of places, part by part."""
+    """Compute mean_chirp() for a list of places, in blocks of bounded size."""
     means = np.empty(place.size, dtype=np.complex128)
     for start in range(0, place.size, _PART):
         t = np.abs(place[start : start + _PART])
-        short = math.pi * width * (t + width / 4) <= _FEW_RADIANS
+        # 14 Gauss-Legendre nodes are exact to rounding up to 2 rad of phase over half the interval.
+        short = math.pi * width * (t + width / 4) <= 2.0
         part = np.empty(t.size, dtype=np.complex128)
         part[short] = _mean_by_quadrature(t[short], width)
         part[~short] = _mean_by_end_terms(t[~short], width)
@@ -79,7 +78,7 @@ def _mean_chirps(place: _Reals, width: float) -> _Complexes:
 
 
 def _mean_by_quadrature(t: _Reals, width: float) -> _Complexes:
-    """By Gauss and Legendre."""
+    """Compute mean_chirp() of short intervals by Gauss-Legendre quadrature."""
     total = np.zeros(t.size, dtype=np.complex128)
     for node, weight in zip(_NODES * width / 2, _WEIGHTS / 2, strict=True):
         total += weight * np.exp(1j * math.pi * node * (node + 2 * t))
@@ -87,7 +86,10 @@ def _mean_by_quadrature(t: _Reals, width: float) -> _Complexes:
 
 
 def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
-    """By what is beyond either end; from -width / 2 to 0 the near end is on the other side."""
+    """Compute mean_chirp() of long intervals from the integrals beyond both ends.
+
+    For t < width / 2, the near end of the interval is on the other side of the chirp's centre.
+    """
     near = t - width / 2
     whole = np.where(near < 0, _ROOT_I * _phasor(-(t**2)), 0.0)
     side = np.where(near < 0, -1.0, 1.0)
@@ -97,23 +99,23 @@ def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
 
 
 def _scaled_tail_integral(t: _Reals) -> _Complexes:
-    """exp(-i pi t²) times the integral of exp(i pi v²) from t >= 0 to infinity."""
+    """Return exp(-i pi t²) times the Fresnel integral of exp(i pi v²) from t >= 0 to infinity."""
     values = np.asarray(wofz(_ROOT_I * math.sqrt(math.pi) * t), dtype=np.complex128)
     return 0.5 * _ROOT_I * values
 
 
 def _phasor(half_turns: _Reals) -> _Complexes:
-    """exp(i pi half_turns)."""
+    """Return exp(i pi half_turns)."""
     angle = math.pi * (half_turns - 2 * np.round(half_turns / 2))
     return np.cos(angle) + 1j * np.sin(angle)
 
 
 def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
-    """What a cell of constant field sends along an axis, over what its centre would send.
+    """Return the paraxial field of a cell along one axis, over that of a point at its centre.
 
     offset: metres from the cell's centre to the target. side: metres. scale: wavelength times
-    distance, square metres, not 0; a 0-d tensor. The mean of exp(i pi (d² - 2 d offset) / scale)
-    over |d| < side / 2.
+    distance in square metres, not 0; a 0-d tensor. The result is the mean of
+    exp(i pi (d² - 2 d offset) / scale) over |d| < side / 2.
     """
     root = torch.sqrt(torch.abs(scale))
     mean = mean_chirp(offset / root, side / root)
@@ -121,16 +123,19 @@ def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> tor
 
 
 def cell_kernel(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
-    """The field that a cell of amplitude 1 sends along an axis, paraxially.
+    """Return the paraxial field along one axis of a cell of amplitude 1.
 
-    The integral of exp(i pi (offset - d)² / scale) / sqrt(i scale) over |d| < side / 2; two of
-    them, one along each axis, make a rectangle's field.
+    It is the integral of exp(i pi (offset - d)² / scale) / sqrt(i scale) over |d| < side / 2. The
+    field of a rectangle is the product of two such kernels, one along each axis.
     """
     return side * point_kernel(offset, scale) * cell_envelope(offset, side, scale)
 
 
 def point_kernel(offset: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
-    """The paraxial impulse response along an axis, exp(i pi offset² / scale) / sqrt(i scale)."""
+    """Return the paraxial impulse response along one axis.
+
+    It is exp(i pi offset² / scale) / sqrt(i scale).
+    """
     turn = -0.125 if float(scale.detach()) > 0 else 0.125
     phasor = unit_phasor(offset**2 / (2 * scale) + turn, torch.complex128)
     return phasor / torch.sqrt(torch.abs(scale))
@@ -139,10 +144,10 @@ def point_kernel(offset: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
 def band_kernel(
     offset: torch.Tensor, pitch: float, carrier: float, scale: torch.Tensor
 ) -> torch.Tensor:
-    """The field that one sample of a band-limited field sends along an axis, paraxially.
+    """Return the paraxial field along one axis of one sample of a band-limited field.
 
-    pitch times the integral of exp(-i pi scale f² + 2 pi i f offset) over frequencies f within
-    half a cycle a pitch of the carrier: a Fresnel integral as well, of the spectrum.
+    It is pitch times the integral of exp(-i pi scale f² + 2 pi i f offset) over the frequencies f
+    within 0.5 / pitch of the carrier, which is a Fresnel integral over the spectrum.
     """
     root = torch.sqrt(torch.abs(scale))
     mean = mean_chirp((offset - scale * carrier) / root, root / pitch)

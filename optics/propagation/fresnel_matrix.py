@@ -1,6 +1,8 @@
-"""Fresnel's integral as two products with matrices, exact to rounding."""
+"""Propagate light by Fresnel's integral as two matrix products, exact to rounding."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import torch
 
@@ -10,24 +12,41 @@ from optics.propagation.paraxial import ParaxialPropagator
 from optics.propagation.precision import working_precision
 from optics.propagation.span import FreeSpaceSpan
 
-_BLOCK = 1 << 20
-"""Elements of a matrix that are made at once."""
 
-_BLOCK_BYTES = 160
-"""For each of them, while they are made."""
+@dataclass(frozen=True)
+class FresnelMatrixSettings:
+    """Tune how the matrices of Fresnel's integral are computed, and predict the cost.
 
-_ELEMENT_TOUCHES = 1500
-"""What an element costs to make, two values of Faddeeva's function included."""
+    Attributes
+    ----------
+    block_elements : int
+        Number of matrix elements that are computed at once. Chosen.
+    element_bytes : int
+        Memory in bytes per element while it is computed.
+    element_touches : int
+        Processor time per element, in passes over one complex number. It includes two values of
+        Faddeeva's function.
+    """
+
+    block_elements: int = 1 << 20
+    element_bytes: int = 160
+    element_touches: int = 1500
+
+
+_SETTINGS = FresnelMatrixSettings()
 
 
 class FresnelMatrices(ParaxialPropagator):
-    """The paraxial kernel is a product of one along y and one along x, so that
+    """Propagate by Fresnel's integral, with one matrix for each axis.
 
-        target = rows · source · columns^T,
+    The paraxial kernel is the product of a kernel along y and one along x (thesis Eq. 2.12,
+    section 4.2 of Goodman), so
 
-    with a matrix for each axis (thesis Eq. 2.12, Goodman 4.2). Their elements are Fresnel
-    integrals in closed form, over a cell or over a smooth field's band (optics.propagation.
-    fresnel_integral): nothing is sampled, and any two planes will do, however near.
+        target = rows · source · columns^T.
+
+    The elements of the matrices are Fresnel integrals in closed form, over a cell or over a smooth
+    field's band (optics.propagation.fresnel_integral). There is no sampling error, however close
+    the planes are.
     """
 
     name = "Fresnel matrices"
@@ -41,8 +60,10 @@ class FresnelMatrices(ParaxialPropagator):
         self._cached_matrices: tuple[torch.Tensor, torch.Tensor] | None = None
 
     def _turns(self) -> float:
-        """Of the kernel between the points that are farthest from each other; a smooth field
-        has no faster phase than its own fringes give it."""
+        """Return the kernel's largest phase in turns, between the two most distant points.
+
+        The phase of a smooth field is limited by the field's own fringes.
+        """
         n, most = self._paraxial_span.numeric, 0.0
         for axis in (0, 1):
             way = max(map(abs, n.lateral_range(axis)))
@@ -61,14 +82,14 @@ class FresnelMatrices(ParaxialPropagator):
         return band_kernel(way, span.source.pitch[axis], span.carrier[axis], scale)
 
     def _matrix(self, axis: int) -> torch.Tensor:
-        """(target's samples, source's samples) along an axis."""
+        """Compute the Fresnel matrix (target samples, source samples) along an axis."""
         source, target = self.span.source, self.span.target
         pitch = source.pitch[axis]
         m, n = target.shape[axis], source.shape[axis]
         if abs(target.pitch[axis] - pitch) * max(m, n) < 1e-15 * pitch:
             return self._toeplitz_matrix(axis)
         x = source.coordinates(axis)
-        rows = max(1, _BLOCK // n)
+        rows = max(1, _SETTINGS.block_elements // n)
         parts = [
             self._kernel_values(axis, part[:, None] - x).to(self.dtype)
             for part in torch.split(target.coordinates(axis), rows)
@@ -76,7 +97,7 @@ class FresnelMatrices(ParaxialPropagator):
         return torch.cat(parts)
 
     def _toeplitz_matrix(self, axis: int) -> torch.Tensor:
-        """Between samples that are equally far apart it takes one value for each lag."""
+        """Compute the Fresnel matrix of planes of equal pitch, from one value for each lag."""
         source, target = self.span.source, self.span.target
         m, n = target.shape[axis], source.shape[axis]
         lag = torch.arange(m + n - 1, dtype=torch.float64) - (n - 1) + n // 2 - m // 2
@@ -123,11 +144,11 @@ class FresnelMatrices(ParaxialPropagator):
     def bytes(self) -> int:
         (ny, nx), (my, mx) = self.span.source.shape, self.span.target.shape
         between = my * nx if self._rows_first else ny * mx
-        # Whole matrices are recorded for their derivatives.
+        # Derivatives are recorded for whole matrices, not block by block.
         whole = self.span.differentiable
-        made = self._elements() if whole else min(self._elements(), _BLOCK)
+        made = self._elements() if whole else min(self._elements(), _SETTINGS.block_elements)
         kept = self._elements() + between + my * mx
-        return self.dtype.itemsize * kept + _BLOCK_BYTES * made
+        return self.dtype.itemsize * kept + _SETTINGS.element_bytes * made
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         (ny, nx), (my, mx) = self.span.source.shape, self.span.target.shape
@@ -136,5 +157,5 @@ class FresnelMatrices(ParaxialPropagator):
             speed
         )
         if self.span.differentiable:
-            seconds += self._elements() * _ELEMENT_TOUCHES * speed.touch
+            seconds += self._elements() * _SETTINGS.element_touches * speed.touch
         return speed.call + seconds

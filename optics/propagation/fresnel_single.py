@@ -1,4 +1,4 @@
-"""Fresnel's integral by a single Fourier transform."""
+"""Propagate light by Fresnel's integral, computed with a single Fourier transform."""
 
 from __future__ import annotations
 
@@ -16,25 +16,17 @@ from optics.propagation.paraxial import kernel_turns
 from optics.propagation.precision import working_precision
 from optics.propagation.replicas import field_band, replicas_miss_target, target_ray_frequencies
 from optics.propagation.span import FreeSpaceSpan
-from optics.propagation.spectral_propagator import TRANSFORM_SHARE, transform_error_share
-
-SAMPLING_SHARE = 0.2
-"""Of the tolerance that samples may use: copies that come near, or envelopes between nodes."""
-
-REPLICA_SHARE = 0.05
-"""Of the tolerance: what one of a smooth field's four nearest copies may send, at most."""
-
-MAX_ENVELOPE_NODES = 6
-"""Transforms an axis beyond which other methods are always cheaper."""
+from optics.propagation.spectral_propagator import transform_error_share
+from optics.propagation.tolerance_shares import TOLERANCE_SHARES
 
 
 class SingleFresnel(ChirpedPropagator):
-    """Chirp, Fourier transform, chirp (Goodman 4.2.1), to any pitch and window.
+    """Propagate by one Fourier transform between two chirps (section 4.2.1 of Goodman).
 
-    A smooth field is summed over its samples, where no copy of its spectrum sends light to the
-    target (optics.propagation.replicas): far enough away, that is. Cells are exact at any
-    distance, but near by they take one transform for each of some nodes (optics.propagation.
-    chirped).
+    The target may have any pitch and window. A smooth field is summed over its samples, which
+    requires a distance at which no replica of its spectrum sends light to the target
+    (optics.propagation.replicas). Cells are exact at any distance, but at short distances they
+    need one transform for each of several nodes (optics.propagation.chirped).
     """
 
     name = "single Fresnel transform"
@@ -42,12 +34,13 @@ class SingleFresnel(ChirpedPropagator):
     def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
         n = self._paraxial_span.numeric
-        cells, sampling = None, SAMPLING_SHARE * n.tol
+        shares = TOLERANCE_SHARES
+        cells, sampling = None, shares.sampling * n.tol
         if n.cells is None:
             require_replicas_miss_target(self.name, n)
         else:
-            cells, sampling = plan_cell_sampling(n, n.scale, SAMPLING_SHARE * n.tol)
-        share, turns = SAMPLING_SHARE + 2 * TRANSFORM_SHARE, kernel_turns(self._paraxial_span)
+            cells, sampling = plan_cell_sampling(n, n.scale, shares.sampling * n.tol)
+        share, turns = shares.sampling + 2 * shares.transform, kernel_turns(self._paraxial_span)
         self.dtype, self.arithmetic = working_precision(n.tol - self._model_error, turns, share)
         step = ChirpedTransform(
             n.source, span.target, span.scale, self.dtype, n.budget,
@@ -63,7 +56,7 @@ class SingleFresnel(ChirpedPropagator):
 
 
 def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
-    """Raise ToleranceError where a copy of a smooth field's spectrum lights the target."""
+    """Raise ToleranceError if a replica of a smooth field's spectrum sends light to the target."""
     n = span.numeric
     for axis in (0, 1):
         band, reach, pitch = (
@@ -71,7 +64,8 @@ def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
             target_ray_frequencies(n, axis),
             n.source.pitch[axis],
         )
-        if replicas_miss_target(band, pitch, reach, abs(n.scale), REPLICA_SHARE * n.tol):
+        allowed = TOLERANCE_SHARES.replica * n.tol
+        if replicas_miss_target(band, pitch, reach, abs(n.scale), allowed):
             continue
         raise ToleranceError(
             f"tol {n.tol:g} can't be kept by the {name}: samples {pitch:g} m apart in "
@@ -83,9 +77,10 @@ def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
 def plan_cell_sampling(
     span: FreeSpaceSpan, scale: float, error: float
 ) -> tuple[CellSampling, float]:
-    """The nodes that cells need for the way of a scale, and what they cost.
+    """Return the envelope nodes that cells need in a Fresnel transform, and the resulting error.
 
-    Raises ToleranceError where the chirp turns too fast across the outermost cells.
+    scale: wavelength times distance of the transform, square metres. error: the error allowed.
+    Raises ToleranceError if the chirp varies too fast across the outermost cells.
     """
     n = span.numeric
     assert n.cells is not None
@@ -93,7 +88,8 @@ def plan_cell_sampling(
     for axis, side in enumerate(n.cells):
         farthest = (span.source.shape[axis] - 1) * span.source.pitch[axis] / 2
         turn = 2 * math.pi * farthest * side / abs(scale)
-        count = envelope_node_count(turn, error / 2, MAX_ENVELOPE_NODES)
+        # With more than 6 nodes, and so transforms, along an axis, other methods are cheaper.
+        count = envelope_node_count(turn, error / 2, 6)
         if not count:
             raise ToleranceError(
                 f"tol {n.tol:g} can't be kept by a single Fresnel transform: the chirp turns by "

@@ -1,4 +1,4 @@
-"""Fresnel's transfer function between any two windows."""
+"""Propagate light by Fresnel's transfer function between any two windows."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from optics.propagation.angular_spectrum import ScaledAngularSpectrum
 
 
 class FresnelTransfer(ScaledAngularSpectrum):
-    """As the scaled angular spectrum, with H = exp(-i pi wavelength z f²) (Goodman 4.2.3).
+    """Propagate as the scaled angular spectrum does, with Fresnel's transfer function.
 
-    H is one function along y times one along x: two lines are kept instead of a plane.
-    The model where paraxial is asked for; for a scalar wave, where it is off by less than a
-    part of the tolerance.
+    It is H = exp(-i pi wavelength z f²) (section 4.2.3 of Goodman), the product of a function of y
+    and one of x, so two lines are kept instead of a plane. The method is valid for the paraxial
+    model. For a scalar wave it is valid where its error is below a share of the tolerance.
     """
 
     name = "Fresnel transfer function"
     paraxial = True
 
     def _build_filter(self, frequencies: Plane) -> torch.Tensor:
-        """W along y, then along x, in one line."""
+        """Compute the filter W along y and along x, concatenated to one vector."""
         y, x = (frequencies.coordinates(axis) for axis in (0, 1))
         zero = torch.zeros(1, dtype=torch.float64)
         down = self._transfer(y, zero) * self._weight(frequencies, 0)

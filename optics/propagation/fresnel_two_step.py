@@ -1,4 +1,4 @@
-"""Fresnel's integral by two Fourier transforms, with a plane between them."""
+"""Propagate light by Fresnel's integral in two steps, through an intermediate plane."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from optics.fourier.chirp import chirp_length
 from optics.fourier.fft import fft_operations
 from optics.plane import Plane
 from optics.propagation.chirped import CellSampling, ChirpedPropagator, ChirpedTransform
-from optics.propagation.fresnel_single import REPLICA_SHARE, SAMPLING_SHARE, plan_cell_sampling
+from optics.propagation.fresnel_single import plan_cell_sampling
 from optics.propagation.precision import phase_rounding, working_precision
 from optics.propagation.replicas import (
     Interval,
@@ -23,30 +23,25 @@ from optics.propagation.replicas import (
     step_widths,
 )
 from optics.propagation.span import FreeSpaceSpan
-from optics.propagation.spectral_propagator import TRANSFORM_SHARE, transform_error_share
+from optics.propagation.spectral_propagator import transform_error_share
+from optics.propagation.tolerance_shares import TOLERANCE_SHARES
 
 _PLANE_POSITIONS = tuple(
     sign * 2.0 ** (k / 2) for k in range(-6, 25) for sign in (1.0, -1.0) if (sign, k) != (1.0, 0)
 )
-"""Where the plane between may lie, in distances from source to target. Beyond the target, or
-behind the source, a chirp is flatter: that is where near targets need it."""
+"""Positions of the intermediate plane that are tried, over the distance from source to target.
 
-_FARTHEST = 8.0
-"""Of these, where derivatives are wanted: those of both steps nearly cancel, and the farther
-the plane, the more digits that costs."""
-
-_PHASE_SHARE = 0.2
-"""Of the tolerance that the rounding of long chirps may use."""
-
-_PART_OF_SAMPLE = 1e-12
+Near targets need a plane beyond the target or behind the source, where the chirps vary less.
+"""
 
 
 @dataclass(frozen=True)
 class IntermediateAxis:
-    """The samples of the plane between, along one axis, and the light that passes there.
+    """The samples of the intermediate plane along one axis, and the tapers at its ends.
 
-    low, high: metres. pitch: metres between samples. below, above: the smooth steps down at
-    either end, (centre, sigma), None where the field has died away by itself.
+    low, high: first and last position in metres. pitch: largest distance between samples in metres.
+    below, above: (centre, sigma) in metres of the smooth steps at either end; None where the field
+    has died away without a taper.
     """
 
     low: float
@@ -57,7 +52,7 @@ class IntermediateAxis:
 
     @property
     def count(self) -> int:
-        return math.ceil((self.high - self.low) / self.pitch * (1 - _PART_OF_SAMPLE)) + 1
+        return math.ceil((self.high - self.low) / self.pitch * (1 - 1e-12)) + 1
 
     def taper(self, x: torch.Tensor) -> torch.Tensor:
         value = torch.ones_like(x)
@@ -69,23 +64,27 @@ class IntermediateAxis:
 
 
 class TwoStepFresnel(ChirpedPropagator):
-    """One transform to a plane between, another one on to the target (Schmidt 2010, Numerical
-    Simulation of Optical Wave Propagation, 10.1117/3.866274, equations 6.24 to 6.29; Voelz
-    2011, Computational Fourier Optics, 10.1117/3.858456, appendix).
+    """Propagate by one Fresnel transform to an intermediate plane and one from there to the target.
 
-    A near target breaks the sampling criterion of a single transform. A plane that is farther
-    away, beyond the target or behind the source, keeps it: from there the light is taken back.
-    With t the plane's distance over the target's,
+    The method is that of Schmidt (2010, Numerical Simulation of Optical Wave Propagation,
+    10.1117/3.866274, equations 6.24 to 6.29) and Voelz (2011, Computational Fourier Optics,
+    10.1117/3.858456, appendix).
 
-    * a point x_s sends its light to x_t through x_s + t (x_t - x_s), and nowhere else but for
-      diffraction: a step down of width sigma removes from it, at a distance delta, what it
-      removes in the spectrum (optics.propagation.replicas), with 1 / |scale t (1 - t)| in place
-      of dX/df. So the plane ends, smoothly, a little beyond all such points, or beyond all
-      of a smooth field's light if that is less;
-    * samples of it, p apart, repeat the target's light every |scale (1 - t)| / p: the copies
-      must miss the target (multiplied by fringes 1 / p, a field arrives that far aside).
+    A near target violates the sampling criterion of a single transform. A plane that is farther
+    away, beyond the target or behind the source, meets it, and the light is propagated from there
+    back to the target. With t the plane's distance over the target's, two conditions hold:
 
-    Where that holds, the sums are the integrals. The cheapest such plane is taken.
+    * The light from a point x_s to x_t passes through x_s + t (x_t - x_s), except for diffraction.
+      A step of width sigma at a distance delta from there removes the same share of it as a step in
+      the spectrum (optics.propagation.replicas), with 1 / |scale t (1 - t)| in place of dX/df. So
+      the plane ends smoothly just beyond all such points, or beyond all light of a smooth field if
+      that is less.
+    * Samples of the plane with pitch p make replicas of the target's light every
+      |scale (1 - t)| / p. The replicas must miss the target. (A field that is multiplied by fringes
+      of frequency 1 / p is displaced by that much.)
+
+    Where both hold, the sums equal the integrals within the tolerance. The cheapest such plane is
+    used.
     """
 
     name = "two-step Fresnel"
@@ -93,12 +92,13 @@ class TwoStepFresnel(ChirpedPropagator):
     def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
         n = self._paraxial_span.numeric
-        self._epsilon = REPLICA_SHARE * n.tol
+        shares = TOLERANCE_SHARES
+        self._epsilon = shares.replica * n.tol
         part, axes, cells = self._cheapest_plane()
         self._tapers = axes
         self._intermediate_plane = _sampled_plane(axes)
         turns = self._turns(part, axes)
-        share = 2 * SAMPLING_SHARE + 4 * TRANSFORM_SHARE
+        share = 2 * shares.sampling + 4 * shares.transform
         self.dtype, self.arithmetic = working_precision(n.tol - self._model_error, turns, share)
         scale, error = span.scale, transform_error_share(n)
         first = ChirpedTransform(
@@ -119,7 +119,7 @@ class TwoStepFresnel(ChirpedPropagator):
             error=error,
         )
         self._steps = (first, second)
-        sampling = 2 * SAMPLING_SHARE * n.tol + 2 * (first.error + second.error)
+        sampling = 2 * shares.sampling * n.tol + 2 * (first.error + second.error)
         self._set_error_bound(self._model_error + sampling, share, self._model_error)
         rows, columns = self._intermediate_plane.shape
         self.sampling = f"{columns}x{rows} samples at {part:.3g} of the way"
@@ -127,18 +127,21 @@ class TwoStepFresnel(ChirpedPropagator):
     def _cheapest_plane(
         self,
     ) -> tuple[float, tuple[IntermediateAxis, IntermediateAxis], CellSampling | None]:
-        """Where the plane lies, its samples, and how cells are sent there."""
+        """Return the position of the cheapest intermediate plane, its samples, and cell nodes."""
         n, best = self._paraxial_span.numeric, math.inf
         found: (
             tuple[float, tuple[IntermediateAxis, IntermediateAxis], CellSampling | None] | None
         ) = None
-        farthest = _FARTHEST if self._paraxial_span.differentiable else math.inf
+        # The derivatives of both steps nearly cancel, and lose more digits the farther away the
+        # plane is. So its distance is limited where derivatives are needed.
+        farthest = 8.0 if self._paraxial_span.differentiable else math.inf
+        allowed = TOLERANCE_SHARES.chirp_rounding * n.tol
         for part in (part for part in _PLANE_POSITIONS if abs(part) <= farthest):
             offer = self._plane_at(part)
             if offer is None:
                 continue
             axes, cells = offer
-            if phase_rounding(self._turns(part, axes)) > _PHASE_SHARE * n.tol:
+            if phase_rounding(self._turns(part, axes)) > allowed:
                 continue
             terms = cells.nodes[0] * cells.nodes[1] if cells else 1
             shape = (axes[0].count, axes[1].count)
@@ -158,11 +161,11 @@ class TwoStepFresnel(ChirpedPropagator):
     def _plane_at(
         self, part: float
     ) -> tuple[tuple[IntermediateAxis, IntermediateAxis], CellSampling | None] | None:
-        """The plane between and the cells' nodes at a part of the way; None where none serves."""
+        """Plan the intermediate plane at a part of the distance; return None if it isn't valid."""
         n, cells = self._paraxial_span.numeric, None
         if n.cells is not None:
             try:
-                cells, _ = plan_cell_sampling(n, part * n.scale, SAMPLING_SHARE * n.tol)
+                cells, _ = plan_cell_sampling(n, part * n.scale, TOLERANCE_SHARES.sampling * n.tol)
             except ToleranceError:
                 return None
         y, x = self._axis(0, part), self._axis(1, part)
@@ -180,7 +183,7 @@ class TwoStepFresnel(ChirpedPropagator):
         return IntermediateAxis(low, high, pitch, below, above)
 
     def _turns(self, part: float, axes: tuple[IntermediateAxis, IntermediateAxis]) -> float:
-        """Of the fastest chirp."""
+        """Return the largest phase of the chirps of both steps, in turns."""
         n = self._paraxial_span.numeric
         most = 0.0
         for axis, between in enumerate(axes):
@@ -208,21 +211,21 @@ class TwoStepFresnel(ChirpedPropagator):
 
 
 class _IntermediateLight:
-    """Where light is in the plane between and in the target's, along an axis."""
+    """The extent of the light in the intermediate plane and in the target's, along one axis."""
 
     def __init__(self, span: FreeSpaceSpan, axis: int, part: float, epsilon: float) -> None:
         self._span, self._axis, self._part, self._epsilon = span, axis, part, epsilon
         self._source, self._target = span.source_extent(axis), _target_ends(span, axis)
         scale = abs(span.scale)
-        # A step in this plane meets chirps of 1 / (t (1 - t) scale), as one in the spectrum
-        # meets those of dX/df.
+        # A taper in this plane acts on chirps of 1 / (t (1 - t) scale), just as a taper in the
+        # spectrum acts on chirps of dX/df.
         kappa = 1 / (scale * abs(part * (1 - part)))
         self._step_width, self._dark_margin = step_widths(kappa, math.inf, epsilon)
         self._sigma = self._step_width / math.sqrt(2 * math.log(1 / epsilon))
         self.window = self._find_window()
 
     def _smooth_light_interval(self, part: float) -> Interval | None:
-        """Where all of a smooth field's light is, at a part of the way; None of cells'."""
+        """Return where a smooth field's light is at a part of the distance; None for cells."""
         span, axis = self._span, self._axis
         if span.cells is not None:
             return None
@@ -236,7 +239,7 @@ class _IntermediateLight:
     def _find_window(
         self,
     ) -> tuple[float, float, tuple[float, float] | None, tuple[float, float] | None] | None:
-        """Of the plane between, with the steps there; None where it can't be."""
+        """Return the ends of the intermediate plane and its tapers; None if it isn't valid."""
         part = self._part
         through = [a + part * (b - a) for a in self._source for b in self._target]
         low = min(through) - self._dark_margin - self._step_width
@@ -252,7 +255,7 @@ class _IntermediateLight:
         return left, right, below if left == low else None, above if right == high else None
 
     def _replicas_miss_window(self, low: float, high: float) -> bool:
-        """Whether the source's own samples send copies to the plane between."""
+        """Return whether the replicas of the source's samples miss the intermediate plane."""
         span, axis = self._span, self._axis
         scale = self._part * span.scale
         ways = (low - self._source[1], high - self._source[0])
@@ -267,7 +270,7 @@ class _IntermediateLight:
 
     @property
     def target_interval(self) -> Interval:
-        """Where all light that has passed the plane between arrives in the target's plane."""
+        """Return the part of the target's plane that the intermediate plane's light reaches."""
         assert self.window is not None
         part = self._part
         low, high, below, above = self.window
@@ -280,13 +283,13 @@ class _IntermediateLight:
 
 
 def _target_ends(span: FreeSpaceSpan, axis: int) -> Interval:
-    """The target's first and last sample along an axis, metres."""
+    """Return the positions of the target's first and last sample along an axis, metres."""
     places = [corner[axis] for corner in span.target_corners]
     return min(places), max(places)
 
 
 def _sampled_plane(axes: tuple[IntermediateAxis, IntermediateAxis]) -> Plane:
-    """The samples of both axes, as many as an FFT likes."""
+    """Return the intermediate plane, with a number of samples along each axis that suits FFTs."""
     shape, pitch, centre = [], [], []
     for axis in axes:
         count = scipy.fft.next_fast_len(axis.count)
@@ -298,6 +301,6 @@ def _sampled_plane(axes: tuple[IntermediateAxis, IntermediateAxis]) -> Plane:
 
 
 def _chirp_z_operations(source: tuple[int, int], target: tuple[int, int]) -> float:
-    """Operations of a chirp-Z transform, for a comparison."""
+    """Estimate the operations of a chirp-Z transform, to compare intermediate planes."""
     rows, columns = (chirp_length(n, m) for n, m in zip(source, target, strict=True))
     return source[1] * fft_operations(rows) + target[0] * fft_operations(columns)

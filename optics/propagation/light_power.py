@@ -1,4 +1,4 @@
-"""How much light a field has, and fields that are too strong or too weak for single precision."""
+"""Measure a field's power, and rescale fields that exceed the range of single precision."""
 
 from __future__ import annotations
 
@@ -6,30 +6,29 @@ import torch
 
 from optics.validation import require_finite
 
-_LEAST, _MOST = 1e-20, 1e20
-"""Sums of |u|² between which a field's spectrum, its kernels and their squares are all far from
-what single precision can't hold, 1e-38 and 1e38."""
-
 
 def sum_squared_modulus(field: torch.Tensor) -> torch.Tensor:
-    """Sum of |u|² of each field (..., rows, columns), float64; squared in its own precision."""
+    """Return the sum of |u|² of each field (..., rows, columns), float64.
+
+    The squares are computed in the precision of the field.
+    """
     parts = torch.view_as_real(field.detach().resolve_conj())
     return parts.square().sum(dim=(-3, -2, -1), dtype=torch.float64)
 
 
 def field_power(field: torch.Tensor) -> torch.Tensor:
-    """Sum of |u|² of each field (..., rows, columns), float64."""
+    """Return the power of each field (..., rows, columns): the sum of |u|², float64."""
     light = sum_squared_modulus(field)
     if field.dtype == torch.complex128 or _suits_single_precision(light):
         return light
-    # The squares may have left single precision.
+    # The squares may have exceeded the range of single precision.
     return sum_squared_modulus(field.to(torch.complex128))
 
 
 def require_finite_power(name: str, field: torch.Tensor) -> torch.Tensor:
-    """field_power(); raises ValueError for a field with NaN or infinite values.
+    """Return the power of a field, and raise ValueError if it has NaN or infinite values.
 
-    Each of them shows in the sum: where that is ordinary nobody has to look for them.
+    Any such value changes the sum, so the values are checked only where the sum is unusual.
     """
     light = field_power(field)
     if not _suits_single_precision(light):
@@ -40,10 +39,11 @@ def require_finite_power(name: str, field: torch.Tensor) -> torch.Tensor:
 def normalise_strength(
     field: torch.Tensor, light: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
-    """Fields of ordinary strength, their light, and what they must be multiplied by.
+    """Rescale fields for single precision; return them, their power, and the factor that undoes it.
 
-    light: field_power() of the field. Nothing is done, and the factor is None, if all have
-    an ordinary strength; else each field that is lit is divided by its largest part.
+    light: field_power() of the field. If the power of every field suits single precision, nothing
+    is changed and the factor is None. Otherwise each field that isn't dark is divided by its
+    largest real or imaginary part.
     """
     if _suits_single_precision(light):
         return field, light, None
@@ -55,7 +55,10 @@ def normalise_strength(
 
 
 def power_shares(part: torch.Tensor, light: torch.Tensor) -> list[float]:
-    """Part over light of all fields that are lit; a few numbers are quicker in a list."""
+    """Return the ratio part / light for each field that isn't dark.
+
+    The result is a list, because that is faster than a tensor for a few numbers.
+    """
     return [
         p / whole for p, whole in zip(_as_list(part), _as_list(light), strict=True) if whole > 0
     ]
@@ -67,5 +70,7 @@ def _as_list(values: torch.Tensor) -> list[float]:
 
 
 def _suits_single_precision(light: torch.Tensor) -> bool:
-    """Whether that of all fields is."""
-    return all(_LEAST < one < _MOST for one in _as_list(light))
+    """Return whether the power of every field suits computations in single precision."""
+    # Within these limits a field's spectrum, its kernels and their squares stay far from the ends
+    # of single precision, 1e-38 and 1e38.
+    return all(1e-20 < one < 1e20 for one in _as_list(light))

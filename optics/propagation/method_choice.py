@@ -1,4 +1,4 @@
-"""Every way through free space that serves a request, and the cheapest of them."""
+"""List the free-space propagation methods and choose the cheapest for a span."""
 
 from __future__ import annotations
 
@@ -36,27 +36,28 @@ _PROPAGATORS: dict[str, type[Propagator]] = {
 }
 
 METHODS = tuple(_PROPAGATORS)
-"""Of free space; not all of them serve every request."""
-
-_MAX_CALL_SECONDS = 3600.0
-"""Seconds of a call beyond which nobody waits who wasn't told before."""
+"""Names of all propagation methods. A method may not be valid for every span."""
 
 
 def methods_for_span(span: FreeSpaceSpan, method: str | None) -> MethodChoice[Propagator]:
-    """The methods that serve a span, the cheapest first; method: one of METHODS, or all."""
+    """Return the propagation methods that are valid for a span, the cheapest first.
+
+    method: one of METHODS, or None for all of them.
+    """
     return MethodChoice(
         [partial(_PROPAGATORS[name], span) for name in select_methods(METHODS, method)],
         span.budget,
         "light in free space",
         remedy="ask for a smaller target or a larger tol",
-        longest=math.inf if method else _MAX_CALL_SECONDS,
+        # Without a named method, no call may take more than an hour.
+        longest=math.inf if method else 3600.0,
     )
 
 
 def prepare_cheapest(choice: MethodChoice[Propagator], tol: float) -> Propagator:
-    """The cheapest method that keeps its promise, prepared.
+    """Prepare and return the cheapest propagation method that keeps the tolerance.
 
-    Raises ToleranceError or ValueError with the reasons of those that can't.
+    Raises ToleranceError or ValueError with the reasons of all methods if there is none.
     """
     for offer in choice.prepared_candidates():
         return offer

@@ -1,4 +1,4 @@
-"""Which requests Fresnel's integral answers, and how well."""
+"""Decide for which spans Fresnel's integral is accurate enough, and bound its error."""
 
 from __future__ import annotations
 
@@ -9,23 +9,21 @@ from optics.accuracy import ToleranceError
 from optics.propagation.propagator import Propagator
 from optics.propagation.replicas import field_band, target_ray_frequencies
 from optics.propagation.span import FreeSpaceSpan
+from optics.propagation.tolerance_shares import TOLERANCE_SHARES
 from optics.propagation.transfer_function import paraxial_phase_error
-
-MODEL_SHARE = 0.3
-"""Of the tolerance, that a paraxial method may leave out of a scalar wave."""
 
 
 def paraxial_model_error(span: FreeSpaceSpan, frequency: float) -> float:
-    """What the paraxial model leaves out up to a frequency: 0 where it is the one declared.
+    """Return the error of the paraxial model for frequencies up to `frequency`, cycles per metre.
 
-    Raises ToleranceError where the paraxial phase of a scalar wave is off by more than a part of
-    the tolerance.
+    It is 0 for a span whose declared model is paraxial. Raises ToleranceError where the paraxial
+    phase error of a scalar wave exceeds its share of the tolerance.
     """
     n = span.numeric
     if n.paraxial:
         return 0.0
     error = paraxial_phase_error(n.wavelength, n.distance, frequency)
-    if error > MODEL_SHARE * n.tol:
+    if error > TOLERANCE_SHARES.model * n.tol:
         raise ToleranceError(
             f"tol {n.tol:g} can't be kept by a paraxial method, which is off by up to "
             f"{error:.2g} rad here; use the scalar methods, or ask for paraxial=True"
@@ -34,8 +32,10 @@ def paraxial_model_error(span: FreeSpaceSpan, frequency: float) -> float:
 
 
 class ParaxialPropagator(Propagator):
-    """A way to compute Fresnel's integral between parallel planes, in place of a scalar wave's
-    where that is as good."""
+    """Base class of the methods that compute Fresnel's integral between parallel planes.
+
+    They also replace the scalar model where their model error is small enough.
+    """
 
     def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
@@ -47,12 +47,13 @@ class ParaxialPropagator(Propagator):
 
 
 def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
-    """The largest frequency at which a kernel's phase counts, cycles per metre.
+    """Return the largest frequency at which a Fresnel kernel's phase matters, cycles per metre.
 
     The next term of the phase, c f⁴, adds c times (D_y² + D_x²)² h to the kernel h, with
-    D = d/dx / (2 pi i). On the chirp exp(i pi x² / scale), D² is f² + 1 / (2 pi i scale) and D⁴
-    f⁴ + 6 f² / (2 pi i scale) - 3 / (2 pi scale)², where f = x / scale is the ray's frequency:
-    no more than (f² + 3 / (2 pi scale))². A smooth field has no more than its own fringes.
+    D = d/dx / (2 pi i). On the chirp exp(i pi x² / scale), D² is f² + 1 / (2 pi i scale) and D⁴ is
+    f⁴ + 6 f² / (2 pi i scale) - 3 / (2 pi scale)², where f = x / scale is the ray's frequency.
+    That is no more than (f² + 3 / (2 pi scale))². For a smooth field, the frequency is limited by
+    the field's own band.
     """
     blur = 3 / (2 * math.pi * abs(span.numeric.scale))
     axes = []
@@ -63,6 +64,6 @@ def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
 
 
 def kernel_turns(span: FreeSpaceSpan) -> float:
-    """Turns of the paraxial kernel between the points that are farthest from each other."""
+    """Return the phase in turns of the paraxial kernel between the two most distant points."""
     ways = (max(map(abs, span.lateral_range(axis))) for axis in (0, 1))
     return max(way**2 for way in ways) / (2 * abs(span.numeric.scale))

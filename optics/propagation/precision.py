@@ -1,4 +1,4 @@
-"""How precisely a way through free space must compute, and can."""
+"""Choose the floating-point precision of a free-space propagation."""
 
 from __future__ import annotations
 
@@ -7,28 +7,26 @@ import math
 import torch
 
 from optics.accuracy import FLOAT64_ARITHMETIC, ToleranceError, unreachable_tolerance_error
+from optics.propagation.tolerance_shares import TOLERANCE_SHARES
 
 FIELD32_ARITHMETIC = 1e-6
-"""Relative L2 error of a field from two complex64 transforms whose phases were prepared in
-float64; measured against complex128, with a margin of two."""
+"""Relative L2 error of a field after two complex64 transforms, with phases computed in float64.
 
-_ROUNDING = 2.3e-16
-"""Of a phase in float64, relative: half a unit in the last place, twice."""
-
-_SINGLE_SHARE = 0.5
-"""Of the tolerance that single precision may use."""
+It was measured against complex128 and multiplied by a margin of two.
+"""
 
 
 def phase_rounding(turns: float) -> float:
-    """Radians that float64 leaves uncertain of a phase of so many turns."""
-    return 2 * math.pi * turns * _ROUNDING
+    """Return the rounding error in radians of a float64 phase of `turns` turns."""
+    # The relative error of such a phase is half a unit in the last place, twice.
+    return 2 * math.pi * turns * 2.3e-16
 
 
 def tolerance_below_error_floor(tol: float, share: float, fixed: float) -> ToleranceError:
-    """The refusal of a tolerance, with the least one that can be kept.
+    """Return the ToleranceError of a propagation, with the least tolerance that can be kept.
 
-    share: of the tolerance, whatever it is, that sampling may use. fixed: the error that
-    doesn't become less with it: rounding, and what a model leaves out.
+    share: the share of any tolerance that sampling may use. fixed: the error that doesn't decrease
+    with the tolerance, which is that of rounding and of the paraxial model.
     """
     return unreachable_tolerance_error(tol, fixed / (1 - share))
 
@@ -36,14 +34,14 @@ def tolerance_below_error_floor(tol: float, share: float, fixed: float) -> Toler
 def working_precision(
     tol: float, turns: float, share: float = 0.0, *, double: bool = False
 ) -> tuple[torch.dtype, float]:
-    """The dtype of the field, and the relative L2 error from rounding.
+    """Return the dtype of a propagated field, and its relative L2 error from rounding.
 
-    turns: the largest phase there is, in turns: made in float64, it is off by 2 pi turns
-    times the rounding of a number. share: of the tolerance, that sampling may use. double:
-    never complex64. Raises ToleranceError for a tolerance below both.
+    turns: the largest phase in turns; computed in float64, its error is `phase_rounding(turns)`.
+    share: the share of the tolerance that sampling may use. double: whether complex64 is excluded.
+    Raises ToleranceError if neither precision keeps the tolerance.
     """
-    phase = phase_rounding(turns)
-    if not double and min(_SINGLE_SHARE, 1 - share) * tol > FIELD32_ARITHMETIC:
+    phase, most = phase_rounding(turns), min(TOLERANCE_SHARES.single_precision, 1 - share)
+    if not double and most * tol > FIELD32_ARITHMETIC:
         dtype, error = torch.complex64, max(FIELD32_ARITHMETIC, phase)
     else:
         dtype, error = torch.complex128, max(FLOAT64_ARITHMETIC, phase)

@@ -1,4 +1,4 @@
-"""The contract of all ways through free space."""
+"""Define the interface of all free-space propagation methods."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from optics.propagation.span import FreeSpaceSpan
 class Propagator(CandidateMethod):
     """Base class of all methods of free-space propagation: a linear map from source to target.
 
-    It maps samples on a span's source to the field on its target. Before `prepare`, a propagator
-    knows its bytes, its processor time and its error from sampling, without having made anything
-    large; its constructor raises ToleranceError where the method isn't valid. `prepare` makes what
-    is kept. Then `forward` and `adjoint` may be called any number of times, with batches
-    (..., rows, columns). `forward` is differentiable in the field and in the span's lengths.
+    It maps samples on a span's source to the field on its target. The constructor allocates
+    nothing large. It computes the memory, the processor time and the sampling error, and raises
+    ToleranceError where the method isn't valid. `prepare` computes what is kept between calls. Then
+    `forward` and `adjoint` may be called any number of times, with batches (..., rows, columns).
+    `forward` is differentiable in the field and in the span's lengths.
 
     Parameters
     ----------
     span : FreeSpaceSpan
-        The propagation as data.
+        Describes the propagation.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Propagator(CandidateMethod):
         self.span = span
 
     def _require_parallel(self) -> None:
-        """Raise ValueError for planes that aren't parallel."""
+        """Raise ValueError if source and target plane aren't parallel."""
         if any(self.span.tilt):
             raise ValueError(
                 f"tilt is {self.span.tilt} rad; {self.name} needs parallel planes, a target that "
@@ -61,22 +61,23 @@ class Propagator(CandidateMethod):
             )
 
     def _set_error_bound(self, error: float, share: float, model: float) -> None:
-        """Set the error, or raise ToleranceError with the least tolerance that can be kept.
+        """Set the propagator's error bound, or raise ToleranceError if it exceeds the tolerance.
 
-        share: of the tolerance, whatever it is, that sampling may use; model: what a paraxial
-        method leaves out, which doesn't become less with it.
+        The exception names the least tolerance that can be kept. share: the share of any tolerance
+        that sampling may use. model: the error of the paraxial model, which doesn't decrease with
+        the tolerance.
         """
         self.error, tol = ErrorEstimate(error, "bound"), self.span.tol
         if not error + self.arithmetic <= tol:
             raise tolerance_below_error_floor(tol, share, self.arithmetic + model)
 
     def _slowness(self, speed: MachineSpeed) -> float:
-        """How much longer than in single precision an operation takes."""
+        """Return the time of an operation in this propagator's dtype over that in complex64."""
         return speed.double if self.dtype == torch.complex128 else 1.0
 
     @property
     def precision(self) -> str:
-        """The name of the dtype."""
+        """Return the name of the propagator's floating-point precision."""
         return "float64" if self.dtype == torch.complex128 else "float32"
 
     @abstractmethod

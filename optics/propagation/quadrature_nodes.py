@@ -1,4 +1,4 @@
-"""How many Gauss-Legendre nodes a cell takes."""
+"""Count the Gauss-Legendre nodes that a cell needs for the direct quadrature."""
 
 from __future__ import annotations
 
@@ -6,43 +6,41 @@ import math
 
 import numpy as np
 
-_FAR = 1e3
-"""Depth from which on the amplitude is the same all over the cell, to second order 1e-6 of
-what two nodes see exactly."""
-
 _RHO = 1 + np.geomspace(1e-3, 1e9, 300)
-"""Semi-axis sums of the ellipses that are tried: any of them makes a bound."""
+"""Semi-axis sums of the Bernstein ellipses that are tried. Each of them gives a valid bound."""
 
 
 def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int) -> int:
-    """Nodes that integrate a spherical wave over a cell to a relative error; 0 beyond `most`.
+    """Return the nodes that integrate a spherical wave over a cell; 0 for more than `most`.
 
-    The wave is exp(i (h x + b x²)) over |x| < 1, with |h| <= turn and |b| <= bend, radians,
-    times an amplitude. depth: distance of that wave's point over half the cell's side;
-    infinite if the amplitude is the same everywhere.
+    The wave is exp(i (h x + b x²)) over |x| < 1, with |h| <= turn and |b| <= bend in radians,
+    times an amplitude. error: relative error of the integral. depth: distance of the wave's origin
+    over half the cell's side; infinite if the amplitude is the same everywhere.
 
-    The wave's amplitude has poles at ± i depth, and n nodes leave about rho^(-2n) of such a
-    function, with rho = depth + sqrt(1 + depth²) (Trefethen 2008); where that is the slower,
-    both add up.
+    The wave's amplitude has poles at ± i depth. The quadrature error of such a function with n
+    nodes is about rho^(-2n), with rho = depth + sqrt(1 + depth²) (Trefethen 2008). The nodes for
+    the amplitude are added to those for the phase.
     """
     slow = math.log(1 / error) / (2 * math.asinh(depth))
     if slow > most:
         return 0
-    extra = math.ceil(slow) if depth < _FAR else 0
+    # From a depth of 1000 on, the amplitude counts as constant over the cell: its second-order
+    # part is 1e-6, and two nodes integrate that exactly.
+    extra = math.ceil(slow) if depth < 1e3 else 0
     nodes = _phase_nodes(turn, bend, error) + extra
     return nodes if nodes <= most else 0
 
 
 def _phase_nodes(turn: float, bend: float, error: float) -> int:
-    """Nodes for the phase alone.
+    """Return the Gauss-Legendre nodes that the phase of the wave alone needs.
 
-    n nodes leave 32 / 15 M rho^(-2n) / (1 - rho^(-2)) of the mean of a function that is no
-    larger than M on the ellipse of foci ± 1 and semi-axis sum rho (Trefethen 2008,
-    10.1137/060659831). The ellipse is A cos t + i B sin t, where the wave is
+    The error of the mean with n nodes is at most 32 / 15 M rho^(-2n) / (1 - rho^(-2)), for a
+    function that is no larger than M on the ellipse of foci ± 1 and semi-axis sum rho (Trefethen
+    2008, 10.1137/060659831). On the ellipse A cos t + i B sin t, the modulus of the wave is
 
         exp(-h B sin t - b A B sin 2t),
 
-    largest where cos t = 4 b A / (h + sqrt(h² + 32 b² A²)), up to signs.
+    which is largest where cos t = 4 b A / (h + sqrt(h² + 32 b² A²)), up to signs.
     """
     a, b = (_RHO + 1 / _RHO) / 2, (_RHO - 1 / _RHO) / 2
     root = np.hypot(turn, math.sqrt(32) * bend * a)

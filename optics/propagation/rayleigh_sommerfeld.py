@@ -1,9 +1,10 @@
-"""The diffraction integral as the sum that it is: slow, and right."""
+"""Propagate light by direct quadrature of the diffraction integral, slow but accurate."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 from torch.utils.checkpoint import checkpoint
@@ -16,25 +17,39 @@ from optics.propagation.propagator import Propagator
 from optics.propagation.quadrature_nodes import gauss_nodes
 from optics.propagation.replicas import oversampling_factor, target_ray_frequencies
 from optics.propagation.span import FreeSpaceSpan
+from optics.propagation.tolerance_shares import TOLERANCE_SHARES
 from optics.propagation.upsampling import upsample, upsample_adjoint
 
-_SHARE = 0.05
-"""Of the tolerance: what one of a smooth field's nearest copies may send, and what Gauss and
-Legendre may leave along an axis."""
 
-_MOST = 1000
-"""Nodes in a cell, or samples in place of one, along an axis."""
+@dataclass(frozen=True)
+class DirectQuadratureSettings:
+    """Tune the direct quadrature of the diffraction integral.
 
-_PAIRS = 1 << 16
-"""Pairs of points of both planes that are taken together, so that they stay in the caches."""
+    Attributes
+    ----------
+    max_points : int
+        Largest number of points along an axis in place of one sample: nodes of a cell, or finer
+        samples of a smooth field. Chosen.
+    tile_pairs : int
+        Pairs of a source point and a target sample per tile, chosen so that they fit in the
+        processor's caches.
+    tile_source_points : int
+        Source points per tile, unless a single row has more. Chosen.
+    pair_bytes : int
+        Memory in bytes per pair of a tile.
+    pair_touches : int
+        Processor time of a pair, in passes over one complex number: one phase, computed in
+        float64, and a square root. Single precision would hardly be faster.
+    """
 
-_TILE_SOURCE_POINTS = 1 << 11
-"""Source points of a tile, unless a single row has more."""
+    max_points: int = 1000
+    tile_pairs: int = 1 << 16
+    tile_source_points: int = 1 << 11
+    pair_bytes: int = 120
+    pair_touches: int = 170
 
-_PAIR_BYTES = 120
-_PAIR_TOUCHES = 170
-"""Processor time of a pair, in passes of a complex number: one phase, made in float64, and a
-square root. Single precision would hardly be faster."""
+
+_SETTINGS = DirectQuadratureSettings()
 
 
 def impulse_response(
@@ -45,15 +60,17 @@ def impulse_response(
     *,
     paraxial: bool = False,
 ) -> torch.Tensor:
-    """What a point sends to another, without the factor exp(i k distance).
+    """Return the impulse response of free space, without the factor exp(i k distance).
 
         h = depth / (2 pi r²) (1 / r - i k) exp(i k (r - distance)), r² = depth² + across²
 
-    (Rayleigh and Sommerfeld's first integral, Goodman 3.5), or, paraxial,
-    exp(i k (across² / (2 depth) + depth - distance)) / (i wavelength depth) (thesis Eq. 2.12).
+    This is the kernel of the first Rayleigh-Sommerfeld integral (section 3.5 of Goodman). In the
+    paraxial model it is exp(i k (across² / (2 depth) + depth - distance)) / (i wavelength depth)
+    (thesis Eq. 2.12).
 
-    across: squared, m². depth: metres along the axis, positive; distance: of the plane, whose
-    phase is left out. All float64; differences of long ways are never taken:
+    across: square of the lateral distance between the points, m². depth: their distance along the
+    axis, metres, positive. distance: distance of the target plane, whose phase is left out. All
+    tensors are float64. Long distances are never subtracted from each other:
     r - distance = (across² + (depth - distance) (depth + distance)) / (r + distance).
     """
     beyond = depth - distance
@@ -69,14 +86,15 @@ def impulse_response(
 
 
 class DirectQuadrature(Propagator):
-    """Every source point's spherical wave at every target sample: the judge of the others.
+    """Sum the spherical waves of all source points at every target sample.
 
-    Cells are summed over Gauss-Legendre nodes inside each. A smooth field is summed over its
-    samples: exact where no copy of its spectrum has a ray to the target, that is while
-    carrier + band + the steepest ray's frequency stay below 1 / pitch by a margin (optics.
-    propagation.replicas); nearer by, over finer samples, by zero-padded FFTs. It serves both
-    models, and tilted targets. Memory is bounded: tiles of pairs are made, used and forgotten,
-    and made again for derivatives. The time is that of all pairs.
+    The method is the reference for all other methods. A cell is summed over Gauss-Legendre nodes.
+    A smooth field is summed over its samples. That is exact where no replica of its spectrum has a
+    ray to the target, which requires carrier + band + the steepest ray's frequency to be below
+    1 / pitch by a margin (optics.propagation.replicas). At shorter distances, the field is
+    interpolated to finer samples by zero-padded FFTs. The method supports both models and tilted
+    targets. Memory is bounded: the kernel is computed in tiles, which aren't kept, and is computed
+    again for derivatives. The time is proportional to the number of pairs of points.
     """
 
     name = "direct quadrature"
@@ -89,32 +107,37 @@ class DirectQuadrature(Propagator):
         factors = [self._factor(axis) for axis in (0, 1)]
         self._factors = (factors[0], factors[1])
         self.dtype = torch.complex128
-        self.arithmetic = working_precision(n.tol, self._turns(), 4 * _SHARE, double=True)[1]
-        self.error = ErrorEstimate(4 * _SHARE * n.tol, "bound")
+        share = 4 * TOLERANCE_SHARES.direct
+        self.arithmetic = working_precision(n.tol, self._turns(), share, double=True)[1]
+        self.error = ErrorEstimate(share * n.tol, "bound")
         rows, columns = self._points
         self.sampling = f"{columns}x{rows} source points"
 
     def _factor(self, axis: int) -> int:
-        """Nodes in a cell, or finer samples in place of one."""
-        n, error = self.span.numeric, _SHARE * self.span.tol
+        """Return the number of points along an axis that replace one sample of the source.
+
+        They are nodes of a cell, or finer samples of a smooth field.
+        """
+        n, error = self.span.numeric, TOLERANCE_SHARES.direct * self.span.tol
+        most = _SETTINGS.max_points
         if n.cells is None:
-            factor = oversampling_factor(n, axis, error, _MOST)
+            factor = oversampling_factor(n, axis, error, most)
         else:
             half = n.cells[axis] / 2
             turn = 2 * math.pi * half * max(map(abs, target_ray_frequencies(n, axis)))
             bend = math.pi * half**2 / (n.wavelength * self._near)
             depth = math.inf if n.paraxial else self._near / half
-            factor = gauss_nodes(turn, bend, depth, error, _MOST)
+            factor = gauss_nodes(turn, bend, depth, error, most)
         if not factor:
             raise ToleranceError(
                 f"tol {n.tol:g} can't be kept by {self.name}: {n.distance:g} m away more than "
-                f"{_MOST} points are needed for each sample in {'yx'[axis]}; sample finer, or "
+                f"{most} points are needed for each sample in {'yx'[axis]}; sample finer, or "
                 "give the field's band= if it is narrower"
             )
         return factor
 
     def _turns(self) -> float:
-        """Of the kernel between the points that are farthest from each other."""
+        """Return the kernel's phase in turns between the two most distant points of the planes."""
         n = self.span.numeric
         ways = [max(map(abs, n.lateral_range(axis))) for axis in (0, 1)]
         deepest = max(abs(corner[2]) for corner in n.target_corners)
@@ -131,15 +154,15 @@ class DirectQuadrature(Propagator):
         points, (my, mx) = math.prod(self._points), self.span.target.shape
         extra = 4 if self.span.cells is None else 2
         kept = self.dtype.itemsize * (extra * points + 2 * my * mx) + 16 * points
-        return kept + _PAIR_BYTES * max(_PAIRS, self._points[1])
+        return kept + _SETTINGS.pair_bytes * max(_SETTINGS.tile_pairs, self._points[1])
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         my, mx = self.span.target.shape
         pairs = math.prod(self._points) * my * mx
-        return speed.call + pairs * _PAIR_TOUCHES * speed.touch
+        return speed.call + pairs * _SETTINGS.pair_touches * speed.touch
 
     def prepare(self) -> None:
-        """Nothing is kept."""
+        """Do nothing, because direct quadrature keeps no kernel between calls."""
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         points = self._apply_along_axes(self._samples_to_points, field.to(self.dtype))
@@ -164,7 +187,7 @@ class DirectQuadrature(Propagator):
         return field
 
     def _samples_to_points(self, axis: int, field: torch.Tensor) -> torch.Tensor:
-        """The field on the points along an axis, times the length of each."""
+        """Return the field on the quadrature points along an axis, times the length of each."""
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
         if span.cells is None:
@@ -172,7 +195,7 @@ class DirectQuadrature(Propagator):
         return (field[..., None] * self._weights(axis, field.device)).flatten(-2)
 
     def _points_to_samples(self, axis: int, points: torch.Tensor) -> torch.Tensor:
-        """The adjoint of _samples_to_points()."""
+        """Apply the adjoint of _samples_to_points() to values on the quadrature points."""
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
         if span.cells is None:
@@ -181,13 +204,13 @@ class DirectQuadrature(Propagator):
         return (parts * self._weights(axis, points.device)).sum(-1)
 
     def _weights(self, axis: int, device: torch.device) -> torch.Tensor:
-        """Gauss's and Legendre's, metres of a cell's side."""
+        """Return the Gauss-Legendre weights of a cell along an axis, in metres."""
         assert self.span.cells is not None
         weights = gauss_legendre(self._factors[axis])[1] / 2
         return torch.from_numpy(weights * self.span.cells[axis]).to(device)
 
     def _point_coordinates(self, axis: int) -> torch.Tensor:
-        """Metres of the points along an axis."""
+        """Return the coordinates of the source's quadrature points along an axis, metres."""
         source, factor = self.span.source, self._factors[axis]
         x = source.coordinates(axis)
         if self.span.cells is not None:
@@ -198,7 +221,7 @@ class DirectQuadrature(Propagator):
         return (x[:, None] + inside).flatten()
 
     def _target(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """(y, x, depth) of the target's samples, flat."""
+        """Return the positions (y, x, depth) of the target's samples, as flat tensors in metres."""
         target = self.span.target
         y = (target.coordinates(0) - target.centre[0])[:, None].expand(target.shape)
         x = (target.coordinates(1) - target.centre[1])[None, :].expand(target.shape)
@@ -207,7 +230,7 @@ class DirectQuadrature(Propagator):
         return y.reshape(-1), x.reshape(-1), (z * self._sign).reshape(-1)
 
     def _sum(self, values: torch.Tensor, *, adjoint: bool) -> torch.Tensor:
-        """h · values, or its conjugate transpose: (points of one plane, fields)."""
+        """Multiply (points of a plane, fields) by the kernel h or its conjugate transpose."""
         device = values.device
         target = [p.to(device) for p in self._target()]
         source_y, source_x = (self._point_coordinates(axis).to(device) for axis in (0, 1))
@@ -231,7 +254,7 @@ class DirectQuadrature(Propagator):
         return torch.cat(sums)
 
     def _tile(self, values: torch.Tensor, adjoint: bool, *geometry: torch.Tensor) -> torch.Tensor:
-        """One tile's part; for derivatives it's made again, not kept."""
+        """Compute one tile of the kernel times its values, and again for derivatives."""
         if torch.is_grad_enabled() and any(t.requires_grad for t in (values, *geometry)):
             part: torch.Tensor = checkpoint(
                 self._product, values, adjoint, *geometry, use_reentrant=False
@@ -255,10 +278,13 @@ class DirectQuadrature(Propagator):
 
 
 def _tiles(targets: int, rows: int, lines: int, adjoint: bool) -> tuple[list[slice], list[slice]]:
-    """Which parts of the answer's points are made at a time, and of which of the others' they
-    are summed: target samples from source rows, or the other way round."""
-    some = min(max(_TILE_SOURCE_POINTS // lines, 1), rows)
-    many = max(_PAIRS // (some * lines), 1)
+    """Split target samples and source rows into the tiles of a direct quadrature.
+
+    The first list contains the slices of the result's plane, the second those of the plane that is
+    summed over.
+    """
+    some = min(max(_SETTINGS.tile_source_points // lines, 1), rows)
+    many = max(_SETTINGS.tile_pairs // (some * lines), 1)
     parts = [
         [slice(first, min(first + step, count)) for first in range(0, count, step)]
         for count, step in ((targets, many), (rows, some))

@@ -1,18 +1,18 @@
-"""When a plain sum over samples is the integral over a smooth field.
+"""Decide whether a sum over samples equals the propagation integral of a smooth field.
 
-A sum over samples that are a pitch p apart carries copies of the field's spectrum, m / p away
-from it. It is exact as far as no copy's light lands on the target, whatever else it does: the
-copies needn't be filtered, only missed.
+A sum over samples with pitch p contains replicas of the field's spectrum, displaced by m / p. The
+sum is exact on the target if no replica's light reaches it. The replicas needn't be filtered out;
+they only have to miss the target.
 
-Light of frequencies from b to c goes to where its rays go, and a little beyond. To see how
-little, give it a step down from 1 to 0 beyond c, of width sigma, in the gap where there is no
-light: nothing changes. A ray f_s then meets, with kappa = dX/df,
+Light of frequencies from b to c reaches the points that its rays reach, and a margin beyond. The
+margin follows from a step from 1 to 0 beyond c, of width sigma, in the gap without light, where the
+step changes nothing. A ray f_s then gets, with kappa = dX/df,
 
     |integral of step(f) exp(-i pi kappa (f - f_s)²)| ~ exp(-2 pi² kappa² sigma² delta² /
                                                              (1 + 4 pi² kappa² sigma⁴))
 
 of the kernel at a distance delta from the step's centre. That is least at sigma² = 1 / (2 pi
-kappa), where it is exp(-pi kappa delta² / 2), if the gap has room for such a step.
+kappa), where it is exp(-pi kappa delta² / 2), if the gap is wide enough for such a step.
 """
 
 from __future__ import annotations
@@ -23,15 +23,14 @@ from optics.propagation.span import FreeSpaceSpan
 
 Interval = tuple[float, float]
 
-_RAYS = 1.0
-"""Wavelengths, for each e-fold of accuracy, from which on light is told from its rays."""
-
 
 def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float]:
-    """Of a smooth step: from its centre to where it is over, and to where it lets nothing by.
+    """Return two widths of a smooth step in the spectrum of a propagated field, cycles per metre.
 
-    kappa: dX/df, square metres. room: cycles per metre between the step's centre and where
-    it must be over. epsilon: what is nothing. Infinite without room.
+    The first is the distance from the step's centre to its end, the second to where it passes no
+    light. kappa: dX/df, square metres. room: cycles per metre between the step's centre and the
+    frequency by which it must end. epsilon: the share of the light that counts as zero. Both widths
+    are infinite if `room` isn't positive.
     """
     log = math.log(1 / epsilon)
     if not room > 0:
@@ -42,9 +41,9 @@ def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float
 
 
 def diffraction_margin(kappa: float, band: Interval, pitch: float, epsilon: float) -> float:
-    """Cycles per metre beyond a band from which on rays have none of its light.
+    """Return the margin beyond a frequency band outside which rays carry none of its light.
 
-    pitch: metres; copies of the band stand 1 / pitch apart.
+    It is in cycles per metre. pitch: metres; replicas of the band are 1 / pitch apart.
     """
     return sum(step_widths(kappa, (1 / pitch - (band[1] - band[0])) / 2, epsilon))
 
@@ -52,7 +51,7 @@ def diffraction_margin(kappa: float, band: Interval, pitch: float, epsilon: floa
 def replicas_miss_target(
     band: Interval, pitch: float, reach: Interval, kappa: float, epsilon: float
 ) -> bool:
-    """Whether no copy of a band of frequencies is among the rays that reach the target."""
+    """Return whether no replica of a frequency band has rays that reach the target."""
     margin = diffraction_margin(kappa, band, pitch, epsilon)
     if not math.isfinite(margin):
         return False
@@ -62,14 +61,14 @@ def replicas_miss_target(
 
 
 def field_band(span: FreeSpaceSpan, axis: int) -> Interval:
-    """The least and the largest frequency of a smooth field."""
+    """Return the least and the largest frequency of a span's smooth field along an axis."""
     return span.carrier[axis] - span.half_bandwidths[axis], span.carrier[
         axis
     ] + span.half_bandwidths[axis]
 
 
 def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
-    """The frequencies of rays from the source to the target along axis 0 (y) or 1 (x)."""
+    """Return the range of ray frequencies from source to target along axis 0 (y) or 1 (x)."""
     n = span.numeric
     depths = [abs(corner[2]) for corner in span.target_corners]
     low, high = span.lateral_range(axis)
@@ -86,16 +85,17 @@ def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
 def _ray_frequency(
     wavelength: float, way: float, depth: float, side: float, paraxial: bool
 ) -> float:
-    """Of the ray that goes `way` along one axis, `side` along the other, and `depth`."""
+    """Return the frequency along one axis of the ray with displacement (way, side, depth)."""
     if paraxial:
         return way / (wavelength * depth)
     return way / (wavelength * math.hypot(way, side, depth))
 
 
 def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: int) -> int:
-    """How many times as many samples an axis needs for a plain sum; 0 if more than `most`.
+    """Return the factor by which a smooth field must be oversampled for a plain sum over samples.
 
-    Frequencies beyond one over the wavelength die: copies there are missed as well.
+    It is 0 if it would exceed `most`. Replicas at frequencies beyond 1 / wavelength are evanescent,
+    so they may miss the target by decay as well.
     """
     n = span.numeric
     band, reach, pitch = (
@@ -109,13 +109,14 @@ def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: in
         fine = pitch / factor
         missed = replicas_miss_target(band, fine, reach, kappa, epsilon)
         if span.paraxial:
-            # Nothing dies there.
+            # There are no evanescent waves in the paraxial model.
             if missed:
                 return factor
             continue
-        # A few wavelengths away rays say little: there the copies must have died.
+        # Rays describe the light only from a distance on of one wavelength for each e-fold of
+        # accuracy. At shorter distances, the replicas must have decayed.
         nearest = 1 / fine - max(map(abs, band))
-        if missed and near > _RAYS * n.wavelength * math.log(1 / epsilon):
+        if missed and near > n.wavelength * math.log(1 / epsilon):
             return factor
         if nearest > 0 and _evanescent_decay(nearest, n.wavelength, near) < epsilon:
             return factor
@@ -123,6 +124,6 @@ def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: in
 
 
 def _evanescent_decay(frequency: float, wavelength: float, distance: float) -> float:
-    """What an evanescent wave has left; 1 for a wave that travels."""
+    """Return the amplitude that an evanescent wave retains; 1 for a propagating wave."""
     square = frequency**2 - 1 / wavelength**2
     return math.exp(-2 * math.pi * distance * math.sqrt(square)) if square > 0 else 1.0

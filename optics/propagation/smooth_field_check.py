@@ -1,4 +1,4 @@
-"""Whether a smooth field is what its samples promise: resolved by them, and dark at their edges."""
+"""Check that a smooth field is resolved by its samples and dark at the source's edges."""
 
 from __future__ import annotations
 
@@ -11,20 +11,14 @@ import torch
 from optics.fourier import fft
 from optics.propagation.light_power import power_shares, sum_squared_modulus
 from optics.propagation.span import FreeSpaceSpan
+from optics.propagation.tolerance_shares import TOLERANCE_SHARES
 from optics.propagation.transfer_function import free_space_transfer_function
-
-_SHARE = 0.5
-"""Of the tolerance, that light outside the promise may be worth."""
-
-_SINGLE = 1e-5
-"""Tolerance from which on single precision judges: what is allowed is 2.5e-11 of the light
-there, and the rounding of an FFT is 1e-13 of it."""
 
 
 class SmoothFieldCheck:
-    """What the samples of a span's smooth field promise, held against a field at every call.
+    """Check at every propagation that a field is smooth, as its span declares.
 
-    Which of an FFT's frequencies lie within carrier ± band is found once.
+    The indices of the FFT's frequencies within carrier ± band are computed once.
     """
 
     def __init__(self, span: FreeSpaceSpan) -> None:
@@ -32,16 +26,18 @@ class SmoothFieldCheck:
         inside = [_is_within_band(span, axis) for axis in (0, 1)]
         self._within_x, self._beyond_x = _true_runs(inside[1]), _true_runs(~inside[1])
         self._beyond_y = _true_runs(~inside[0])
-        self._dtype = torch.complex64 if span.tol >= _SINGLE else torch.complex128
+        # Single precision suffices for tolerances from 1e-5 on. There, the light allowed outside
+        # the band is 2.5e-11 of all light, and the rounding of an FFT is 1e-13 of it.
+        self._dtype = torch.complex64 if span.tol >= 1e-5 else torch.complex128
 
     def checked_spectrum(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
-        """A field's spectrum, at the frequencies along x that are within its band.
+        """Return the spectrum of a smooth field at the frequencies along x within its band.
 
-        field: (..., rows, columns) of ordinary strength. light: the sum of |u|² of each.
+        field: (..., rows, columns), rescaled for single precision. light: the sum of |u|² of each.
         Raises ValueError for a field with light beyond its band or at the source's edges.
         """
         span, field = self._span, field.detach().to(self._dtype)
-        allowed = (_SHARE * span.tol) ** 2
+        allowed = (TOLERANCE_SHARES.smooth_field * span.tol) ** 2
         edges = max(power_shares(_edge_light(span, field), light), default=0.0)
         if edges > allowed:
             raise ValueError(
@@ -61,9 +57,9 @@ class SmoothFieldCheck:
         return spectrum
 
     def _spectrum(self, field: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """The spectrum, and the sum of |u|² of what is outside carrier ± band.
+        """Return the field's spectrum, and the sum of |u|² of its light outside carrier ± band.
 
-        What is beyond it along x needn't be transformed along y (Parseval).
+        Light outside the band along x needn't be transformed along y (Parseval's theorem).
         """
         rows, columns = field.shape[-2:]
         lines = fft(field, columns, -1)
@@ -76,10 +72,10 @@ class SmoothFieldCheck:
         return spectrum, beyond
 
     def paraxial_field_error(self, spectrum: torch.Tensor) -> float:
-        """Relative L2 error of Fresnel's transfer function, over the light of a smooth field.
+        """Return the relative L2 error of Fresnel's transfer function for smooth fields.
 
-        spectrum: of the field, from checked_spectrum(). The largest of all fields' errors, 0 of a
-        dark one.
+        spectrum: spectra of the fields, from checked_spectrum(). The result is the largest error of
+        all fields; that of a dark field is 0.
         """
         off = self._paraxial_deviation.to(spectrum.device)
         power = spectrum.real**2 + spectrum.imag**2
@@ -89,7 +85,7 @@ class SmoothFieldCheck:
 
     @cached_property
     def _paraxial_deviation(self) -> torch.Tensor:
-        """|H - H'|² of the exact and Fresnel's transfer functions, at the frequencies kept."""
+        """Return |H - H'|² of the exact and Fresnel's transfer function at kept frequencies."""
         y, x = (_frequencies(self._span, axis) for axis in (0, 1))
         x = _take_runs(x, self._within_x)
         n = self._span.numeric
@@ -101,13 +97,13 @@ class SmoothFieldCheck:
 
 
 def _true_runs(mask: torch.Tensor) -> list[slice]:
-    """Where a mask is true, run by run: slices are faster than indices, by far."""
+    """Return slices for the runs in which a mask is true; they are much faster than indices."""
     edges = torch.nonzero(torch.diff(torch.nn.functional.pad(mask.int(), (1, 1))))[:, 0].tolist()
     return [slice(first, last) for first, last in pairwise(edges)][::2]
 
 
 def _take_runs(values: torch.Tensor, runs: list[slice]) -> torch.Tensor:
-    """Those of the last dimension that are in some runs."""
+    """Return the values whose index in the last dimension lies in one of the runs."""
     return torch.cat([values[..., run] for run in runs or [slice(0, 0)]], -1)
 
 
@@ -116,17 +112,18 @@ def _format_pair(pair: tuple[float, float]) -> str:
 
 
 def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
-    """What a jump at the edges, as high as the field is there, would send beyond the band.
+    """Return the light beyond the band that the field's jumps at the source's edges would cause.
 
-    Its samples' spectrum is 1 / (2 sin(pi f p)), and its square's integral from the band B to
-    the Nyquist rate cot(pi B p) / (2 pi) a sample; as much is taken to be beyond the window.
+    The spectrum of a sampled jump is 1 / (2 sin(pi f p)). The integral of its square from the band
+    B to the Nyquist rate is cot(pi B p) / (2 pi) per sample. Another 1 / (2 pi) per sample is added
+    for light beyond the window.
     """
     rows, columns = field.shape[-2:]
     y, x = (
         (1 + 1 / math.tan(math.pi * band * pitch)) / (2 * math.pi)
         for band, pitch in zip(span.half_bandwidths, span.source.pitch, strict=True)
     )
-    # A line that is alone is both edges.
+    # A single row or column of samples is both edges at once.
     y, x = y * (2 / min(rows, 2)), x * (2 / min(columns, 2))
     first_last_y, first_last_x = (slice(None, None, max(n - 1, 1)) for n in (rows, columns))
     return y * sum_squared_modulus(field[..., first_last_y, :]) + x * sum_squared_modulus(
@@ -135,19 +132,19 @@ def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
 
 
 def _frequencies(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Of an FFT's samples, the aliases that are nearest to the carrier; cycles per metre."""
+    """Return the FFT's frequencies as the aliases nearest to the span's carrier, cycles/m."""
     return span.carrier[axis] + _offset_from_carrier(span, axis) / span.source.pitch[axis]
 
 
 def _offset_from_carrier(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Turns a sample from the carrier to an FFT's frequencies, as samples alias them."""
+    """Return the aliased difference of the FFT's frequencies from the carrier, turns per sample."""
     n, pitch = span.source.shape[axis], span.source.pitch[axis]
     turns = torch.fft.fftfreq(n, dtype=torch.float64) - span.carrier[axis] * pitch
     return turns - torch.round(turns)
 
 
 def _is_within_band(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Which of an FFT's frequencies are within carrier ± band."""
+    """Return a mask of the FFT's frequencies that lie within a span's carrier ± band."""
     return _offset_from_carrier(span, axis).abs() <= span.half_bandwidths[axis] * span.source.pitch[
         axis
     ] * (1 + 1e-9)

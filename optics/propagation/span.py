@@ -1,4 +1,4 @@
-"""What is asked of free space: a field on one plane, wanted on another."""
+"""Describe a propagation through free space as data: two planes, lengths and the model."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from optics.plane import Plane
 from optics.validation import as_number, needs_gradient, require_positive, to_plain_numbers
 
 Scalar = Any
-"""A number or a 0-d tensor in which the answer is differentiable."""
+"""A number, or a 0-d tensor in which the result is differentiable."""
 
 
 class SpanSettings(TypedDict, total=False):
-    """What may be said of a span besides its planes and lengths."""
+    """Optional settings of a FreeSpaceSpan besides its planes and lengths."""
 
     cells: tuple[float, float] | None
     carrier: tuple[float, float]
@@ -27,13 +27,13 @@ class SpanSettings(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class FreeSpaceSpan:
-    """Describes a propagation through free space: the two planes, the field that enters, the model.
+    """Describe a propagation through free space: the two planes, the field that enters, the model.
 
     The factor exp(i k distance), which is the same everywhere, is left out of the field on the
     target, in both models. Distance, wavelength and the target's centre may be 0-d tensors.
 
-    A sample that lies (y, x) from the centre of a tilted target, in the target's own plane, stands
-    along (y, x, z) at the place ::
+    A sample that lies (y, x) from the centre of a tilted target, in the target's own plane, has the
+    position along (y, x, z) ::
 
         centre_y + y cos a,
         centre_x + x cos b + y sin a sin b,
@@ -113,7 +113,7 @@ class FreeSpaceSpan:
         self._require_resolved()
 
     def _require_resolved(self) -> None:
-        """Raise ValueError for cells or a band that don't fit the samples."""
+        """Raise ValueError if the cells or the band don't fit the source's samples."""
         for axis, pitch in enumerate(self.source.pitch):
             name = "yx"[axis]
             if self.cells is not None:
@@ -133,7 +133,7 @@ class FreeSpaceSpan:
 
     @property
     def half_bandwidths(self) -> tuple[float, float]:
-        """The field's bandwidth to either side of its carrier, cycles per metre along (y, x).
+        """Return the field's bandwidth on either side of its carrier, cycles/m along (y, x).
 
         It is infinite for cells, whose edges are sharp.
         """
@@ -146,22 +146,22 @@ class FreeSpaceSpan:
 
     @property
     def sample_area(self) -> float:
-        """The area in square metres that a sample stands for."""
+        """Return the area in square metres that a sample of the source represents."""
         y, x = self.source.pitch if self.cells is None else self.cells
         return y * x
 
     @cached_property
     def numeric(self) -> FreeSpaceSpan:
-        """The same span in plain numbers."""
+        """Return the same span with plain numbers instead of tensors."""
         return cast(FreeSpaceSpan, to_plain_numbers(self))
 
     @property
     def scale(self) -> Scalar:
-        """Wavelength times distance in square metres, with the distance's sign."""
+        """Return wavelength times distance in square metres, with the distance's sign."""
         return self.wavelength * self.distance
 
     def source_extent(self, axis: int) -> tuple[float, float]:
-        """Compute where the source's light begins and ends along axis 0 (y) or 1 (x), in metres."""
+        """Compute where the source's light begins and ends along axis 0 (y) or 1 (x), metres."""
         plane = self.numeric.source
         n, pitch = plane.shape[axis], plane.pitch[axis]
         half = (pitch if self.cells is None else self.cells[axis]) / 2
@@ -170,7 +170,7 @@ class FreeSpaceSpan:
 
     @cached_property
     def target_corners(self) -> tuple[tuple[float, float, float], ...]:
-        """Positions (y, x, z) of the target's corner samples in metres; z is from the source."""
+        """Return the positions (y, x, z) of the target's corner samples, metres from the source."""
         n = self.numeric
         (ny, nx), (py, px) = n.target.shape, n.target.pitch
         ends_y = (-(ny // 2) * py, (ny - 1 - ny // 2) * py)
@@ -178,7 +178,7 @@ class FreeSpaceSpan:
         return tuple(n.target_position(y, x) for y in ends_y for x in ends_x)
 
     def require_target_in_front(self) -> float:
-        """Compute the least distance of a target's sample from the source's plane, in metres.
+        """Compute the least distance of a target sample from the source's plane, in metres.
 
         Raises
         ------
@@ -217,8 +217,8 @@ class FreeSpaceSpan:
     def lateral_range(self, axis: int) -> tuple[float, float]:
         """Compute the least and the largest lateral displacement from source to target, in metres.
 
-        They are along axis 0 (y) or 1 (x), between any of the source's light and any of the
-        target's samples, wherever a tilt brings them.
+        The displacement is along axis 0 (y) or 1 (x), between any point of the source's light and
+        any sample of the target, with its tilt.
         """
         first, last = self.source_extent(axis)
         places = [corner[axis] for corner in self.target_corners]
@@ -226,12 +226,12 @@ class FreeSpaceSpan:
 
     @property
     def differentiable(self) -> bool:
-        """Whether a derivative with respect to a length is needed."""
+        """Return whether a derivative with respect to a length of the span is needed."""
         return any(map(needs_gradient, self._scalars))
 
     @cached_property
     def has_tensor_lengths(self) -> bool:
-        """Whether a length is a tensor, whose value may change after planning."""
+        """Return whether a length of the span is a tensor, which may change after planning."""
         return not all(isinstance(one, (int, float)) for one in self._scalars)
 
     @property

@@ -1,4 +1,4 @@
-"""What all ways through the angular spectrum share: source, frequencies, target."""
+"""Implement what all angular-spectrum methods of propagation share."""
 
 from __future__ import annotations
 
@@ -19,35 +19,51 @@ from optics.propagation.paraxial import paraxial_model_error
 from optics.propagation.precision import FIELD32_ARITHMETIC
 from optics.propagation.propagator import Propagator
 from optics.propagation.span import FreeSpaceSpan
+from optics.propagation.tolerance_shares import TOLERANCE_SHARES
 from optics.propagation.transfer_function import free_space_transfer_function
 from optics.validation import as_number, needs_gradient
 
-BAND_SHARE, TRANSFORM_SHARE = 0.4, 0.05
-"""Of the tolerance: light that is cut or comes from copies, and each of two transforms."""
 
-_SAMPLING_SHARE = BAND_SHARE + 2 * TRANSFORM_SHARE
+@dataclass(frozen=True)
+class SpectralSettings:
+    """Tune the angular-spectrum methods.
 
-LARGEST_ERROR = 0.1
-"""The largest error that anything is made for: estimates hold for small ones."""
+    Attributes
+    ----------
+    largest_error : float
+        Largest error for which a band or a transform is planned, relative. Chosen, because the
+        error estimates hold only for small errors.
+    block_size : int
+        Number of frequencies whose transfer function is computed at once. Chosen.
+    bytes_per_frequency : int
+        Memory in bytes per frequency while the transfer function is computed.
+    recorded_bytes : int
+        The same in bytes where derivatives are recorded.
+    touches_per_frequency : int
+        Processor time per frequency for computing the transfer function, in passes over one
+        complex number.
+    longest_fft_search : int
+        Length of a period in samples above which no FFT-friendly length is searched. Chosen.
+    max_parts : int
+        Largest number of parts into which a spectrum that doesn't fit in memory is split. Chosen,
+        because more parts would spend their time at the edges.
+    """
 
-_ROWS = 1 << 18
-"""Frequencies whose transfer function is made at a time."""
+    largest_error: float = 0.1
+    block_size: int = 1 << 18
+    bytes_per_frequency: int = 64
+    recorded_bytes: int = 160
+    touches_per_frequency: int = 250
+    longest_fft_search: int = 1 << 40
+    max_parts: int = 64
 
-_MAKING_BYTES, _RECORDED_BYTES, _MAKING_TOUCHES = 64, 160, 250
-"""Of a frequency's transfer function while it is made, and when it is made for derivatives."""
 
-
-_FASTEST = 1 << 40
-"""Samples of a period beyond which nobody looks for a length that suits an FFT."""
-
-_MAX_PARTS = 64
-"""Parts of a spectrum that doesn't fit in memory; more would spend their time at the edges."""
+_SETTINGS = SpectralSettings()
 
 
 @dataclass(frozen=True)
 class SpectrumPart:
-    """Rows of the frequencies, and the transforms from the source to them and on to the
-    target."""
+    """Some rows of the spectrum, with the transforms from the source to it and on to the target."""
 
     frequencies: Plane
     to_spectrum: PlaneTransform
@@ -59,14 +75,14 @@ class SpectrumPart:
 
 
 class SpectralPropagator(Propagator):
-    """From the source to its spectrum, through the transfer function, and on to the target.
+    """Propagate a field by its spectrum, multiplied by the transfer function of free space.
 
         U(x) = sum over f of W(f) A(f) exp(2 pi i f.x), W = area E t H df_y df_x,
 
-    with E the envelope of a cell, t the taper and H the transfer function of free space (see
-    optics.propagation.band for t and df). Both sums are Fourier transforms of optics.fourier;
-    the second is conj(T conj), with T from the frequencies to the target. A spectrum that
-    doesn't fit in memory is made and used some rows at a time.
+    where E is the envelope of a cell, t the taper and H the transfer function of free space (see
+    optics.propagation.band for t and df). Both sums are Fourier transforms of optics.fourier; the
+    second is conj(T conj), with T from the frequencies to the target. A spectrum that doesn't fit
+    in memory is computed and used some rows at a time.
     """
 
     paraxial = False
@@ -80,51 +96,58 @@ class SpectralPropagator(Propagator):
         model = (
             paraxial_model_error(n, self.band.largest_target_frequency) if self.paraxial else 0.0
         )
-        spare = n.tol * (1 - _SAMPLING_SHARE) - model
+        share = TOLERANCE_SHARES.spectral
+        spare = n.tol * (1 - share) - model
         single = spare >= FIELD32_ARITHMETIC
         self.dtype = torch.complex64 if single else torch.complex128
         self.arithmetic = FIELD32_ARITHMETIC if single else self._double_arithmetic()
         self._plan()
         sampling = self.band.epsilon + model + self._transform_error()
-        self._set_error_bound(sampling, _SAMPLING_SHARE, model)
+        self._set_error_bound(sampling, share, model)
         rows, columns = self.frequencies.shape
         parts = f" in {len(self._parts)} parts" if len(self._parts) > 1 else ""
         self.sampling = f"{columns}x{rows} frequencies{parts}"
         self._cached_filter: torch.Tensor | None = None
 
     def _require_applicable(self) -> None:
-        """Raise ValueError for a span that this method isn't made for."""
+        """Raise ValueError if this propagation method isn't valid for the span."""
         self._require_parallel()
         if self.span.paraxial and not self.paraxial:
             raise ValueError(f"{self.name} computes the scalar model: paraxial=False")
 
     def _build_band(self) -> FrequencyBand:
-        """The frequencies whose rays reach the target; ToleranceError where rays graze."""
+        """Return the band of frequencies whose rays reach the target.
+
+        Raises ToleranceError if some rays are grazing.
+        """
         return target_band(replace(self._numeric_span, paraxial=self.paraxial), self._band_loss())
 
     def _candidate_pitches(self) -> list[tuple[float, float]]:
-        """Metres (y, x) of which the period is made a multiple, for FFTs; one plan for each."""
+        """Return the pitches (y, x) in metres for which a plan is tried.
+
+        The period of the replicas is made a multiple of the pitch, which allows FFTs.
+        """
         return [self._numeric_span.source.pitch]
 
     def _transform(self, geometry: FourierGeometry) -> PlaneTransform:
         return cheapest_transform(geometry, self.dtype, self.span)
 
     def _band_loss(self) -> float:
-        """What the band may lose."""
-        return min(BAND_SHARE * self._numeric_span.tol, LARGEST_ERROR)
+        """Return the share of the source's light that the frequency band may lose."""
+        return min(TOLERANCE_SHARES.band * self._numeric_span.tol, _SETTINGS.largest_error)
 
     def _double_arithmetic(self) -> float:
-        """A phase of so many radians keeps no more digits than double precision leaves it."""
+        """Return the relative rounding error in complex128, which grows with the largest phase."""
         n = self._numeric_span
         turns = abs(n.distance) * n.wavelength * self.band.largest_frequency**2
         return FLOAT64_ARITHMETIC + 1e-15 * turns
 
     def _transform_error(self) -> float:
-        """Of the transforms to the frequencies and back, beyond rounding."""
+        """Return the error of the two Fourier transforms, without rounding."""
         return max(stage.to_spectrum.error + stage.to_target.error for stage in self._parts)
 
     def _plan(self) -> None:
-        """The cheapest period that serves, and the transforms from source to target by it."""
+        """Choose the cheapest period of the replicas, and plan the transforms for it."""
         plans: list[tuple[float, Plane, list[SpectrumPart]]] = []
         refusals: list[ToleranceError] = []
         for pitches in self._candidate_pitches():
@@ -144,16 +167,17 @@ class SpectralPropagator(Propagator):
         return sum(t.cpu_seconds(speed) for s in stages for t in (s.to_spectrum, s.to_target))
 
     def _frequencies(self, pitches: tuple[float, float]) -> Plane:
-        """The plane of frequencies whose period is a multiple of the pitches."""
+        """Return the plane of frequencies whose period is a multiple of the pitches."""
         shape, pitch, centre = [], [], []
         for axis, least, unit in zip(self.band.axes, self.band.period, pitches, strict=True):
             length = max(math.ceil(least / unit * (1 - 1e-12)), 1)
             self._require_memory((axis.high - axis.low) * length * unit)
-            period = (scipy.fft.next_fast_len(length) if length < _FASTEST else length) * unit
+            fast = length < _SETTINGS.longest_fft_search
+            period = (scipy.fft.next_fast_len(length) if fast else length) * unit
             count = self._count((axis.high - axis.low) * period)
             shape.append(count)
             pitch.append(1 / period)
-            # The samples from -(count // 2) on lie evenly in the band.
+            # This centres the samples, which begin at index -(count // 2), in the band.
             centre.append((axis.low + axis.high + (1 - count % 2) / period) / 2)
         return Plane((shape[0], shape[1]), (pitch[0], pitch[1]), (centre[0], centre[1]))
 
@@ -168,10 +192,10 @@ class SpectralPropagator(Propagator):
         require_memory(self.name, least, self._numeric_span.budget.memory, remedy)
 
     def _split_spectrum(self, frequencies: Plane) -> list[SpectrumPart]:
-        """All of them at once if they fit, or so many rows at a time that they do."""
+        """Split the spectrum into as few parts of whole rows as fit in memory."""
         rows, columns = frequencies.shape
-        most = 1 if self.span.differentiable else min(_MAX_PARTS, rows)
-        # What can't fit is told before any transform is looked for.
+        most = 1 if self.span.differentiable else min(_SETTINGS.max_parts, rows)
+        # This refuses what can't fit before any transform is planned.
         self._require_memory(float(rows) * columns / most)
         parts, first = 1, self._first_part_in_memory(frequencies, rows, most == 1)
         while first is None:
@@ -184,8 +208,10 @@ class SpectralPropagator(Propagator):
     def _first_part_in_memory(
         self, frequencies: Plane, rows: int, last: bool
     ) -> SpectrumPart | None:
-        """The stage of the first rows; None if it doesn't fit in memory, an error if it's the
-        last try."""
+        """Plan the first rows of the spectrum; return None if they don't fit in memory.
+
+        last: whether this is the last attempt, which raises ToleranceError instead.
+        """
         try:
             stage = self._build_part(_rows_of(frequencies, 0, rows))
         except ToleranceError:
@@ -209,11 +235,12 @@ class SpectralPropagator(Propagator):
         return max(stage.bytes + self._filter_bytes(stage.frequencies) for stage in self._parts)
 
     def _filter_bytes(self, frequencies: Plane) -> int:
-        """Of the transfer function, the spectrum and what comes of it."""
+        """Return the bytes of the transfer function, the spectrum and their product."""
         rows, columns = frequencies.shape
-        making = _MAKING_BYTES * max(min(rows * columns, _ROWS), columns)
+        block = max(min(rows * columns, _SETTINGS.block_size), columns)
+        making = _SETTINGS.bytes_per_frequency * block
         if self.span.differentiable:
-            making = _RECORDED_BYTES * rows * columns
+            making = _SETTINGS.recorded_bytes * rows * columns
         return making + 4 * rows * columns * self.dtype.itemsize
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
@@ -222,12 +249,13 @@ class SpectralPropagator(Propagator):
 
     @property
     def _rebuilds_filter(self) -> bool:
-        """Whether W is made in every call: for its derivatives, or for want of memory."""
+        """Return whether each call recomputes the filter W, for derivatives or lack of memory."""
         return self.span.differentiable or len(self._parts) > 1
 
     def _filter_seconds(self, speed: MachineSpeed) -> float:
         rows, columns = self.frequencies.shape
-        touches = 3 * self._slowness(speed) + (_MAKING_TOUCHES if self._rebuilds_filter else 0)
+        making = _SETTINGS.touches_per_frequency if self._rebuilds_filter else 0
+        touches = 3 * self._slowness(speed) + making
         planes = [stage.frequencies for stage in self._parts] or [self.frequencies]
         taken = len(planes) * max(self._filter_bytes(planes[0]) - RETAINED_BYTES, 0) * speed.fresh
         return touches * rows * columns * speed.touch + taken
@@ -237,7 +265,7 @@ class SpectralPropagator(Propagator):
             self._cached_filter = self._build_filter(self.frequencies)
 
     def _weight(self, frequencies: Plane, axis: int) -> torch.Tensor:
-        """Everything of W that belongs to one axis, float64."""
+        """Return the factors of the filter W that depend on one axis only, float64."""
         n = self._numeric_span
         f = frequencies.coordinates(axis)
         weight = self.band.axes[axis].taper(f) * frequencies.pitch[axis]
@@ -246,7 +274,7 @@ class SpectralPropagator(Propagator):
         return weight * n.cells[axis] * torch.sinc(f * n.cells[axis])
 
     def _build_filter(self, frequencies: Plane) -> torch.Tensor:
-        """W, over a plane of frequencies."""
+        """Compute the filter W over a plane of frequencies."""
         y, x = frequencies.mesh()
         down, along = self._weight(frequencies, 0)[:, None], self._weight(frequencies, 1)
         radial, parts = self.band.radial, []
@@ -259,7 +287,7 @@ class SpectralPropagator(Propagator):
 
     def _row_blocks(self, frequencies: Plane) -> Iterator[slice]:
         rows, columns = frequencies.shape
-        step = rows if self.span.differentiable else max(_ROWS // columns, 1)
+        step = rows if self.span.differentiable else max(_SETTINGS.block_size // columns, 1)
         return (slice(first, first + step) for first in range(0, rows, step))
 
     def _transfer(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
@@ -269,7 +297,7 @@ class SpectralPropagator(Propagator):
         )
         if not any(map(needs_gradient, span.target.centre)):
             return wave
-        # Nothing, whose derivative is that of a move of the target.
+        # The shift is zero, but its derivative is that of a displacement of the target.
         way_y, way_x = (c - as_number(c) for c in span.target.centre)
         return wave * unit_phasor(y * way_y + x * way_x, torch.complex128)
 
@@ -286,7 +314,7 @@ class SpectralPropagator(Propagator):
     def _apply_filter(
         self, spectrum: torch.Tensor, frequencies: Plane, *, back: bool = False
     ) -> torch.Tensor:
-        """Times W, or its conjugate on the way back."""
+        """Multiply a spectrum by the filter W, or by its conjugate for backward propagation."""
         w = self._filter(frequencies, spectrum.device)
         return _times(spectrum, w.conj() if back else w)
 
@@ -317,31 +345,32 @@ class SpectralPropagator(Propagator):
 
 
 def _times(spectrum: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-    """The product; in the spectrum's own memory where nobody asks for derivatives."""
+    """Multiply a spectrum by a weight, in place where no derivatives are recorded."""
     if spectrum.requires_grad or weight.requires_grad:
         return spectrum * weight
     return spectrum.mul_(weight)
 
 
 def _conjugate(values: torch.Tensor) -> torch.Tensor:
-    """In the values' own memory where nobody asks for derivatives."""
+    """Conjugate complex values, in place where no derivatives are recorded."""
     return values.conj().resolve_conj() if values.requires_grad else values.conj_physical_()
 
 
 def _rows_of(plane: Plane, first: int, last: int) -> Plane:
-    """Some rows of a plane."""
+    """Return the plane of the rows from `first` up to `last` of a plane."""
     rows = min(last, plane.shape[0]) - first
     place = plane.centre[0] + (first + rows // 2 - plane.shape[0] // 2) * plane.pitch[0]
     return Plane((rows, plane.shape[1]), plane.pitch, (place, plane.centre[1]))
 
 
 def transform_error_share(span: FreeSpaceSpan) -> float:
-    """What each of two transforms may add, of the tolerance."""
-    return min(max(TRANSFORM_SHARE * span.tol, FINEST_GRIDDING), LARGEST_ERROR)
+    """Return the relative error that each of a propagation's two Fourier transforms may have."""
+    allowed = TOLERANCE_SHARES.transform * span.tol
+    return min(max(allowed, FINEST_GRIDDING), _SETTINGS.largest_error)
 
 
 def cheapest_transform(
     geometry: FourierGeometry, dtype: torch.dtype, span: FreeSpaceSpan
 ) -> PlaneTransform:
-    """The cheapest of all transforms between two planes."""
+    """Plan the cheapest Fourier transform between two planes for a propagation's tolerance."""
     return plan_transform(geometry, dtype, span.numeric.budget, error=transform_error_share(span))

@@ -1,4 +1,4 @@
-"""The angular spectrum on a plane that is turned."""
+"""Propagate light by the angular spectrum to a tilted target."""
 
 from __future__ import annotations
 
@@ -18,26 +18,23 @@ from optics.propagation.spectral_propagator import (
 from optics.propagation.transfer_function import PlaneWaveRays, axial_frequency
 from optics.validation import as_number, needs_gradient
 
-_POINT_BYTES = 120
-"""A frequency's place on the turned plane, while it is made."""
-
 
 class TiltedAngularSpectrum(SpectralPropagator):
-    """Every wave reaches a turned plane as a wave again, of another frequency there.
+    """Propagate plane waves to a tilted target, where each has another spatial frequency.
 
-    A wave (f_y, f_x) goes with w = sqrt(1 / wavelength² - f²) cycles per metre along z, so on
-    the plane that Span describes, turned by a and b, its frequencies are
+    A plane wave (f_y, f_x) has the axial frequency w = sqrt(1 / wavelength² - f²). On a target that
+    is turned by a and b as FreeSpaceSpan describes, its frequencies are
 
         f'_y = f_y cos a + f_x sin a sin b + w sin a cos b,
         f'_x = f_x cos b - w sin b.
 
     Matsushima, Schimmel and Wyrowski (2003, 10.1364/JOSAA.20.001755) interpolate the spectrum
-    at regular f'. Here it stays where it was computed, at regular f, and the sum over its
-    waves is a non-uniform Fourier transform: nothing is interpolated, and no Jacobian needed.
+    at regular f'. Here the spectrum is kept at regular f, where it was computed, and the sum over
+    its waves is a non-uniform Fourier transform, which needs neither interpolation nor a Jacobian.
     In the paraxial model w is 1 / wavelength - wavelength f² / 2.
 
-    Raises ValueError for a target that cuts the source's plane; ToleranceError where rays
-    graze.
+    Raises ValueError for a target that intersects the source's plane, and ToleranceError if some
+    rays are grazing.
     """
 
     name = "tilted angular spectrum"
@@ -55,7 +52,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
             FourierGeometry(n.source, self.frequencies, 1.0), self.dtype, n
         )
         self._nufft_error = max(transform_error_share(n), FINEST_NUFFT)
-        # Its centre is where the waves' phases are counted from.
+        # The plane is centred at 0, because the waves' phases refer to the target's centre.
         self._image = Plane(n.target.shape, n.target.pitch)
         self._cached_nufft: NonuniformTransform | None = None
         self._parts = []
@@ -64,14 +61,19 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return self._to_spectrum.error + self._nufft_error
 
     def _propagating_indices(self) -> torch.Tensor:
-        """Which frequencies are waves, flat indices; those beyond the taper may not be. In the
-        paraxial model all are."""
+        """Return the flat indices of the frequencies whose plane waves propagate.
+
+        Some frequencies beyond the taper may be evanescent. In the paraxial model all propagate.
+        """
         y, x = self.frequencies.mesh()
         grazing = PlaneWaveRays(self._numeric_span.wavelength, self.paraxial).grazing_frequency
         return torch.nonzero((torch.sqrt(y**2 + x**2) < grazing).flatten()).squeeze(-1)
 
     def _tilted_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """(f'_y, f'_x) of the waves, modulo what the target's samples tell apart."""
+        """Return (f'_y, f'_x) of the plane waves on the tilted target.
+
+        They are reduced to the range that the target's samples resolve.
+        """
         a, b = self._numeric_span.tilt
         y, x = self._wave_frequencies()
         w = axial_frequency(y, x, self._numeric_span.wavelength, paraxial=self.paraxial)
@@ -82,7 +84,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return _wrap_frequency(turned_y, 1 / q[0]), _wrap_frequency(turned_x, 1 / q[1])
 
     def _wave_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """(f_y, f_x) of the waves that are summed."""
+        """Return (f_y, f_x) of the plane waves that are summed on the tilted target."""
         y, x = (f.expand(self.frequencies.shape).flatten() for f in self.frequencies.mesh())
         return y[self._wave_indices], x[self._wave_indices]
 
@@ -93,7 +95,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         self._cached_nufft = NonuniformTransform(y, x, self._image, 1.0, self._nufft_error)
 
     def _transfer(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """To the target's centre, which may be off the axis."""
+        """Return the transfer function to the target's centre, which may be off the axis."""
         centre = self._numeric_span.target.centre
         way = unit_phasor(y * centre[0] + x * centre[1], torch.complex128)
         return super()._transfer(y, x) * way
@@ -101,9 +103,10 @@ class TiltedAngularSpectrum(SpectralPropagator):
     @property
     def bytes(self) -> int:
         points = math.prod(self.frequencies.shape)
+        # Computing a frequency's position on the tilted plane takes 120 bytes.
         return (
             self._filter_bytes(self.frequencies)
-            + max(self._to_spectrum.bytes, _POINT_BYTES * points)
+            + max(self._to_spectrum.bytes, 120 * points)
             + nonuniform_bytes(points, self._image)
         )
 
@@ -129,8 +132,10 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return self._cached_nufft
 
     def _wavelength_gradient_term(self, waves: torch.Tensor) -> torch.Tensor:
-        """Nothing, whose derivative is what a wavelength changes through the waves' places:
-        the phase at depth Z behind the target's centre is 2 pi w Z."""
+        """Return a zero field whose derivative is that of the waves' positions in the wavelength.
+
+        The phase at depth Z behind the target's centre is 2 pi w Z.
+        """
         n, wavelength = self._numeric_span, self.span.wavelength
         y, x = self._wave_frequencies()
         if self.paraxial:

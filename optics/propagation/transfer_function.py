@@ -1,4 +1,4 @@
-"""The transfer functions of free space, exact and paraxial, and the rays that they stand for."""
+"""Compute the transfer functions of free space, exact and paraxial, and their rays."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ def free_space_transfer_function(
     *,
     paraxial: bool = False,
 ) -> torch.Tensor:
-    """What free space does to plane waves of frequencies (y, x), complex128.
+    """Return the transfer function of free space for plane waves of frequencies (y, x), complex128.
 
-    y, x: cycles per metre, float64; they broadcast. The factor exp(i k distance) is left out:
-    the phase of a wave is that of its difference from the axial one,
+    y, x: cycles per metre, float64; they broadcast. The factor exp(i k distance) is left out, so
+    the phase of a wave is its difference from that of the axial wave,
 
         -2 pi z wavelength f² / (1 + sqrt(1 - (wavelength f)²)),
 
-    which loses no digits at small angles; paraxial: -pi wavelength z f² (Goodman 3.10, 4.2).
-    Evanescent waves die in both directions: going back is the adjoint of going forward, and
-    never lets noise grow. Differentiable in both lengths, with finite derivatives at the
-    grazing wave as well, whose own derivative in the wavelength is infinite.
+    which loses no digits at small angles. The paraxial phase is -pi wavelength z f² (sections 3.10
+    and 4.2 of Goodman). Evanescent waves decay in both directions: backward propagation is the
+    adjoint of forward propagation, so it never amplifies noise. The result is differentiable in
+    both lengths. Its derivatives are finite at the grazing wave as well, where the exact derivative
+    with respect to the wavelength is infinite.
     """
     f2 = y**2 + x**2
     if paraxial:
@@ -46,8 +47,10 @@ def free_space_transfer_function(
 def axial_frequency(
     y: torch.Tensor, x: torch.Tensor, wavelength: float, *, paraxial: bool = False
 ) -> torch.Tensor:
-    """Cycles per metre along the axis of waves of frequencies (y, x), float64; those that
-    don't travel have none."""
+    """Return the axial frequency of plane waves of frequencies (y, x), cycles/m, float64.
+
+    It is 0 for evanescent waves.
+    """
     f2 = y**2 + x**2
     if paraxial:
         return 1 / wavelength - wavelength * f2 / 2
@@ -55,25 +58,25 @@ def axial_frequency(
 
 
 def _root(square: torch.Tensor) -> torch.Tensor:
-    """The square root of positive numbers, 0 of others; its derivative is 0 there, not NaN."""
+    """Return the square root of positive numbers, and 0 with a derivative of 0 for others."""
     positive = square.detach() > 0
     return torch.where(positive, torch.sqrt(torch.where(positive, square, 1.0)), 0.0)
 
 
 @dataclass(frozen=True)
 class PlaneWaveRays:
-    """Which way a wave goes: the ray of frequency f shifts by X(f) = distance times tangent(f).
+    """The rays of plane waves: a ray of frequency f is displaced by X(f) = distance * tangent(f).
 
-    wavelength: metres. Frequencies in cycles per metre, all plain numbers.
+    wavelength: metres. Frequencies are plain numbers in cycles per metre.
     """
 
     wavelength: float
     paraxial: bool
 
     def tangent(self, frequency: float, across: float = 0.0) -> float:
-        """Metres sideways a metre of distance; infinite for waves that graze or die.
+        """Return the tangent of a plane wave's ray; infinite for grazing and evanescent waves.
 
-        across: the frequency along the other axis.
+        frequency, across: along this axis and along the other one, cycles per metre.
         """
         sine = self.wavelength * frequency
         if self.paraxial:
@@ -82,14 +85,17 @@ class PlaneWaveRays:
         return sine / math.sqrt(cosine2) if cosine2 > 0 else math.copysign(math.inf, sine)
 
     def frequency(self, tangent: float, across: float = 0.0) -> float:
-        """Of the ray that goes so many metres sideways a metre."""
+        """Return the frequency of the plane wave whose ray has the given tangent."""
         if self.paraxial:
             return tangent / self.wavelength
         cosine2 = max(1 - (self.wavelength * across) ** 2, 0.0)
         return tangent * math.sqrt(cosine2 / (1 + tangent**2)) / self.wavelength
 
     def ray_slope(self, frequency: float, distance: float) -> float:
-        """The slope dX/df at a frequency, square metres; never smaller off the other axis."""
+        """Return the slope dX/df of a ray's displacement at a frequency, square metres.
+
+        It is a lower bound for waves with a frequency along the other axis as well.
+        """
         flat = self.wavelength * abs(distance)
         if self.paraxial:
             return flat
@@ -97,13 +103,14 @@ class PlaneWaveRays:
 
     @property
     def grazing_frequency(self) -> float:
-        """The frequency from which on waves don't travel."""
+        """Return the frequency from which on plane waves are evanescent, cycles per metre."""
         return math.inf if self.paraxial else 1 / self.wavelength
 
 
 def paraxial_phase_error(wavelength: float, distance: float, frequency: float) -> float:
-    """Radians by which the paraxial phase of a wave is off, the next term of the series.
+    """Return the phase error in radians of the paraxial transfer function at a frequency.
 
-    pi / 4 wavelength³ |distance| f⁴ (Goodman 4.2.1); relative error of the field if small.
+    It is the next term of the series, pi / 4 wavelength³ |distance| f⁴ (section 4.2.1 of Goodman).
+    If it is small, it is also the relative error of the field.
     """
     return math.pi / 4 * wavelength**3 * abs(distance) * frequency**4

@@ -1,4 +1,4 @@
-"""A band-limited field between its samples."""
+"""Interpolate a band-limited field between its samples before it is propagated."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from optics.fourier import unit_phasor
 
 
 def upsample(field: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
-    """`factor` times as many samples along the last axis: the same spectrum, zero-padded.
+    """Upsample a field by `factor` along its last axis, by zero-padding its spectrum.
 
-    The first sample of each `factor` stands where a sample of the field does. carrier: turns
-    from sample to sample, at the middle of the spectrum. Exact for a field that is dark at its
-    ends; otherwise these are taken to meet.
+    The first of each group of `factor` samples coincides with a sample of the field. carrier: turns
+    from sample to sample, at the middle of the spectrum. The result is exact for a field that is
+    dark at its ends; otherwise the field is continued periodically.
     """
     if factor == 1:
         return field
@@ -26,7 +26,7 @@ def upsample(field: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
 
 
 def upsample_adjoint(fine: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
-    """The conjugate transpose of upsample()."""
+    """Apply the conjugate transpose of `upsample` to a field on the finer samples."""
     if factor == 1:
         return fine
     n = fine.shape[-1] // factor
@@ -37,7 +37,7 @@ def upsample_adjoint(fine: torch.Tensor, factor: int, carrier: float) -> torch.T
 
 
 def _first(n: int, factor: int) -> int:
-    """Where the field's lowest frequency stands in the padded spectrum."""
+    """Return the index of the field's lowest frequency in the padded spectrum."""
     return (n * factor) // 2 - n // 2
 
 

@@ -1,6 +1,7 @@
-"""From a target to a pattern or a video: phase retrieval (thesis chapter 3), and better.
+"""Retrieve SLM phase patterns and videos whose PSF has a requested shape (thesis chapter 3).
 
-retrieve() picks the method; gerchberg_saxton() is the plain algorithm on every pixel.
+`retrieve` chooses the method. `optics.retrieval.gerchberg_saxton.gerchberg_saxton` is the plain
+algorithm on every pixel of the panel.
 """
 
 from optics.retrieval.camera_feedback import RefinementResult, refine

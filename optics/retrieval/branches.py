@@ -1,8 +1,8 @@
-"""Which order of the panel's range each phase of a video is shown in.
+"""Choose the order of the panel's phase range in which each phase of a video is shown.
 
-A phase and the same plus whole waves give the same light once the liquid crystal stands, and
-not while it moves: it passes all phases between two frames. A panel that reaches several waves
-has a choice.
+A phase and the same phase plus whole waves give the same light once the liquid crystal has settled,
+but not while it moves, because it passes through all phases between two frames. A panel with a
+range of several waves has a choice of orders.
 """
 
 from __future__ import annotations
@@ -13,16 +13,17 @@ import torch
 
 _TURN = 2 * math.pi
 _AT_A_TIME = 1 << 20
-"""Phases of a video whose ways are looked for at a time: a few of their orders fit in memory."""
+"""Number of phases of a video that are processed at once, so that their orders fit in memory."""
 
 
 def shortest_phase_paths(phases: torch.Tensor, reach: float) -> torch.Tensor:
-    """Phases plus whole waves, within 0 to `reach`, whose squared steps over the repeated video
-    are the least.
+    """Return a video's phases plus whole waves, with the least sum of squared steps of each pixel.
 
-    phases: (frames, rows, columns), radians, any branch. reach: radians, one wave at least.
-    Exact, by dynamic programming over the orders of every pixel, once for each order of the
-    first frame. Answers (frames, rows, columns), float32. Raises ValueError for less than a wave.
+    phases: (frames, rows, columns), radians, of any order. reach: the panel's range in radians, one
+    wave at least. The steps are those between the frames of the repeated video. The solution is
+    exact, by dynamic programming over the orders of every pixel, once for each order of the first
+    frame. The result is (frames, rows, columns), float32, within 0 to `reach`. Raises ValueError
+    for a reach of less than a wave.
     """
     if reach < _TURN * (1 - 1e-9):
         raise ValueError(
@@ -36,10 +37,11 @@ def shortest_phase_paths(phases: torch.Tensor, reach: float) -> torch.Tensor:
 
 
 def _shortest_paths_of_block(phases: torch.Tensor, reach: float) -> torch.Tensor:
-    """shortest_phase_paths() of (frames, pixels) that lie within the first wave."""
+    """Compute shortest_phase_paths() of phases (frames, pixels) within the first wave."""
     orders = math.ceil(reach / _TURN)
     offsets = _TURN * torch.arange(orders, dtype=phases.dtype)
-    # (frames, orders, pixels); what the panel can't show costs more than any way.
+    # The shape is (frames, orders, pixels). Phases that the panel can't show cost more than any
+    # path.
     shown = phases[:, None] + offsets[:, None]
     beyond = torch.where(shown > max(reach, _TURN), 1e6, 0.0)
     best, least = phases, torch.full(phases.shape[1:], math.inf, dtype=phases.dtype)
@@ -54,7 +56,10 @@ def _shortest_paths_of_block(phases: torch.Tensor, reach: float) -> torch.Tensor
 def _cheapest_path(
     shown: torch.Tensor, beyond: torch.Tensor, first: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """The way (frames, pixels) that begins and ends in the order `first`, and what it costs."""
+    """Return the cheapest phase path (frames, pixels) that starts in order `first`, and its cost.
+
+    The path is closed: the repeated video returns to the first frame.
+    """
     frames, orders, pixels = shown.shape
     cost = torch.full((orders, pixels), math.inf, dtype=shown.dtype)
     cost[first] = beyond[0, first]

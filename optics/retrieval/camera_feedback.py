@@ -1,8 +1,8 @@
-"""A camera in the loop: what it sees corrects what is asked for.
+"""Refine a retrieved pattern by pictures of its PSF that a camera takes.
 
-No model knows a bench: flatness, response, neighbours and light that isn't modulated leave
-their traces in the PSF. Its picture on the camera, laid on the design grid, takes the place of
-the computed mean (as feedback by camera: Schroff et al., Sci. Rep. 13, 3252, 2023).
+No model describes a bench completely: flatness, phase response, coupling and unmodulated light
+change the PSF. So the PSF's picture from the camera, resampled to the design grid, replaces the
+computed mean intensity (feedback by camera: Schroff et al., Sci. Rep. 13, 3252, 2023).
 """
 
 from __future__ import annotations
@@ -21,23 +21,45 @@ from optics.retrieval.superpixel import coarsest_superpixels
 from optics.threads import single_threaded
 
 MeasurePSF = Callable[[torch.Tensor, Progress], torch.Tensor]
-"""From phases (frames, rows, columns) as they are to be shown to their mean PSF on the goal's
-plane, any scale, nowhere negative: a bench with its camera."""
+"""Type of a function that shows phases (frames, rows, columns) on a bench and measures their PSF.
+
+It returns the mean PSF on the goal's plane, on any scale and nowhere negative.
+"""
 
 CameraBlur = Callable[[torch.Tensor], torch.Tensor]
-"""From a PSF on the goal's plane to how a camera sees it: its pixels and the star are wide."""
+"""Type of a function that blurs a PSF on the goal's plane as a camera does.
 
-_MODEL_ITERATIONS = 5
-"""Iterations of the model for each picture."""
-
-_FIRST_MODEL_ITERATIONS = 20
-"""The same before the first correction."""
-
-_SINGLE_FRAME_GAIN = 0.5
-"""Of the over-compensation of a single frame: pictures correct it as well."""
+The blur is that of the camera's pixels and of the artificial star.
+"""
 
 JUDGED_TARGET_SHARE = 0.02
-"""Share of the target's peak from which a picture is judged: unmodulated light is beside it."""
+"""Share of the target's peak above which a picture's error is measured.
+
+Unmodulated light beside the target is thereby excluded.
+"""
+
+
+@dataclass(frozen=True)
+class CameraFeedbackSettings:
+    """Tune the refinement of a pattern by camera pictures. All values are chosen.
+
+    Attributes
+    ----------
+    iterations : int
+        Iterations of the model after each picture.
+    first_iterations : int
+        Iterations of the model before the first picture, for several frames.
+    single_frame_gain : float
+        Gain of the over-compensation of a single frame. It is below 1, because the pictures correct
+        the same error as well.
+    """
+
+    iterations: int = 5
+    first_iterations: int = 20
+    single_frame_gain: float = 0.5
+
+
+_SETTINGS = CameraFeedbackSettings()
 
 
 @dataclass(frozen=True)
@@ -57,7 +79,7 @@ class RefinementResult:
 
     @property
     def best(self) -> int:
-        """Index of the picture with the least error; 0 is the start."""
+        """Return the index of the camera picture with the least error; 0 is the start."""
         return min(range(len(self.errors)), key=self.errors.__getitem__)
 
 
@@ -73,9 +95,9 @@ def refine(
 ) -> RefinementResult:
     """Correct a pattern or a video by pictures that a camera takes of its PSF.
 
-    The answer is the start itself if no correction made it better. Videos gain most: they can make
-    any mean, while a single frame can't. Calibrate the wavefront first: this corrects what is left,
-    but not a quarter of a wave.
+    The result is the start itself if no correction improved it. Videos gain most, because their
+    mean can have any shape, while the PSF of a single frame can't. Calibrate the wavefront first:
+    the function corrects small residual errors, but not those of a quarter of a wave.
 
     Parameters
     ----------
@@ -88,7 +110,7 @@ def refine(
         any scale and nowhere negative: a bench with its camera. Called with the phases and a
         Progress.
     pictures : int
-        Number of pictures, 2 or more. The first shows the start, the last only judges.
+        Number of pictures, 2 or more. The first shows the start; the last is only measured.
     blur : callable, optional
         Turns a PSF on the goal's plane into what the camera sees of it: its pixels and the
         artificial star have a width. None for a camera without blur.
@@ -118,15 +140,16 @@ def refine(
     seen_target = target if blur is None else blur(target)
     bright = seen_target > JUDGED_TARGET_SHARE * seen_target.max()
     wanted = target
-    # A superpixel counts as one sample.
+    # The fields are those of superpixels, each of which is one sample instead of side² pixels.
     fields = (
         pixels.to_superpixel_origin(
             torch.stack([_field_on_window(goal, phase) for phase in phases])
         )
         / pixels.side**2
     )
-    for _ in range(_FIRST_MODEL_ITERATIONS if len(fields) > 1 else 0):
-        # What has to be asked for so that the model gives the target: phases don't tell it.
+    for _ in range(_SETTINGS.first_iterations if len(fields) > 1 else 0):
+        # The request whose result is the target doesn't follow from the phases, so the model
+        # iterates towards it first.
         wanted = correct_request(wanted, target, mean_intensity(fields))
         fields = pixels.far_field.round_trip(
             _constrained_fields(fields, wanted), pixels.uneven_amplitude
@@ -136,12 +159,12 @@ def refine(
         part = progress.part(number / pictures, (number + 1) / pictures)
         seen = _validate_picture(measure(shown[-1], part), target).to(torch.float32)
         errors.append(scaled_nrmse(seen[bright], seen_target[bright]))
-        # Only the best and the latest are kept: videos are large.
+        # Only the best and the latest phases are kept, because videos are large.
         shown = [shown[0] if errors[-1] > min(errors) else shown[-1]]
         if number == pictures - 1:
             break
         wanted = correct_request(wanted, seen_target, seen)
-        for _ in range(_MODEL_ITERATIONS):
+        for _ in range(_SETTINGS.iterations):
             asked = _constrained_fields(fields, wanted)
             fields = pixels.far_field.round_trip(asked, pixels.uneven_amplitude)
         shown.append(pixels.pixel_phases(asked))
@@ -149,9 +172,10 @@ def refine(
 
 
 def _constrained_fields(fields: torch.Tensor, request: torch.Tensor) -> torch.Tensor:
-    """Fields that are to come nearer to a mean intensity; a single one can't just be scaled."""
+    """Constrain the frames' fields on the window to a requested mean intensity."""
+    # Scaling wouldn't correct a single frame, so it is over-compensated instead.
     if len(fields) == 1:
-        return over_compensated_constraint(request, _SINGLE_FRAME_GAIN)(fields)
+        return over_compensated_constraint(request, _SETTINGS.single_frame_gain)(fields)
     return torch.stack(scale_to_mean(fields, mean_intensity(fields), request))
 
 

@@ -1,10 +1,10 @@
-"""Gradient descent through the modulator: what the panel really does is in the loop.
+"""Improve a retrieved pattern by gradient descent through a model of the real panel.
 
-The other methods believe in a panel of ideal pixels. Here every phase goes through the panel's
-levels, response, neighbours, gaps and flatness before its light is compared with the target,
-and light that isn't modulated is there too, so that what can be made up for is made up for
-(after Schroff et al., Sci. Rep. 13, 3252, 2023). Every iteration costs a pass over all pixels
-and back: dear, and meant for the last improvement of a good start.
+The other methods assume a panel of ideal pixels. Here every phase passes through the model of the
+panel's grey levels, phase response, coupling, gaps and flatness before its light is compared with
+the target. Unmodulated light is included as well, so that the pattern compensates what it can
+(after Schroff et al., Sci. Rep. 13, 3252, 2023). Every iteration costs a pass over all pixels and
+back, which is expensive. The method is meant for the last improvement of a good start.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from optics.slm.modulator import Modulator
 from optics.stop_shadow import with_stop_shadow_on_panel
 
 _RATE = 0.03
-"""Radians of a step at first; the last ones are ten times smaller."""
+"""Learning rate of Adam at the start, radians; it falls to a tenth of that. Chosen."""
 
 
 class GradientDescent:
-    """The difference between a goal and the mean light of frames on a real panel.
+    """Minimise the difference between a retrieval's target and the mean light of its frames.
 
     orders: waves of the panel's range that are used. The loss is the squared error of the mean
-    intensity over the window, relative to the target's, with as much light in it as the start
-    had there: a fitted scale would let light go astray for a smoother shape.
+    intensity over the window, relative to the target's. The target is scaled to the light that the
+    start has in the target's bright part. A fitted scale would trade light for a smoother shape.
     """
 
     def __init__(self, goal: RetrievalGoal, orders: int = 1) -> None:
@@ -45,9 +45,10 @@ class GradientDescent:
         return modulation.to(torch.complex64) * self._stop
 
     def frame_intensity(self, phase: torch.Tensor) -> torch.Tensor:
-        """Share of all light a sample that one frame (rows, columns) sends to the window.
+        """Return the intensity on the window of one frame of phases, as shares of all light.
 
-        Differentiable: the levels are rounded in the value, and not in the derivative.
+        phase: (rows, columns). The result is differentiable: the phase is rounded to grey levels in
+        the value, but not in the derivative.
         """
         modulated = self.goal.far_field.intensity(
             self._field_behind_stop(self.modulator.modulation(self._quantised_phase(phase)))
@@ -56,14 +57,14 @@ class GradientDescent:
         return steered * modulated / self._power + self._unmodulated_intensity
 
     def _quantised_phase(self, phase: torch.Tensor) -> torch.Tensor:
-        """The phase that the panel's levels make of it."""
+        """Return the phase rounded to the panel's grey levels, with a derivative of 1."""
         with torch.no_grad():
             shown = self.modulator.phase(self.modulator.grey(phase, self.orders))
             rounding = shown.to(torch.float32) - phase
         return phase + rounding
 
     def run(self, phases: torch.Tensor, iterations: int, progress: Progress) -> torch.Tensor:
-        """Better phases (frames, rows, columns), float32, from good ones; the best that came."""
+        """Improve phases (frames, rows, columns) by descent; return the best found, float32."""
         frames = [phase.to(torch.float32).clone().requires_grad_() for phase in phases]
         adam = torch.optim.Adam(frames, lr=_RATE)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(adam, iterations, _RATE / 10)
@@ -82,15 +83,17 @@ class GradientDescent:
             adam.zero_grad()
             pull = 2 * (mean - wanted) / (len(frames) * wanted.square().sum())
             for frame in frames:
-                # One frame's graph at a time: they share the mean, and not the memory.
+                # Frames are differentiated one by one, which needs the memory of one graph only.
                 (self.frame_intensity(frame) * pull).sum().backward()  # type: ignore[no-untyped-call]
             adam.step()
             schedule.step()
         return best
 
     def _target_intensity(self, mean: torch.Tensor) -> torch.Tensor:
-        """The target with the light that is in its brighter part now, and beside it nothing but
-        what no pattern can take away."""
+        """Return the target of the descent, scaled to the light in its bright part now.
+
+        Elsewhere the unmodulated light is added, which no pattern can remove.
+        """
         target = self.goal.target.to(torch.float32)
         bright = target > 0.02 * target.max()
         wanted = target * (mean[bright].sum() / target[bright].sum())

@@ -1,4 +1,4 @@
-"""Between a panel's pixels and a window of their far field, there and back, without waste."""
+"""Transform fields between a panel's pixels and a window of their far field, and back."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import torch
 from optics.fourier.fft import fft
 
 _AT_A_TIME = 1 << 17
-"""Samples of spectra that are bounced at a time: they stay in the processor's cache."""
+"""Samples of spectra that a round trip processes at once, so that they fit in the cache."""
 
 
 def unit_modulus(field: torch.Tensor) -> torch.Tensor:
-    """The field's phase on amplitude one; zero stays zero."""
+    """Return a field with its phase and an amplitude of one; zero stays zero."""
     return torch.sgn(field)
 
 
 class FarField:
-    """The Fourier transform from (rows, columns) samples to a window of `length` x `length`.
+    """Transform fields from a panel to a window of its far field of `length` x `length` samples.
 
-    The same sums as optics.fourier's pruned FFT, with the first pupil sample as origin instead
-    of the middle one, which no modulus sees; arranged so that every FFT runs along contiguous
-    memory, and so that an iteration which only wants the window never stores the panel's field.
+    The sums are those of the pruned FFT in optics.fourier, but the origin is the first pupil sample
+    instead of the middle one, which doesn't change any modulus. Every FFT runs along contiguous
+    memory, and an iteration that only needs the window never stores the panel's field.
 
-    Fields are (…, rows, columns), complex64 or complex128. window: (rows, columns), its origin
-    at n // 2.
+    Fields are (…, rows, columns), complex64 or complex128. shape: (rows, columns) of the panel.
+    window: (rows, columns), with its origin at n // 2.
     """
 
     def __init__(self, shape: tuple[int, int], length: int, window: tuple[int, int]) -> None:
@@ -32,21 +32,22 @@ class FarField:
         self.shape, self.length, self.window = shape, length, window
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        """From the panel (…, rows, columns) to the window."""
+        """Transform a field (…, rows, columns) on the panel to the far-field window."""
         along = self._crop_window(fft(field, self.length, -1), 1)
         return self._crop_window(fft(along.mT.contiguous(), self.length, -1), 0).mT
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """From the window to the panel: the adjoint of forward()."""
+        """Apply the adjoint of forward(), from the far-field window to the panel."""
         along = self._columns_back(field)
         return self._inverse(self._embed_window(along, 1))[..., : self.shape[1]]
 
     def round_trip(
         self, field: torch.Tensor, amplitude: torch.Tensor | None = None
     ) -> torch.Tensor:
-        """forward(amplitude * unit(back(field))): what a phase-only panel makes of a field.
+        """Return the far field of a phase-only panel that shows the phase of a field's inverse.
 
-        amplitude: real, (rows, columns) of the panel; None is one everywhere.
+        That is forward(amplitude * unit_modulus(adjoint(field))). amplitude: real, (rows, columns)
+        of the panel; None is one everywhere.
         """
         frames = field.reshape(-1, *self.window)
         answers = [self._bounce(frame, amplitude) for frame in frames]
@@ -71,21 +72,21 @@ class FarField:
         return self._crop_window(fft(picked.mT.contiguous(), self.length, -1), 0).mT
 
     def _columns_back(self, field: torch.Tensor) -> torch.Tensor:
-        """From the window to (…, panel rows, window columns), contiguous."""
+        """Transform window fields back along columns, to (…, panel rows, window columns)."""
         back = self._inverse(self._embed_window(field.mT.contiguous(), 0))
         return back[..., : self.shape[0]].mT.contiguous()
 
     def _inverse(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """The adjoint of the FFT along the last axis."""
+        """Apply the adjoint of the FFT along the last axis of a spectrum."""
         return fft(spectrum, self.length, -1, inverse=True, scaled=False, overwrite=True)
 
     def _crop_window(self, spectrum: torch.Tensor, axis: int) -> torch.Tensor:
-        """The window's part of a spectrum's last axis, origin from index 0 to n // 2."""
+        """Crop the window from a spectrum's last axis, and move its origin to n // 2."""
         below, above = self._halves(axis)
         return torch.cat([spectrum[..., self.length - below :], spectrum[..., :above]], dim=-1)
 
     def _crop_window_into(self, spectrum: torch.Tensor, axis: int, window: torch.Tensor) -> None:
-        """_crop_window() into memory that is there."""
+        """Crop the window as _crop_window() does, into existing memory."""
         below, above = self._halves(axis)
         window[..., :below] = spectrum[..., self.length - below :]
         window[..., below:] = spectrum[..., :above]
@@ -93,8 +94,10 @@ class FarField:
     def _embed_window(
         self, window: torch.Tensor, axis: int, spectrum: torch.Tensor | None = None
     ) -> torch.Tensor:
-        """The spectrum that is zero but for the window, in memory that is there, or new: the
-        adjoint of _crop_window()."""
+        """Embed the window in a spectrum of zeros, as the adjoint of _crop_window().
+
+        spectrum: existing memory for the result; None allocates it.
+        """
         below, above = self._halves(axis)
         if spectrum is None:
             spectrum = window.new_empty(*window.shape[:-1], self.length)
@@ -104,16 +107,19 @@ class FarField:
         return spectrum
 
     def _halves(self, axis: int) -> tuple[int, int]:
-        """Samples of the window below its origin, and from it on."""
+        """Return the numbers of window samples below its origin and from the origin on."""
         below = self.window[axis] // 2
         return below, self.window[axis] - below
 
     def intensity(self, field: torch.Tensor) -> torch.Tensor:
-        """|forward(field)|²; over a whole far field its sum is length² times the field's."""
+        """Return the far-field intensity |forward(field)|² on the window.
+
+        Its sum over a complete far field is length² times the sum of |field|².
+        """
         far = self.forward(field)
         return far.real**2 + far.imag**2
 
     @property
     def samples(self) -> float:
-        """Samples of all the FFTs of one bounce."""
+        """Return the number of samples in all FFTs of one round trip."""
         return 2.0 * self.length * (self.shape[0] + self.window[1])

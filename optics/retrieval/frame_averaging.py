@@ -1,14 +1,15 @@
-"""Frames whose mean has the target's shape: a phase video that the exposure averages.
+"""Retrieve phase videos whose frames have a mean PSF with the target's shape.
 
-The thesis averages frames that know nothing of each other (§3.3.2), whose speckle falls with
-the square root of their number, to a floor that averaging never removes. Its outlook (§3.6)
-proposes to aim each frame at what the others left; that is `sequential_frames`. `joint_frames`
-computes all frames together.
+The exposure averages the frames. The thesis averages independent frames (§3.3.2), whose speckle
+falls with the square root of their number, down to a floor that averaging doesn't remove. Its
+outlook (§3.6) proposes that each frame aims at the light that the others lack; that is
+`sequential_frames`. `joint_frames` computes all frames together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import torch
 
@@ -22,24 +23,40 @@ from optics.retrieval.job import RetrievalJob
 from optics.retrieval.start_phases import random_start, smooth_start
 from optics.retrieval.superpixel import Superpixels
 
-_GAIN = 0.5
-"""Power of the correction of the mean in each iteration."""
 
-_FIRST = 3
-"""Iterations until the mean is worth correcting."""
+@dataclass(frozen=True)
+class FrameAveragingSettings:
+    """Tune how the mean intensity of a video's frames is corrected. All values are chosen.
 
-_STEP = 10.0
-"""The correction's largest factor in one iteration."""
+    Attributes
+    ----------
+    gain : float
+        Exponent of the correction of the mean in each iteration.
+    uncorrected_iterations : int
+        Number of iterations before the mean is corrected for the first time.
+    max_factor : float
+        Largest factor of the correction in one iteration.
+    dark_share : float
+        Share of the brightest sample that replaces a smaller mean, to avoid division by zero.
+    faint_share : float
+        Share of a sample's target that replaces a smaller mean.
+    """
 
-_DARK = 1e-6
-"""Share of the brightest sample below which the mean counts as this: nothing can be divided by."""
+    gain: float = 0.5
+    uncorrected_iterations: int = 3
+    max_factor: float = 10.0
+    dark_share: float = 1e-6
+    faint_share: float = 1e-3
 
-_FAINT = 1e-3
-"""Share of a sample's target below which its mean counts as this."""
+
+_SETTINGS = FrameAveragingSettings()
 
 
 def independent_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Fields on the window (frames, rows, columns), each from a random start of its own."""
+    """Retrieve independent frames, each from its own random start.
+
+    Returns the fields on the window, (frames, rows, columns).
+    """
     fields = []
     for number, part in enumerate(job.frame_progress, start=1):
         start = pixels.panel_field(random_start(pixels, job.generator))
@@ -51,7 +68,10 @@ def independent_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
 
 
 def sequential_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Each frame aims at what the frames before it left: n T minus the sum of their light."""
+    """Retrieve frames one by one, each for the light that the frames before it lack.
+
+    Frame n aims at n T minus the sum of the light of the frames before it, where T is the target.
+    """
     target = pixels.target_intensity
     total, fields = torch.zeros_like(target), []
     for number, part in enumerate(job.frame_progress, start=1):
@@ -65,14 +85,17 @@ def sequential_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
         )
         fields.append(field)
         given = field_intensity(pixels.far_field.round_trip(field, pixels.uneven_amplitude))
-        # What falls beside the target can't be made up for by asking for more.
+        # The scale excludes light beside the target, because a larger request can't replace it.
         total = total + given * (target.sum() / given[target > 0].sum())
     return torch.stack(fields)
 
 
 def joint_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """All frames together: each keeps its share of the light at a sample, and their mean is
-    what is asked for, corrected by what it came out as."""
+    """Retrieve all frames together, so that their mean intensity becomes the target.
+
+    Each frame keeps its share of the light at a sample. The mean is set to a request that is
+    corrected by the error of the last mean.
+    """
     target = pixels.target_intensity
     amplitude = torch.sqrt(target)
     fields, wanted = [], target
@@ -82,7 +105,7 @@ def joint_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
     iterations = job.iterations
     for iteration in range(iterations):
         job.progress.report(iteration / iterations, f"joint frames {iteration + 1}/{iterations}")
-        if iteration < _FIRST:
+        if iteration < _SETTINGS.uncorrected_iterations:
             asked = [unit_modulus(field) * amplitude for field in fields]
         else:
             mean = mean_intensity(fields)
@@ -98,33 +121,34 @@ def joint_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
 def correct_request(
     request: torch.Tensor, target: torch.Tensor, mean: torch.Tensor
 ) -> torch.Tensor:
-    """What to ask for next, when asking for `request` gave `mean` and `target` is the goal.
+    """Return the next requested intensity, after `request` gave the mean intensity `mean`.
 
-    Only the shape counts: light that is missing everywhere isn't asked for.
+    Only the shape of `target` matters: a lack of light everywhere doesn't change the request.
     """
     lit = target > 0
     scale = mean[lit].sum() / target[lit].sum()
     missing = scale * target
-    given = torch.maximum(mean, _FAINT * missing)
-    change = torch.where(given > 0, missing / given, 1.0).clamp(1 / _STEP, _STEP)
+    given = torch.maximum(mean, _SETTINGS.faint_share * missing)
+    most = _SETTINGS.max_factor
+    change = torch.where(given > 0, missing / given, 1.0).clamp(1 / most, most)
     change = torch.where(lit, change, 1.0)
-    asked = request * change**_GAIN
+    asked = request * change**_SETTINGS.gain
     return asked * (target.sum() / asked.sum())
 
 
 def scale_to_mean(
     fields: Iterable[torch.Tensor], mean: torch.Tensor, request: torch.Tensor
 ) -> list[torch.Tensor]:
-    """Fields whose mean intensity is `mean`, each with its share of `request` instead."""
-    factor = torch.sqrt(request / mean.clamp(min=_DARK * float(request.max())))
+    """Scale the frames' fields so that their mean intensity changes from `mean` to `request`."""
+    factor = torch.sqrt(request / mean.clamp(min=_SETTINGS.dark_share * float(request.max())))
     return [field * factor for field in fields]
 
 
 def mean_intensity(fields: Iterable[torch.Tensor]) -> torch.Tensor:
-    """The mean intensity of frames."""
+    """Return the mean intensity of the frames' fields."""
     return torch.stack([field_intensity(field) for field in fields]).mean(0)
 
 
 def field_intensity(field: torch.Tensor) -> torch.Tensor:
-    """The intensity of a field."""
+    """Return the intensity |u|² of a field."""
     return field.real**2 + field.imag**2

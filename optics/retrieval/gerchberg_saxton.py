@@ -1,8 +1,8 @@
-"""Iterations between pupil and image for one frame (thesis §3.3.2).
+"""Retrieve the phase of one frame by Gerchberg-Saxton iterations and variants (thesis §3.3.2).
 
-Gerchberg and Saxton, Optik 35, 237, 1972: in every iteration the panel's amplitude and the
-target's amplitude replace those of the wave, and its phases stay. Two changes of what is asked
-of the image have proved to be better, and stand beside it.
+In every iteration of Gerchberg and Saxton (Optik 35, 237, 1972), the panel's amplitude and the
+target's amplitude replace those of the wave, whose phases are kept. Two variants of the constraint
+on the image have proved to be better, and are included.
 """
 
 from __future__ import annotations
@@ -22,24 +22,20 @@ from optics.threads import single_threaded
 from optics.validation import accepts_numpy, require_count
 
 Constraint = Callable[[torch.Tensor], torch.Tensor]
-"""From the field on the window to the one that is asked for."""
-
-_SIGNAL = 0.02
-"""Share of the target's peak from which a sample belongs to the signal."""
+"""Type of a function from the field on the window to the requested field there."""
 
 
 def amplitude_constraint(intensity: torch.Tensor) -> Constraint:
-    """The target's amplitude with the field's phase, as published."""
+    """Return the Gerchberg-Saxton constraint: the target's amplitude with the field's phase."""
     amplitude = torch.sqrt(intensity)
     return lambda field: unit_modulus(field) * amplitude
 
 
 def over_compensated_constraint(intensity: torch.Tensor, gain: float = 1.0) -> Constraint:
-    """Where the amplitude a is below the target's A, ask for A + gain (A - a), and for as much
-    less where it is above: an error is answered by its opposite.
+    """Return a Gerchberg-Saxton constraint that requests the opposite of each amplitude error.
 
-    Feedback on the amplitude (Fienup, Appl. Opt. 21, 2758, 1982, calls the family
-    input-output algorithms).
+    For an amplitude a and a target amplitude A, it requests A + gain (A - a), at least 0. Fienup
+    (Appl. Opt. 21, 2758, 1982) calls such feedback algorithms input-output algorithms.
     """
     amplitude = torch.sqrt(intensity)
 
@@ -51,15 +47,18 @@ def over_compensated_constraint(intensity: torch.Tensor, gain: float = 1.0) -> C
 
 
 def mixed_region_constraint(intensity: torch.Tensor, freedom: float) -> Constraint:
-    """MRAF: the target's amplitude where it is bright, and freedom where it is dark.
+    """Return the constraint of MRAF, the mixed-region amplitude freedom algorithm.
 
-    Pasienski and DeMarco, Opt. Express 16, 2176, 2008. freedom: share of the amplitude that
-    dark samples of the window may keep, 0 to 1; light there is the price of less speckle.
+    It requests the target's amplitude where the target is bright, and leaves freedom where it is
+    dark (Pasienski and DeMarco, Opt. Express 16, 2176, 2008). freedom: share of the amplitude that
+    dark samples of the window keep, from 0 to below 1. More freedom gives less speckle and more
+    light in dark samples.
     """
     if not 0 <= freedom < 1:
         raise ValueError(f"freedom is {freedom:g}; it must lie between 0 and 1, and not be 1")
     amplitude = torch.sqrt(intensity)
-    signal = intensity > _SIGNAL * intensity.max()
+    # Samples above 2 % of the target's peak belong to the signal region.
+    signal = intensity > 0.02 * intensity.max()
 
     def constrain(field: torch.Tensor) -> torch.Tensor:
         asked = (1 - freedom) * unit_modulus(field) * amplitude
@@ -76,7 +75,10 @@ def iterate_constraint(
     progress: Progress,
     name: str,
 ) -> torch.Tensor:
-    """The constrained field on the window after some iterations from a field on the panel."""
+    """Iterate between panel and window, and return the last constrained field on the window.
+
+    field: the starting field on the panel. name: the method's name in progress reports.
+    """
     asked = constrain(pixels.far_field.forward(field))
     for iteration in range(1, iterations):
         progress.report(iteration / iterations, f"{name} {iteration + 1}/{iterations}")
@@ -97,12 +99,42 @@ def gerchberg_saxton(
     start: str = "quadratic",
     progress: Progress | None = None,
 ) -> torch.Tensor:
-    """A phase pattern whose PSF has the target's shape, (rows, columns) in radians, float32.
+    """Retrieve a phase pattern by plain Gerchberg-Saxton iterations on every pixel of the panel.
 
-    The plain algorithm on every pixel of the panel, for comparison and for small panels;
-    retrieve() is faster and better. target: intensity on `plane` (see design_plane), any
-    positive scale; zero beyond it. start: one of STARTS. Raises ValueError for an
-    empty or negative target, or one of another shape than the plane's.
+    The function is meant for comparisons and for small panels. `retrieve` is faster and better.
+
+    Parameters
+    ----------
+    camera : Camera
+        Camera whose panel shows the pattern.
+    target : torch.Tensor or numpy.ndarray, (rows, columns)
+        Intensity on `plane`, on any positive scale, nowhere negative; zero is meant beyond it.
+    plane : Plane
+        Samples of the target in the focal plane, from ``design_plane(camera, wavelength, ...)``.
+    wavelength : float
+        Metres.
+    iterations : int
+        Number of iterations, 1 or more.
+    generator : torch.Generator
+        Source of all random numbers.
+    start : {"smooth", "quadratic", "random"}, default "quadratic"
+        Phases that the iterations start from, one of `STARTS`.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    torch.Tensor, (rows, columns), float32
+        Phases in radians whose PSF has the target's shape.
+
+    Raises
+    ------
+    ValueError
+        If the target is empty or negative, or has another shape than the plane.
+
+    References
+    ----------
+    Thesis §3.3.2; R. W. Gerchberg and W. O. Saxton, Optik 35, 237, 1972.
     """
     require_count("iterations", iterations)
     goal = RetrievalGoal(camera, target, plane, wavelength)

@@ -1,4 +1,4 @@
-"""What a retrieval is asked for: a PSF shape, and the camera that shall give it."""
+"""Describe the goal of a phase retrieval: a PSF shape, a camera and a wavelength."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from optics.validation import require_positive
 
 @dataclass(frozen=True, eq=False)
 class RetrievalGoal:
-    """A target intensity on a window of the design grid, for a camera and a wavelength.
+    """The target PSF of a phase retrieval on the design grid, for a camera and a wavelength.
 
-    target: (rows, columns), any positive scale; zero beyond the window; kept as float64 with a
-    peak of one. plane: from design_plane(). wavelength: metres. Raises ValueError for a target
-    that no PSF can have, a plane of another grid, or a panel that gets no light.
+    target: intensity, (rows, columns), on any positive scale and zero beyond the window; it is
+    stored as float64 with a peak of one. plane: from design_plane(). wavelength: metres. Raises
+    ValueError for a target that no PSF can have, a plane of another grid, or a panel without light.
     """
 
     camera: Camera
@@ -55,21 +55,21 @@ class RetrievalGoal:
                 "no light reaches the panel through the stop and its illumination; a pattern "
                 "can't steer any: open the stop, or light the panel"
             )
-        # Sums and squares of extreme scales would run over.
+        # Sums and squares of a target on an extreme scale would overflow.
         target = target.detach().to(torch.float64)
         object.__setattr__(self, "target", target / target.max())
 
     @property
     def far_field_samples(self) -> int:
-        """Samples across the far field that the panel reaches."""
+        """Return the number of samples across the far field that the panel can steer light to."""
         return far_field_length(self.camera)
 
     @functools.cached_property
     def amplitude(self) -> torch.Tensor:
-        """Of the light on the panel's pixels behind the stop, (rows, columns), float32.
+        """Return the amplitude of the light on the panel's pixels, (rows, columns), float32.
 
-        The illumination counts: what the panel doesn't get, no phase can steer. A stop that
-        stands apart counts by its shadow on the panel.
+        It includes the stop and the panel's illumination. A stop that is separated from the panel
+        is replaced by its shadow on the panel.
         """
         amplitude = pupil_amplitude(with_stop_shadow_on_panel(self.camera))
         illumination = self.camera.panel.illumination
@@ -80,15 +80,15 @@ class RetrievalGoal:
 
     @functools.cached_property
     def power(self) -> float:
-        """All light on the design grid when the field is `amplitude`: Parseval's sum."""
+        """Return the sum of the intensity over the design grid for `amplitude`, by Parseval."""
         return float(self.amplitude.to(torch.float64).square().sum()) * self.far_field_samples**2
 
     @functools.cached_property
     def target_intensity(self) -> torch.Tensor:
-        """The target with all the light there is, (rows, columns), float32."""
+        """Return the target scaled to all light of the panel, (rows, columns), float32."""
         return (self.target / self.target.sum() * self.power).to(torch.float32)
 
     @functools.cached_property
     def far_field(self) -> FarField:
-        """From all pixels of the panel to the target's window."""
+        """Return the far-field transform from all pixels of the panel to the target's window."""
         return FarField(self.camera.panel.shape, self.far_field_samples, self.plane.shape)

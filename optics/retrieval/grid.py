@@ -1,4 +1,4 @@
-"""The grid in the focal plane on which a PSF is designed and judged."""
+"""Choose the grid in the focal plane on which a PSF is designed and its quality measured."""
 
 from __future__ import annotations
 
@@ -12,26 +12,21 @@ from optics.stop_shadow import panel_to_focus_distance
 from optics.validation import require_positive, rounded_down
 
 OVERSAMPLING = 2
-"""The design grid is twice finer than the pupil's Nyquist rate: on a coarser one speckle
-hides between the samples."""
+"""Sampling rate of the design grid over the pupil's Nyquist rate.
 
-_SMALLEST_WINDOW = 128
-_MARGIN = 1.2
-"""Side of the window over that of the target."""
-
-_WINDOW_STEP = 32
-_DIVISIBLE = 16
-"""A length that many superpixel sizes divide."""
+A coarser grid would miss speckle between its samples.
+"""
 
 
 def far_field_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
-    """Samples of the far field that the panel can steer light to, along either axis.
+    """Return the samples along an axis of the far field that the panel can steer light to.
 
-    One over it is the step of the Fourier transform from pixels to the design grid: at least
-    `oversampling` times the longer side, and a length that FFTs are fast for.
+    The number is the length of the Fourier transform from pixels to the design grid. It is at least
+    `oversampling` times the longer side of the panel, and FFTs of that length are fast.
     """
     side = oversampling * max(camera.panel.shape)
-    unit = _DIVISIBLE if side > _DIVISIBLE**2 else 1
+    # A multiple of 16 is divisible by many superpixel sides.
+    unit = 16 if side > 16**2 else 1
     return unit * int(scipy.fft.next_fast_len(math.ceil(side / unit), real=True))
 
 
@@ -106,6 +101,8 @@ def window_for_reach(camera: Camera, wavelength: float, reach: float) -> tuple[i
             f"the target reaches {reach * 1e6:.0f} µm from the axis and the panel steers light to "
             f"{rounded_down(length * pitch / 2 * 1e6)} µm at most; choose a smaller one"
         )
-    side = _WINDOW_STEP * math.ceil(_MARGIN * 2 * reach / pitch / _WINDOW_STEP)
-    side = min(max(side, _SMALLEST_WINDOW), length)
+    # The window is 1.2 times as wide as the target, a multiple of 32 samples, and 128 at least.
+    step = 32
+    side = step * math.ceil(1.2 * 2 * reach / pitch / step)
+    side = min(max(side, 128), length)
     return side, side

@@ -1,4 +1,4 @@
-"""What every way from a target to frames gets."""
+"""Describe one phase retrieval as every retrieval method receives it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from optics.retrieval.superpixel import Superpixels, coarsest_superpixels
 
 @dataclass(frozen=True)
 class RetrievalJob:
-    """One retrieval, made ready. start: one of STARTS."""
+    """One phase retrieval with all that a method needs; `start` is one of STARTS."""
 
     goal: RetrievalGoal
     frames: int
@@ -25,11 +25,11 @@ class RetrievalJob:
 
     @property
     def superpixels(self) -> Superpixels:
-        """The coarsest superpixels that the goal allows."""
+        """Return the coarsest superpixels that the retrieval's goal allows."""
         return coarsest_superpixels(self.goal)
 
     @property
     def frame_progress(self) -> list[Progress]:
-        """The progress of every frame, where one is computed after the other."""
+        """Return a progress for every frame of a retrieval that computes one after the other."""
         ends = [n / self.frames for n in range(self.frames + 1)]
         return [self.progress.part(start, stop) for start, stop in pairwise(ends)]

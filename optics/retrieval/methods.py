@@ -1,4 +1,4 @@
-"""Every way from a target to a pattern or a video, by name, with what an iteration costs."""
+"""List the phase-retrieval methods by name, with the cost of their iterations."""
 
 from __future__ import annotations
 
@@ -27,33 +27,20 @@ from optics.retrieval.spots import weighted_spots_field
 from optics.retrieval.start_phases import starting_field
 from optics.retrieval.superpixel import Superpixels, coarsest_superpixels
 
-QUICK_ITERATIONS = 100
-"""Of a quick method, where nothing else is asked for."""
-
-
-_FREEDOM = 0.4
-"""Of mixed regions: more takes too much light, less leaves too much speckle."""
-
-_PASSES = 2.5
-"""Time of a round trip to the far field and back over that of its FFTs."""
-
-_MOTION = 2.6
-"""Time of an iteration over one without the liquid crystal's motion."""
-
-_GRADIENT_COST_FACTOR = 2.5
-"""Time of a step of the descent over that of a round trip with all pixels."""
-
-
 Solver = Callable[[RetrievalJob], torch.Tensor]
-"""To phases (frames, rows, columns), radians."""
+"""Type of a function that solves a retrieval job: it returns phases (frames, rows, columns).
+
+The phases are in radians.
+"""
 
 
 @dataclass(frozen=True)
 class RetrievalMethod:
-    """A way from a target to frames.
+    """A phase-retrieval method, with its solver and its cost.
 
-    description: in a few words. min_frames, max_frames: the numbers of frames that it serves.
-    round_trip: seconds of one iteration of one frame.
+    solve: the solver. description: a few words for users. min_frames, max_frames: the range of
+    frame numbers that the method supports. round_trip: function that predicts the processor time in
+    seconds of one iteration of one frame.
     """
 
     solve: Solver
@@ -65,14 +52,14 @@ class RetrievalMethod:
     def seconds(
         self, goal: RetrievalGoal, frames: int, iterations: int, speed: MachineSpeed
     ) -> float:
-        """Predicted processor time."""
+        """Predict the processor time in seconds of a retrieval by this method."""
         lift = 0.5 * _full_trip_seconds(goal, speed)
         return frames * (lift + iterations * self.round_trip(goal, speed))
 
     def iterations(
         self, goal: RetrievalGoal, frames: int, seconds: float, speed: MachineSpeed
     ) -> int:
-        """How many fit; may be less than one."""
+        """Return the number of iterations that fit in `seconds`; it may be less than one."""
         rest = seconds - self.seconds(goal, frames, 0, speed)
         return int(rest / (frames * self.round_trip(goal, speed)))
 
@@ -81,12 +68,13 @@ class RetrievalMethod:
 
 
 MOST_FRAMES = 3600
-"""A minute at 60 Hz."""
+"""Largest number of frames of a retrieved video, one minute at 60 Hz."""
 
 
 def _round_trip_seconds(far_field: FarField, speed: MachineSpeed) -> float:
     each = fft_operations(far_field.length) / far_field.length
-    return _PASSES * far_field.samples * each * speed.fft
+    # A round trip takes 2.5 times as long as its FFTs.
+    return 2.5 * far_field.samples * each * speed.fft
 
 
 def _superpixel_trip_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
@@ -98,15 +86,17 @@ def _full_trip_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
 
 
 def _slow_crystal_trip_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
-    return _MOTION * _superpixel_trip_seconds(goal, speed)
+    # An iteration with the liquid crystal's motion takes 2.6 times as long as one without it.
+    return 2.6 * _superpixel_trip_seconds(goal, speed)
 
 
 def _descent_step_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
-    return _GRADIENT_COST_FACTOR * _full_trip_seconds(goal, speed)
+    # A step of the descent takes 2.5 times as long as a round trip with all pixels.
+    return 2.5 * _full_trip_seconds(goal, speed)
 
 
 def _single_frame_solver(constraint: Callable[[torch.Tensor], Constraint], name: str) -> Solver:
-    """One frame, by iterations with a constraint on the image."""
+    """Return a retrieval solver for one frame that iterates with a constraint on the image."""
 
     def solve(job: RetrievalJob) -> torch.Tensor:
         pixels = job.superpixels
@@ -119,7 +109,7 @@ def _single_frame_solver(constraint: Callable[[torch.Tensor], Constraint], name:
 
 
 def _multi_frame_solver(way: Callable[[Superpixels, RetrievalJob], torch.Tensor]) -> Solver:
-    """Frames whose mean counts."""
+    """Return a retrieval solver for several frames whose mean PSF has the target's shape."""
 
     def solve(job: RetrievalJob) -> torch.Tensor:
         pixels = job.superpixels
@@ -136,7 +126,7 @@ def _solve_weighted_spots(job: RetrievalJob) -> torch.Tensor:
 
 
 def _solve_published_program(job: RetrievalJob) -> torch.Tensor:
-    """As many frames as are wanted, each from a random start of its own."""
+    """Solve every frame by the published program, each from its own random start."""
     found = (
         published_program_pattern(job.goal, job.iterations, job.generator, part)
         for part in job.frame_progress
@@ -151,7 +141,7 @@ def _solve_slow_crystal(job: RetrievalJob) -> torch.Tensor:
 
 
 def _solve_descent(job: RetrievalJob) -> torch.Tensor:
-    """From what the quick method gives; the iterations are the descent's own."""
+    """Solve by the quick method first, then by `job.iterations` steps of gradient descent."""
     quick = replace(
         job, iterations=iterations_to_converge(job.frames), progress=job.progress.part(0, 0.1)
     )
@@ -160,12 +150,12 @@ def _solve_descent(job: RetrievalJob) -> torch.Tensor:
 
 
 def quick_method(frames: int) -> str:
-    """What is on the front of quality against time until it has converged."""
+    """Return the name of the retrieval method with the best quality for little time."""
     return "over-compensated" if frames == 1 else "joint"
 
 
 def iterations_to_converge(frames: int) -> int:
-    """Iterations after which the quick method hardly gains."""
+    """Return the iterations after which the quick retrieval method hardly improves."""
     return 300 if frames == 1 else 100
 
 
@@ -186,7 +176,9 @@ METHODS: dict[str, RetrievalMethod] = {
     ),
     "mixed-region": RetrievalMethod(
         _single_frame_solver(
-            lambda target: mixed_region_constraint(target, _FREEDOM), "mixed region"
+            # More freedom takes too much light, and less leaves too much speckle.
+            lambda target: mixed_region_constraint(target, 0.4),
+            "mixed region",
         ),
         "MRAF: freedom where the target is dark",
         1,
@@ -243,4 +235,4 @@ METHODS: dict[str, RetrievalMethod] = {
         _descent_step_seconds,
     ),
 }
-"""By name, in the order from the published one to the dearest."""
+"""The phase-retrieval methods by name, from the published one to the most expensive one."""

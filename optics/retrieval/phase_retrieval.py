@@ -1,4 +1,4 @@
-"""From a target to a pattern or a video, by the method that serves best in the time given."""
+"""Retrieve a pattern or a video for a target PSF by the best method for the time available."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from optics.retrieval.job import RetrievalJob
 from optics.retrieval.methods import (
     METHODS,
     MOST_FRAMES,
-    QUICK_ITERATIONS,
     iterations_to_converge,
     quick_method,
 )
@@ -27,13 +26,10 @@ from optics.slm.lut import require_orders
 from optics.threads import single_threaded
 from optics.validation import accepts_numpy, require_count, require_positive
 
-_WORTH = 5
-"""Steps of the descent from which it gains more than the quick method would."""
-
 
 @dataclass(frozen=True)
 class RetrievalResult:
-    """Frames whose mean PSF has a target's shape.
+    """Phases of frames whose mean PSF has a target's shape, with their quality.
 
     Parameters
     ----------
@@ -127,12 +123,12 @@ def retrieve(
     _require(frames, budget, iterations, method)
     require_start(start)
     goal = RetrievalGoal(camera, target, plane, wavelength)
-    # A panel that can't show a pattern is refused before one is computed.
+    # A panel whose range is too short is refused before any pattern is computed.
     require_orders(camera.panel, wavelength, 1)
     slow = frames > 1 and camera.panel.response_time > 0
     quick = "responding" if slow else quick_method(frames)
     if budget is None:
-        method, count = method or quick, QUICK_ITERATIONS if iterations is None else iterations
+        method, count = method or quick, 100 if iterations is None else iterations
     else:
         best = _best_option(
             goal, frames, budget, method or quick, slow or method is not None, speed
@@ -150,7 +146,7 @@ def retrieve(
 
 
 def _require(frames: int, budget: float | None, iterations: int | None, method: str | None) -> None:
-    """Raise ValueError for what can't be asked for, whatever the target."""
+    """Raise ValueError for arguments of `retrieve` that are invalid for any target."""
     if not 1 <= frames <= MOST_FRAMES:
         raise ValueError(
             f"frames is {frames}; a pattern has one, and a video {MOST_FRAMES} at most"
@@ -169,21 +165,24 @@ def _require(frames: int, budget: float | None, iterations: int | None, method: 
 def _best_option(
     goal: RetrievalGoal, frames: int, budget: float, method: str, alone: bool, speed: MachineSpeed
 ) -> IterationOption:
-    """A method, or the descent where it gains more, with as many iterations as fit.
+    """Choose a retrieval method, or the descent where it is better, and its iterations.
 
-    alone: whether no descent is looked at.
+    alone: whether the descent is excluded.
     """
     settings = [_affordable_option(goal, frames, budget, method, 1, speed)]
     if not alone:
-        settings.append(_affordable_option(goal, frames, budget, "descent", _WORTH, speed))
+        # From 5 steps on, the descent gains more than the quick method would.
+        settings.append(_affordable_option(goal, frames, budget, "descent", 5, speed))
     return best_within(budget, settings)
 
 
 def _affordable_option(
     goal: RetrievalGoal, frames: int, budget: float, method: str, least: int, speed: MachineSpeed
 ) -> IterationOption:
-    """Of a method, as many iterations as a budget has time for, but no fewer than `least`, which
-    is also what a method gains."""
+    """Return a retrieval method as an option with the iterations that a budget allows.
+
+    There are `least` iterations at least. `least` also ranks the option's gain.
+    """
     before, way = _startup_seconds(goal, frames, method, speed), METHODS[method]
     count = max(way.iterations(goal, frames, budget - before, speed), least)
     seconds = before + way.seconds(goal, frames, count, speed)
@@ -192,7 +191,7 @@ def _affordable_option(
 
 
 def _startup_seconds(goal: RetrievalGoal, frames: int, method: str, speed: MachineSpeed) -> float:
-    """Seconds until a method's first iteration: the descent starts from a good solution."""
+    """Predict the seconds before a method's first iteration; the descent first needs a start."""
     if method != "descent":
         return 0.0
     return METHODS[quick_method(frames)].seconds(

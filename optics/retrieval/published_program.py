@@ -1,7 +1,7 @@
-"""Gerchberg-Saxton as the thesis' authors published it, for comparison.
+"""Retrieve a phase by Gerchberg-Saxton as the thesis' authors published it, for comparison.
 
-github.com/cgtuebingen/computational_camera_phase_retrieval, MIT licence: the method of thesis
-§3.3.2, with what their program did besides. Written anew from its description.
+Their program is github.com/cgtuebingen/computational_camera_phase_retrieval, MIT licence. It is the
+method of thesis §3.3.2 with additional steps. This module was written from its description.
 """
 
 from __future__ import annotations
@@ -14,20 +14,17 @@ from optics.progress import Progress
 from optics.retrieval.far_field import FarField, unit_modulus
 from optics.retrieval.goal import RetrievalGoal
 
-_PITCH, _WAVELENGTH, _FOCAL_LENGTH = 8e-6, 550e-9, 0.15
-"""The numbers in their program, whatever the camera."""
-
 
 def published_program_pattern(
     goal: RetrievalGoal, iterations: int, generator: torch.Generator, progress: Progress
 ) -> torch.Tensor:
-    """A phase pattern (rows, columns), by the published program's steps.
+    """Retrieve a phase pattern (rows, columns) by the steps of the published program.
 
-    Its far field has as many samples as the panel's longer side: speckle between them isn't
-    seen. The lens' quadratic phase is put on the image as exp(i k r² / 2f) and taken off as
-    exp(i k r²), with the pupil's pitch for the image's; what is left over is added to the
-    image's phase in every iteration. Harmless for a ring around the axis, not for a spiral.
-    Raises ValueError for a target that is dark on its grid.
+    Its far field has as many samples as the panel's longer side, so it misses the speckle between
+    them. The program multiplies the image by the lens' quadratic phase exp(i k r² / 2f), but
+    divides it by exp(i k r²), and uses the pupil's pitch for the image's. The remaining phase is
+    added to the image in every iteration. That is harmless for a ring around the axis, but not for
+    a spiral. Raises ValueError for a target that is dark on the program's grid.
     """
     side = max(goal.camera.panel.shape)
     far_field = FarField(goal.camera.panel.shape, side, _window(goal, side))
@@ -48,7 +45,7 @@ def _window(goal: RetrievalGoal, side: int) -> tuple[int, int]:
 
 
 def _subsampled_target(goal: RetrievalGoal, window: tuple[int, int]) -> torch.Tensor:
-    """The target at the samples of the coarser grid, nearest by nearest."""
+    """Sample the target on the program's coarser grid, by nearest neighbours."""
     picked = []
     ratio = goal.far_field_samples / max(goal.camera.panel.shape)
     for n, m in zip(goal.plane.shape, window, strict=True):
@@ -64,9 +61,14 @@ def _subsampled_target(goal: RetrievalGoal, window: tuple[int, int]) -> torch.Te
 
 
 def _residual_lens_phasor(window: tuple[int, int]) -> torch.Tensor:
-    """exp(i k r² (1 / 2f - 1)), in double precision until it is within a wave."""
-    y, x = ((torch.arange(n, dtype=torch.float64) - n // 2) * _PITCH for n in window)
+    """Return the remaining lens phase of the published program, exp(i k r² (1 / 2f - 1)).
+
+    The phase is computed in double precision and reduced to one wave.
+    """
+    # The published program uses these lengths in metres for every camera.
+    pitch, wavelength, focal_length = 8e-6, 550e-9, 0.15
+    y, x = ((torch.arange(n, dtype=torch.float64) - n // 2) * pitch for n in window)
     r2 = y[:, None] ** 2 + x**2
-    turns = r2 / _WAVELENGTH * (1 / (2 * _FOCAL_LENGTH) - 1)
+    turns = r2 / wavelength * (1 / (2 * focal_length) - 1)
     angle = 2 * math.pi * (turns - torch.round(turns))
     return torch.polar(torch.ones_like(angle), angle).to(torch.complex64)

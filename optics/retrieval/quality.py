@@ -1,4 +1,4 @@
-"""How good a pattern or a video is, on a grid that speckle can't hide from."""
+"""Measure the quality of a retrieved pattern or video on a grid that resolves speckle."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class PatternQuality:
 
 
 def measure_quality(goal: RetrievalGoal, light: torch.Tensor) -> PatternQuality:
-    """Of an intensity on the goal's plane, as a share of all light."""
+    """Measure the quality of a retrieved PSF on the goal's plane, given as shares of all light."""
     target = goal.target
     return PatternQuality(
         efficiency(light, target), speckle_contrast(light, target), scaled_nrmse(light, target)

@@ -1,9 +1,10 @@
-"""Videos for a liquid crystal that is never done moving.
+"""Retrieve phase videos for a liquid crystal that responds slowly.
 
-At 60 Hz a cell of a few milliseconds spends a good part of every frame on its way, and light
-that meets it then goes astray: a fifth of it at 5 ms, most of that to the zeroth order. The
-remedy has two parts: ways between frames that are short (optics.retrieval.branches, and frames
-that start alike), and a mean that is taken over the motion, not over the frames.
+At 60 Hz a liquid crystal with a response time of a few milliseconds moves during a good part of
+every frame. The light of that time misses the target: a fifth of all light at 5 ms, most of it in
+the zeroth order. The remedy has two parts: short phase steps between frames
+(optics.retrieval.branches, and frames with similar starts), and a mean intensity that is computed
+over the motion instead of over the frames.
 """
 
 from __future__ import annotations
@@ -30,20 +31,36 @@ from optics.slm.dynamics import relaxed_phase, steady_start_phases, time_nodes
 from optics.slm.flatness import flatness_phase
 from optics.slm.lut import whole_waves
 
-_WITHOUT = 0.6
-"""Share of the iterations that know nothing of the motion: they are quicker, and find the way."""
 
-_NODES = 3
-"""Moments of a frame whose light stands for all of it, while iterating."""
+@dataclass(frozen=True)
+class SlowCrystalSettings:
+    """Tune the retrieval of videos for a slow liquid crystal. All values are chosen.
 
-_JUDGED_NODES = 6
-"""The same for a judge."""
+    Attributes
+    ----------
+    share_without_motion : float
+        Share of the iterations, at the start, that ignore the motion. They are faster.
+    nodes : int
+        Number of moments per frame at which the light is computed, during the iterations.
+    quality_nodes : int
+        The same for the measurement of the quality.
+    """
+
+    share_without_motion: float = 0.6
+    nodes: int = 3
+    quality_nodes: int = 6
+
+
+_SETTINGS = SlowCrystalSettings()
 
 
 @dataclass(frozen=True)
 class LiquidCrystal:
-    """frame_time: seconds that a frame is shown. response_time: seconds, of the first-order
-    relaxation. reach: radians that the panel can show, one wave at least."""
+    """The timing and the phase range of a panel's liquid crystal.
+
+    frame_time: seconds for which a frame is shown. response_time: time constant of the first-order
+    relaxation, seconds. reach: largest phase that the panel shows, radians, one wave at least.
+    """
 
     frame_time: float
     response_time: float
@@ -51,31 +68,33 @@ class LiquidCrystal:
 
 
 def usable_orders(panel: Panel, wavelength: float) -> int:
-    """Whole waves that the panel reaches, one at least."""
+    """Return the number of whole waves in the panel's phase range, one at least."""
     return max(1, whole_waves(panel, wavelength))
 
 
 def crystal_of_goal(goal: RetrievalGoal) -> LiquidCrystal:
-    """What a goal's panel is like at its wavelength."""
+    """Return the liquid crystal's timing and phase range for a retrieval's goal."""
     panel = goal.camera.panel
     orders = usable_orders(panel, goal.wavelength)
-    # What is nearer to the next wave than to the last level is shown as the first one.
+    # A phase that is closer to the next whole wave than to the last grey level is shown as the
+    # first level.
     half = 0.5 * max_phase(panel, goal.wavelength) / (panel.levels - 1)
     reach = max(2 * math.pi, 2 * math.pi * orders - half)
     return LiquidCrystal(1 / panel.frame_rate, panel.response_time, reach)
 
 
 def shortest_panel_phases(goal: RetrievalGoal, phases: torch.Tensor) -> torch.Tensor:
-    """shortest_phase_paths() of phases (frames, rows, columns) on a goal's panel, float32.
+    """Return a video's phases with the shortest steps that the goal's panel can show, float32.
 
-    The panel's first level isn't a phase of zero everywhere, and the ways begin there.
+    phases: (frames, rows, columns). The paths of shortest_phase_paths() start at the phase of the
+    panel's first grey level, which isn't zero everywhere.
     """
     ground = _first_level(goal)
     return shortest_phase_paths(phases - ground, crystal_of_goal(goal).reach) + ground
 
 
 def _first_level(goal: RetrievalGoal) -> torch.Tensor:
-    """The phase of the light where the panel shows its first level, (rows, columns), float32."""
+    """Return the phase of the panel's first grey level, (rows, columns), float32."""
     panel, wavelength = goal.camera.panel, goal.wavelength
     phase = grey_to_phase(panel, torch.zeros(panel.shape, dtype=torch.uint8), wavelength)
     if panel.flatness is not None:
@@ -84,10 +103,13 @@ def _first_level(goal: RetrievalGoal) -> torch.Tensor:
 
 
 def slow_crystal_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Fields on the window (frames, rows, columns) whose mean over a repeated video, motion
-    included, has the target's shape when its phases are shown in shortest_panel_phases()."""
+    """Retrieve frames whose mean light, including the liquid crystal's motion, is the target's.
+
+    Returns fields on the window, (frames, rows, columns). Their phases must be shown as
+    shortest_panel_phases() gives them, in a repeated video.
+    """
     crystal, iterations = crystal_of_goal(job.goal), job.iterations
-    before = max(1, round(_WITHOUT * iterations))
+    before = max(1, round(_SETTINGS.share_without_motion * iterations))
     first = replace(job, iterations=before, progress=job.progress.part(0, 0.2))
     fields = list(joint_frames(pixels, first))
     target = pixels.target_intensity
@@ -98,11 +120,10 @@ def slow_crystal_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
         rest.report(done, f"moving frames {iteration + 1}/{iterations}")
         phases = torch.angle(pixels.far_field.adjoint(torch.stack(fields)))
         ways = shortest_phase_paths(phases, crystal.reach)
-        wanted = correct_request(
-            wanted,
-            target,
-            moving_crystal_intensity(pixels.far_field, pixels.amplitude, ways, crystal, _NODES),
+        mean = moving_crystal_intensity(
+            pixels.far_field, pixels.amplitude, ways, crystal, _SETTINGS.nodes
         )
+        wanted = correct_request(wanted, target, mean)
         given = [pixels.far_field.round_trip(field, pixels.uneven_amplitude) for field in fields]
         fields = scale_to_mean(given, mean_intensity(given), wanted)
     return torch.stack(fields)
@@ -116,9 +137,10 @@ def moving_crystal_intensity(
     nodes: int,
     static_phase: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """The mean intensity on the window while a video (frames, rows, columns) is repeated.
+    """Return the mean intensity on the window of a repeated video on a moving liquid crystal.
 
-    static_phase: radians that the light gets whatever is shown, (rows, columns).
+    phases: (frames, rows, columns), radians. nodes: moments per frame. static_phase: phase in
+    radians that is added to every frame, (rows, columns).
     """
     starts = steady_start_phases(phases, crystal.frame_time, crystal.response_time)
     times, shares = time_nodes(crystal.frame_time, crystal.response_time, nodes)
@@ -132,18 +154,19 @@ def moving_crystal_intensity(
 
 
 def displayed_psf(goal: RetrievalGoal, phases: torch.Tensor, orders: int) -> torch.Tensor:
-    """The mean PSF of frames as the panel shows them, share of all light a sample, float64.
+    """Return the mean PSF of frames as the panel shows them, as shares of all light, float64.
 
-    Rounded to the panel's levels; a video that is repeated, with the liquid crystal's motion if
-    the panel has a response time. Neighbours, gaps and unmodulated light are left out.
+    The phases are rounded to the panel's grey levels. A video is repeated, and includes the liquid
+    crystal's motion if the panel has a response time. Coupling, gaps and unmodulated light are left
+    out.
     """
     panel, wavelength = goal.camera.panel, goal.wavelength
     grey = phase_to_grey(panel, phases, wavelength, orders)
     shown = grey_to_phase(panel, grey, wavelength)
-    # One frame stands still, and a crystal without inertia always does.
+    # The crystal doesn't move for a single frame, or without a response time.
     moving = len(phases) > 1 and panel.response_time > 0
-    nodes = _JUDGED_NODES if moving else 1
-    # What phase_to_grey() takes off for a known flatness, the panel puts on again.
+    nodes = _SETTINGS.quality_nodes if moving else 1
+    # The panel adds its flatness, which phase_to_grey() has subtracted.
     besides = None if panel.flatness is None else flatness_phase(panel, wavelength)
     total = moving_crystal_intensity(
         goal.far_field, goal.amplitude, shown, crystal_of_goal(goal), nodes, besides

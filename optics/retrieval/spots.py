@@ -1,9 +1,9 @@
-"""Weighted Gerchberg-Saxton, for targets that are made of spots.
+"""Retrieve a phase pattern for spots by the weighted Gerchberg-Saxton algorithm.
 
-Di Leonardo, Ianni and Ruocco, Opt. Express 15, 1913, 2007; Kim et al., Opt. Lett. 44, 3178,
-2019 (the phases are kept once the spots are found). Only the spots' middles are asked for, and
-what lies between them is free; for a continuous shape that freedom is filled with vortices, so
-that such a target is refused.
+References: Di Leonardo, Ianni and Ruocco, Opt. Express 15, 1913, 2007; Kim et al., Opt. Lett. 44,
+3178, 2019 (the phases of the spots are fixed after some iterations). Only the centres of the spots
+are constrained, and the light between them is free. For a continuous shape, vortices would fill
+that free space, so such a target is refused.
 """
 
 from __future__ import annotations
@@ -19,25 +19,22 @@ from optics.retrieval.grid import OVERSAMPLING
 from optics.retrieval.superpixel import Superpixels
 
 _WIDEST = 5 * OVERSAMPLING // 2
-"""Samples across the brighter half of what still counts as a spot: a panel twice as wide as
-high can't make it narrower than four."""
+"""Largest full width at half maximum of a spot, in samples.
 
-_FAINT = 0.02
-"""Share of the brightest spot's peak below which nothing is one."""
-
-_FREE = 8
-"""Iterations until the phases are kept."""
+A panel that is twice as wide as high can't make a spot narrower than four samples.
+"""
 
 
 def find_spots(goal: RetrievalGoal) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Rows and columns of the target's spots on the window, and their shares of the light.
+    """Find the spots of a retrieval's target: rows, columns, and shares of the light.
 
-    Raises ValueError for a target with anything larger than a spot.
+    Raises ValueError for a target with a part that is larger than a spot.
     """
     target = goal.target.numpy()
-    # Half of the brightest nearby, so that a dim spot is one as well as a bright one.
+    # The threshold is half of the local maximum, so that dim spots are found as well. Nothing
+    # below 2 % of the brightest spot's peak counts as a spot.
     peak = scipy.ndimage.maximum_filter(target, 2 * _WIDEST + 1, mode="constant")
-    bright = (target > 0.5 * peak) & (target > _FAINT * target.max())
+    bright = (target > 0.5 * peak) & (target > 0.02 * target.max())
     labels, count = scipy.ndimage.label(bright, np.ones((3, 3)))
     for part in scipy.ndimage.find_objects(labels):
         widest = max(axis.stop - axis.start for axis in part)
@@ -57,7 +54,10 @@ def find_spots(goal: RetrievalGoal) -> tuple[torch.Tensor, torch.Tensor, torch.T
 def weighted_spots_field(
     pixels: Superpixels, iterations: int, generator: torch.Generator, progress: Progress
 ) -> torch.Tensor:
-    """The field on the window, zero but at the spots, of a pattern that gives them their light."""
+    """Retrieve the field at the target's spots by weighted Gerchberg-Saxton iterations.
+
+    Returns the field on the window; it is zero except at the spots.
+    """
     rows, columns, shares = find_spots(pixels.goal)
     amplitude = torch.sqrt(shares).to(torch.float32)
     weights = amplitude.clone()
@@ -70,11 +70,12 @@ def weighted_spots_field(
         )
         at_spots = seen[rows, columns]
         size = at_spots.abs()
-        # A spot that is too dim for its share gets more weight.
+        # A spot with less light than its share gets more weight.
         scale = (size * amplitude).sum() / amplitude.square().sum()
         weights = weights * (scale * amplitude / size.clamp(min=1e-3 * float(size.max())))
         weights = weights / weights.norm()
-        phases = unit_modulus(at_spots) if iteration < _FREE else unit_modulus(values)
+        # After 8 iterations the phases of the spots are fixed.
+        phases = unit_modulus(at_spots) if iteration < 8 else unit_modulus(values)
         values = phases * weights
     return _window(pixels, rows, columns, values)
 

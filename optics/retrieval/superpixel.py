@@ -1,4 +1,4 @@
-"""A coarser panel for the first iterations, and the exact way back to all pixels."""
+"""Group the panel's pixels to superpixels for faster retrieval, and return to all pixels."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from optics.retrieval.far_field import FarField
 from optics.retrieval.goal import RetrievalGoal
 
 _ROOM = 1.5
-"""Samples of the coarse far field over those of the window: what a phase-only panel scatters
-beyond the window must not come back into it."""
+"""Samples across the coarse far field over those across the window, at least.
 
-_LARGEST = 16
-_LEAST_SIDE = 8
-"""Superpixels along the panel's shorter side, at least."""
+Light that a phase-only panel scatters beyond the window must not wrap around into it.
+"""
 
 
 def superpixel_side(goal: RetrievalGoal) -> int:
-    """The largest side of superpixels, in pixels, that the goal's window allows."""
+    """Return the largest side of superpixels in pixels that a retrieval's window allows."""
     length, window = goal.far_field_samples, max(goal.plane.shape)
     shortest = min(goal.camera.panel.shape)
+    # A superpixel has 16 pixels along its side at most, and the panel's shorter side has 8
+    # superpixels at least.
     sides = [
         side
-        for side in range(1, _LARGEST + 1)
+        for side in range(1, 16 + 1)
         if length % side == 0
         and length // side >= _ROOM * window
-        and (side == 1 or shortest // side >= _LEAST_SIDE)
+        and (side == 1 or shortest // side >= 8)
     ]
     return max(sides, default=1)
 
@@ -36,9 +36,9 @@ def superpixel_side(goal: RetrievalGoal) -> int:
 class Superpixels:
     """A panel of superpixels, side x side pixels each, for the same far-field window.
 
-    The light that goes into a small window changes slowly over the panel, so that samples that
-    lie `side` pixels apart describe it: the same grid in the far field, a side² of the work.
-    shape: (rows, columns) of superpixels; the last ones may reach beyond the panel.
+    The light in a small window changes slowly over the panel, so samples that are `side` pixels
+    apart describe it. The grid in the far field is the same, and the work is 1 / side² of that with
+    all pixels. shape: (rows, columns) of superpixels; the last ones may extend beyond the panel.
     """
 
     def __init__(self, goal: RetrievalGoal, side: int) -> None:
@@ -49,7 +49,7 @@ class Superpixels:
 
     @functools.cached_property
     def amplitude(self) -> torch.Tensor:
-        """The mean amplitude of each superpixel's pixels, float32."""
+        """Return the mean amplitude of each superpixel's pixels, float32."""
         (rows, columns), side = self.shape, self.side
         full = self.goal.amplitude
         margins = (0, columns * side - full.shape[1], 0, rows * side - full.shape[0])
@@ -58,41 +58,41 @@ class Superpixels:
 
     @functools.cached_property
     def uneven_amplitude(self) -> torch.Tensor | None:
-        """The amplitude, or None where it is the same everywhere."""
+        """Return the amplitude of the superpixels, or None if it is the same everywhere."""
         amplitude = self.amplitude
         return None if bool((amplitude == amplitude.flatten()[0]).all()) else amplitude
 
     @functools.cached_property
     def target_intensity(self) -> torch.Tensor:
-        """The target with all the light of the superpixels, (rows, columns), float32."""
+        """Return the target scaled to all light of the superpixels, (rows, columns), float32."""
         power = float(self.amplitude.double().square().sum()) * self.far_field.length**2
         target = self.goal.target
         return (target / target.sum() * power).to(torch.float32)
 
     def positions(self, axis: int) -> torch.Tensor:
-        """Middles of the superpixels along an axis, in pixels from the panel's middle."""
+        """Return the superpixels' centres along an axis, in pixels from the panel's centre."""
         n = self.shape[axis]
         middle = (self.goal.camera.panel.shape[axis] - 1) / 2
         index = torch.arange(n, dtype=torch.float64) * self.side + (self.side - 1) / 2
         return index - middle
 
     def panel_field(self, phase: torch.Tensor) -> torch.Tensor:
-        """The field of a phase (…, rows, columns), complex64."""
+        """Return the superpixels' field for a phase (…, rows, columns), complex64."""
         return torch.polar(self.amplitude.expand(phase.shape), phase.to(torch.float32))
 
     def to_pixel_origin(self, window: torch.Tensor) -> torch.Tensor:
-        """The field on the window, with the origin of all pixels instead of the superpixels'.
+        """Change the origin of a window's field from the first superpixel to the first pixel.
 
-        The first superpixel's middle lies (side - 1) / 2 pixels from the first pixel.
+        The centre of the first superpixel is (side - 1) / 2 pixels from the first pixel.
         """
         return window * self._origin_shift_phasor(-1)
 
     def to_superpixel_origin(self, window: torch.Tensor) -> torch.Tensor:
-        """The other way: from the origin of all pixels to that of the superpixels."""
+        """Change the origin of a window's field from the first pixel to the first superpixel."""
         return window * self._origin_shift_phasor(1)
 
     def _origin_shift_phasor(self, sign: int) -> torch.Tensor:
-        """The phase over the window by which a shift of the pupil's origin is seen."""
+        """Return the phase factor over the window that shifts the origin on the panel."""
         turns = []
         for n in self.goal.plane.shape:
             index = torch.arange(n, dtype=torch.float64) - n // 2
@@ -101,16 +101,18 @@ class Superpixels:
         return torch.polar(torch.ones_like(both), both).to(torch.complex64)
 
     def pixel_phases(self, window: torch.Tensor) -> torch.Tensor:
-        """Phases of all pixels, (…, rows, columns) float32, for fields on the window.
+        """Return the phases of all panel pixels for fields on the window, float32.
 
-        Exact: the window's field is band-limited, and is evaluated anew at every pixel.
+        They are (…, rows, columns), and exact: the panel's field of a window is band-limited, and
+        is evaluated at every pixel.
         """
         fields = self.to_pixel_origin(window).reshape(-1, *self.goal.plane.shape)
-        # One after the other: the padded spectra of many frames would fill the memory.
+        # The frames are transformed one by one, because the padded spectra of many frames would
+        # need too much memory.
         phases = torch.stack([torch.angle(self.goal.far_field.adjoint(field)) for field in fields])
         return phases.reshape(*window.shape[:-2], *self.goal.camera.panel.shape)
 
 
 def coarsest_superpixels(goal: RetrievalGoal) -> Superpixels:
-    """The largest superpixels that lose nothing of the goal's window."""
+    """Return the largest superpixels that represent the goal's window without loss."""
     return Superpixels(goal, superpixel_side(goal))

@@ -1,4 +1,4 @@
-"""Which effects a picture calls for: bounds, the ladder of plans, and the plan for a tolerance."""
+"""Plan which effects the simulator renders for a tolerance, by bounds on what each changes."""
 
 from simulator.planning.auditing import AuditResult, audit
 from simulator.planning.bound import Bound, MinimumNorms

@@ -1,4 +1,4 @@
-"""Whether bounds hold: what a plan leaves out is switched on, singly and in pairs."""
+"""Audit an effect plan's error bounds by rendering with the effects that it leaves out."""
 
 from __future__ import annotations
 
@@ -22,18 +22,29 @@ Levels = Mapping[str, int]
 Pairs = Iterable[tuple[str, str]]
 
 _CACHE_BYTES = 2**30
-"""Bytes of pictures. Those that others are compared with are asked for often, and stay."""
-
-_ARITHMETIC = 1e-6
-"""Of a picture's own norms, what two renderings may differ by without a cause."""
+"""Bytes of cached pictures. Pictures that many others are compared with are used often."""
 
 
 @dataclass(frozen=True)
 class AuditResult:
-    """One or two effects at their finest against what the plan has of them.
+    """The measured change of a picture between an effect's planned and finest level.
 
-    others: whether all others were as the plan has them, or at their finest. bound: the most
-    that the change may be. mean, variance, sigma: L2 norms of what it was, in the same units.
+    Parameters
+    ----------
+    effects : tuple of str
+        Names of the one or two effects that were set to their finest level.
+    others : {"as planned", "finest"}
+        Levels of all other effects.
+    bound : Bound
+        Largest change that the effects' bounds allow.
+    mean : float
+        L2 norm of the change of the mean picture, electrons.
+    variance : float
+        L2 norm of the change of the variance map, electrons².
+    sigma : float
+        L2 norm of the change of the map of standard deviations, electrons.
+    slack : Bound
+        Largest difference of two renderings by rounding alone; it is added to `bound`.
     """
 
     effects: tuple[str, ...]
@@ -46,7 +57,7 @@ class AuditResult:
 
     @property
     def measured_over_bound(self) -> float:
-        """The largest of what was measured over its bound; above 1 the bound is broken."""
+        """Return the largest measured change over its bound; above 1 the bound doesn't hold."""
         allowed = self.bound.plus(self.slack)
         return max(
             ratio(getattr(self, name), getattr(allowed, name))
@@ -66,13 +77,36 @@ def audit(
     *,
     pairs: Pairs | None = None,
 ) -> tuple[AuditResult, ...]:
-    """Every effect that a plan has below its finest, and every pair of them, against its bound.
+    """Compare the bounds of an effect plan with the measured changes of rendered pictures.
 
-    render: gives mean and variance maps of a recipe, (rows, columns) in electrons and
-    electrons². Effects are switched by themselves with the others as planned, and with the
-    others at their finest; pairs with the others as planned, against the sum of their bounds.
-    What they require is switched with the rest. pairs: those to be tried; all by default.
-    Raises ValueError for a pair of which the plan has one at its finest.
+    Each effect that the plan has below its finest level is set to its finest level, once with the
+    other effects as planned, and once with the others at their finest. Pairs of such effects are
+    tried with the others as planned, and compared with the sum of their bounds. Effects that they
+    require are switched on with them.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        All effects that the simulator knows.
+    situation : Situation
+        Scene, camera, pattern, filter and exposure.
+    plan : EffectPlan
+        The plan to be audited.
+    render : callable
+        Renders a Recipe, and returns its mean and variance maps, (rows, columns) in electrons and
+        electrons².
+    pairs : iterable of tuple of str, optional
+        Pairs of effect names to be tried; all pairs by default.
+
+    Returns
+    -------
+    tuple of AuditResult
+        One result for each comparison.
+
+    Raises
+    ------
+    ValueError
+        If a pair contains an effect that the plan has at its finest level, or not at all.
     """
     bench = _AuditRenderer(effects, situation, plan, render)
     singles = [
@@ -85,7 +119,7 @@ def audit(
 
 
 class _AuditRenderer:
-    """Where plans are rendered; what many are compared with, once."""
+    """Render the pictures of an audit, and cache those that are compared several times."""
 
     def __init__(
         self,
@@ -112,7 +146,7 @@ class _AuditRenderer:
                     f"{', '.join(self.coarse_effects) or 'none'}"
                 )
         around = dict(self._planned if others == "as planned" else self._finest)
-        # What bounds count on is there, but for its own.
+        # Effects that the bounds of others assume are on, unless they are audited themselves.
         around |= {
             name: self._finest[name]
             for name, one in self._effects.items()
@@ -139,8 +173,12 @@ class _AuditRenderer:
     def _with_requirements(
         self, coarse: dict[str, int], fine: dict[str, int], names: tuple[str, ...]
     ) -> tuple[dict[str, int], dict[str, int]]:
-        """Both with what is required: what is switched on brings it, what can't be without one
-        that is off goes; whatever isn't switched is the same in both."""
+        """Complete two sets of effect levels, so that the requirements of all effects are met.
+
+        Effects that an effect above off requires are set to their finest level. Effects that
+        require one that is off are switched off. Effects that aren't audited get the same level in
+        both sets.
+        """
         for levels in (fine, coarse):
             for name in self._all_required(levels):
                 if name not in names:
@@ -167,12 +205,17 @@ class _AuditRenderer:
 
 
 def _rounding_bound(mean: torch.Tensor, variance: torch.Tensor) -> Bound:
-    """What transforms leave of rounding: as much in the dark as in the light, where it counts for
-    the most of σ."""
-    most = _ARITHMETIC * _norm(mean) + _ARITHMETIC * _norm(variance)
+    """Return the bound of the rounding errors of two rendered pictures.
+
+    The rounding of Fourier transforms is as large in dark pixels as in bright ones, and changes the
+    standard deviation most in dark pixels.
+    """
+    # Two renderings may differ by this share of a picture's own norms.
+    rounding = 1e-6
+    most = rounding * _norm(mean) + rounding * _norm(variance)
     least = math.sqrt(float(variance.min()))
     dark = most / (2 * least) if least else math.sqrt(most * math.sqrt(mean.numel()))
-    return Bound(_ARITHMETIC * _norm(mean), _ARITHMETIC * _norm(variance), dark)
+    return Bound(rounding * _norm(mean), rounding * _norm(variance), dark)
 
 
 def _norm(change: torch.Tensor) -> float:

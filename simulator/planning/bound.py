@@ -1,4 +1,4 @@
-"""How much a picture changes at most, in electrons, and what that is relative to."""
+"""Define the error bounds of effects in electrons, and the norms that they are relative to."""
 
 from __future__ import annotations
 
@@ -8,12 +8,34 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Bound:
-    """What an effect at some level changes against its finest, at most, whatever the others are.
+    """The largest change of a picture if an effect is below its finest level.
 
-    mean: L2 norm over the sensor's pixels of the change of the mean picture, electrons.
-    variance: the same of the variance map, electrons². sigma: of the map of standard deviations,
-    electrons. shape: largest distance of a pixel's cumulative distributions (Kolmogorov's), for
-    what changes neither mean nor variance. how: "proved: …" or "audited ×2: …".
+    The bound holds for any levels of the other effects.
+
+    Parameters
+    ----------
+    mean : float
+        L2 norm over the sensor's pixels of the change of the mean picture, electrons.
+    variance : float
+        L2 norm of the change of the variance map, electrons².
+    sigma : float
+        L2 norm of the change of the map of standard deviations, electrons.
+    shape : float
+        Largest Kolmogorov distance between the cumulative distributions of a pixel, 0 to 1, for an
+        effect that changes neither mean nor variance.
+    how : str
+        How the bound was found: "proved: …" or "audited ×2: …".
+
+    Raises
+    ------
+    ValueError
+        If a number is negative or NaN.
+
+    Examples
+    --------
+    >>> total = Bound(mean=2.0).plus(Bound(mean=1.0, variance=4.0))
+    >>> total.mean, total.variance
+    (3.0, 4.0)
     """
 
     mean: float = 0.0
@@ -29,7 +51,7 @@ class Bound:
                 raise ValueError(f"{name} is {value}; a bound is 0 or more")
 
     def plus(self, other: Bound) -> Bound:
-        """Both changes together: what each is at most whatever the other does adds up."""
+        """Return the bound of two changes together, which is the sum of both bounds."""
         return Bound(
             self.mean + other.mean,
             self.variance + other.variance,
@@ -39,7 +61,7 @@ class Bound:
         )
 
     def minus(self, other: Bound) -> Bound:
-        """What is left to be spent of this when that has been; never below nothing."""
+        """Return the part of this error bound that remains after another one, 0 at least."""
         return Bound(
             max(self.mean - other.mean, 0.0),
             max(self.variance - other.variance, 0.0),
@@ -51,9 +73,21 @@ class Bound:
 
 @dataclass(frozen=True)
 class MinimumNorms:
-    """Lower bounds of what a picture with every effect has, which errors are relative to.
+    """Lower bounds of the norms of a picture with every effect; errors are relative to them.
 
-    mean, variance, sigma: L2 norms as in Bound; 0 where nothing is known to be there.
+    Parameters
+    ----------
+    mean : float
+        L2 norm of the mean picture over the sensor's pixels, electrons; 0 if nothing is known.
+    variance : float
+        L2 norm of the variance map, electrons²; 0 if nothing is known.
+    sigma : float
+        L2 norm of the map of standard deviations, electrons; 0 if nothing is known.
+
+    Examples
+    --------
+    >>> MinimumNorms(mean=100.0, variance=50.0, sigma=10.0).relative_error(Bound(mean=2.0))
+    0.02
     """
 
     mean: float
@@ -61,7 +95,7 @@ class MinimumNorms:
     sigma: float
 
     def relative_error(self, bound: Bound) -> float:
-        """The worst of a bound's relative errors; infinite where something changes nothing."""
+        """Return the largest relative error of a bound; infinite for a change where a norm is 0."""
         return max(
             ratio(bound.mean, self.mean),
             ratio(bound.variance, self.variance),
@@ -71,7 +105,7 @@ class MinimumNorms:
 
 
 def ratio(change: float, whole: float) -> float:
-    """A change over what it is relative to; infinite where something changes nothing."""
+    """Return a picture's change over the norm that it is relative to; infinite for a norm of 0."""
     if change == 0:
         return 0.0
     return change / whole if whole > 0 else math.inf

@@ -1,4 +1,4 @@
-"""What plans cost, without asking an effect twice for the same."""
+"""Cache the operations that effects add to a plan, by the levels that they depend on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from simulator.situation import Situation
 
 
 class _RecordingLevels(Mapping[str, int]):
-    """Levels that remember which of them are looked at, in order."""
+    """Effect levels that record which of them are read, in order."""
 
     def __init__(self, levels: Mapping[str, int]) -> None:
         self._levels = levels
@@ -29,10 +29,11 @@ class _RecordingLevels(Mapping[str, int]):
 
 
 class CachedWork:
-    """Operations of one effect by the levels of all.
+    """The operations of one effect as a cached function of the levels of all effects.
 
-    It follows from those levels alone that the effect looks at, so what it said is kept under
-    these: first by the level that it looked at first, and so on. levels_read: all of them so far.
+    The operations depend only on the levels that the effect reads. So they are cached in a tree,
+    which branches first by the level that was read first, and so on. levels_read: the names of all
+    effects whose level was read so far.
     """
 
     def __init__(self, effect: Effect, situation: Situation) -> None:
@@ -67,7 +68,7 @@ class CachedWork:
 
 
 class _LevelNode:
-    """Which level was looked at next, and what followed for each that it had."""
+    """A node of the cache: the effect whose level was read next, and a child for each level."""
 
     def __init__(self, name: str) -> None:
         self.name = name

@@ -1,4 +1,4 @@
-"""The contract of all effects."""
+"""Define the interface of all effects of the simulator."""
 
 from __future__ import annotations
 
@@ -12,17 +12,33 @@ from simulator.situation import Situation
 
 
 class Effect(ABC):
-    """One thing that optics or electronics do to a picture, at levels from off to finest.
+    """One effect of optics or electronics on a picture, at levels from off to finest.
 
-    name: in words, as in files. kind: an axis of the image-formation integral, which is sampled,
-    or a stage of it. physics: one sentence. source: equation, paper or textbook. levels: names,
-    the coarsest first; the first is "off", or "1" of an axis. requires: names of effects that
-    must not be off if this one isn't. recipe_field, recipe_values: of the recipe, and what it is
-    at each level. assumed_by_other_bounds: whether the others' bounds count on it: changes add up
-    in whatever order they are made, and this one is thought to be made last. is_per_frame:
-    whether it's done anew for each frame of a picture that stands.
+    An effect computes its numbers from the situation alone. It never renders anything.
 
-    An effect decides by numbers from the situation alone: it never renders anything.
+    Attributes
+    ----------
+    name : str
+        Name of the effect, in words, as in files.
+    kind : {"axis", "stage"}
+        An axis of the image-formation integral, which is sampled, or a stage of it.
+    physics : str
+        The physics in one sentence.
+    source : str
+        Equation, paper or textbook.
+    levels : tuple of str
+        Names of the levels, the coarsest first. The first is "off", or "1" for an axis.
+    requires : tuple of str
+        Names of effects that must not be off if this one isn't.
+    recipe_field : str
+        Name of the field of the Recipe that the effect sets.
+    recipe_values : tuple
+        Value of that field at each level.
+    assumed_by_other_bounds : bool
+        Whether the bounds of the other effects assume that this one is on. Changes add up in any
+        order, and the change by this effect is taken to be the last.
+    is_per_frame : bool
+        Whether the effect is computed again for each frame of a static picture.
     """
 
     name: ClassVar[str]
@@ -38,49 +54,49 @@ class Effect(ABC):
 
     @abstractmethod
     def is_present(self, s: Situation) -> bool:
-        """Whether bench and scene have anything of it; without, it isn't in a plan."""
+        """Return whether the effect occurs in a situation; otherwise it isn't in its plan."""
 
     def finest_level(self, s: Situation) -> int:
-        """The level beyond which nothing changes any more."""
+        """Return the effect's level beyond which the picture doesn't change any more."""
         return len(self.levels) - 1
 
     @abstractmethod
     def estimated_error(self, s: Situation, level: int) -> float:
-        """About the relative change of the picture at a level against the finest."""
+        """Estimate the picture's relative change between an effect's level and its finest level."""
 
     def error_bound(self, s: Situation, level: int) -> Bound:
-        """The most that it can be; falls with the level, and is 0 at the finest."""
+        """Return the effect's error bound, which decreases with the level to 0 at the finest."""
         return Bound() if level >= self.finest_level(s) else self.error_bound_below_finest(s, level)
 
     @abstractmethod
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
-        """The same at a level below the finest."""
+        """Return the effect's error bound at a level below the finest."""
 
     @abstractmethod
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Operations that its level adds, given the levels of all that are caused."""
+        """Return the operations that the effect adds, for the levels of all effects that occur."""
 
     @abstractmethod
     def explain(self, s: Situation) -> str:
-        """In words of this situation: what there is of it."""
+        """Describe in words how strong the effect is in a situation."""
 
     def add_to_recipe(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        """The recipe with this effect at a level above off; never called for one that is off."""
+        """Return the recipe with this effect added, at a level above off."""
         return recipe.with_changes(**{self.recipe_field: self.recipe_values[level]})
 
 
 class OnOffEffect(Effect):
-    """An effect that is on or off; on, nothing changes any more."""
+    """An effect that is either off or on; on is its finest level."""
 
     kind: ClassVar[Literal["axis", "stage"]] = "stage"
 
     @abstractmethod
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """About the relative change of the picture without it."""
+        """Estimate the relative change of the picture without the effect."""
 
     @abstractmethod
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """The most that the picture changes without it."""
+        """Return the bound of the picture's change without the effect."""
 
     def estimated_error(self, s: Situation, level: int) -> float:
         return 0.0 if level else self.estimated_error_if_omitted(s)

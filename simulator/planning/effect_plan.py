@@ -1,4 +1,4 @@
-"""What is done for a picture and why: the plan that a person reads, and that is rendered."""
+"""Plan the levels of all effects for a picture, with the reasons, for people and renderers."""
 
 from __future__ import annotations
 
@@ -15,15 +15,39 @@ from simulator.recipe import Recipe
 from simulator.situation import Situation
 
 EFFECTS_SHARE = 0.9
-"""Of a tolerance, what effects may be left out for; the rest is for sampling and arithmetic."""
+"""Share of a tolerance that omitted effects may use; the rest is for sampling and arithmetic."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """One effect's line: its level, the bound of what that may change, and the physics.
+    """The decision of a plan about one effect: its level, its error bound, and the physics.
 
-    level: in words. levels: all there are. relative: bound over the picture's own norms, in
-    the worst of the measures. estimate: about what it is. work: operations that it takes.
+    Parameters
+    ----------
+    effect : str
+        Name of the effect.
+    kind : {"axis", "stage"}
+        An axis of the image-formation integral, or a stage of it.
+    level : str
+        Name of the chosen level.
+    levels : tuple of str
+        Names of all levels up to the finest, the coarsest first.
+    bound : Bound
+        Largest change of the picture because of the chosen level.
+    relative : float
+        The bound over the picture's norms, as the largest of all measures.
+    estimate : float
+        Estimate of the relative change.
+    work : float
+        Operations that the effect adds.
+    why : str
+        How strong the effect is in this situation, in words.
+    physics : str
+        The physics of the effect in one sentence.
+    source : str
+        Equation, paper or textbook.
+    forced : bool
+        Whether a user forced the level.
     """
 
     effect: str
@@ -45,11 +69,36 @@ class Decision:
 
 
 class EffectPlan:
-    """The levels of all effects that a situation causes, for a tolerance.
+    """The levels of all effects that occur in a situation, for a tolerance.
 
-    recipe: what is to be rendered, the barest and what every effect that is on adds to it.
-    relative_error_bound: of what leaving out what is left out makes (0 to infinity; above tol only
-    where somebody forced an effect). is_finest: whether each is at its finest.
+    Parameters
+    ----------
+    ladder : Ladder
+        The steps from all effects at their finest to all effects off.
+    situation : Situation
+        Scene, camera, pattern, filter and exposure.
+    tol : float
+        Largest relative error of the picture.
+    levels : dict of str to int
+        Level of each effect.
+    forced : mapping of str to int
+        Levels of the effects that a user forced.
+
+    Attributes
+    ----------
+    recipe : Recipe
+        What is to be rendered: the minimal recipe and what every effect above off adds to it.
+    is_finest : bool
+        Whether all effects are at their finest level.
+    error_bound : Bound
+        Bound of the change by all effects below their finest level.
+    relative_error_bound : float
+        The same relative to the picture's norms, 0 to infinity. It exceeds `tol` only where a user
+        forced an effect.
+    work, most_work : float
+        Operations of a picture with the plan, and with all effects at their finest level.
+    decisions : tuple of Decision
+        The decision about each effect, in the order of the physics.
     """
 
     def __init__(
@@ -60,7 +109,8 @@ class EffectPlan:
         levels: dict[str, int],
         forced: Mapping[str, int],
     ) -> None:
-        # A plan is kept for long: it doesn't hold the situation, and what that knows of pictures.
+        # A plan is stored for a long time, so it has no reference to the situation, which may hold
+        # large pictures.
         self.tol, self._levels = tol, levels
         self.recipe = build_recipe(ladder.effects, situation, levels)
         self.is_finest = all(
@@ -77,7 +127,7 @@ class EffectPlan:
         return {one.effect: one for one in self.decisions}[effect]
 
     def level(self, effect: str) -> int:
-        """0 for one that is off, or that nothing causes."""
+        """Return the planned level of an effect; 0 if it is off or doesn't occur."""
         return self._levels.get(effect, 0)
 
     @property
@@ -85,7 +135,7 @@ class EffectPlan:
         return dict(self._levels)
 
     def as_data(self) -> dict[str, Any]:
-        """As plain data; bounds that aren't finite are None."""
+        """Return the effect plan as plain data, with None for bounds that aren't finite."""
         return {
             "tol": self.tol,
             "error": _finite(self.relative_error_bound),
@@ -109,7 +159,22 @@ class EffectPlan:
 def build_recipe(
     effects: Sequence[Effect], situation: Situation, levels: Mapping[str, int]
 ) -> Recipe:
-    """What is to be rendered for the effects' levels; those that aren't named are off."""
+    """Build the recipe that renders a situation with the given levels of its effects.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        Effects in the order in which they are added.
+    situation : Situation
+        Scene, camera, pattern, filter and exposure.
+    levels : mapping of str to int
+        Level of each effect by its name; effects that aren't named are off.
+
+    Returns
+    -------
+    Recipe
+        What is to be rendered.
+    """
     recipe = Recipe.minimal(situation)
     for one in effects:
         if level := levels.get(one.name, 0):
@@ -124,11 +189,32 @@ def plan_effects(
     tol: float,
     forced: Mapping[str, str | bool] | None = None,
 ) -> EffectPlan:
-    """The plan for a tolerance; forced effects win: True for the finest, False for off, or a
-    level by its name.
+    """Plan the levels of all effects so that the picture's error stays within a tolerance.
 
-    Raises ValueError for a tol that is negative or not finite, a forced effect that doesn't
-    exist, a level that it hasn't, or one that is on and requires one that is off.
+    Parameters
+    ----------
+    effects : sequence of Effect
+        All effects that the simulator knows, in the order of the physics.
+    situation : Situation
+        Scene, camera, pattern, filter and exposure.
+    norms : MinimumNorms
+        Lower bounds of the picture's norms, which errors are relative to.
+    tol : float
+        Largest relative error of the picture, 0 or more.
+    forced : mapping of str to (str or bool), optional
+        Levels that a user forces, by the effect's name: True for the finest level, False for off,
+        or a level's name. They take precedence over the tolerance.
+
+    Returns
+    -------
+    EffectPlan
+        The level of each effect, with bounds and reasons.
+
+    Raises
+    ------
+    ValueError
+        If `tol` is negative or not finite, a forced effect or level doesn't exist, or an effect is
+        forced on that requires one that is forced off.
     """
     require_tolerance(tol)
     fixed = {
@@ -142,7 +228,7 @@ def plan_effects(
 
 
 def require_tolerance(tol: float) -> None:
-    """Raise ValueError for one that is negative or not finite."""
+    """Raise ValueError for a plan's tolerance that is negative or not finite."""
     if not 0 <= tol < math.inf:
         raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
 

@@ -1,4 +1,4 @@
-"""What somebody has decided about effects, whatever the numbers say."""
+"""Resolve the levels of effects that a user forces in a plan."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from simulator.situation import Situation
 
 
 def forced_level(effects: Sequence[Effect], s: Situation, name: str, request: str | bool) -> int:
-    """The level that is meant by True, the finest, False, off, or a level's name.
+    """Return the level of a forced effect: True is the finest, False is off, or a level's name.
 
-    Raises ValueError for an effect that doesn't exist, or a level that it hasn't.
+    Raises ValueError for an effect or a level that doesn't exist.
     """
     named = {one.name: one for one in effects}
     if name not in named:
@@ -30,9 +30,10 @@ def forced_level(effects: Sequence[Effect], s: Situation, name: str, request: st
 def resolve_forced_levels(
     effects: Sequence[Effect], forced_levels: Mapping[str, int]
 ) -> dict[str, int]:
-    """The levels of forced effects that are there, and of those that fall with them.
+    """Return the levels of forced effects, and of the effects that they switch off.
 
-    What requires an effect that is forced off is off too; ValueError if it is forced to be on.
+    Effects that don't occur are left out. An effect that requires one that is forced off is off as
+    well. Raises ValueError if such an effect is forced on.
     """
     there = {one.name for one in effects}
     found = {name: level for name, level in forced_levels.items() if name in there}

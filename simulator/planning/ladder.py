@@ -1,10 +1,10 @@
-"""All plans for a situation, from everything at its finest to everything off, one inside the next.
+"""Order all effect plans of a situation in a ladder, from all effects at their finest to all off.
 
-Which effect goes down next is decided without knowing any tolerance: the one that saves most work
-for what it may change, but that a dear one lets cheaper ones go first. A tolerance says only how
-far down to go. So a larger one never adds work, a smaller one never removes an effect, and what
-all steps change at most is the sum of their bounds, whichever effects meet (each holds whatever
-the others are).
+The order of the steps doesn't depend on the tolerance. The next step is that of the effect which
+saves most work for its error bound, except that a step with a large bound lets steps with smaller
+bounds go first. The tolerance only decides how many steps are taken. So a larger tolerance never
+adds work, and a smaller tolerance never removes an effect. The error of several steps is at most
+the sum of their bounds, because each bound holds for any levels of the other effects.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from simulator.planning.forcing import resolve_forced_levels
 from simulator.situation import Situation
 
 _FRAMES = 100
-"""Of a picture, that are thought to be taken: what each of them takes counts as often."""
+"""Number of frames assumed per picture: work per frame counts this often. Chosen."""
 
 _PATIENCE = 0.5
-"""Of its own price, for which a step lets cheaper ones go first."""
+"""Share of a step's own error for which it lets steps with smaller errors go first. Chosen."""
 
 
 @dataclass(frozen=True)
 class LadderStep:
-    """One step down: an effect to a coarser level.
+    """One step down the ladder, which sets an effect to a coarser level.
 
-    bound: what that changes at most beyond what it did before. saved_work: operations of a
-    picture that it saves, as often as `repetitions` says.
+    effect, to: name and new level of the effect. bound: largest change beyond that at the level
+    before. relative_error: the same relative to the picture's norms. saved_work: operations that
+    the step saves, multiplied by `repetitions` for its rank.
     """
 
     effect: str
@@ -47,17 +48,44 @@ class LadderStep:
 
     @property
     def rank(self) -> tuple[bool, float, float]:
-        """Free steps come first, then those that save most for their price, then the cheapest."""
+        """Return the sort key of a ladder step; the step with the largest key is the best.
+
+        Steps without error come first, then those that save most work for their error, then those
+        with the least error.
+        """
         free, saved = self.relative_error == 0, self.saved_work * self.repetitions
         return free, saved if free else saved / self.relative_error, -self.relative_error
 
 
 class Ladder:
-    """The steps from the top, for the effects that a situation causes.
+    """The steps from all effects at their finest to all effects off, for a situation.
 
-    effects: in the order of the physics. forced_levels: of effects that somebody has forced; they
-    stay there, and cost nothing of what a tolerance allows. What requires one that is forced off
-    is off with it. Raises ValueError where it is forced to another level.
+    Parameters
+    ----------
+    effects : sequence of Effect
+        All effects that the simulator knows, in the order of the physics. Only those that occur in
+        the situation are used.
+    situation : Situation
+        Scene, camera, pattern, filter and exposure.
+    norms : MinimumNorms
+        Lower bounds of the picture's norms, which errors are relative to.
+    forced_levels : mapping of str to int, optional
+        Levels of effects that a user forced. They are fixed, and their errors don't count against
+        the tolerance. Effects that require one that is forced off are off as well.
+
+    Attributes
+    ----------
+    effects : list of Effect
+        The effects that occur in the situation.
+    forced_levels, finest_levels : dict of str to int
+        The forced levels, and the levels at the top of the ladder.
+    steps : tuple of LadderStep
+        The steps from the top of the ladder down.
+
+    Raises
+    ------
+    ValueError
+        If an effect is forced on that requires one that is forced off.
     """
 
     def __init__(
@@ -84,11 +112,11 @@ class Ladder:
         self.steps = tuple(self._walk_down())
 
     def work(self, levels: Mapping[str, int]) -> float:
-        """Operations of a picture."""
+        """Return the operations of rendering a picture with the given effect levels."""
         return sum(work(levels) for work in self._works.values())
 
     def levels(self, tol: float) -> dict[str, int]:
-        """As far down as the sum of all bounds keeps within a tolerance."""
+        """Return the effect levels after all steps whose bounds together keep a tolerance."""
         levels, spent = dict(self.finest_levels), Bound()
         for step in self.steps:
             spent = spent.plus(step.bound)
@@ -98,22 +126,26 @@ class Ladder:
         return levels
 
     def error_bound(self, levels: Mapping[str, int]) -> Bound:
-        """What a plan changes at most, forced effects included."""
+        """Return the error bound of a plan with the given levels, forced effects included."""
         total = Bound()
         for name, level in levels.items():
             total = total.plus(self._bounds[name][level])
         return total
 
     def effect_error_bound(self, effect: str, level: int) -> Bound:
-        """What one effect changes at a level, at most."""
+        """Return the error bound of one effect at a level."""
         return self._bounds[effect][level]
 
     def relative_error(self, bound: Bound) -> float:
         return self._floor.relative_error(bound)
 
     def _walk_down(self) -> Iterator[LadderStep]:
-        """What others save shrinks while any goes down, for work is made of products: so what
-        was found earlier is only looked at again where it seems to be the next."""
+        """Yield the steps of the ladder from the top down.
+
+        The work is a sum of products, so every step down reduces what other steps save. The savings
+        of an effect's steps are therefore upper bounds, and are computed again only when one of the
+        steps would be the next.
+        """
         levels = dict(self.finest_levels)
         self.work(levels)
         known = {one.name: list(self._steps_of(one, levels)) for one in self.effects}
@@ -137,7 +169,7 @@ class Ladder:
                     known[name] = list(self._steps_of(self._named[name], levels))
 
     def _steps_of(self, one: Effect, levels: dict[str, int]) -> Iterator[LadderStep]:
-        """One effect's steps down, over one level or several."""
+        """Yield the possible steps of one effect down the ladder, over one level or several."""
         name, now = one.name, levels[one.name]
         if name in self.forced_levels or not now:
             return
@@ -154,16 +186,18 @@ class Ladder:
             yield LadderStep(name, to, more, self._floor.relative_error(more), saved, often)
 
     def _is_required(self, name: str, levels: Mapping[str, int]) -> bool:
-        """Whether an effect that is still on requires this one."""
+        """Return whether an effect that is still on requires the named effect."""
         return any(name in one.requires and levels[one.name] for one in self.effects)
 
 
 def _next(steps: Sequence[LadderStep], waited: Mapping[tuple[str, int], float]) -> list[LadderStep]:
-    """The step to be taken, at the end of those that let it go first; empty without any steps.
+    """Return the next ladder step as the last of a list, after the steps that let it go first.
 
-    The best ranked would keep all tolerances below its price from sparing anything: so cheaper
-    ones go before it, the best ranked first, as far as its patience goes, and among them again.
-    waited: prices that each step has let go before it.
+    If the step with the best rank were always next, no tolerance below its error would save any
+    work. So steps with smaller errors go first, the best rank first, as long as their errors add up
+    to less than the share _PATIENCE of its error. The same rule applies among them. waited: for
+    each step, the sum of the errors that it has already let go first. The list is empty if there
+    are no steps.
     """
     order: list[LadderStep] = []
     limit = math.inf

@@ -1,1 +1,1 @@
-"""What is known before anything is rendered: of the target, of the pattern."""
+"""Probe the target's picture, the pattern and the lens for numbers before anything is rendered."""

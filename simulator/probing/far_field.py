@@ -1,4 +1,4 @@
-"""The light of one field far behind a panel: one period of its orders, and what falls where."""
+"""Probe the far field behind a panel: one period of its diffraction orders."""
 
 from __future__ import annotations
 
@@ -14,23 +14,14 @@ from optics.fourier import fft
 Array = NDArray[np.float64]
 Light = NDArray[np.float32]
 
-_LOWER = 1.6
-"""Between samples light may be so much brighter: half a sample away, sinc(1/4)^-4."""
-
-_FEW, _TOPS = 64, 1.15
-"""Samples among which the brightest place is looked for between them; of more, some lie so near
-the top of a fringe (audited)."""
-
-_TAPS = 4
-"""Samples to either side by which an amplitude is known between them."""
-
 
 class FarField:
-    """|field's Fourier transform|² at twice its Nyquist rate; all of it is a light of 1.
+    """The far-field irradiance of a field on the panel, sampled at twice the Nyquist rate.
 
-    light: (2 rows, 2 columns) of a field's, the axis in the corner, over one period of the orders
-    of the panel's pixels along each axis. side: of a pixel's opening, over the pitch. Distances
-    are told in shares of a period.
+    It is |Fourier transform of the field|², with a sum of 1. light: the irradiance over one period
+    of the panel's diffraction orders along each axis, (2 rows, 2 columns), with the optical axis at
+    index (0, 0). side: side of a pixel's open area over the pitch. Distances are in shares of a
+    period.
     """
 
     def __init__(self, field: torch.Tensor, side: float) -> None:
@@ -46,11 +37,14 @@ class FarField:
 
     @property
     def bytes(self) -> int:
-        """Once all of it was asked for: the light twice, and the transfer function."""
+        """Return the bytes of a far field after all its properties were computed.
+
+        They are those of two arrays of light and of the transfer function.
+        """
         return 2 * self.light.nbytes + 16 * _frequency_count(self.light.shape) ** 2
 
     def _envelope(self, axis: int, orders: int = 0) -> Array:
-        """What one pixel makes of the light along an axis, up to an order on each side."""
+        """Return the far-field envelope of one pixel along an axis, summed up to an order."""
         places = np.fft.fftfreq(self.light.shape[axis])
         steps = np.arange(-orders, orders + 1)
         return np.asarray(
@@ -58,27 +52,29 @@ class FarField:
         )
 
     def order_share(self, orders: int) -> float:
-        """Of the light, in the orders up to one on each side."""
+        """Return the share of the far field's light in the orders from -orders to orders."""
         along = self.light @ self._envelope(1, orders).astype(np.float32)
         return float(along.astype(np.float64) @ self._envelope(0, orders))
 
     @cached_property
     def peak(self) -> float:
-        """Share of the light that falls on a square period, if all of it were as bright as the
-        brightest place."""
+        """Return the far field's peak irradiance times the area of one period, over all light."""
         return float(self._top * self._side**2 * self.light.size)
 
     @cached_property
     def zeroth_order_light(self) -> Light:
-        """The middle order's light."""
+        """Return the light of the zeroth diffraction order."""
         down, along = (self._envelope(axis).astype(np.float32) for axis in (0, 1))
         return np.asarray(self.light * down[:, None] * along)
 
     def _ensquared_sums(self, light: Light) -> Array:
-        """Sums of samples in squares around the axis, whose half sides are k + 1/2 steps: half a
-        period along the shorter axis has as many as it has samples."""
+        """Return the sums of the light in squares around the axis with half sides of k + 1/2 steps.
+
+        A step is the distance of the samples along the shorter axis.
+        """
         steps = min(light.shape) // 2
-        # Four samples may be added in single precision; a million may not.
+        # Folding adds up to four samples, for which single precision suffices. The sums over many
+        # samples need double precision.
         sums = _fold_axis(_fold_axis(light, 0), 1).astype(np.float64)
         for axis in (1, 0):
             sums = np.add.reduceat(sums, _ring_starts(light.shape[axis], steps), axis)
@@ -86,40 +82,58 @@ class FarField:
 
     @cached_property
     def ensquared_share(self) -> Array:
-        """Share of the middle order's light within these squares."""
+        """Return the share of the zeroth order's light within squares around the axis.
+
+        The half side of square k is k + 1/2 steps, as in _ensquared_sums().
+        """
         total = self._ensquared_sums(self.zeroth_order_light)
         return np.asarray(total / total[-1])
 
     @cached_property
     def beyond_energy(self) -> Array:
-        """Integral of the squared density of the middle order's light over the period's area,
-        beyond these squares; that of even light is 1. Exact: h is sampled at its Nyquist rate."""
+        """Return the integral of the zeroth order's squared density outside those squares.
+
+        The squares are those of ensquared_share. The integral is relative to that of uniform light
+        over the period. It is exact, because the density is sampled at its Nyquist rate.
+        """
         total = self._ensquared_sums(self.zeroth_order_light**2)
         return np.asarray(self.light.size * np.maximum(total[-1] - total, 0.0))
 
     @cached_property
     def energy(self) -> float:
-        """The same of all of it."""
+        """Return the integral of the zeroth order's squared density over the whole period.
+
+        It is 1 for uniform light.
+        """
         return float(self.light.size * (self.zeroth_order_light.astype(np.float64) ** 2).sum())
 
     @cached_property
     def transfer(self) -> NDArray[np.complex64]:
-        """Of the middle order's light, one row a frequency y and one column x; see radii()."""
+        """Return the transfer function of the zeroth order's light, (frequencies y, frequencies x).
+
+        radii() gives the moduli of the frequencies.
+        """
         spectrum = scipy.fft.rfft2(self.zeroth_order_light)
         kept = _frequency_count(self.light.shape)
         return np.asarray(np.concatenate([spectrum[:kept, :kept], spectrum[-kept + 1 :, :kept]]))
 
 
 def _peak_intensity(far: NDArray[np.complex64], light: Light) -> float:
-    """The most of a light, between its samples as well."""
+    """Return the peak irradiance of a far field, also between its samples."""
     most = float(light.max())
-    places = np.argwhere(light > most / _LOWER)
-    if len(places) > _FEW:
-        return _TOPS * most
-    span = np.arange(-_TAPS, _TAPS + 1)
+    # Half a sample away, light may be brighter by a factor of sinc(1/4)^-4, which is below 1.6.
+    places = np.argwhere(light > most / 1.6)
+    # Only few candidates are interpolated. Of more than 64, some are so close to the top of a
+    # fringe that a factor of 1.15 suffices (audited).
+    if len(places) > 64:
+        return 1.15 * most
+    # The amplitude between samples is interpolated from four samples on either side.
+    taps = 4
+    span = np.arange(-taps, taps + 1)
     between = np.linspace(-0.5, 0.5, 5)[:, None] - span
-    weights = np.sinc(between) * np.cos(np.pi * between / (2 * _TAPS + 2)) ** 2
-    # The field fills the first half of what was transformed: its middle is a ramp of phase here.
+    weights = np.sinc(between) * np.cos(np.pi * between / (2 * taps + 2)) ** 2
+    # The field fills the first half of the transformed array. The offset of its centre is a phase
+    # ramp in the far field, which is removed here.
     turns = [np.exp(0.5j * np.pi * span * (1 - 2 / n)) for n in far.shape]
     for y, x in places:
         rows, columns = (y + span) % far.shape[0], (x + span) % far.shape[1]
@@ -129,19 +143,22 @@ def _peak_intensity(far: NDArray[np.complex64], light: Light) -> float:
 
 
 def _frequency_count(shape: tuple[int, ...]) -> int:
-    """Frequencies of each axis that are looked at, from 0: up to half the shorter one's."""
+    """Return the number of frequencies along each axis of a far field's transfer function.
+
+    They are 0 and more, up to half those of the shorter axis.
+    """
     return min(shape) // 2
 
 
 def radii(shape: tuple[int, ...]) -> Array:
-    """Of a transfer function's entries, in shares of the samples in a period: cycles per period."""
+    """Return the frequency moduli of a far field's transfer function, in cycles per period."""
     kept = _frequency_count(shape)
     down = np.concatenate([np.arange(kept), np.arange(-kept + 1, 0)])
     return np.hypot(down[:, None], np.arange(kept))
 
 
 def _fold_axis(light: Light, axis: int) -> Light:
-    """Both directions of an axis as one: index k stands for samples k and -k."""
+    """Fold both directions of a far field's axis: index k holds the sum of samples k and -k."""
     half = light.shape[axis] // 2
     if axis == 0:
         folded = light[: half + 1].copy()
@@ -154,7 +171,10 @@ def _fold_axis(light: Light, axis: int) -> Light:
 
 @lru_cache(maxsize=16)
 def _ring_starts(samples: int, steps: int) -> NDArray[np.intp]:
-    """Where each ring begins along a folded axis: ring k is beyond k - 1 steps, up to k."""
+    """Return the index at which each ring begins along a folded axis of a far field.
+
+    Ring k contains distances above k - 1 steps, up to k steps.
+    """
     away = np.arange(samples // 2 + 1) * (2 * steps / samples)
     rings = np.minimum(np.ceil(away - 1e-9), steps).astype(int)
     return np.asarray(np.searchsorted(rings, np.arange(steps + 1)), dtype=np.intp)

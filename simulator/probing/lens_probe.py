@@ -1,4 +1,4 @@
-"""What lens and stop do to even light on the panel, whatever is shown there."""
+"""Probe what lens and stop do to uniform light on the panel, independently of its pattern."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ T = TypeVar("T")
 
 
 class LensProbe:
-    """A camera's lens and stop at a wavelength, for points at some distances; metres.
+    """The effect of a camera's lens and stop at a wavelength, for points at several distances.
 
-    nearest: of the distances, whose light the stop's shadow on the panel is of. cache: where all
-    of it is kept, for other patterns too.
+    wavelength, nearest: metres. nearest: the least distance of a point; the stop's shadow on the
+    panel is computed for its light. cache: stores the results, which other patterns share.
     """
 
     def __init__(self, camera: Camera, wavelength: float, nearest: float, cache: ByteCache) -> None:
@@ -32,24 +32,23 @@ class LensProbe:
 
     @property
     def aperture_share(self) -> torch.Tensor:
-        """Share of each of the panel's pixels that the stop leaves open, (rows, columns)
-        float64."""
+        """Return the share of each panel pixel that the stop leaves open, (rows, columns)."""
         return self._from_cache(self._compute_aperture_share, ())
 
     def path(self, distance: float) -> torch.Tensor:
-        """Metres by which the lens' light of a point is late, (rows, columns) of the panel."""
+        """Return the optical path that the lens adds to a point's light on the panel, metres."""
         return self._from_cache(self._late, (distance,))
 
     def lens_phase(self, distance: float) -> torch.Tensor:
-        """The same in radians."""
+        """Return the phase that the lens adds to a point's light on the panel, radians."""
         return 2 * math.pi / self._wavelength * self.path(distance)
 
     def field(self, distance: float) -> torch.Tensor:
-        """What lens and stop make of even light, complex64."""
+        """Return the field of uniform light behind lens and stop on the panel, complex64."""
         return self._from_cache(self._compute_field, (distance, self._wavelength))
 
     def unmodulated_far_field(self, distance: float) -> FarField:
-        """Of light that ignores what is on the panel."""
+        """Return the far field of light that the panel's pattern doesn't modulate."""
         return self._from_cache(self._compute_unmodulated_far_field, (distance, self._wavelength))
 
     def _from_cache(self, find: Callable[..., T], of: tuple[float, ...]) -> T:

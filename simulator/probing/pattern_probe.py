@@ -1,10 +1,10 @@
-"""What is known of the PSF of what is shown, before any is computed."""
+"""Probe the PSF of a shown pattern or video for bounds, before any PSF is computed."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Hashable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -27,21 +27,35 @@ from simulator.probing.transfer_bounds import TransferBounds, rings
 
 Array = NDArray[np.float64]
 
-_MOST_PICTURES = 4
-"""Of a video, that are looked at: evenly among them."""
 
-_SERIES = 1e-6
-"""Error of transfer functions between the samples of their grid, of all light."""
+@dataclass(frozen=True)
+class PatternProbeSettings:
+    """Tune how a shown pattern is probed. All values are chosen.
 
-_AS_FAR = 1e-3
-"""Share of the light by which one PSF is wider than another, to count besides it."""
+    Attributes
+    ----------
+    max_pictures : int
+        Largest number of pictures of a video that are probed, evenly spaced.
+    transfer_error : float
+        Error of a transfer function between the samples of its grid, as a share of all light.
+    wider_share : float
+        Share of the light by which the PSF of unmodulated light must be wider than those of the
+        pattern to be included.
+    lines : int
+        Number of panel lines along each axis from which the mean angle of the rays is computed.
+    """
 
-_LINES = 128
-"""Lines of a panel along each axis by which the turns of its rays are told."""
+    max_pictures: int = 4
+    transfer_error: float = 1e-6
+    wider_share: float = 1e-3
+    lines: int = 128
+
+
+_SETTINGS = PatternProbeSettings()
 
 
 def panel_without_effects(panel: Panel) -> Panel:
-    """The panel without any of its effects."""
+    """Return the panel without any of the effects that the simulator knows of."""
     return replace(
         panel,
         response=None,
@@ -58,11 +72,12 @@ def panel_without_effects(panel: Panel) -> Panel:
 
 
 class PatternProbe:
-    """A shown pattern, or video, behind a camera's panel at a wavelength; metres.
+    """A pattern or video on a camera's panel at a wavelength, and bounds on its PSF.
 
-    The far field of what leaves the panel, with everything that the panel does to it, and with
-    the lens' wave for the nearest and the farthest of some distances. Each property is computed
-    when it is first asked for. cache: where what lens and stop do is kept for other patterns.
+    The probe computes the far fields of the panel's light, with all effects of the panel, and with
+    the lens' phase for the nearest and the farthest of the given distances. Each property is
+    computed when it is first needed. wavelength, distances: metres. cache: stores the effect of
+    lens and stop for other patterns.
     """
 
     def __init__(
@@ -80,7 +95,7 @@ class PatternProbe:
         cache = ByteCache() if cache is None else cache
         self._lens = LensProbe(camera, wavelength, self.distances[0], cache)
         self.results: dict[Hashable, Any] = {}
-        """What somebody has found out by it, by its other causes."""
+        """Results that effects have computed from this probe, by what else they depend on."""
 
     @property
     def panel(self) -> Panel:
@@ -92,31 +107,31 @@ class PatternProbe:
 
     @cached_property
     def greys(self) -> list[torch.Tensor]:
-        """Different pictures that are shown, (rows, columns) uint8; of many, some."""
+        """Return the different pictures on the panel, (rows, columns) uint8; some of many."""
         names = sorted(self.panel_content.pictures)
-        step = max(1, math.ceil(len(names) / _MOST_PICTURES))
+        step = max(1, math.ceil(len(names) / _SETTINGS.max_pictures))
         return [
             torch.from_numpy(self.panel_content.pictures[name].copy()) for name in names[::step]
         ]
 
     @cached_property
     def phases(self) -> list[torch.Tensor]:
-        """Radians of each picture, settled, float64."""
+        """Return the settled phase of each of the panel's pictures, radians, float64."""
         return [torch.as_tensor(self.modulator.phase(grey)) for grey in self.greys]
 
     @cached_property
     def linear_phase_range(self) -> float:
-        """Radians at the highest level, if the phase grew evenly with it."""
+        """Return the phase of the panel's highest grey level for a linear response, radians."""
         return max_phase(self.modulator.panel, self.wavelength)
 
     @cached_property
     def fields(self) -> list[torch.Tensor]:
-        """What leaves the panel for each picture, complex64."""
+        """Return the field behind the panel for each of its pictures, complex64."""
         return [self.modulator.modulation(one.to(torch.float32)) for one in self.phases]
 
     @cached_property
     def _ideal_fields(self) -> list[torch.Tensor]:
-        """The same of an ideal panel, where that is another one."""
+        """Return the fields behind an ideal panel; none if the panel itself is ideal."""
         bare = replace(panel_without_effects(self.panel), unmodulated=self.panel.unmodulated)
         if bare == self.panel:
             return []
@@ -126,47 +141,51 @@ class PatternProbe:
 
     @property
     def aperture_share(self) -> torch.Tensor:
-        """Share of each pixel that the stop, or its shadow from the middle distance, leaves open,
-        (rows, columns) float64."""
+        """Return the share of each panel pixel that the stop's shadow leaves open, float64."""
         return self._lens.aperture_share
 
     @cached_property
     def min_relative_power(self) -> float:
-        """Light that leaves the open pixels of the dimmest picture, over that of even ones of
-        amplitude 1: a phase that is blurred within pixels sends less."""
+        """Return the least power behind the panel of any picture, relative to uniform pixels.
+
+        The pixels for comparison have an amplitude of 1. A phase that is blurred within pixels
+        makes the power less.
+        """
         weight = self.aperture_share.to(torch.float32).square()
         light = [((f.real.square() + f.imag.square()) * weight).sum() for f in self.fields]
         return float(min(light) / weight.sum()) if bool(weight.any()) else 0.0
 
     @property
     def period(self) -> float:
-        """Metres on the sensor from one order of the panel's pixels to the next."""
+        """Return the distance on the sensor of the panel's diffraction orders, metres."""
         return self.wavelength * as_number(self.camera.ray_matrix_b) / self.panel.pitch
 
     def lens_phase(self, distance: float) -> torch.Tensor:
-        """Radians that the lens leaves on the panel's light of a point, (rows, columns)."""
+        """Return the phase that the lens adds to a point's light on the panel, radians."""
         return self._lens.lens_phase(distance)
 
     def _far(self, field: torch.Tensor, distance: float) -> FarField:
-        # A neutral picture's light goes the way of light that ignores pictures.
+        # A neutral pattern has the far field of unmodulated light.
         if bool((field == field[0, 0]).all()):
             return self._lens.unmodulated_far_field(distance)
         return FarField(self._lens.field(distance) * field, math.sqrt(self.panel.fill_factor))
 
     @cached_property
     def _pattern_far_fields(self) -> list[list[FarField]]:
-        """Of every picture, at each distance."""
+        """Return the far field of every picture at each distance."""
         return [[self._far(field, d) for field in self.fields] for d in self.distances]
 
     @cached_property
     def _unmodulated_far_fields(self) -> list[FarField]:
-        """Of light that ignores the picture, at each distance."""
+        """Return the far field of unmodulated light at each distance."""
         return [self._lens.unmodulated_far_field(d) for d in self.distances]
 
     @cached_property
     def _possible_far_fields(self) -> list[FarField]:
-        """Of whatever may fall on the sensor: with all of the panel's effects, with none of them,
-        and what ignores the picture."""
+        """Return the far fields of all light that may reach the sensor.
+
+        They are those with all effects of the panel, with none of them, and of unmodulated light.
+        """
         fields, distances = self._ideal_fields, self.distances
         bare = [self._far(field, d) for d in distances for field in fields]
         every = [
@@ -178,22 +197,25 @@ class PatternProbe:
 
     @cached_property
     def side_order_share(self) -> float:
-        """Share of the light that the panel's pixels send beside the middle order, at most."""
+        """Bound the share of the light outside the zeroth diffraction order."""
         return self.beyond_orders(0)
 
     @cached_property
     def zeroth_order_share(self) -> float:
-        """Share of the light in the middle order, at most."""
+        """Bound the share of the light in the zeroth diffraction order."""
         return max(one.order_share(0) for one in self._possible_far_fields)
 
     def beyond_orders(self, most: int) -> float:
-        """Share of the light in orders beyond the first `most` on each side, at most."""
+        """Bound the share of the light in diffraction orders beyond `most` on each side."""
         return max(0.0, 1 - min(one.order_share(most) for one in self._possible_far_fields))
 
     @cached_property
     def mean_ray_displacement(self) -> float:
-        """Metres from a point's image to where a ray lands, in the mean: of any picture or light
-        that ignores it, at any distance. Looked at along some lines of the panel."""
+        """Return the mean distance on the sensor from a point's image to its rays, metres.
+
+        It is the largest of all pictures, unmodulated light and distances, computed along some
+        lines of the panel.
+        """
         worst = 0.0
         straight = torch.ones(self.panel.shape, dtype=torch.complex64)
         waves = [self.lens_phase(distance) for distance in self.distances]
@@ -205,8 +227,8 @@ class PatternProbe:
         return worst / (2 * math.pi * self.panel.pitch) * lever
 
     def _mean_step(self, field: torch.Tensor, wave: torch.Tensor, axis: int) -> float:
-        """Radians from one pixel to the next along an axis."""
-        every = max(1, field.shape[1 - axis] // _LINES)
+        """Return the mean phase step from one panel pixel to the next along an axis, radians."""
+        every = max(1, field.shape[1 - axis] // _SETTINGS.lines)
         field, wave, opened = (
             one[:, ::every] if axis == 0 else one[::every]
             for one in (field, wave, self.aperture_share)
@@ -219,7 +241,7 @@ class PatternProbe:
 
     @cached_property
     def _ensquared_share(self) -> Array:
-        """Least share of the middle order's light within squares around the axis: see FarField."""
+        """Return the least share of the zeroth order's light within squares, as in FarField."""
         curve = np.min([one.ensquared_share for one in self._possible_far_fields], axis=0)
         half = np.linspace(0, 1, len(curve))
         # Jitter spreads its share evenly over the period.
@@ -228,21 +250,25 @@ class PatternProbe:
         )
 
     def _index(self, half_side: float) -> int:
-        """Of the largest square that surely is no larger: a sample's light may lie anywhere
-        within it."""
+        """Return the index of the largest square with at most the given half side, in metres.
+
+        Half a step is subtracted, because the light of a sample may be anywhere within it.
+        """
         steps = len(self._ensquared_share) - 1
         return math.floor(half_side / (self.period / 2) * steps - 0.5)
 
     def share_beyond(self, half_side: float) -> float:
-        """Share of the middle order's light beyond a square of so many metres to each side, at
-        most: of any picture, at any distance, or of light that ignores the pattern."""
+        """Bound the share of the zeroth order's light outside a square with a half side in metres.
+
+        The bound holds for any picture, any distance, and for unmodulated light.
+        """
         index = self._index(half_side)
         if index >= len(self._ensquared_share) - 2:
             return 0.0
         return 1.0 if index < 0 else float(max(0.0, 1 - self._ensquared_share[index]))
 
     def reach_of_share(self, share: float) -> float:
-        """Metres from a point's image beyond which less than a share of its light falls."""
+        """Return the half side in metres of a square that misses at most `share` of the light."""
         if not 0 < share <= 1:
             raise ValueError(f"share is {share:g}; give one above 0, up to 1")
         steps = len(self._ensquared_share) - 1
@@ -252,17 +278,22 @@ class PatternProbe:
 
     @cached_property
     def peak(self) -> float:
-        """Largest share of the light that a square metre of the sensor gets, of any picture at
-        any distance, or of light that ignores the pattern."""
+        """Bound the PSF's peak as a share of the light per square metre of the sensor.
+
+        The bound holds for any picture, any distance, and for unmodulated light.
+        """
         return max(one.peak for one in self._possible_far_fields) / self.period**2
 
     @cached_property
     def squared_density(self) -> float:
-        """Integral over the sensor of the squared density of a point's light, 1/m², at most."""
+        """Bound the integral of the squared PSF over the sensor, 1/m²."""
         return max(one.energy for one in self._possible_far_fields) / self.period**2
 
     def squared_density_beyond(self, half_side: float) -> float:
-        """The same of the middle order's light beyond a square of so many metres to each side."""
+        """Bound the integral of the squared zeroth-order PSF outside a square, 1/m².
+
+        half_side: metres.
+        """
         index = self._index(half_side)
         if index < 0:
             return self.squared_density
@@ -273,7 +304,7 @@ class PatternProbe:
 
     @cached_property
     def transfer_bounds(self) -> TransferBounds:
-        """Of all pictures and distances."""
+        """Return the bounds of the PSF's transfer function over all pictures and distances."""
         shape = (2 * self.panel.shape[0], 2 * self.panel.shape[1])
         bins = rings(shape)
         held, share = 1 - self.modulator.jitter_scatter_share, self.modulator.unmodulated_share
@@ -281,7 +312,7 @@ class PatternProbe:
         for there, straight in zip(
             self._pattern_far_fields, self._unmodulated_far_fields, strict=True
         ):
-            # Of a video, the mean.
+            # The transfer function of a video is the mean of those of its pictures.
             mean = sum(one.transfer for one in there) / len(there)
             power = _power((1 - share) * held * mean + share * straight.transfer)
             mixed.append((bins.mean(power), bins.least(power)))
@@ -301,11 +332,14 @@ class PatternProbe:
     def transfers_at(
         self, ky: Array, kx: Array, half: tuple[float, float]
     ) -> list[NDArray[np.complex128]]:
-        """The same at any frequencies, cycles per metre, of the middle order's light up to so
-        many metres from the axis: of every picture at each distance, and of light that ignores
-        them where it is spread as far as theirs. 0 beyond what the panel resolves."""
+        """Return the zeroth order's transfer functions at the frequencies (ky, kx), cycles/m.
+
+        There is one for every picture at each distance, and one for unmodulated light where its PSF
+        is wider. half: half sides (y, x) in metres of the part of the PSF that is transformed. The
+        values are 0 at frequencies that the panel doesn't resolve.
+        """
         shown = [one for there in self._pattern_far_fields for one in there]
-        least = np.min([one.ensquared_share for one in shown], axis=0) - _AS_FAR
+        least = np.min([one.ensquared_share for one in shown], axis=0) - _SETTINGS.wider_share
         far = [one for one in self._unmodulated_far_fields if (one.ensquared_share < least).any()]
         return [
             _transfer_at(one.zeroth_order_light, self.period, ky, kx, half)
@@ -328,7 +362,7 @@ def _transfer_at(
     found = np.zeros(known.shape, dtype=np.complex128)
     series = NonuniformTransform(
         torch.from_numpy(ky[known]), torch.from_numpy(kx[known]), Plane(cut.shape, pitch), 1.0,
-        _SERIES, few_points=True,
+        _SETTINGS.transfer_error, few_points=True,
     )  # fmt: skip
     found[known] = series.adjoint(torch.from_numpy(cut)).numpy()
     return found

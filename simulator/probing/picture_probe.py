@@ -1,4 +1,4 @@
-"""What is known of a target's picture without any blur."""
+"""Probe the sharp picture of a target for bounds that hold after any blur."""
 
 from __future__ import annotations
 
@@ -23,22 +23,19 @@ from simulator.scene.merging import merge_pictures
 from simulator.scene.target import Layer, Target
 
 MARGIN = 128
-"""Sensor pixels around the frame that are looked at: their light may be blurred into it."""
-
-_COVERED = 1e-3
-"""Share of a pixel from which on what it covers it with is told by its light."""
+"""Width in sensor pixels of the margin around the frame, whose light may be blurred into it."""
 
 
 @dataclass(frozen=True, eq=False)
 class PictureProbe:
-    """The geometric picture of a target, on a camera's pixels, in electrons per second.
+    """The geometric picture of a target on a camera's pixels, in electrons per second.
 
-    Nothing is blurred or lost on the way but what the aperture takes near the axis; the filter's
-    leak is in it; of a colour sensor, each part counts with the channel that sees it best. The
-    lamp is as it is on average. shift: (y, x) metres on the object by which it has moved.
+    Nothing is blurred, and the losses are those of the aperture near the axis. The filter's leak is
+    included. For a colour sensor, each part of the target counts with its most sensitive channel.
+    The lamp has its mean power. shift: (y, x) displacement of the target, metres on the object.
 
-    What is said "however blurred" holds for any PSFs whose light sums up to one or less, of
-    layers of which each hides what is behind it.
+    Bounds that hold "after any blur" hold for all PSFs with a sum of one or less, and for layers
+    each of which hides what is behind it.
     """
 
     target: Target
@@ -46,23 +43,23 @@ class PictureProbe:
     band: Band
     shift: tuple[float, float] = (0.0, 0.0)
     results: dict[Hashable, Any] = field(default_factory=dict, repr=False)
-    """What somebody has found out by it, by its other causes."""
+    """Results that effects have computed from this probe, by what else they depend on."""
 
     @property
     def distances(self) -> tuple[float, ...]:
-        """Metres from the panel, of each layer, the nearest first."""
+        """Return the distance in metres of each target layer from the panel, nearest first."""
         return tuple(layer.distance for layer in self.target.layers)
 
     @cached_property
     def plane(self) -> Plane:
-        """Samples of the size of pixels, with the margin around the frame."""
+        """Return the sample plane of the picture: the sensor's pixels with a margin around them."""
         sensor = self.camera.sensor
         rows, columns = sensor.shape
         return Plane((rows + 2 * MARGIN, columns + 2 * MARGIN), sensor.plane.pitch)
 
     @cached_property
     def rates(self) -> tuple[tuple[float, ...], ...]:
-        """Electrons per second on a pixel that a picture of 1 fills, of each layer's parts."""
+        """Return the electrons per second of a pixel with picture value 1, by layer and part."""
         area = self.camera.sensor.pitch**2
         return tuple(
             tuple(
@@ -74,23 +71,28 @@ class PictureProbe:
 
     @cached_property
     def lights(self) -> tuple[torch.Tensor, ...]:
-        """Each layer's light, hidden or not, (rows, columns) of the plane."""
+        """Return each layer's light in electrons per second, hidden parts included.
+
+        The arrays are (rows, columns) of the plane.
+        """
         pairs = zip(self.target.layers, self.rates, strict=True)
         return tuple(self._layer_light(layer, rates) for layer, rates in pairs)
 
     @cached_property
     def covers(self) -> tuple[torch.Tensor | None, ...]:
-        """Share of each pixel that a layer hides from what is behind it; None hides nothing.
+        """Return the share of each pixel in which a layer hides what is behind it.
 
-        The farthest has nothing behind it.
+        None stands for a layer that hides nothing, such as the farthest one.
         """
         near = self.target.layers[:-1]
         return (*(self._covering(layer) for layer in near), None)
 
     @cached_property
     def sharp_picture(self) -> torch.Tensor:
-        """All layers, sharp, the near before the far: (rows, columns) of the plane."""
+        """Return the sharp picture of all layers, near layers in front of far ones.
 
+        It is (rows, columns) of the plane, in electrons per second.
+        """
         seen = self.lights[-1]
         for light, cover in zip(self.lights[-2::-1], self.covers[-2::-1], strict=True):
             seen = seen + light if cover is None else seen * (1 - cover) + light
@@ -98,7 +100,7 @@ class PictureProbe:
 
     @cached_property
     def extent(self) -> tuple[float, float]:
-        """How far from the axis anything shines, (y, x) metres on the sensor."""
+        """Return the largest distance from the axis of the target's light, (y, x) in metres."""
         sides = [(0.0, 0.0)]
         for layer, rates in zip(self.target.layers, self.rates, strict=True):
             scale = self._scale(layer)
@@ -108,46 +110,51 @@ class PictureProbe:
 
     @cached_property
     def dim_decile(self) -> float:
-        """Electrons per second below which a tenth of the frame's pixels have."""
+        """Return the first decile of the frame's pixels, electrons per second."""
         inside = self.sharp_picture[MARGIN:-MARGIN, MARGIN:-MARGIN]
-        # Of many pixels, some tell.
+        # A subset of about 65,536 pixels is enough.
         every = max(1, math.isqrt(inside.numel() // 65536))
         return max(float(torch.quantile(inside[::every, ::every].flatten(), 0.1)), 0.0)
 
     def excess_over(self, level: float) -> tuple[float, float]:
-        """What the sharp picture has above a level of electrons per second: the sum over frame and
-        margin, and that of the squares."""
+        """Return the sum of the sharp picture's excess over a level, and the sum of its squares.
+
+        level: electrons per second. The sums are over frame and margin.
+        """
         rest = (self.sharp_picture - level).clamp(min=0)
         return float(rest.sum(dtype=torch.float64)), float(rest.double().square().sum())
 
     @cached_property
     def total_with_margin(self) -> float:
-        """Electrons per second on the frame and its margin."""
+        """Return the electrons per second on the whole frame and its margin."""
         return float(self.sharp_picture.double().sum())
 
     @cached_property
     def total(self) -> float:
-        """Electrons per second on the frame."""
+        """Return the electrons per second on the whole frame."""
         rows, columns = self.camera.sensor.shape
         inside = self.sharp_picture[MARGIN : MARGIN + rows, MARGIN : MARGIN + columns]
         return float(inside.double().sum())
 
     @cached_property
     def brightest(self) -> float:
-        """Electrons per second of a pixel, at most, however blurred."""
+        """Bound the electrons per second of any pixel, after any blur."""
         return self.brightest_behind(0) + self.off_plane_star_rate
 
     def brightest_behind(self, first: int) -> float:
-        """The same of the layers from a number on: 0 is the nearest.
+        """Bound the electrons per second of any pixel from the layers `first` and behind.
 
-        Of layers that hide, a pixel sees shares that add up to one at most (their covers blurred
-        as they are), and of each no more than the brightest of its surface.
+        0 is the nearest layer. The shares of a pixel that it gets from covering layers add up to
+        one at most, because the covers are blurred like the light. Each share is at most as bright
+        as the brightest point of that layer's surface.
         """
         hiding, adding = [0.0], 0.0
         for number in range(first, len(self.lights)):
             light, cover = self.lights[number], self.covers[number]
             if cover is not None:
-                seen = cover > _COVERED
+                # Where less than a thousandth of a pixel is covered, the surface's brightness
+                # can't be told from the pixel's light.
+                seen = cover > 1e-3
                 surface = light[seen] / cover[seen]
                 hiding.append(float(surface.max()) if surface.numel() else 0.0)
             elif number == len(self.lights) - 1:
@@ -158,8 +165,10 @@ class PictureProbe:
 
     @cached_property
     def norm_bound(self) -> float:
-        """Root of the sum of squares over the frame, electrons per second, at most, however
-        blurred: no blur adds light (Young)."""
+        """Bound the L2 norm of the picture over the frame after any blur, electrons per second.
+
+        By Young's inequality, a PSF with a sum of one or less doesn't increase the norm.
+        """
         if len(self.lights) == 1:
             apart = self.power_spectrum.norm
         else:
@@ -168,26 +177,32 @@ class PictureProbe:
 
     @property
     def _uniform_norm(self) -> float:
-        """The same of a frame that is everywhere as bright as it may be."""
+        """Return the L2 norm of a frame in which every pixel has the largest possible rate."""
         return self.brightest * math.sqrt(math.prod(self.camera.sensor.shape))
 
     @cached_property
     def power_spectrum(self) -> RadialProfile:
-        """By cycles per metre on the sensor, (electrons per second)² a pixel."""
+        """Return the power spectrum of the sharp picture, (electrons per second)² per pixel.
+
+        Frequencies are in cycles per metre on the sensor.
+        """
         return self._profile(self.sharp_picture)
 
     @cached_property
     def layer_power_spectra(self) -> tuple[RadialProfile, ...]:
-        """Of each layer's light, hidden or not."""
+        """Return the power spectrum of each layer's light, hidden parts included."""
         if len(self.lights) == 1:
             return (self.power_spectrum,)
         return tuple(self._profile(light) for light in self.lights)
 
     @cached_property
     def powers_by_spectrum(self) -> list[tuple[list[int], torch.Tensor]]:
-        """For each different spectrum, the numbers of the parts that have it, through all layers,
-        and |spectrum|² by frequency of what shines with it, hidden or not, (electrons per
-        second)², on the rfft2 grid of the plane."""
+        """Return the power spectrum of the target's light for each different spectrum of light.
+
+        Each entry has the numbers of the parts with that spectrum, counted through all layers, and
+        the squared modulus of their picture's Fourier transform, hidden parts included, in
+        (electrons per second)² on the rfft2 grid of the plane.
+        """
         numbers: dict[Spectrum, list[int]] = {}
         lights: dict[Spectrum, torch.Tensor] = {}
         parts = [(layer, part) for layer in self.target.layers for part in layer.parts]
@@ -205,21 +220,21 @@ class PictureProbe:
 
     @cached_property
     def sampled_frequencies(self) -> SampledFrequencies:
-        """By which all of its light is told apart."""
+        """Return the sampled frequencies that represent all light of the target."""
         squared = torch.stack([squared for _, squared in self.powers_by_spectrum]).sum(0)
         return SampledFrequencies.of(squared, self.plane)
 
     @cached_property
     def cover_powers(self) -> tuple[RadialProfile | None, ...]:
-        """Of what each layer hides; no unit."""
+        """Return the power spectrum of each layer's cover, without unit."""
         return tuple(None if one is None else self._profile(one) for one in self.covers)
 
     def change_bound(self, gains: Sequence[Gain]) -> float:
-        """The most that the picture changes, L2 in electrons per second, where each layer's
-        light, and what it hides, changes by a gain in every frequency, one for each layer.
+        """Bound the picture's change for a filter on each layer, L2 norm in electrons per second.
 
-        From C = F + (1 - a) C', a layer's light F and cover a before all that is behind:
-        |ΔC| is no more than |ΔF|, and |Δa| times the brightest C', and |ΔC'|.
+        gains: for each layer, the relative change of its light and cover by frequency. A layer with
+        the light F and the cover a, in front of the light C' behind it, gives C = F + (1 - a) C'.
+        So |ΔC| is at most |ΔF| + |Δa| max C' + |ΔC'|.
         """
         total = 2 * self.off_plane_star_rate
         for number, gain in enumerate(gains):
@@ -227,14 +242,15 @@ class PictureProbe:
             hidden = self.cover_powers[number]
             if hidden is not None:
                 total += hidden.filtered_norm_bound(gain) * self.brightest_behind(number + 1)
-        # Neither of two pictures is brighter than the brightest.
+        # Neither picture has a pixel above the bound `brightest`, and so nor has their difference.
         return min(total, self._uniform_norm)
 
     @cached_property
     def edge_length(self) -> float:
-        """Metres on the sensor of edges at which something near hides something far.
+        """Return the length of the edges at which a near layer hides a far one, metres on sensor.
 
-        Counted along rows and columns, and so never too short, and by √2 too long at most.
+        It is counted along rows and columns, so it is never too short, and at most √2 times too
+        long.
         """
         covers = [one for one in self.covers if one is not None]
         steps = sum(
@@ -246,8 +262,10 @@ class PictureProbe:
 
     @cached_property
     def off_plane_star_rate(self) -> float:
-        """Electrons per second of stars that aren't on the plane, and whose blur may be: all that
-        they send counts, for one pixel may get it."""
+        """Return the electrons per second of artificial stars outside the plane.
+
+        Their blurred light may fall on the plane. All of it counts, because one pixel may get it.
+        """
         total = 0.0
         for layer, light, rates in zip(self.target.layers, self.lights, self.rates, strict=True):
             if not light.any():
@@ -259,7 +277,7 @@ class PictureProbe:
 
     @property
     def is_dark(self) -> bool:
-        """Whether no light comes from the target at all."""
+        """Return whether no light at all comes from the target."""
         return not any(rate for rates in self.rates for rate in rates)
 
     def _profile(self, picture: torch.Tensor) -> RadialProfile:

@@ -1,4 +1,4 @@
-"""How much of a picture's light varies how finely."""
+"""Probe the power spectrum of a picture by spatial frequency, in radial bins."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from optics.fourier import rfft_column_weights
 from optics.plane import Plane
 
 BINS = 64
+"""Number of radial frequency bins without that of frequency 0."""
 
 _INDICES = 16 << 20
-"""Bytes of bins' numbers that are kept: a frame of 2448 x 2048 pixels with its margin has 3 MB."""
+"""Bytes of the cache of bin numbers. A frame of 2448 x 2048 pixels with its margin takes 3 MB."""
 
 Gain = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
 class RadialProfile:
-    """Squared modulus of a picture's spectrum, by frequency whatever its direction.
+    """The power spectrum of a picture by the modulus of the frequency.
 
-    low, high: cycles per metre, of each bin; the first holds frequency 0 alone. power: sum over
-    a bin, scaled so that all of them add up to the sum of the picture's squares over its samples.
-    least: the same if all of a bin had the least that any of its directions has. count: of a
-    bin's frequencies, over that of samples.
+    low, high: edges of each bin, cycles per metre; the first bin holds frequency 0 alone. power:
+    sum of the squared modulus over a bin, scaled so that all bins add up to the sum of the
+    picture's squares over its samples. least: the same if the whole bin had the least value of the
+    bin. count: number of frequencies in a bin over that of the picture's samples.
     """
 
     low: NDArray[np.float64]
@@ -41,10 +42,10 @@ class RadialProfile:
 
     @staticmethod
     def of(spectrum: torch.Tensor, plane: Plane) -> RadialProfile:
-        """spectrum: on the plane's rfft2 grid."""
+        """Compute the radial profile of a picture's spectrum on the plane's rfft2 grid."""
         numbers, low, high, count = bins(plane)
         index = numbers.flatten().long()
-        # Columns between the first and the last stand for their mirror images, too.
+        # Columns between the first and the last count twice, for their mirror images.
         squared = (spectrum.real.square() + spectrum.imag.square()).double()
         weighed = squared * rfft_column_weights(plane.shape[1])
         samples = plane.shape[0] * plane.shape[1]
@@ -57,19 +58,19 @@ class RadialProfile:
 
     @property
     def norm(self) -> float:
-        """Root of the sum of squares over the picture's samples."""
+        """Return the L2 norm of the picture over its samples."""
         return math.sqrt(float(self.power.sum()))
 
     def filtered_norm_bound(self, gain: Gain) -> float:
-        """The most that the norm is of the picture filtered by a gain in every frequency.
+        """Bound the L2 norm of the picture after a filter with the given gain.
 
-        gain: not negative, of cycles per metre; where it varies within a bin, the largest of it
-        at nine frequencies counts.
+        gain: function of cycles per metre, not negative. Within each bin, its largest value at nine
+        frequencies is used.
         """
         return math.sqrt(float((self._largest(gain) ** 2 * self.power).sum()))
 
     def filtered_peak_bound(self, gain: Gain) -> float:
-        """The most that any sample is of the picture filtered so: all frequencies in phase."""
+        """Bound every sample of the picture after a filter, as if all frequencies were in phase."""
         return float((self._largest(gain) * np.sqrt(self.count * self.power)).sum())
 
     def _largest(self, gain: Gain) -> NDArray[np.float64]:
@@ -77,7 +78,7 @@ class RadialProfile:
         return np.asarray(gain(self.low + steps * (self.high - self.low)).max(axis=0))
 
     def plus(self, other: RadialProfile) -> RadialProfile:
-        """Of two pictures whose light doesn't overlap in frequency, or as if it didn't."""
+        """Add the power spectra of two pictures, as if they were uncorrelated."""
         return RadialProfile(
             self.low, self.high, self.power + other.power, self.least + other.least, self.count
         )
@@ -87,9 +88,12 @@ class RadialProfile:
 def bins(
     plane: Plane,
 ) -> tuple[torch.Tensor, NDArray[np.float64], NDArray[np.float64], torch.Tensor]:
-    """The bin of each entry of a plane's rfft2 grid, uint8, the bins' edges, and their entries."""
+    """Return the radial bin of each entry of a plane's rfft2 grid, with the bins' edges and counts.
+
+    The result is (bin numbers as uint8, lower edges, upper edges, numbers of frequencies).
+    """
     fy, fx = rfft2_frequencies(plane)
-    # Entries on an edge of a bin belong to one of the two for sure.
+    # The outer edges have a margin, so that every entry belongs to a bin.
     radius = torch.hypot(fy, fx)
     smallest = 1 / max(n * p for n, p in zip(plane.shape, plane.pitch, strict=True))
     largest = math.hypot(*(0.5 / p for p in plane.pitch))

@@ -1,4 +1,4 @@
-"""How many electrons a spectrum makes behind a filter."""
+"""Compute the rate of electrons on the sensor for a spectrum of light behind a filter."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from optics.light.bands import Band
 from optics.light.spectrum import Spectrum
 from optics.pupil import open_area
 
-_NODES = 1001
-"""Wavelengths across a band, and across its leak: of a smooth band within 1e-6."""
-
 
 def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
-    """Electrons per photon by wavelength, of each colour channel; None: the same at all."""
+    """Return the sensor's electrons per photon by wavelength, for each colour channel.
+
+    None stands for the same efficiency at all wavelengths.
+    """
     if sensor.colour is not None:
         return tuple(sensor.colour.efficiencies[name] for name in sensor.colour.channels)
     return (sensor.spectral_efficiency,)
@@ -25,11 +25,11 @@ def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
 def electron_rates(
     spectrum: Spectrum, band: Band, camera: Camera, distance: float, *, leak: bool = True
 ) -> tuple[float, ...]:
-    """Electrons per second and square metre of sensor, of each colour channel, near the axis.
+    """Return the electrons per second and square metre of sensor, for each colour channel.
 
-    spectrum: radiance, W / (sr m² m). distance: metres to the panel. leak: with what the filter
-    passes beside its band. It's the camera equation of optics.throughput.electron_rate() integrated
-    over wavelengths.
+    The rate is that near the axis, by the camera equation of optics.throughput.electron_rate(),
+    integrated over wavelengths. spectrum: radiance, W / (sr m² m). distance: metres to the panel.
+    leak: whether light that the filter passes outside its band is included.
     """
     nodes = _nodes(spectrum, band, camera.sensor, leak)
     passed = band.total_transmission(nodes) if leak else band.transmission(nodes)
@@ -42,7 +42,7 @@ def electron_rates(
 
 
 def irradiance_per_radiance(camera: Camera, distance: float) -> float:
-    """Watts on a square metre of sensor for a radiance of one, near the axis."""
+    """Return the irradiance on the sensor near the axis over the radiance of the scene, sr."""
     spread = 1 + camera.separation / distance
     gathered = open_area(camera) * spread**2 / camera.lens.image_distance**2
     return gathered * camera.panel.reflectivity * camera.transmission
@@ -57,13 +57,18 @@ def _efficiency(
 
 
 def _nodes(spectrum: Spectrum, band: Band, sensor: Sensor, leak: bool) -> NDArray[np.float64]:
-    """All at which something bends or jumps, both sides of a jump, and enough between."""
+    """Return the wavelengths for the integral over a spectrum behind a filter.
+
+    They are the nodes of all curves, both sides of every jump, and a fine grid over the band and
+    its leak.
+    """
     ranges = [band.support, *([band.leak_range] if leak and band.leak else [])]
     curves = [one for one in (spectrum, band.table, *efficiencies(sensor)) if one is not None]
     jumps = np.array([*(end for one in ranges for end in one), *(
         end for one in curves for end in (one.low, one.high)
     )])  # fmt: skip
-    fine = [np.linspace(*one, _NODES) for one in ranges]
+    # With 1001 wavelengths, the integral over a smooth band is within 1e-6.
+    fine = [np.linspace(*one, 1001) for one in ranges]
     bends = [np.asarray(one.wavelengths) for one in curves]
     beside = [jumps * (1 - 1e-12), jumps * (1 + 1e-12)]
     return np.unique(np.concatenate([*fine, *bends, *beside]))

@@ -1,4 +1,4 @@
-"""Some of a picture's frequencies that stand for all of them."""
+"""Sample a picture's spatial frequencies, so that a few represent the whole power spectrum."""
 
 from __future__ import annotations
 
@@ -17,20 +17,17 @@ from simulator.probing.radial import BINS, bins
 
 Array = NDArray[np.float64]
 
-_LEAST, _MOST = 6, 64
-"""Frequencies of the innermost ring of a picture's spectrum, and of the outermost, where most
-is to be told apart; in between they grow with the radius."""
-
 _ORDERS = 32 << 20
-"""Bytes of orders that are kept: a frame of 2448 x 2048 pixels with its margin has 12 MB."""
+"""Bytes of the cache of sorted entries. A frame of 2448 x 2048 pixels with margin takes 12 MB."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampledFrequencies:
-    """As many of every ring of a picture's spectrum, the more likely the more power they have.
+    """Frequencies that represent a picture's spectrum, sampled in proportion to their power.
 
-    ky, kx: cycles per metre. place: of each in a flattened rfft2 grid. share: by which its power
-    has to be multiplied, to stand for its ring's. Frequency 0 isn't among them.
+    The number of samples in a ring of the spectrum depends only on its radius. ky, kx: cycles per
+    metre. place: index of each frequency in the flattened rfft2 grid. share: factor by which its
+    power must be multiplied to represent its part of the ring. Frequency 0 isn't included.
     """
 
     ky: Array
@@ -40,10 +37,11 @@ class SampledFrequencies:
 
     @staticmethod
     def of(squared: torch.Tensor, plane: Plane) -> SampledFrequencies:
-        """squared: |spectrum|² on the plane's rfft2 grid.
+        """Sample the frequencies of a picture's power spectrum.
 
-        Around each ring, they lie evenly by the power between them (systematic sampling, Cochran
-        1977): none of its directions is left out, and chance has no part in it.
+        squared: |spectrum|² on the plane's rfft2 grid. Around each ring, the power between
+        neighbouring samples is the same (systematic sampling, Cochran 1977). So all directions are
+        represented, and the result isn't random.
         """
         order, starts = _around(plane)
         power = (squared.double() * rfft_column_weights(plane.shape[1])).flatten().numpy()
@@ -64,8 +62,11 @@ class SampledFrequencies:
         return SampledFrequencies(fy[y, 0], fx[0, x], place, np.concatenate([np.zeros(0), *shares]))
 
     def with_aliases(self, plane: Plane) -> SampledFrequencies:
-        """With those that look alike on pixels, one and the same step of their grid beyond along
-        either axis: of detail that is no stronger there, but for what pixels make of it."""
+        """Return the sampled frequencies with their aliases on the pixel grid.
+
+        An alias is one sampling frequency away along either axis. Its power is assumed to be the
+        same as that of the sampled frequency, apart from the pixel's transfer function.
+        """
         steps = [1 / pitch for pitch in plane.pitch]
         y, x = (k - np.copysign(step, k) for k, step in zip((self.ky, self.kx), steps, strict=True))
         dim_y, dim_x = (
@@ -80,21 +81,30 @@ class SampledFrequencies:
         )
 
     def represented_power(self, squared: torch.Tensor, plane: Plane) -> Array:
-        """What each stands for of a spectrum: those of the plane's grid add up to about the sum of
-        the picture's squares over its samples, without its mean."""
+        """Return the power of a picture's spectrum that each sampled frequency represents.
+
+        Without aliases, the powers add up to about the sum of the squares of the picture without
+        its mean, over its samples.
+        """
         power = (squared * rfft_column_weights(plane.shape[1])).flatten().numpy()[self.place]
         return np.asarray(power * self.share / (plane.shape[0] * plane.shape[1]))
 
 
 def _count(radius: float) -> int:
-    """Frequencies of a ring of some radius, relative to that of the outermost."""
-    return round(_LEAST + (_MOST - _LEAST) * radius)
+    """Return the number of sampled frequencies of a ring with a radius relative to the outermost.
+
+    It grows from 6 for the innermost ring to 64 for the outermost.
+    """
+    return round(6 + (64 - 6) * radius)
 
 
 @byte_limited_cache(_ORDERS)
 def _around(plane: Plane) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
-    """Entries of a plane's rfft2 grid, ring by ring and within each by their direction, and where
-    each ring but that of frequency 0 begins, and the last ends."""
+    """Sort the entries of a plane's rfft2 grid by ring, and within each ring by direction.
+
+    Returns the order, and the index at which each ring except that of frequency 0 begins, followed
+    by the end of the last ring.
+    """
     index = bins(plane)[0].flatten().numpy()
     fy, fx = rfft2_frequencies(plane)
     angle = torch.atan2(fy, fx).flatten().numpy()

@@ -1,4 +1,4 @@
-"""Transfer functions by frequency, whatever their direction."""
+"""Bound the transfer functions of a pattern by frequency, over all directions."""
 
 from __future__ import annotations
 
@@ -12,19 +12,18 @@ from simulator.probing.far_field import radii
 
 Array = NDArray[np.float64]
 
-_BINS = 96
-
 _RINGS = 32 << 20
-"""Bytes of rings that are kept: a panel of 1920 x 1080 pixels has 7 MB of them."""
+"""Bytes of the cache of rings. A panel of 1920 x 1080 pixels takes 7 MB."""
 
 
 @dataclass(frozen=True, eq=False)
 class TransferBounds:
-    """H by cycles per metre on the sensor.
+    """Bounds of the transfer function H of a pattern, in bins of the frequency on the sensor.
 
-    low, high: of each bin; above the last nothing is known. least, mean_square: of |H| over the
-    directions, of light as it is. most: of |H|, of any of the lights that may be. max_loss: the
-    most that |1 - H| of these is up to a bin.
+    low, high: edges of each bin, cycles per metre; nothing is known above the last. least,
+    mean_square: least |H| and mean of |H|² over the directions, for the light of the pattern. most:
+    largest |H| of any light that may reach the sensor. max_loss: largest |1 - H| of any such light
+    at all frequencies up to a bin.
     """
 
     low: Array
@@ -35,13 +34,15 @@ class TransferBounds:
     max_loss: Array
 
     def loss_bound(self, frequency: Array) -> Array:
-        """|1 - H| at most up to a frequency; 2 beyond what is known."""
+        """Bound |1 - H| at all frequencies up to the given ones; 2 beyond the last bin."""
         index = np.searchsorted(self.high, frequency)
         return np.append(self.max_loss, 2.0)[index]
 
     def modulus_bound(self, frequency: Array, spread: float = 1.0) -> Array:
-        """|H| at most near a frequency, and for a blur that is wider or narrower by a factor up
-        to `spread`; beyond what is known as much as at its end."""
+        """Bound |H| near the given frequencies; beyond the last bin, the last value is used.
+
+        spread: factor by which the blur may be wider or narrower.
+        """
         last = len(self.high) - 1
         first = np.searchsorted(self.high, frequency / spread) - 1
         end = np.searchsorted(self.low, frequency * spread, side="right")
@@ -59,8 +60,10 @@ class TransferBounds:
 
 
 def _least(of: TransferBounds, values: Array, low: Array, high: Array) -> Array:
-    """The least value of the bins that a range meets, and of those beside it; 0 where it goes
-    beyond the last."""
+    """Return the least value of the transfer bounds' bins that each range touches.
+
+    The neighbouring bins are included. The value is 0 for a range beyond the last bin.
+    """
     found = np.zeros(len(low))
     for k, (a, b) in enumerate(zip(low, high, strict=True)):
         if b > of.high[-1]:
@@ -73,7 +76,7 @@ def _least(of: TransferBounds, values: Array, low: Array, high: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Rings:
-    """Bins of equal radius on the grid of a far field's transfer function."""
+    """Radial bins on the grid of a far field's transfer function."""
 
     edges: Array
     order: NDArray[np.int32]
@@ -97,12 +100,15 @@ class Rings:
 
 @byte_limited_cache(_RINGS)
 def rings(shape: tuple[int, int]) -> Rings:
-    """For a far field of so many samples; edges: cycles per period, of the bins that have any
-    entries, frequency 0 the first of them."""
+    """Return the radial bins for the transfer function of a far field with `shape` samples.
+
+    The edges are in cycles per period. Empty bins are left out, and the first bin is frequency 0.
+    """
     away = radii(shape).ravel()
-    edges = np.geomspace(0.999, min(shape) // 2, _BINS + 1)
+    bins = 96
+    edges = np.geomspace(0.999, min(shape) // 2, bins + 1)
     index = np.searchsorted(edges, away)
     order = np.argsort(index, kind="stable").astype(np.int32)
-    order = order[index[order] <= _BINS]
+    order = order[index[order] <= bins]
     present, starts = np.unique(index[order], return_index=True)
     return Rings(np.concatenate([[0.0], edges])[np.append(present, present[-1] + 1)], order, starts)

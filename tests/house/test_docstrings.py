@@ -28,8 +28,10 @@ CHECKED = {
 PACKAGES = (
     "drivers.aravis",
     "drivers.cs2000",
+    "drivers.hosted",
     "drivers.screen",
     "drivers.thorlabs_wheel",
+    "drivers.usb_link",
     "drivers.uvc",
     "drivers.varispec",
     "drivers.x11",
@@ -51,7 +53,12 @@ PACKAGES = (
     "optics.targets",
     "simulator.devices",
     "simulator.formation",
+    "simulator.machines.varispec",
+    "simulator.planning",
+    "simulator.scene",
+    "simulator.scene.charts",
     "simulator.screens",
+    "simulator.wire",
 )
 """Whose faces are in that style."""
 

@@ -25,6 +25,7 @@ FOR_CALLERS = {
 """Modules of the engine that people call from Python, with the reason; no command does."""
 
 OTHER_PROCESSES = {
+    "labapp.docs.conf": "Sphinx reads it: make docs",
     "drivers.aravis.library": "runs under the system's Python, which has gi",
 }
 

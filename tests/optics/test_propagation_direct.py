@@ -10,6 +10,7 @@ from scipy.special import fresnel
 
 from optics.accuracy import Budget, MachineSpeed, ToleranceError
 from optics.plane import Plane
+from optics.propagation import rayleigh_sommerfeld
 from optics.propagation.quadrature_nodes import gauss_nodes
 from optics.propagation.rayleigh_sommerfeld import DirectQuadrature
 from optics.propagation.replicas import replicas_miss_target
@@ -228,8 +229,8 @@ def test_tiles_change_nothing(monkeypatch):
     field, back = random_field(SMALL.shape), random_field(ANY.shape)
     method = DirectQuadrature(span)
     there, here = method.forward(field), method.adjoint(back)
-    monkeypatch.setattr("optics.propagation.rayleigh_sommerfeld._PAIRS", 50)
-    monkeypatch.setattr("optics.propagation.rayleigh_sommerfeld._TILE_SOURCE_POINTS", 10)
+    small = replace(rayleigh_sommerfeld._SETTINGS, tile_pairs=50, tile_source_points=10)
+    monkeypatch.setattr(rayleigh_sommerfeld, "_SETTINGS", small)
     assert torch.allclose(method.forward(field), there, rtol=1e-12, atol=0)
     assert torch.allclose(method.adjoint(back), here, rtol=1e-12, atol=0)
 
