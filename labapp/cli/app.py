@@ -6,8 +6,6 @@ from typing import Annotated
 
 import typer
 
-import labapp
-
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
@@ -19,7 +17,9 @@ app = typer.Typer(
 
 def _print_version(requested: bool) -> None:
     if requested:
-        print(f"labapp {labapp.__version__}")
+        from labapp.common.program_version import describe_version
+
+        print(f"labapp {describe_version()}")
         raise typer.Exit
 
 
@@ -27,7 +27,9 @@ def _print_version(requested: bool) -> None:
 def labapp_(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Print and exit."),
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
     ] = False,
     debug: Annotated[
         bool, typer.Option("--debug", help="Show the traceback of an error (any command).")

@@ -8,6 +8,7 @@ from importlib.metadata import version
 import h5py
 
 import labapp
+from labapp.common.program_version import source_commit
 
 _PACKAGES = ("numpy", "scipy", "torch", "h5py")
 
@@ -20,6 +21,7 @@ def create_group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
 
 
 def program_versions() -> dict[str, str]:
-    """Return the versions of Python and the packages on which computed results depend."""
+    """Return labapp's version and commit, and the versions of what computed results depend on."""
     found = {name: version(name) for name in _PACKAGES}
-    return {"labapp": labapp.__version__, "python": platform.python_version(), **found}
+    own = {"labapp": labapp.__version__, "commit": source_commit() or "unknown"}
+    return {**own, "python": platform.python_version(), **found}

@@ -1,0 +1,56 @@
+"""Which labapp this is: its version, and the commit where that is known."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from functools import cache
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+import labapp
+
+_CHECKOUT = Path(__file__).parents[2]
+
+_HASH_DIGITS = 10
+
+
+@cache
+def source_commit() -> str:
+    """Return the commit that labapp was installed or checked out from; "" if it isn't known.
+
+    Returns
+    -------
+    str
+        First digits of the commit's hash. A "+" after them says that files of the checkout have
+        been changed since.
+    """
+    return _checkout_commit() or _installed_commit()
+
+
+def describe_version() -> str:
+    """Return version and commit as one line for a person, such as "0.2.0, commit 1a2b3c4d5e"."""
+    commit = source_commit()
+    return f"{labapp.__version__}, commit {commit}" if commit else labapp.__version__
+
+
+def _checkout_commit() -> str:
+    """Ask git, if this file lies in a checkout of the project and not in installed packages."""
+    if not (_CHECKOUT / ".git").exists():
+        return ""
+    words = ["describe", "--always", "--exclude=*", f"--abbrev={_HASH_DIGITS}", "--dirty=+"]
+    try:
+        command = ["git", "-C", str(_CHECKOUT), *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+def _installed_commit() -> str:
+    """Read what pip notes of an installation from a repository (PEP 610)."""
+    try:
+        noted = distribution("labapp").read_text("direct_url.json")
+    except PackageNotFoundError:
+        return ""
+    source = json.loads(noted or "{}").get("vcs_info", {})
+    return str(source.get("commit_id", ""))[:_HASH_DIGITS]
