@@ -34,6 +34,13 @@ test: $(VENV)/dev system style
 test-all: test
 	$(BIN)/python -m pytest -n $(WORKERS) -m sweep
 
+# A site of the guide and an API reference, in $(SITE); a warning is an error.
+SITE ?= build/docs
+.PHONY: docs
+docs: $(VENV)/docs
+	$(BIN)/python -m sphinx -q -W --keep-going -b html labapp/docs $(SITE)
+	@echo "open $(SITE)/index.html"
+
 gui: $(VENV)/run
 	$(BIN)/labapp gui
 
@@ -87,6 +94,10 @@ $(VENV)/run: $(VENV)/made pyproject.toml constraints.txt
 $(VENV)/dev: $(VENV)/made pyproject.toml constraints.txt
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]' -e tests/peers
 	touch $@ $(VENV)/run
+
+$(VENV)/docs: $(VENV)/run
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	touch $@
 
 clean:
 	rm -rf $(VENV) build *.egg-info

@@ -55,7 +55,7 @@ def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
 
 @accepts_numpy
 def scaled_nrmse(psf: torch.Tensor, target: torch.Tensor) -> float:
-    """Compute the NRMSE of a PSF, |PSF - c target| / |c target| with the best factor c."""
+    """Compute the NRMSE of a PSF, ``|PSF - c target| / |c target|`` with the best factor c."""
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
     seen, wanted = psf.to(torch.float64), target.to(torch.float64)
@@ -67,7 +67,7 @@ def scaled_nrmse(psf: torch.Tensor, target: torch.Tensor) -> float:
 
 @accepts_numpy
 def relative_error(value: torch.Tensor, reference: torch.Tensor) -> float:
-    """Compute the relative L2 error |value - reference| / |reference|, without a fitted scale."""
+    """Compute the relative L2 error ``|value - reference| / |reference|``; no scale is fitted."""
     _require_same_shape_and_finite(value=value, reference=reference)
     if not reference.any():
         raise ValueError(

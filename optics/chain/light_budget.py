@@ -59,7 +59,7 @@ def compute_light_budget(
 ) -> LightBudget:
     """Compute where the light of a panel goes, for fields that add in intensity.
 
-    Energy at the lens is the sum of |field|² over its samples, by Parseval's theorem, of all
+    Energy at the lens is the sum of ``|field|²`` over its samples, by Parseval's theorem, of all
     frequencies that get from any part of the panel to any part of the stop by geometric optics.
 
     Parameters

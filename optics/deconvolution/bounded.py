@@ -80,7 +80,7 @@ def minimise_within_bounds(
     tol: float = 1e-4,
     progress: Progress | None = None,
 ) -> Minimum:
-    """Restore a picture x by minimising |A x - y|² / 2 + weight * prior(x) within bounds.
+    """Restore a picture by minimising ``|A x - y|² / 2 + weight * prior(x)`` within bounds.
 
     The minimiser is L-BFGS-B (Byrd et al. 1995, doi 10.1137/0916069; thesis Eq. 2.32), in double
     precision.

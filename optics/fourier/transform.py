@@ -25,7 +25,7 @@ class Transform(CandidateMethod):
 
         F(u, v) = sum over (y, x) of f(y, x) exp(-2 pi i (y u + x v) / scale).
 
-    Call it with a field (..., *pupil samples); the result is (..., rows, columns). It is
+    Call it with a field ``(..., *pupil samples)``; the result is (..., rows, columns). It is
     differentiable in the field. A transform is known by its name, its relative error beyond
     rounding, the bytes it takes, and its predicted processor time.
 
@@ -79,7 +79,7 @@ class Transform(CandidateMethod):
         Parameters
         ----------
         field : torch.Tensor
-            (..., *pupil samples).
+            ``(..., *pupil samples)``.
         stretch : torch.Tensor, optional
             A 0-d tensor of value 1, given for its derivative only. The derivatives with respect to
             it and to `shift` are those of F(u, v) = sum of f(y, x)

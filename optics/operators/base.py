@@ -60,7 +60,7 @@ class Operator(ABC):
         return self._adjoint(y)
 
     def norm(self) -> float:
-        """Compute the operator norm, the largest |A x| over all x with |x| = 1.
+        """Compute the operator norm, the largest ``|A x|`` over all x of norm 1.
 
         It is exact where A^T A is known as a GramOperator. Otherwise a power iteration approaches
         the norm from below.

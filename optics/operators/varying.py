@@ -84,7 +84,7 @@ def field_weights(
     Returns
     -------
     torch.Tensor
-        (PSFs, *shape), with the PSFs in the order of the grid's rows. The weights of each pixel
+        ``(PSFs, *shape)``, with the PSFs in the order of the grid's rows. The weights of each pixel
         add up to 1.
 
     Raises

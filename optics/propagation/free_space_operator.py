@@ -75,8 +75,8 @@ _SETTINGS = FreeSpaceSettings()
 class FreeSpace:
     """Propagate light from plane to plane through free space; plan once, call many times.
 
-    Call it with a field (..., *source.shape), tensor or array. The result is the field on the
-    target, (..., *target.shape), complex64 or complex128 as `tol` needs it, without the factor
+    Call it with a field ``(..., *source.shape)``, tensor or array. The result is the field on the
+    target, ``(..., *target.shape)``, complex64 or complex128 as `tol` needs it, without the factor
     exp(i k distance). `adjoint` is its conjugate transpose. Both are differentiable in the field,
     and in distance, wavelength and the target's centre where these are 0-d tensors. Mixed
     precision (autocast) is switched off inside.
@@ -210,7 +210,7 @@ class FreeSpace:
     @accepts_numpy
     @in_full_precision
     def __call__(self, field: torch.Tensor) -> torch.Tensor:
-        """Propagate a field (..., *source.shape) to the target, (..., *target.shape)."""
+        """Propagate a field ``(..., *source.shape)`` to the target, ``(..., *target.shape)``."""
         field = self._validate_field(field, self.span.source, "field")
         self._require_unchanged()
         field, light, peak = normalise_strength(field, require_finite_power("field", field))
@@ -375,7 +375,7 @@ def propagate(
     Parameters
     ----------
     field : torch.Tensor or numpy.ndarray
-        The field on the source, (..., *source.shape).
+        The field on the source, ``(..., *source.shape)``.
     source : Plane
         The plane on which the field is known.
     target : Plane
@@ -397,7 +397,7 @@ def propagate(
     Returns
     -------
     Result of torch.Tensor
-        The complex field on the target, (..., *target.shape), without the factor
+        The complex field on the target, ``(..., *target.shape)``, without the factor
         exp(i k distance), and its account, with the processor time spent.
 
     Raises

@@ -82,7 +82,7 @@ class Propagator(CandidateMethod):
 
     @abstractmethod
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        """Compute the field on the target, (..., *target.shape), of a field on the source."""
+        """Compute the field on the target, ``(..., *target.shape)``, of a field on the source."""
 
     @abstractmethod
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:

@@ -6,7 +6,7 @@ A PSFOperator selects the cheapest engine that keeps its tolerance: `axial` for 
 engines are those of optics.chain.
 """
 
-from optics.chain import CHAIN_METHODS, LightBudget
+from optics.chain import CHAIN_METHODS
 from optics.point.panel_engine import PANEL_METHODS
 from optics.psf.behind_modulator import modulated_psf
 from optics.psf.engine_choice import METHODS
@@ -18,7 +18,6 @@ __all__ = [
     "CHAIN_METHODS",
     "METHODS",
     "PANEL_METHODS",
-    "LightBudget",
     "PSFOperator",
     "PSFStack",
     "PolychromaticPSF",

@@ -240,7 +240,8 @@ class PSFOperator:
         Returns
         -------
         torch.Tensor or numpy.ndarray
-            The share of the light leaving the pupil that each pixel receives, (..., *pixels.shape).
+            The share of the light leaving the pupil that each pixel receives,
+            ``(..., *pixels.shape)``.
             It is a share of what panel and stop would pass on the axis if they stood in one plane,
             so that vignetting shows as less light.
         """
@@ -269,7 +270,7 @@ class PSFOperator:
         Returns
         -------
         torch.Tensor
-            The PSF, (..., *pixels.shape).
+            The PSF, ``(..., *pixels.shape)``.
         """
         if self._request.differentiable:
             self._request.require_unchanged()
@@ -301,7 +302,7 @@ class PSFOperator:
         Returns
         -------
         torch.Tensor
-            The PSF, (..., *pixels.shape).
+            The PSF, ``(..., *pixels.shape)``.
         """
         if self._request.differentiable or (amplitude is not None and not cache_result):
             return self._light_on_pixels(None, amplitude, spectrum)
@@ -518,8 +519,8 @@ def psf(
     Returns
     -------
     Result of torch.Tensor
-        The PSF, (..., *pixels.shape), as shares of the light leaving the pupil, and its account,
-        with the processor time spent.
+        The PSF, ``(..., *pixels.shape)``, as shares of the light leaving the pupil, and its
+        account, with the processor time spent.
 
     Raises
     ------

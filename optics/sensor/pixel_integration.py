@@ -131,7 +131,7 @@ class PixelIntegration:
     """Integrates light over whole sensor pixels, and plans the finer samples that this takes.
 
     Call the object with the light on its `plane`, (..., rows, columns); the result is the light on
-    each pixel, (..., *pixels.shape). The attribute `plane` is finer than the pixels and reaches
+    each pixel, ``(..., *pixels.shape)``. The attribute `plane` is finer than the pixels and reaches
     beyond them by `margin` samples on each side.
 
     Parameters
