@@ -1,4 +1,4 @@
-"""The application that the commands belong to."""
+"""The Typer application that all commands of labapp belong to."""
 
 from __future__ import annotations
 
@@ -27,10 +27,12 @@ def _print_version(requested: bool) -> None:
 def labapp_(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Print and exit."),
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        ),
     ] = False,
     debug: Annotated[
-        bool, typer.Option("--debug", help="Show the traceback of an error (any command).")
+        bool, typer.Option("--debug", help="Show the traceback of an error; for any command.")
     ] = False,
 ) -> None:
     """Programmable optics for computational photography.
