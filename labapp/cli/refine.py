@@ -45,11 +45,11 @@ def refine(
 
     **labapp refine ring.h5 --out better.h5**
 
-    shows the design on the bench and photographs the star through it. After each picture the target
-    gets more light where the camera saw too little. **better.h5** is the design of the best
-    picture, and **better_psf.png** shows the PSF before and after. This also corrects errors that the
-    camera's description and its calibration don't include. Calibrate the bench first. Videos gain
-    most.
+    shows the design on the bench and photographs the star through it. After each picture the
+    target gets more light where the camera saw too little. **better.h5** is the design of the best
+    picture, and **better_psf.png** shows the PSF before and after. This also corrects errors that
+    the camera's description and its calibration don't include. Calibrate the bench first. Videos
+    gain most.
     """
     if out is None:
         raise UserError("there is no --out. Name an .h5 file to write.")

@@ -40,10 +40,10 @@ def run(
     """Run acquisition plans on a bench, and write every frame to a record at once.
 
     In a terminal, **p** pauses after the current frame, **r** continues, Enter answers a prompt,
-    and Ctrl-C ends the run safely: the SLM is neutral, the filter parked, the camera stopped, and the
-    record readable and marked CANCELLED. A full disk pauses the run until there is space. **labapp
-    resume** takes the frames that a run lacks, and **labapp plan check** says beforehand what a run
-    needs. For instance
+    and Ctrl-C ends the run safely: the SLM is neutral, the filter parked, the camera stopped, and
+    the record readable and marked CANCELLED. A full disk pauses the run until there is space.
+    **labapp resume** takes the frames that a run lacks, and **labapp plan check** says beforehand
+    what a run needs. For instance
 
     **labapp run psf-over-wavelengths --out wavelengths.h5**
     """

@@ -244,7 +244,9 @@ class PictureOptions:
     ] = None
     exposure_ms: Annotated[
         float | None,
-        typer.Option(help="In milliseconds. Default: fills the brightest pixel to half."),
+        typer.Option(
+            help="Exposure time in milliseconds. Default: fills the brightest pixel to half."
+        ),
     ] = None
 
     def picture_request(
