@@ -1,4 +1,4 @@
-"""The application: files, acquisition, records, studies, command line and window."""
+"""The laboratory application: files, acquisition, records, studies, command line and window."""
 
 from importlib.metadata import version
 

@@ -1,4 +1,4 @@
-"""`python -m labapp` is `labapp`."""
+"""Run the command line: `python -m labapp` does the same as `labapp`."""
 
 from labapp.cli import main
 

@@ -1,1 +1,1 @@
-"""What accuracy costs in time: work-precision diagrams, measured on the machine at hand."""
+"""Measure what accuracy costs in time, as work-precision diagrams of the machine at hand."""

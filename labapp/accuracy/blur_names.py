@@ -1,4 +1,7 @@
-"""The blurs that restorations are compared on, by name; importing it loads nothing."""
+"""Name the blurs that restorations are compared on.
+
+This module imports nothing heavy, so that the command line can check a name at once.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +24,14 @@ BLUR_NAMES: dict[str, tuple[str, tuple[Any, ...]]] = {
     "spiral of 10": ("shape", ("spiral", 10.0)),
     "heart of 9": ("shape", ("heart", 9.0)),
 }
-"""Lengths in pixels; which function of labapp.accuracy.blurs makes it, and from what."""
+"""By the name of a blur: the function of `labapp.accuracy.blurs` that computes its PSF, and the
+arguments of that function. Lengths are in pixels, angles in radians."""
 
 BORDERS = ("unknown", "periodic")
 
 
 def require_blur(name: str, border: str) -> None:
-    """UserError for a blur or a border that isn't known."""
+    """Raise UserError for an unknown name of a blur or of a border."""
     if name not in BLUR_NAMES:
         raise UserError(f"--blur {name}: is unknown. Take one of {', '.join(BLUR_NAMES)}.")
     if border not in BORDERS:

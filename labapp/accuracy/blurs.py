@@ -1,4 +1,4 @@
-"""Blurs to compare restorations on, and photographs taken through them."""
+"""Compute the PSFs that restorations are compared on, and simulate photographs blurred by them."""
 
 from __future__ import annotations
 
@@ -32,15 +32,27 @@ from optics.targets.stroke import draw_strokes
 Array = NDArray[np.float64]
 
 _FINER = 16
-"""Samples a pixel, in each direction, by which the coverage of pixels is found."""
+"""Samples per pixel in each direction, from which the covered share of a pixel is computed."""
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedPhotograph:
-    """A photograph of a known scene.
+    """A simulated blurred photograph of a known scene.
 
-    truth: (rows, columns), what a camera without blur and noise would have seen, white at 1.
-    observation: what was seen. psf: with a sum of 1, origin at n // 2.
+    Attributes
+    ----------
+    name : str
+        Blur, noise, size and border in words.
+    truth : Array
+        (rows, columns): what a camera without blur and noise would have seen; white is 1.
+    observation : Array
+        (rows, columns): the blurred and noisy photograph; white is 1.
+    psf : Array
+        (rows, columns): its sum is 1, its origin lies at n // 2.
+    noise : float
+        Standard deviation of a pixel; white is 1.
+    border : Border
+        What the scene does beyond the frame.
     """
 
     name: str
@@ -52,11 +64,14 @@ class SimulatedPhotograph:
 
     @property
     def problem(self) -> Observation:
-        """In single precision, with nothing told of its noise."""
+        """Return the observation to be restored: in single precision, with its noise unknown."""
         return build_observation(self.observation.astype(np.float32), self.psf, None, self.border)
 
     def quality(self, image: torch.Tensor | Array) -> tuple[float, float]:
-        """PSNR in dB and SSIM of a picture, cut to 0 to 1, over the whole frame; white is 1."""
+        """Return PSNR in dB and SSIM of a restored picture against the truth, over the whole frame.
+
+        The picture is clipped to 0 to 1 first; white is 1.
+        """
         seen = np.clip(np.asarray(image, dtype=np.float64), 0, 1)
         return psnr(seen, self.truth), ssim(seen, self.truth)
 
@@ -64,10 +79,11 @@ class SimulatedPhotograph:
 def simulate_photograph(
     name: str, scene: Array, psf: Array, noise: float, seed: int, border: Border = "unknown"
 ) -> SimulatedPhotograph:
-    """A photograph of a scene, (rows, columns).
+    """Blur a scene, (rows, columns), by a PSF, and add Gaussian noise.
 
-    Of an unknown border only that part is seen all of whose light the scene holds; a periodic one
-    is seen whole. Raises UserError for a scene that is no larger than the PSF.
+    With an unknown border the photograph shows only the part of the scene whose light comes
+    entirely from within the scene. A periodic scene is shown whole. Raises UserError for a scene
+    that is no larger than the PSF.
     """
     if any(n <= m for n, m in zip(scene.shape, psf.shape, strict=True)):
         raise UserError(f"{name} is {scene.shape}, no larger than its PSF, {psf.shape}.")
@@ -93,7 +109,10 @@ def photograph_from_options(
     size: int,
     seed: int,
 ) -> SimulatedPhotograph:
-    """What a command line asks for; UserError for what can't be."""
+    """Simulate the blurred photograph that the options of `labapp accuracy deconvolve` describe.
+
+    Raises UserError for options that are unknown or can't be met.
+    """
     require_blur(blur, border)
     kernel = (
         BLURS[blur]() if psf is None else _first_band(read_psf_file(psf, 1, RecordSelection())[0])
@@ -108,7 +127,10 @@ def photograph_from_options(
 
 
 def _white_level(levels: NDArray[np.float32]) -> float:
-    """White: of 8 or 16 bits where the levels are such, else the brightest."""
+    """Return the level of white in a picture: 1, 255 or 65535, or else the brightest level.
+
+    It is the first of these that no level of the picture exceeds.
+    """
     brightest = float(levels.max())
     return next((top for top in (1.0, 255.0, 65535.0) if brightest <= top), brightest)
 
@@ -123,7 +145,15 @@ def _middle(picture: Array, size: int) -> Array:
 
 
 def _fully_seen_slice(psf: int, seen: int) -> slice:
-    """Of a scene's axis, what is seen whole."""
+    """Return the slice of an axis of the scene that the photograph shows.
+
+    Parameters
+    ----------
+    psf : int
+        Samples of the PSF along the axis.
+    seen : int
+        Pixels of the photograph along the axis.
+    """
     first = psf - 1 - psf // 2
     return slice(first, first + seen)
 
@@ -137,18 +167,18 @@ def _convolve_periodically(scene: Array, psf: Array) -> Array:
 
 
 def disk(radius: float) -> Array:
-    """Defocus as rays see it; radius in pixels."""
+    """Return the PSF of defocus in geometrical optics: an even disk of `radius` pixels."""
     at = _subpixel_positions(radius)
     return _pixel_coverage(np.hypot(at[:, None], at) <= radius)
 
 
 def box(side: int) -> Array:
-    """Even over so many pixels."""
+    """Return a PSF that is even over a square of `side` by `side` pixels."""
     return np.full((side, side), side**-2.0)
 
 
 def gaussian(deviation: float) -> Array:
-    """A Gaussian; its standard deviation in pixels."""
+    """Return a Gaussian PSF whose standard deviation is `deviation` pixels."""
     reach = math.ceil(4 * deviation)
     at = np.arange(-reach, reach + 1) / deviation
     psf = np.exp(-(at[:, None] ** 2 + at**2) / 2)
@@ -156,7 +186,11 @@ def gaussian(deviation: float) -> Array:
 
 
 def circle(radius: float, centre: float) -> Array:
-    """A line a pixel wide around a share of the light in the middle."""
+    """Return a PSF that is a thin circle around a central point.
+
+    The circle has a radius of `radius` pixels and a line width of one pixel. The central pixel
+    has the share `centre` of the light, 0 to 1.
+    """
     at = _subpixel_positions(radius + 3)
     far = np.hypot(at[:, None], at)
     psf = (1 - centre) * _pixel_coverage(np.abs(far - radius) <= 0.5)
@@ -165,7 +199,7 @@ def circle(radius: float, centre: float) -> Array:
 
 
 def shake(length: float, seed: int) -> Array:
-    """The path of a hand that trembles, about so many pixels long."""
+    """Return the PSF of camera shake: a random path that is about `length` pixels long."""
     rng = np.random.default_rng(seed)
     turn = np.cumsum(rng.normal(0, 0.45, 24)) + rng.uniform(0, 2 * math.pi)
     steps = length / 24 * np.stack([np.sin(turn), np.cos(turn)], axis=1)
@@ -174,13 +208,16 @@ def shake(length: float, seed: int) -> Array:
 
 
 def line(length: float, angle: float) -> Array:
-    """Even motion; length in pixels, angle from x towards y in radians."""
+    """Return the PSF of uniform motion along a line of `length` pixels.
+
+    `angle` is in radians, from the x axis towards the y axis.
+    """
     end = 0.5 * length * np.array([math.sin(angle), math.cos(angle)])
     return _rasterise_strokes([np.stack([-end, end])], math.ceil(length))
 
 
 def shape(name: str, radius: float) -> Array:
-    """A PSF of the thesis, so many pixels in radius."""
+    """Return a PSF shape of the thesis, such as "ring", with a radius of `radius` pixels."""
     side = 2 * math.ceil(radius + 6) + 1
     target = getattr(targets, name)
     return _normalise(np.asarray(target(Plane((side, side), (1.0, 1.0)), radius, 0.8)))
@@ -193,11 +230,14 @@ _MAKERS: dict[str, Callable[..., Array]] = {
 BLURS: dict[str, Callable[[], Array]] = {
     name: partial(_MAKERS[maker], *sizes) for name, (maker, sizes) in BLUR_NAMES.items()
 }
-"""Lengths in pixels."""
+"""Functions that compute the PSF of each named blur."""
 
 
 def _subpixel_positions(radius: float) -> Array:
-    """Places of samples that are finer than pixels, an odd number of which holds the radius."""
+    """Return sample positions in pixels along an axis, several per pixel and centred at 0.
+
+    They span an odd number of pixels that holds a disk of `radius` pixels.
+    """
     side = 2 * math.ceil(radius) + 1
     return (np.arange(side * _FINER) + 0.5) / _FINER - side / 2
 

@@ -1,25 +1,25 @@
-"""A fixed piece of work whose time says how fast the machine is just now."""
+"""Time a fixed piece of work, which tells how fast the machine is at the moment."""
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.fft
 
-_SIDE = 512
-
 
 class CalibrationKernel:
-    """A matrix product, an FFT and a gather, as the methods are made of; about ten ms.
+    """Do a matrix product, an FFT and a gather, the operations that the methods consist of.
 
-    Times of two runs, on different days or machines, compare as multiples of it.
+    A call takes about 10 ms. Times that were measured on different days or machines are compared
+    as multiples of the time of this call.
     """
 
     def __init__(self) -> None:
         rng = np.random.default_rng(0)
-        shape = (_SIDE, _SIDE)
+        side = 512
+        shape = (side, side)
         self._matrix = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
-        self._values = rng.normal(size=_SIDE**2)
-        self._places = rng.integers(0, _SIDE**2, _SIDE**2)
+        self._values = rng.normal(size=side**2)
+        self._places = rng.integers(0, side**2, side**2)
 
     def __call__(self) -> float:
         product = self._matrix @ self._matrix

@@ -1,4 +1,4 @@
-"""`labapp accuracy chain`: every method for a camera whose panel stands apart from its lens."""
+"""`labapp accuracy chain`: measure every PSF method for a panel that stands apart from its lens."""
 
 from __future__ import annotations
 
@@ -28,16 +28,10 @@ Array = NDArray[np.float64]
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 7))
 
-_LONGEST = 2e12
-"""Products that the judge may sum: some minutes."""
-
-_CUBIC = 40.0
-"""Radians from the middle of the panel to its edges, times eight."""
-
 
 @dataclass(frozen=True)
 class ChainCase:
-    """A question about a chain, and its name in words."""
+    """A PSF problem of a chain, and its name in words."""
 
     problem: ChainProblem
     name: str
@@ -52,9 +46,28 @@ def chain_case_from_options(
     field: tuple[float, float],
     sphere: bool,
 ) -> ChainCase:
-    """What a command line asks; UserError for what can't be.
+    """Build the chain problem that the options of `labapp accuracy chain` describe.
 
-    panel: "ROWSxCOLUMNSxMICROMETRES", where no camera's file gives one.
+    Parameters
+    ----------
+    case : LensCase
+        Lens, object and window; its camera is None where no camera file was given.
+    panel : str or None
+        "ROWSxCOLUMNSxMICROMETRES"; only where no camera file describes a panel.
+    separation_mm : float or None
+        Distance from the panel to the lens, in millimetres; None keeps the camera's.
+    pattern : str
+        Phase on the panel: one of `CHAIN_PATTERNS`.
+    field : tuple of float
+        Position (y, x) of the image on the sensor, in metres from the axis.
+    sphere : bool
+        Whether the wave of the object is a sphere, and not a parabola.
+
+    Raises
+    ------
+    UserError
+        For options that are unknown or contradict each other, and for a camera whose exact
+        integral would take too long.
     """
     camera = _camera(case, panel, separation_mm)
     phase = _phase(pattern, camera.panel.shape)
@@ -101,17 +114,20 @@ def _phase(pattern: str, shape: tuple[int, int]) -> Array:
     if pattern == "random":
         return np.random.default_rng(0).uniform(0, 2 * np.pi, shape)
     y, x = ((np.arange(n) - n // 2) / n for n in shape)
-    cubic: Array = _CUBIC * (y[:, None] ** 3 + x**3)
+    # y and x end at 1/2, so that the phase rises by 40 / 8 = 5 rad from the middle to an edge.
+    cubic: Array = 40.0 * (y[:, None] ** 3 + x**3)
     return cubic if pattern == "cubic" else 0 * cubic
 
 
 def _require_short(problem: ChainProblem) -> None:
-    """UserError for a camera whose exact integral takes too long, before anything is planned.
+    """Raise UserError for a camera whose exact integral would take too long.
 
-    It is as long wherever in the window the light arrives.
+    The cost doesn't depend on where in the window the light arrives, so that it is known before
+    anything is planned.
     """
     terms = problem.build_reference(np.ones(problem.pixels.shape)).product_count
-    if not terms <= _LONGEST:
+    # The reference takes some minutes for this many products.
+    if not terms <= 2e12:
         raise UserError(
             f"the exact integral of this camera is a sum of {terms:.0e} products, which takes too "
             "long; give a larger --f-number, a larger --separation-mm, or a smaller panel."
@@ -119,8 +135,10 @@ def _require_short(problem: ChainProblem) -> None:
 
 
 def build_reference(problem: ChainProblem) -> PSFReference:
-    """The exact light on some rows and columns of the window, drawn by about where the light
-    arrives; everywhere alike if even that can't be said."""
+    """Return the exact light on some rows and columns of the window of a chain problem.
+
+    Rows and columns are drawn by an approximate PSF, or evenly where no method gives one.
+    """
     try:
         light = problem.light(problem.operator(problem.tol))
     except ValueError:
@@ -129,7 +147,10 @@ def build_reference(problem: ChainProblem) -> PSFReference:
 
 
 def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iterator[Candidate]:
-    """Every method at every tolerance; what refuses is a row that says why."""
+    """Yield every PSF method for the chain at every tolerance.
+
+    A method that refuses gives a row with the reason.
+    """
     problem = case.problem
 
     def build_call(operator: PSFOperator) -> Callable[[], Array]:
@@ -142,16 +163,16 @@ def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iter
 
 @single_threaded
 def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | None) -> None:
-    """Measure every method for a case, print table or rows, and draw the plot if asked.
+    """Measure every PSF method for a chain, print the rows, and draw the plot if a path is given.
 
-    memory: bytes that each method may use.
+    `memory` is the number of bytes that each method may use.
     """
     with terminal_progress() as progress:
         budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)))
         progress.report(0.1, "the exact integral")
-        judge = build_reference(case.problem)
-        truth = judge.exact_samples
+        reference = build_reference(case.problem)
+        truth = reference.exact_samples
         progress.report(0.3, "planning")
-        found = list(candidates(case, judge, budget))
+        found = list(candidates(case, reference, budget))
         measured = measure(found, truth, progress.part(0.3, 1.0))
     show_measurements("Chain", case.name, measured, as_json, plot)

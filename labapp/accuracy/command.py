@@ -1,4 +1,4 @@
-"""Measuring and showing a work-precision diagram: table, JSON, plot."""
+"""`labapp accuracy psf`: measure a work-precision diagram and show it as table, JSON and plot."""
 
 from __future__ import annotations
 
@@ -45,9 +45,21 @@ def accuracy_psf(
     plot: Path | None,
     compare: str | None,
 ) -> None:
-    """Measure every method for a case, print table or rows, and draw the plot if asked.
+    """Measure every method for the PSF of a lens, print the rows, and draw the plot if asked.
 
-    Ends with exit code 1 if a point is worse than the stored one that it is compared with.
+    Parameters
+    ----------
+    case : LensCase
+        Lens, object, wavelength and window.
+    peers : bool
+        Whether other libraries are measured as well, through their installed adapters.
+    as_json : bool
+        Whether the rows are printed as JSON instead of as a table.
+    plot : Path or None
+        File of the diagram; None for no diagram.
+    compare : str or None
+        File of an earlier output of `--json`, or "bundled". The process ends with exit code 1 if
+        a point has become worse than the stored one.
     """
     stored = read_stored(compare) if compare else None
     adapters = installed_peers("psf") if peers else []
@@ -68,8 +80,10 @@ def accuracy_psf(
 def _find_regressions(
     measurements: MeasurementSet, stored: StoredRows, progress: Progress
 ) -> list[str]:
-    """What became worse. Rows that look slower are timed twice more: a busy moment of the
-    machine is no news."""
+    """Return a message for each row that became slower or less accurate than the stored one.
+
+    Rows that look slower are timed twice more, because the machine may have been busy for a moment.
+    """
     require_comparable_rows(measurements.rows, stored)
     rows, calibration_s = list(measurements.rows), measurements.calibration_s
     for again in range(2):
@@ -95,9 +109,10 @@ def _report_regressions(worse: list[str], count: int, stored: StoredRows, where:
 
 
 _SIZE = re.compile(r"\d+² ")
-"""What names a point of a curve, and not the curve."""
+"""Grid size in the name of a method; it names a point of a curve and not the curve."""
 
 _COMMON_WORDS = ("pupil", "gray edge")
+"""Words in the names of methods that curves leave out."""
 
 
 _COLUMNS: Columns[Row] = {
@@ -115,14 +130,17 @@ _REMARK = "Relative L2 errors against the exact integral; one thread, planning l
 def show_measurements(
     what: str, name: str, measurements: MeasurementSet, as_json: bool, plot: Path | None
 ) -> None:
-    """The table of a diagram, or its rows as JSON; the diagram where there is a path for it."""
+    """Print the table of a work-precision diagram, or its rows as JSON, and draw the plot.
+
+    `what` and `name` say what was measured and for which case. `plot` is None for no diagram.
+    """
     rows, kernel = measurements.rows, measurements.calibration_s
     print_rows(f"{what}: {name}", _COLUMNS, _REMARK, rows, as_json=as_json, calibration_s=kernel)
     write_plot(plot, lambda: draw(name, rows))
 
 
 def draw(name: str, rows: list[Row]) -> Figure:
-    """Error against time, a curve a method; what failed stands in the caption."""
+    """Draw error against time with one curve for each method; the caption counts the failures."""
     figure = Figure(figsize=(9, 6), dpi=110, layout="constrained")
     axes = figure.subplots()
     good = [row for row in rows if not row.failure]
@@ -144,7 +162,7 @@ def draw(name: str, rows: list[Row]) -> Figure:
 
 
 def _curve_name(row: Row) -> str:
-    """A method without its setting."""
+    """Return the name of the curve of a row: its method without grid size and common words."""
     if row.tol is not None:
         return row.method
     words = [_SIZE.sub("", word) for word in row.method.split(", ")]

@@ -1,4 +1,4 @@
-"""`labapp accuracy deconvolve`: quality against time, of every way to undo a blur."""
+"""`labapp accuracy deconvolve`: measure quality against time of every restoration method."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from labapp.accuracy.row_output import (
     print_rows,
     write_plot,
 )
-from labapp.accuracy.work_precision import Row, mark_front
+from labapp.accuracy.work_precision import RetimingSettings, Row, mark_front
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
@@ -32,10 +32,7 @@ from optics.deconvolution.restoration_choice import METHODS, restore
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_SHORT = 2.0
-"""Processor seconds below which a setting is timed three times."""
-
-_REPEATS = 3
+_TIMING = RetimingSettings(short_s=2.0)
 
 _EXTRA_COLOURS = (
     "black",
@@ -53,10 +50,22 @@ _EXTRA_COLOURS = (
 
 @dataclass(frozen=True)
 class DeconvolutionRow(Row):
-    """A method after so many iterations, everything that it needs to know estimated.
+    """Measured quality and time of a restoration method after a number of iterations.
 
-    error_achieved: relative L2 of the picture. psnr_db, ssim: over the whole frame, white at 1.
-    inside_db: PSNR further than a PSF from its border. cpu_predicted_s: by which a budget chooses.
+    The method estimates noise and weights by itself.
+
+    Attributes
+    ----------
+    error_achieved : float or None
+        Relative L2 error of the restored picture.
+    iterations : int
+        Number of iterations.
+    psnr_db, ssim : float or None
+        PSNR in dB and SSIM over the whole frame; white is 1.
+    inside_db : float or None
+        PSNR in dB of the pixels that are further from the border than the PSF is large.
+    cpu_predicted_s : float or None
+        Predicted processor time in seconds, by which a budget chooses among methods.
     """
 
     iterations: int = 0
@@ -91,7 +100,10 @@ def accuracy_deconvolve(
     as_json: bool,
     plot: Path | None,
 ) -> None:
-    """Measure every method on a photograph, print table or rows, and draw the plot if asked."""
+    """Measure every restoration method on a photograph, print the rows, and draw the plot if asked.
+
+    `denoise` is the denoiser of plug-and-play methods; without one these are left out.
+    """
     adapters = installed_peers("deconvolve") if peers else []
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
@@ -108,9 +120,10 @@ def measure_deconvolution(
     progress: Progress,
     adapters: Sequence[Callable[..., Any]] = (),
 ) -> list[DeconvolutionRow]:
-    """Every method after more and more iterations; the front is marked. What fails is a row too.
+    """Measure every restoration method after more and more iterations, and mark the front.
 
-    adapters: to other libraries, see labapp.accuracy.peers.
+    A method that fails gives a row, too. `adapters` give the methods of other libraries, see
+    `labapp.accuracy.peers`.
     """
     settings = [
         (name, count, partial(_restore_image, case, name, count, denoise))
@@ -142,7 +155,7 @@ def _row(
     row = DeconvolutionRow("deconvolve", case.name, name, "float32", None, iterations=count)
     times, wall = list[float](), time.perf_counter()
     try:
-        while not times or (times[0] < _SHORT and len(times) < _REPEATS):
+        while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):
             started = time.process_time()
             picture = np.asarray(solve(), dtype=np.float64)
             times.append(time.process_time() - started)
@@ -161,7 +174,10 @@ def _row(
 
 
 def psnr_away_from_border(case: SimulatedPhotograph, picture: Array) -> float | None:
-    """PSNR in dB further than a PSF from the border; None if nothing is."""
+    """Return PSNR in dB of the pixels that are further from the border than the PSF is large.
+
+    None if there are no such pixels.
+    """
     rows, columns = case.psf.shape
     part = slice(rows, -rows), slice(columns, -columns)
     if not case.truth[part].size:
@@ -171,7 +187,7 @@ def psnr_away_from_border(case: SimulatedPhotograph, picture: Array) -> float | 
 
 
 def draw(case: SimulatedPhotograph, rows: list[DeconvolutionRow]) -> Figure:
-    """PSNR and SSIM against time, a curve a method."""
+    """Draw PSNR and SSIM against time with one curve for each restoration method."""
     figure = Figure(figsize=(13, 5), dpi=110, layout="constrained")
     good = [row for row in rows if not row.failure and row.iterations]
     left, right = figure.subplots(1, 2)

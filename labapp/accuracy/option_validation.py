@@ -1,4 +1,7 @@
-"""The words that questions about accuracy know; importing it loads nothing."""
+"""Check options of `labapp accuracy`.
+
+This module imports nothing heavy, so that a wrong option is refused at once.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +10,23 @@ import math
 from labapp.common.errors import UserError
 
 CHAIN_PATTERNS = ("random", "cubic", "neutral")
-"""On a chain's panel."""
+"""Patterns that `labapp accuracy chain` can show on the panel."""
 
 FIELD_KINDS = ("smooth", "cells")
-"""Of a field that propagates."""
+"""Kinds of field that `labapp accuracy propagate` knows."""
 
 
 def require_pattern(name: str) -> None:
-    """UserError for a pattern that isn't known."""
+    """Raise UserError for an unknown pattern of the panel of a chain."""
     if name not in CHAIN_PATTERNS:
         raise UserError(f"--pattern {name}: choose {', '.join(CHAIN_PATTERNS)}.")
 
 
 def require_propagation(light: str, distance: float, wavelength: float) -> None:
-    """UserError for a light that isn't known, or that can't go that far; metres."""
+    """Raise UserError for an unknown kind of field, or an impossible distance or wavelength.
+
+    Distance and wavelength are in metres.
+    """
     if light not in FIELD_KINDS:
         raise UserError(f"--light {light}: choose {' or '.join(FIELD_KINDS)}.")
     if not (math.isfinite(distance) and distance):
@@ -30,6 +36,6 @@ def require_propagation(light: str, distance: float, wavelength: float) -> None:
 
 
 def require_pitch(option: str, micrometres: float) -> None:
-    """UserError for a distance between samples that there can't be."""
+    """Raise UserError for a sample pitch that isn't positive and finite; `option` names it."""
     if not 0 < micrometres < math.inf:
         raise UserError(f"--{option} {micrometres:g}: it must be positive, in micrometres.")

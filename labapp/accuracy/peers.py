@@ -1,6 +1,7 @@
-"""Other libraries that are measured beside ours: whoever has adapters names them by entry point.
+"""Load adapters to other libraries, which are then measured beside our own methods.
 
-An adapter of an entry point in the group `labapp.peers` is called by the operation's name:
+A package that has adapters declares them as entry points in the group `labapp.peers`. The name of
+the entry point is that of the operation:
 
     psf         adapter(case) -> Candidates for a `labapp.light.lens_options.LensCase`
     propagate   adapter(case, seen) -> Candidates for a `labapp.accuracy.propagate.FieldCase`; their
@@ -9,7 +10,7 @@ An adapter of an entry point in the group `labapp.peers` is called by the operat
                 `labapp.accuracy.blurs.SimulatedPhotograph`
 
 A checkout has adapters to prysm, poppy, hcipy, torchoptics, DeepLens and scikit-image in
-tests/peers, which are written out there as examples.
+tests/peers; they serve as examples.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ GROUP = "labapp.peers"
 
 
 def installed_peers(operation: str) -> list[Callable[..., Any]]:
-    """Load the adapters for an operation.
+    """Load the installed adapters to other libraries for an operation, such as "psf".
 
     Raises
     ------
     UserError
-        If there is none, or one doesn't load; says what to install or to mend.
+        If there is no adapter, or one doesn't load. The message says what to install or mend.
     """
     entries = entry_points(group=GROUP, name=operation)
     if not entries:

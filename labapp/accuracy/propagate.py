@@ -1,4 +1,4 @@
-"""`labapp accuracy propagate`: every method for a way through free space, at every tolerance."""
+"""`labapp accuracy propagate`: measure every method for propagation through free space."""
 
 from __future__ import annotations
 
@@ -39,21 +39,38 @@ from optics.threads import single_threaded
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 9))
 
-_MOST_SECONDS = 2.0
-"""Predicted processor time beyond which a method isn't tried."""
 
-_SAMPLES, _FEWEST = 64, 8
-"""Of the target that are compared: as many as _MOST_PRODUCTS values of the kernel allow."""
+@dataclass(frozen=True)
+class FreeSpaceComparisonSettings:
+    """Limit what is computed to compare methods for free space.
 
-_MOST_PRODUCTS = 3e7
+    Attributes
+    ----------
+    max_method_s : float
+        Predicted processor time of a method, in seconds, beyond which it isn't tried. Chosen.
+    max_samples, min_samples : int
+        Most and fewest samples of the target that are compared. Chosen.
+    max_products : float
+        Values of the propagation kernel that the exact field may take; beyond that fewer samples
+        are compared. Chosen.
+    """
 
-_GAUSSIAN_EXTENT = 5.4
-"""Widths of a Gaussian that its plane and its band hold: 2e-13 of it is left there."""
+    max_method_s: float = 2.0
+    max_samples: int = 64
+    min_samples: int = 8
+    max_products: float = 3e7
+
+
+_SETTINGS = FreeSpaceComparisonSettings()
 
 
 @dataclass(frozen=True)
 class FieldCase:
-    """A field and where it is wanted."""
+    """A field on a source plane, and the target plane on which it is to be computed.
+
+    `distance` and `wavelength` are in metres; a negative distance goes back. `paraxial` selects
+    the Fresnel model instead of the scalar one.
+    """
 
     light: str
     field: Light
@@ -68,7 +85,7 @@ class FieldCase:
 
     @property
     def samples(self) -> torch.Tensor:
-        """Of the field, on its own plane."""
+        """Return the samples of the field on the source plane."""
         return torch.from_numpy(self.field.samples)
 
     def operator(self, tol: float, **settings: Any) -> FreeSpace:
@@ -108,10 +125,24 @@ def field_case_from_options(
     *,
     paraxial: bool,
 ) -> FieldCase:
-    """What a command line asks; UserError for what can't be.
+    """Build the field that the options of `labapp accuracy propagate` describe.
 
-    smooth: three Gaussians, two of them tilted, that the samples resolve. cells: squares of
-    constant field with random phases, as an SLM shows.
+    Parameters
+    ----------
+    light : str
+        "smooth" for three Gaussians that the samples resolve, two of them tilted; "cells" for
+        squares of constant field with random phases, as an SLM shows them.
+    source, target : Plane
+        Planes from which and to which the field propagates.
+    distance, wavelength : float
+        Metres; a negative distance goes back.
+    paraxial : bool
+        Whether the Fresnel model is meant instead of the scalar one.
+
+    Raises
+    ------
+    UserError
+        For an unknown kind of field, or values that are impossible.
     """
     require_propagation(light, distance, wavelength)
     field = smooth_light(source) if light == "smooth" else random_cells(source)
@@ -119,13 +150,18 @@ def field_case_from_options(
 
 
 def smooth_light(plane: Plane) -> SmoothLight:
-    """Three Gaussians that fill a plane, two of them tilted to the ends of its default band."""
+    """Return three Gaussian beams that fill a plane.
+
+    Two of them are tilted to the ends of the default band of the plane.
+    """
+    # At 5.4 widths from its middle a Gaussian has fallen to 2e-13. Plane and band hold that much.
+    extent = 5.4
     half, band = (min(plane.shape) - 1) // 2 * plane.pitch[0], 0.25 / plane.pitch[0]
-    wide, narrow = 0.6 * half / _GAUSSIAN_EXTENT, _GAUSSIAN_EXTENT / (math.pi * 0.75 * band)
+    wide, narrow = 0.6 * half / extent, extent / (math.pi * 0.75 * band)
     if wide < narrow:
-        needed = 2 * math.ceil(_GAUSSIAN_EXTENT * narrow / 0.6 / plane.pitch[0]) + 2
+        needed = 2 * math.ceil(extent * narrow / 0.6 / plane.pitch[0]) + 2
         raise UserError(f"--size {plane.shape[0]}: a smooth field takes {needed} samples or more.")
-    tilt, corner = band - _GAUSSIAN_EXTENT / (math.pi * wide), 0.25 * band
+    tilt, corner = band - extent / (math.pi * wide), 0.25 * band
     gaussians = (
         Gaussian(1.0 + 0j, (0.0, 0.0), (0.0, 0.0), wide),
         Gaussian(0.7j, (0.3 * half, -0.2 * half), (-tilt, 0.0), wide),
@@ -135,24 +171,28 @@ def smooth_light(plane: Plane) -> SmoothLight:
 
 
 def random_cells(plane: Plane) -> CellLight:
+    """Return square cells of constant field with random phases, one for each sample of a plane."""
     phase = np.random.default_rng(0).uniform(0, 2 * np.pi, plane.shape)
     return CellLight(plane, np.exp(1j * phase))
 
 
 class FieldReference:
-    """The exact field on some samples, and the same samples of answers as real numbers.
+    """The exact field on some samples of the target, as weighted real numbers.
 
-    Samples are drawn half by their light and half evenly, and weighed so that relative L2
-    errors are estimates of those of the whole target.
+    Half of the samples are drawn in proportion to their light and half evenly. They are weighted
+    such that relative L2 errors estimate those of the whole target.
     """
 
     def __init__(self, case: FieldCase) -> None:
         light = np.abs(_rough_field(case)) ** 2
-        count = _SAMPLES
+        count = _SETTINGS.max_samples
         while True:
             self._where, self._weight = draw_samples(np.random.default_rng(0), light, count)
             places = _places(case, self._where)
-            if count <= _FEWEST or _product_count(case, places) <= _MOST_PRODUCTS:
+            if (
+                count <= _SETTINGS.min_samples
+                or _product_count(case, places) <= _SETTINGS.max_products
+            ):
                 break
             count //= 2
         self.exact_samples = self.weighted_samples(
@@ -160,19 +200,23 @@ class FieldReference:
         )
 
     def samples_of(self, answer: Any) -> Real:
-        """An answer's, from a tensor or an array on the whole target."""
+        """Return the compared samples of a field that a method computed on the whole target.
+
+        `answer` is a tensor or an array.
+        """
         values = answer.reshape(-1)[self._where]
         return self.weighted_samples(
             np.asarray(values.resolve_conj() if torch.is_tensor(values) else values)
         )
 
     def weighted_samples(self, values: Complex) -> Real:
+        """Return field values, (samples,), as weighted real and imaginary parts, (2, samples)."""
         weighed = np.sqrt(self._weight) * values
         return np.stack([weighed.real, weighed.imag])
 
 
 def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
-    """Of samples of the target, by their numbers."""
+    """Return the positions of some samples of the target, given by their flat indices."""
     rows, columns = np.divmod(where, case.target.shape[1])
     y, x = (case.target.coordinates(axis).numpy() for axis in (0, 1))
     return Places(y[rows], x[columns], case.distance, case.wavelength)
@@ -183,7 +227,10 @@ def _product_count(case: FieldCase, places: Places) -> float:
 
 
 def _rough_field(case: FieldCase) -> Complex:
-    """About where the light arrives; everywhere alike if even that can't be said."""
+    """Return a rough field on the target, which tells about where the light arrives.
+
+    It is even where no method can compute it.
+    """
     try:
         return np.asarray(case.operator(1e-1)(case.samples).resolve_conj())
     except ValueError:
@@ -191,7 +238,10 @@ def _rough_field(case: FieldCase) -> Complex:
 
 
 def candidates(case: FieldCase, reference: FieldReference, budget: Budget) -> Iterator[Candidate]:
-    """Every method at every tolerance; what refuses is a row that says why."""
+    """Yield every method for free space at every tolerance.
+
+    A method that refuses gives a row with the reason.
+    """
 
     def build_call(operator: FreeSpace) -> Callable[[], Real]:
         field = case.samples
@@ -211,16 +261,20 @@ def _plan_within_time_limit(
 ) -> FreeSpace:
     operator = case.operator(tol, method=method, budget=budget)
     predicted = operator.account.cpu_predicted
-    if predicted > _MOST_SECONDS:
+    if predicted > _SETTINGS.max_method_s:
         raise ValueError(
-            f"the {operator.method} takes {predicted:.0f} s, and {_MOST_SECONDS:g} s are tried"
+            f"the {operator.method} takes {predicted:.0f} s, and {_SETTINGS.max_method_s:g} s are "
+            "tried"
         )
     return operator
 
 
 @single_threaded
 def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Path | None) -> None:
-    """Measure every method for a case, print table or rows, and draw the plot if asked."""
+    """Measure every method for free space, print the rows, and draw the plot if a path is given.
+
+    `peers` says whether other libraries are measured as well.
+    """
     adapters = installed_peers("propagate") if peers else []
     with terminal_progress() as progress:
         budget = Budget(speed=machine_speed(progress.part(0.0, 0.1)))

@@ -1,4 +1,4 @@
-"""`labapp accuracy psf`: every method for the PSF of a lens, at every setting."""
+"""Plan every method for the PSF of a lens at every setting, for `labapp accuracy psf`."""
 
 from __future__ import annotations
 
@@ -28,14 +28,18 @@ _METHODS = {"axial": "along the radius", "scattered": "quadrature and non-unifor
 
 
 def exact_psf(case: LensCase, progress: Progress) -> Picture:
-    """The exact integral at every pixel's centre, by direct quadrature."""
+    """Return the exact PSF of a lens at the centre of every pixel, by direct quadrature."""
     if case.is_clear_thin_on_axis:
         return round_lens_psf(case.lens, case.distance, case.wavelength, case.pitch, case.size)
     return lens_psf(case.lens, case.distance, case.wavelength, case.pixels, progress)
 
 
 def candidates(case: LensCase, budget: Budget) -> Iterator[Candidate]:
-    """Methods that take a tolerance, by tolerance; grids in the pupil by size and transform."""
+    """Yield the methods for the PSF of a lens.
+
+    Methods that take a tolerance come once for each tolerance. Sampling the pupil on a square
+    grid comes once for each grid size, precision and Fourier transform.
+    """
     for method, words in _METHODS.items():
         for tol in _TOLERANCES:
             row = Row("psf", case.name, words, "float64", tol)
@@ -74,10 +78,10 @@ def _grid_geometry(case: LensCase, grid: int) -> FourierGeometry:
 def _on_grid(
     case: LensCase, geometry: FourierGeometry, dtype: torch.dtype, method: str
 ) -> tuple[Callable[[], Any], None, int]:
-    """What most programs do: the pupil sampled on a square grid, and a discrete transform.
+    """Plan the method of most programs: sample the pupil on a square grid and transform it.
 
-    Cells at the edge of the stop are weighted by their open area. How far the sum is from
-    the integral, the grid doesn't know: no error is predicted.
+    Cells at the edge of the stop are weighted by their open area. No error is predicted, because
+    this method can't tell how far its sum is from the integral.
     """
     lens, plane, radius = case.lens, geometry.pupil, case.lens.stop_diameter / 2
     assert isinstance(plane, Plane)

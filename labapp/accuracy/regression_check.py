@@ -1,4 +1,4 @@
-"""Whether a method has become slower or less accurate than it was."""
+"""Compare measured rows with stored ones: has a method become slower or less accurate?"""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ from labapp.accuracy.work_precision import Row
 from labapp.common.errors import UserError
 
 SLOWER, LESS_ACCURATE = 1.2, 2.0
-
-_ROUNDING_ERROR = 3e-13
-"""Errors below this are rounding, which differs from machine to machine."""
+"""Factors of the stored time and of the stored error above which a row counts as worse."""
 
 _Key = tuple[str, str, str, str, float | None]
 
 
 @dataclass(frozen=True)
 class StoredRows:
-    """Rows of an earlier run, and its calibration kernel's processor time in seconds."""
+    """Stored rows of an earlier measurement.
+
+    `calibration_s` is the processor time of its calibration kernel in seconds, `source` the file
+    that the rows were read from.
+    """
 
     rows: dict[_Key, dict[str, Any]]
     calibration_s: float
@@ -30,7 +32,10 @@ class StoredRows:
 
 
 def read_stored(name: str) -> StoredRows:
-    """From a file of what `--json` printed, or "bundled"; UserError for anything else."""
+    """Read stored rows from a file with the output of `--json`, or the "bundled" ones.
+
+    Raises UserError for a file that can't be read or holds something else.
+    """
     if name == "bundled":
         text = resources.files("labapp.data").joinpath("psf_front.json").read_text()
     else:
@@ -51,7 +56,10 @@ def _key(row: dict[str, Any]) -> _Key:
 
 
 def slower_rows(rows: Sequence[Row], calibration_s: float, stored: StoredRows) -> list[int]:
-    """Which rows take more of the calibration kernel's time than they did, and how they did."""
+    """Return the indices of rows that became slower than the stored ones.
+
+    Times are compared as multiples of the time of the calibration kernel.
+    """
     return [
         number for number, row in enumerate(rows) if _slowdown(row, calibration_s, stored) > SLOWER
     ]
@@ -65,7 +73,7 @@ def _slowdown(row: Row, calibration_s: float, stored: StoredRows) -> float:
 
 
 def regression_messages(rows: Sequence[Row], calibration_s: float, stored: StoredRows) -> list[str]:
-    """A line for each row that became slower, less accurate, or failed where it didn't."""
+    """Return a message for each row that became slower or less accurate, or that fails now."""
     lines = []
     for row in rows:
         before = stored.rows.get(_key(vars(row)))
@@ -77,14 +85,15 @@ def regression_messages(rows: Sequence[Row], calibration_s: float, stored: Store
             lines.append(f"{what}: fails now: {row.failure}")
         if ratio > SLOWER:
             lines.append(f"{what}: {ratio:.2f} times as long as before")
-        worse = (row.error_achieved or 0) / max(before["error_achieved"] or 0, _ROUNDING_ERROR)
+        # Errors below 3e-13 are rounding, which differs from machine to machine.
+        worse = (row.error_achieved or 0) / max(before["error_achieved"] or 0, 3e-13)
         if worse > LESS_ACCURATE:
             lines.append(f"{what}: {worse:.1f} times the error of before")
     return lines
 
 
 def require_comparable_rows(rows: Sequence[Row], stored: StoredRows) -> int:
-    """How many rows can be compared; UserError if none can."""
+    """Return how many measured rows have a stored one; raise UserError if there is none."""
     count = sum(_key(vars(row)) in stored.rows for row in rows)
     if not count:
         raise UserError(f"{stored.source}: has no row of this case; give the case's own options.")

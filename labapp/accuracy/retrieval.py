@@ -1,4 +1,4 @@
-"""`labapp accuracy retrieval`: quality against time, of every method for a target."""
+"""`labapp accuracy retrieval`: measure quality against time of every phase retrieval method."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from labapp.accuracy.row_output import (
     print_rows,
     write_plot,
 )
-from labapp.accuracy.work_precision import Row, mark_front
+from labapp.accuracy.work_precision import RetimingSettings, Row, mark_front
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
@@ -32,17 +32,16 @@ from optics.retrieval.goal import RetrievalGoal
 from optics.threads import single_threaded
 
 _ITERATIONS = (3, 10, 30, 100, 300)
-_SHORT = 0.5
-"""Processor seconds below which a setting is timed three times."""
-
-_REPEATS = 3
+_TIMING = RetimingSettings(short_s=0.5)
 
 
 @dataclass(frozen=True)
 class RetrievalRow(Row):
-    """A method after so many iterations; error_achieved is the NRMSE of the shape.
+    """Measured quality and time of a phase retrieval method after a number of iterations.
 
-    tol is None: there is no right answer. efficiency, contrast: as optics.metrics has them.
+    `error_achieved` is the NRMSE between PSF and target. `tol` is None, because retrieval has no
+    exact answer. `efficiency` and `contrast` are those of `optics.metrics`. `frames` is the number
+    of frames of the video.
     """
 
     frames: int = 1
@@ -67,7 +66,10 @@ _REMARK = (
 
 
 def goal_from_options(spec: PSFPattern, bench: Path | None) -> tuple[RetrievalGoal, str]:
-    """What a command line asks to retrieve, and its name in words; UserError for what can't be."""
+    """Return the retrieval goal that the options describe, and its name in words.
+
+    Raises UserError for a bench file that is wrong, or a target that can't be drawn.
+    """
     camera = read_bench(BenchFiles.with_defaults(bench).bench).build_camera()
     drawing = spec.target.video_drawings(1, Path())[0]
     shape, plane = target_on_design_grid(drawing, camera, spec.wavelength)
@@ -85,9 +87,9 @@ def accuracy_retrieval(
     as_json: bool,
     plot: Path | None,
 ) -> None:
-    """Measure every method for a target, print table or rows, and draw the plot if asked.
+    """Measure every phase retrieval method, print the rows, and draw the plot if a path is given.
 
-    name: of the target, in words. budget: processor seconds that one setting may take.
+    `name` is the target in words, `budget` the processor seconds that one setting may take.
     """
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
@@ -104,9 +106,12 @@ def measure_retrieval(
     speed: MachineSpeed,
     progress: Progress,
 ) -> list[RetrievalRow]:
-    """Every method that serves so many frames, after more and more iterations; the front is
-    marked. What doesn't serve the target is a row too."""
-    # Stop, target and FFT plans are made once, and are no method's price.
+    """Measure every phase retrieval method that can give so many frames, and mark the front.
+
+    Each is measured after more and more iterations. A method that refuses the target gives a row
+    with the reason. `budget` is the processor time in seconds that one setting may take.
+    """
+    # This call computes stop, target and FFT plans, so that no method's time includes them.
     _retrieve_once(goal, frames, "published", 1)
     settings = list(_settings(goal, frames, budget, speed))
     rows = []
@@ -119,7 +124,7 @@ def measure_retrieval(
 def _settings(
     goal: RetrievalGoal, frames: int, budget: float, speed: MachineSpeed
 ) -> Iterator[tuple[str, int]]:
-    """Method and iterations, as far as the budget goes; each method once at least."""
+    """Yield retrieval methods with the iterations that the budget allows; each at least once."""
     slow = goal.camera.panel.response_time > 0
     for name, method in METHODS.items():
         if not method.serves(frames) or (name == "responding" and not slow):
@@ -157,10 +162,10 @@ def _measure_method(
     except ValueError as error:
         return replace(row, failure=str(error))
     wall, times = time.perf_counter() - started, [found.cpu_seconds]
-    if found.cpu_seconds < _SHORT:
+    if found.cpu_seconds < _TIMING.short_s:
         times += [
             _retrieve_once(goal, frames, method, iterations).cpu_seconds
-            for _ in range(_REPEATS - 1)
+            for _ in range(_TIMING.repeats - 1)
         ]
     quality = found.quality
     return replace(
@@ -180,7 +185,7 @@ def _case(name: str, rows: Sequence[RetrievalRow]) -> str:
 
 
 def draw(name: str, rows: list[RetrievalRow]) -> Figure:
-    """Error of the shape, speckle and lost light against time, a curve a method."""
+    """Draw error, speckle contrast and lost light against time, a curve for each method."""
     figure = Figure(figsize=(12, 5), dpi=110, layout="constrained")
     good = [row for row in rows if not row.failure]
     shown = {

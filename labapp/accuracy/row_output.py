@@ -1,4 +1,4 @@
-"""Measured rows as a table or JSON, and their diagram as a picture."""
+"""Print measured rows as a table or JSON, and write their diagram as a picture."""
 
 from __future__ import annotations
 
@@ -19,13 +19,19 @@ from labapp.files.writing import write_atomically
 R = TypeVar("R")
 
 Columns = Mapping[str, Callable[[R], str]]
-"""What stands in a row under each heading; numbers under those that end in a blank."""
+"""Functions that format a row's cell, by the heading of its column.
+
+A heading that ends in a blank belongs to a column of numbers.
+"""
 
 
 def print_rows(
     title: str, columns: Columns[R], remark: str, rows: Sequence[R], *, as_json: bool, **more: float
 ) -> None:
-    """Print a table, with why rows failed below it; or JSON, with what else there is."""
+    """Print measured rows as a table with the reasons of failures below it, or as JSON.
+
+    `more` are further numbers that only the JSON holds.
+    """
     if as_json:
         print_data(rows, **more)
         return
@@ -38,14 +44,14 @@ def print_rows(
 
 
 def format_number(value: float | None, form: str, scale: float = 1.0) -> str:
-    """Formatted, or nothing for what isn't known."""
+    """Return `scale` times a value as text for a table cell; empty text for None."""
     return "" if value is None else format(scale * value, form)
 
 
 def print_data(rows: Sequence[Any], **more: float) -> None:
-    """Dataclasses as JSON, with the machine's name and what else there is.
+    """Print rows, which are dataclasses, as JSON with the name of the machine and further numbers.
 
-    JSON has no infinity: a number that isn't finite is null.
+    JSON has no infinity, so that a number that isn't finite becomes null.
     """
     told = [{name: _finite(value) for name, value in asdict(row).items()} for row in rows]
     print_json({"machine": describe_machine(), **more, "rows": told})
@@ -56,7 +62,7 @@ def _finite(value: Any) -> Any:
 
 
 def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
-    """The diagram in the format that the path's ending says, if there is one."""
+    """Write a diagram to a file, in the format of its ending; do nothing for a path of None."""
     if plot is None:
         return
     buffer = io.BytesIO()
@@ -66,7 +72,7 @@ def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
 
 
 def describe_machine() -> str:
-    """The machine in a line, for the caption of figures."""
+    """Return processor, number of cores and version of Python in a line, for captions."""
     model = platform.processor() or platform.machine()
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()

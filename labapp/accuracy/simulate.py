@@ -1,4 +1,4 @@
-"""`labapp accuracy simulate`: what a tolerance costs, and whether it is kept."""
+"""`labapp accuracy simulate`: measure what a tolerance costs the simulator, and check errors."""
 
 from __future__ import annotations
 
@@ -27,11 +27,25 @@ TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3)
 
 @dataclass(frozen=True)
 class SimulationRow:
-    """One picture. tol: None for everything on. told: the error that its plan told, at most.
+    """Measured cost and error of one simulated picture.
 
-    work: operations that were counted. cpu_s, deciding_s: processor time of the whole, and of
-    the plan alone. mean, variance, sigma: relative L2 errors against everything on. left_out:
-    effects that are off or coarser, of `caused`.
+    Attributes
+    ----------
+    tol : float or None
+        Tolerance of the effect plan; None for all effects at their finest.
+    told : float
+        Error bound of the effect plan.
+    mean, variance, sigma : float
+        Relative L2 errors of the mean picture, the variance and the standard deviation, against
+        all effects at their finest.
+    work : float
+        Counted operations.
+    cpu_s, deciding_s : float
+        Processor time in seconds of the whole, and of the effect plan alone.
+    left_out : int
+        Number of effects that are off or coarser than their finest.
+    caused : int
+        Number of effects that were decided about.
     """
 
     tol: float | None
@@ -71,10 +85,10 @@ _REMARK = (
 
 @single_threaded
 def accuracy_simulate(request: PictureRequest, *, as_json: bool) -> None:
-    """Take one picture by five tolerances and with everything on, and print table or rows.
+    """Simulate one picture at five tolerances and with all effects at their finest, and print rows.
 
-    Without a bench, the bundled one with few pixels. Ends with exit code 1 if a tolerance isn't
-    kept.
+    Without a bench file the bundled bench with few pixels is used. The process ends with exit
+    code 1 if an error exceeds its tolerance.
     """
     with terminal_progress() as progress:
         s = _situation(request, progress.part(0.0, 0.1))
@@ -93,7 +107,7 @@ def _situation(request: PictureRequest, progress: Progress) -> Situation:
 
 
 def measure_tolerances(s: Situation, progress: Progress) -> list[SimulationRow]:
-    """By tolerance, the largest first, and everything on as the last."""
+    """Return a row for each tolerance, the largest first, and one for all effects as the last."""
     share = 1 / (len(TOLERANCES) + 1)
     progress.report(0.0, "everything on")
     truth = render_all_effects(s, progress.raise_if_cancelled)

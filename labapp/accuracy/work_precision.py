@@ -1,4 +1,4 @@
-"""One measured point of a work-precision diagram, and which points are worth having."""
+"""Measure the points of a work-precision diagram, and mark those on its front."""
 
 from __future__ import annotations
 
@@ -20,19 +20,64 @@ from optics.psf import PSFOperator
 
 Operator = TypeVar("Operator", PSFOperator, FreeSpace)
 
-_REPEATS = 5
-_LEAST_SECONDS = 0.02
-"""Processor time that a measurement adds up to, at least, so that the clock's steps vanish."""
+
+@dataclass(frozen=True)
+class CallTimingSettings:
+    """Tune how the time of a call is measured.
+
+    Attributes
+    ----------
+    repeats : int
+        Measurements of each call, of which the median counts. Chosen.
+    least_s : float
+        Least processor time of a measurement in seconds; short calls are repeated until they add
+        up to it. Chosen so that the steps of the clock don't matter.
+    """
+
+    repeats: int = 5
+    least_s: float = 0.02
+
+
+@dataclass(frozen=True)
+class RetimingSettings:
+    """Tune how often a slow method is timed.
+
+    Attributes
+    ----------
+    short_s : float
+        Processor time in seconds below which a method is timed `repeats` times; a slower one is
+        timed once. Chosen.
+    repeats : int
+        Measurements of a short method, of which the median counts. Chosen.
+    """
+
+    short_s: float
+    repeats: int = 3
+
+
+_TIMING = CallTimingSettings()
 
 
 @dataclass(frozen=True)
 class Row:
-    """A method at one setting: what was asked, achieved and paid.
+    """Measured error and time of a method at one setting.
 
-    tol: None for methods that take none. error_*: relative L2. cpu_s, wall_s: of one call,
-    planning left out. peak_bytes: of the largest arrays, as the method accounts for them.
-    on_front: whether no other row is both faster and more accurate. failure: why it gave
-    nothing, else empty.
+    Attributes
+    ----------
+    operation, case, method, precision : str
+        What was computed, for which case, how, and in which number format.
+    tol : float or None
+        Requested tolerance; None for methods that take none.
+    error_achieved, error_predicted : float or None
+        Relative L2 error.
+    cpu_s, wall_s : float or None
+        Processor and wall-clock time of one call in seconds, without planning.
+    peak_bytes : int or None
+        Size of the largest arrays, as the method accounts for them.
+    on_front : bool
+        Whether no other row is both faster and more accurate.
+    failure : str
+        Why the method gave no result; empty if it gave one.
     """
 
     operation: str
@@ -51,14 +96,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A row to be measured: `plan()` gives the call, its predicted error and its bytes."""
+    """A row to be measured; `plan()` returns the call, its predicted error and its bytes."""
 
     row: Row
     plan: Callable[[], tuple[Callable[[], Any], float | None, int]]
 
 
 def raise_refusal(error: Exception) -> tuple[Callable[[], Any], float | None, int]:
-    """Plan what can't be had: a row whose failure is the error's words."""
+    """Raise an error that planning gave earlier, so that its message becomes the row's failure."""
     raise error
 
 
@@ -69,10 +114,22 @@ def candidates_by_tolerance(
     plan: Callable[..., Operator],
     build_call: Callable[[Operator], Callable[[], Any]],
 ) -> Iterator[Candidate]:
-    """Every method at every tolerance; what refuses is a row that says why.
+    """Yield every method at every tolerance as a candidate row of a work-precision diagram.
 
-    case: a row that names it. plan: an operator for `tol` and `method`, or ValueError. build_call:
-    the call whose time counts.
+    A method that refuses gives a row with the reason.
+
+    Parameters
+    ----------
+    case : Row
+        Row that names operation and case.
+    methods : iterable of str
+        Names of methods.
+    tolerances : iterable of float
+        Relative L2 errors to request.
+    plan : callable
+        Returns an operator for the arguments `tol` and `method`, or raises ValueError.
+    build_call : callable
+        Returns, for an operator, the call that is timed.
     """
     for method, tol in product(methods, tolerances):
         row = replace(case, method=method, tol=tol)
@@ -93,7 +150,11 @@ def _plan_call(
 
 @dataclass
 class MeasurementSet:
-    """Rows with the front marked, the calls behind them, and the calibration kernel's time."""
+    """Measured rows with the front marked.
+
+    `calls` holds the timed calls by the index of their row, `calibration_s` the processor time of
+    the calibration kernel in seconds.
+    """
 
     rows: list[Row]
     calls: dict[int, Callable[[], Any]]
@@ -103,9 +164,10 @@ class MeasurementSet:
 def measure(
     candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress
 ) -> MeasurementSet:
-    """Every candidate, failures included.
+    """Measure error and time of every candidate; a failure gives a row, too.
 
-    Calls are interleaved, so that a busy moment of the machine hits all of them alike.
+    Calls take turns, so that a busy moment of the machine affects all of them alike. `truth` is
+    the exact answer.
     """
     rows: list[Row] = []
     calls: dict[int, Callable[[], Any]] = {}
@@ -133,11 +195,15 @@ def measure(
 def time_calls(
     calls: Mapping[int, Callable[[], Any]], progress: Progress
 ) -> tuple[dict[int, tuple[float, float]], float]:
-    """Processor and wall-clock seconds of each call, and of the calibration kernel: medians."""
+    """Return median processor and wall-clock seconds of each call, by its index.
+
+    The second value is the median processor time of the calibration kernel in seconds.
+    """
     jobs: dict[int, Callable[[], Any]] = {-1: CalibrationKernel(), **calls}
     times: dict[int, list[tuple[float, float]]] = {index: [] for index in jobs}
-    for repeat in range(_REPEATS):
-        progress.report(repeat / _REPEATS, f"timing, {repeat + 1} of {_REPEATS}")
+    repeats = _TIMING.repeats
+    for repeat in range(repeats):
+        progress.report(repeat / repeats, f"timing, {repeat + 1} of {repeats}")
         for index, call in jobs.items():
             times[index].append(_time_call(call))
     medians: dict[int, tuple[float, float]] = {}
@@ -148,13 +214,14 @@ def time_calls(
 
 
 def _time_call(call: Callable[[], Any]) -> tuple[float, float]:
-    """Processor and wall-clock seconds of one call."""
+    """Return processor and wall-clock seconds of one call, averaged over enough calls."""
+    least_s = _TIMING.least_s
     count, cpu, wall = 0, time.process_time(), time.perf_counter()
     while True:
         call()
         count += 1
         spent = time.process_time() - cpu
-        if spent >= _LEAST_SECONDS:
+        if spent >= least_s:
             return spent / count, (time.perf_counter() - wall) / count
 
 
@@ -162,7 +229,7 @@ R = TypeVar("R", bound=Row)
 
 
 def mark_front(rows: Sequence[R]) -> list[R]:
-    """The rows with those marked that no other beats in both time and error."""
+    """Return the rows, with those marked that no other row beats in both time and error."""
 
     def is_dominated(row: R) -> bool:
         return any(

@@ -1,1 +1,1 @@
-"""Benches: opened and locked together, checked, tried, and virtual ones behind true wires."""
+"""Open, lock, check and test the devices of a bench, and serve virtual benches to real drivers."""

@@ -1,4 +1,4 @@
-"""`labapp bench check`: whether a bench file is right, and what it names is there."""
+"""`labapp bench check`: check a bench file, and whether the devices that it names are there."""
 
 from __future__ import annotations
 
@@ -14,13 +14,27 @@ from labapp.common.console import out, print_json, print_table, terminal_progres
 from labapp.common.errors import UserError
 
 Row = tuple[str, bool, str]
-"""What was looked at, whether it is well, and what was seen."""
+"""One line of the check: what was checked, whether it is good, and what was found."""
 
 
 def check_bench(bench: Path, scene: Path | None, *, open_devices: bool, as_json: bool) -> bool:
-    """Check a bench file and its devices, one by one, and print it; whether all is well.
+    """Check a bench file and each of its devices, print results, and return whether all is well.
 
-    open_devices: whether the devices are opened, too. UserError for a file that can't be read.
+    Parameters
+    ----------
+    bench : Path
+        Bench file.
+    scene : Path or None
+        Scene for simulated devices; None for the bundled one.
+    open_devices : bool
+        Whether each device is opened, too.
+    as_json : bool
+        Whether the results are printed as JSON.
+
+    Raises
+    ------
+    UserError
+        For a bench file that can't be read.
     """
     setup = BenchFiles.with_defaults(bench, scene).read()
     camera = setup.bench.build_camera()
@@ -52,7 +66,10 @@ def _check_device(setup: BenchSetup, role: str, open_devices: bool) -> Row:
 
 
 def _describe_device(setup: BenchSetup, role: str, open_devices: bool) -> str:
-    """What a device is, or would be; UserError or DeviceError for what is wrong."""
+    """Say which device was found, or that its driver accepts the options.
+
+    Raises UserError or DeviceError for what is wrong.
+    """
     described = setup.bench.devices.tables[role]
     if not open_devices:
         device_maker(role, described, Surroundings(RealClock()), setup.source)
@@ -63,7 +80,7 @@ def _describe_device(setup: BenchSetup, role: str, open_devices: bool) -> str:
 
 
 def _require_matching_shape(setup: BenchSetup, role: str, opened: OpenDevice) -> None:
-    """UserError if a device has other pixels than the bench file says."""
+    """Raise UserError if an SLM or camera has another number of pixels than the bench file says."""
     camera = setup.bench.build_camera()
     described = {"slm": ("panel", camera.panel.shape), "camera": ("sensor", camera.sensor.shape)}
     if role not in described:

@@ -1,8 +1,9 @@
-"""Whether a calibration still holds for a bench, in words for the person who stands before it."""
+"""Warn in words if the calibration of a bench may no longer hold."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
@@ -11,19 +12,34 @@ from labapp.files.bench_file import BenchFile
 from labapp.files.calibration_file import CalibrationFile
 from labapp.files.reading import FileModel
 
-MAX_AGE_DAYS = 30
+
+@dataclass(frozen=True)
+class CalibrationValiditySettings:
+    """Limit how long and how far a calibration is trusted.
+
+    Attributes
+    ----------
+    max_age_days : int
+        Age in days beyond which a calibration gives a warning. Chosen.
+    max_extrapolation_nm : float
+        Distance in nm by which the phase response may be extrapolated beyond the wavelengths at
+        which it was measured. Chosen.
+    """
+
+    max_age_days: int = 30
+    max_extrapolation_nm: float = 15.0
+
+
+_SETTINGS = CalibrationValiditySettings()
 
 _REMEDY = "Calibrate again: labapp calibrate"
 
-_MAX_EXTRAPOLATION_NM = 15.0
-"""By how much a response may be carried beyond the wavelengths at which it was measured."""
-
 _DECISIVE_ROLES = ("slm", "camera")
-"""Devices whose change ends a calibration; filters and targets don't."""
+"""Devices whose replacement makes a calibration invalid; filters and targets may change."""
 
 
 def calibration_summary(calibration: CalibrationFile) -> str:
-    """One line: what is in force."""
+    """Summarise in one line which calibration is in force."""
     found = []
     if calibration.responses:
         listed = ", ".join(f"{w * 1e9:g}" for w in calibration.wavelengths)
@@ -43,14 +59,25 @@ def validity_warnings(
     identities: Mapping[str, Identity],
     now: datetime | None = None,
 ) -> list[str]:
-    """Why a calibration may not hold on a bench any more, each with what to do about it."""
+    """Return the reasons why a calibration may no longer hold on a bench, each with a remedy.
+
+    Parameters
+    ----------
+    calibration : CalibrationFile
+        Calibration in force.
+    bench : BenchFile
+        Description of the bench today.
+    identities : mapping
+        Identities of the open devices, by their names on the bench.
+    now : datetime or None
+        Time at which the age is judged; None for the present.
+    """
     now = now or datetime.now(UTC)
     found = []
     days = (now - calibration.date).days
-    if days > MAX_AGE_DAYS:
-        found.append(
-            f"the calibration is {days} days old, and {MAX_AGE_DAYS} are trusted. {_REMEDY}"
-        )
+    trusted = _SETTINGS.max_age_days
+    if days > trusted:
+        found.append(f"the calibration is {days} days old, and {trusted} are trusted. {_REMEDY}")
     for role in _DECISIVE_ROLES:
         found += _device_warnings(calibration, role, identities)
     described = bench.model_dump(mode="json")
@@ -63,7 +90,10 @@ def validity_warnings(
 
 
 def _keys_at_default(table: FileModel | None) -> set[str]:
-    """A table's keys with their defaults: a calibration older than such a key says the same."""
+    """Return the keys of a table of the bench file that have their default value.
+
+    A calibration from before such a key existed means the default, so that it agrees.
+    """
     fields = type(table).model_fields.items() if table else ()
     return {
         key
@@ -73,11 +103,12 @@ def _keys_at_default(table: FileModel | None) -> set[str]:
 
 
 def wavelength_warnings(calibration: CalibrationFile, wavelengths: Iterable[float]) -> list[str]:
-    """The same of wavelengths in metres that are about to be used."""
+    """Return a warning if wavelengths in metres lie too far outside the calibrated ones."""
     known = calibration.wavelengths
     if not known:
         return []
-    low, high = known[0] * 1e9 - _MAX_EXTRAPOLATION_NM, known[-1] * 1e9 + _MAX_EXTRAPOLATION_NM
+    beyond_nm = _SETTINGS.max_extrapolation_nm
+    low, high = known[0] * 1e9 - beyond_nm, known[-1] * 1e9 + beyond_nm
     beyond = sorted({w * 1e9 for w in wavelengths if not low <= w * 1e9 <= high})
     if not beyond:
         return []

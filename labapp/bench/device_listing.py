@@ -1,4 +1,4 @@
-"""`labapp devices`: what there is to work with."""
+"""`labapp devices`: list devices of a bench, installed drivers and ports."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from labapp.common.console import out, print_json, print_table, terminal_progres
 
 
 def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> None:
-    """Print the bench's devices with their ranges, the drivers, and the ports."""
+    """Print the devices of a bench with their ranges, the installed drivers, and the ports."""
     setup = BenchFiles.with_defaults(bench, scene).read()
     roles = list(setup.bench.devices.tables)
     described = []
@@ -52,9 +52,10 @@ def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> No
 
 
 def describe_device(setup: BenchSetup, role: str) -> dict[str, str]:
-    """A device of a bench: name, model, real or simulated, and its limits.
+    """Describe a device of a bench: name, model, real or simulated, and its limits.
 
-    Opened by itself: one that isn't there hides no other, and says why it isn't.
+    The device is opened alone, so that a missing one doesn't prevent the others from being listed.
+    For a missing device the limits say why it can't be opened.
     """
     try:
         with open_device(setup, role) as alone:
@@ -96,7 +97,10 @@ _LIMITS: dict[str, Callable[[Any], str]] = {
 
 
 def _load_error(entry: Any) -> str:
-    """Empty if a driver loads, else why it doesn't; a broken one harms nobody else."""
+    """Return why a driver doesn't load, or an empty text if it does.
+
+    Every exception is caught, so that a broken driver doesn't prevent the others from being listed.
+    """
     try:
         entry.load()
     except Exception as error:
@@ -105,7 +109,7 @@ def _load_error(entry: Any) -> str:
 
 
 def _ports() -> tuple[list[Port], list[str]]:
-    """The ports that can be listed, and why others can't."""
+    """Return the ports that can be listed, and messages that say why others can't be."""
     ports: list[Port] = []
     trouble = []
     for find in (serial_ports, usb_devices, cameras, screens):

@@ -1,4 +1,4 @@
-"""One application at a time owns a device."""
+"""Lock devices, so that only one application at a time uses a device."""
 
 from __future__ import annotations
 
@@ -19,17 +19,25 @@ from labapp.files.bench_file import DeviceTable
 _ADDRESSES = frozenset(
     ("address", "backend", "device", "display", "host", "index", "port", "screen", "serial")
 )
-"""Options that say which device is meant. Who has none of these is known by all options."""
+"""Driver options that identify a device. A device without any is identified by all its options."""
 
 
 @contextmanager
 def lock_devices(tables: Mapping[str, DeviceTable]) -> Iterator[None]:
-    """While the block runs, nobody else on this computer opens these devices, if real.
+    """Lock real devices for this process on this computer while the block runs.
 
-    tables: by the names that the bench has for them.
+    Simulated devices need no lock, because each application creates its own. The operating system
+    releases the locks of a process that dies.
 
-    UserError says who has one. Simulated devices are made anew by whoever opens them, and
-    need no lock. The system frees the lock of a process that dies.
+    Parameters
+    ----------
+    tables : mapping
+        Device tables of the bench file, by their names on the bench.
+
+    Raises
+    ------
+    UserError
+        If another application uses a device; the message names it.
     """
     with ExitStack() as stack:
         for role, table in tables.items():
@@ -64,13 +72,14 @@ def _lock(role: str, table: DeviceTable) -> Iterator[None]:
 
 
 def _open_lock_file(path: Path) -> int:
-    """The file of a lock, which all users of the computer may lock.
+    """Open the lock file of a device, which all users of the computer may lock.
 
-    Never deleted: who deletes a lock may delete that of the next one.
+    The file is never deleted, because a process could delete the lock of its successor.
     """
     flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
     try:
-        # In a folder for all, Linux lets nobody "create" a file that another user owns.
+        # O_CREAT isn't set at first: in a folder that all users may write to, Linux refuses it for
+        # an existing file that another user owns.
         return os.open(path, flags)
     except FileNotFoundError:
         handle = os.open(path, flags | os.O_CREAT, 0o666)
@@ -79,7 +88,10 @@ def _open_lock_file(path: Path) -> int:
 
 
 def _path(table: DeviceTable) -> Path:
-    """By driver and address: two bench files may have the same device, and use it otherwise."""
+    """Return the path of the lock file, which driver and address of the device determine.
+
+    Two bench files may describe the same device with different options.
+    """
     where = {name: told for name, told in table.options.items() if name in _ADDRESSES}
     found = [table.driver, where or table.options]
     named = json.dumps(found, sort_keys=True, default=str).encode()

@@ -1,4 +1,4 @@
-"""A bench: the devices of a bench file, opened together and left safe together."""
+"""Open the devices of a bench file together, and make them safe together."""
 
 from __future__ import annotations
 
@@ -52,12 +52,28 @@ DRIVER_GROUP = "labapp.devices"
 
 @dataclass
 class Bench:
-    """Open devices and the description of the camera that they make up, calibrated.
+    """Open devices, and the calibrated description of the camera that they form.
 
-    A run takes what has these attributes, so that a person's own script may bring another.
-    world is the virtual world behind simulated devices, None without one. supervised_devices: the
-    same devices by name, as those who open them again see them. calibration_warnings: why the
-    calibration in force may not hold any more, in words.
+    A run accepts any object with these attributes, so that a script may pass its own.
+
+    Attributes
+    ----------
+    file : BenchFile
+        Bench file as read.
+    scene_file : SceneFile or None
+        Scene of simulated devices.
+    description : optics.camera.Camera
+        Panel, lens and sensor, with the calibration applied.
+    clock : Clock
+        Time of the devices, real or virtual.
+    world : World or None
+        Virtual world behind simulated devices; None without one.
+    slm, filter, camera, targets : Device
+        The open devices.
+    supervised_devices : mapping
+        The same devices by name, with the methods that reopen them.
+    calibration_warnings : tuple of str
+        Reasons why the calibration in force may no longer hold.
     """
 
     file: BenchFile
@@ -74,27 +90,32 @@ class Bench:
 
     @property
     def devices(self) -> dict[str, Device]:
+        """Return the open devices of the bench by name."""
         return {name: getattr(self, name) for name in ("slm", "filter", "camera", "targets")}
 
     @property
     def wheel(self) -> FilterWheel | None:
-        """The filter, if it is a wheel."""
+        """Return the filter if it is a filter wheel, else None."""
         return cast(FilterWheel, self.filter) if hasattr(self.filter, "set_slot") else None
 
     @property
     def simulated_devices(self) -> list[str]:
-        """The names of the devices that are simulated."""
+        """Return the names of the devices that are simulated."""
         return [name for name, device in self.devices.items() if device.identity.simulated]
 
     def calibration_warnings_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
-        """Why the calibration in force may not hold at wavelengths in metres, in words."""
+        """Return the reasons why the calibration may not hold at wavelengths in metres."""
         calibration = self.file.active_calibration
         if calibration is None:
             return ()
         return (*self.calibration_warnings, *wavelength_warnings(calibration, wavelengths))
 
     def make_safe(self) -> list[DeviceError]:
-        """SLM neutral, filter parked, camera stopped: all at once, whatever fails."""
+        """Make all devices safe at once, and return the errors of those that fail.
+
+        Safe means that the SLM shows the neutral pattern, the filter is parked and the camera is
+        stopped.
+        """
         failures = []
         begun = [device.begin_make_safe() for device in self.supervised_devices.values()]
         for finish in begun:
@@ -106,7 +127,7 @@ class Bench:
         return failures
 
     def failed_devices(self) -> list[str]:
-        """The devices that were given up, and why."""
+        """Return a message for each device that was given up, with the reason."""
         return [
             f"the {role} {one.failure_reason}"
             for role, one in self.supervised_devices.items()
@@ -115,7 +136,7 @@ class Bench:
 
     @contextmanager
     def cancellable_by(self, cancelled: Callable[[], bool]) -> Iterator[None]:
-        """While the block runs, no call of a device outlasts `cancelled` by much."""
+        """End device calls soon after `cancelled` returns true, while the block runs."""
         for device in self.supervised_devices.values():
             device.cancelled = cancelled
         try:
@@ -125,7 +146,7 @@ class Bench:
                 device.cancelled = lambda: False
 
     def device_error(self, role: str, command: str, reply: str) -> DeviceError:
-        """What is wrong with a device, in the words of those who use it."""
+        """Return a DeviceError of a device for a command and its reply."""
         device = self.devices[role]
         error = DeviceError(device.identity.model, command, reply, "If it stays, restart it")
         error.role = role
@@ -134,9 +155,18 @@ class Bench:
 
 @dataclass(frozen=True)
 class BenchFiles:
-    """What a bench is opened from. The scene is for benches with simulated devices.
+    """Files that a bench is opened from.
 
-    image: the user's own photograph. faults: a fault file for simulated devices.
+    Attributes
+    ----------
+    bench : Path
+        Bench file.
+    scene : Path
+        Scene file, for benches with simulated devices.
+    image : Path or None
+        The user's own photograph, which replaces those of the scene.
+    faults : Path or None
+        Fault file for simulated devices.
     """
 
     bench: Path
@@ -151,13 +181,16 @@ class BenchFiles:
         image: Path | None = None,
         faults: Path | None = None,
     ) -> BenchFiles:
-        """Those that are bundled where none is named; a bundled scene goes by its name, too."""
+        """Return the files of a bench, with the bundled ones where None is given.
+
+        `scene` may be the name of a bundled scene.
+        """
         bench = bench or bundled_path("bench.toml")
         scene = find_scene(scene) if scene else bundled_path("scene.toml")
         return BenchFiles(bench, scene, image, faults)
 
     def read(self) -> BenchSetup:
-        """UserError names file and key of what is wrong."""
+        """Read the bench, scene and fault files; UserError names the file and key that is wrong."""
         bench = read_bench(self.bench)
         faults = read_faults(self.faults) if self.faults else ()
         if not bench.is_virtual:
@@ -169,10 +202,18 @@ class BenchFiles:
 
 @dataclass(frozen=True)
 class BenchSetup:
-    """What a bench is made from, read: from files, or from a record of a run.
+    """Contents of the files of a bench, from the files themselves or from the record of a run.
 
-    scene: of simulated devices; its pictures have absolute paths. source, scene_source:
-    what errors name.
+    Attributes
+    ----------
+    bench : BenchFile
+        Bench file.
+    scene : SceneFile or None
+        Scene of simulated devices; its pictures have absolute paths.
+    source, scene_source : str
+        Names of both files in error messages.
+    faults : tuple of Fault
+        Faults of simulated devices.
     """
 
     bench: BenchFile
@@ -184,7 +225,7 @@ class BenchSetup:
 
 @cache
 def installed_drivers() -> dict[str, EntryPoint]:
-    """The device drivers that are installed, by name."""
+    """Return the entry points of the installed device drivers, by name."""
     return {entry.name: entry for entry in entry_points(group=DRIVER_GROUP)}
 
 
@@ -192,11 +233,28 @@ def installed_drivers() -> dict[str, EntryPoint]:
 def open_bench(
     files_or_setup: BenchFiles | BenchSetup, *, speed: float = math.inf
 ) -> Iterator[Bench]:
-    """The devices of a bench, opened; left safe and closed however the block ends.
+    """Open the devices of a bench; make them safe and close them however the block ends.
 
-    speed: seconds of a virtual bench's time in a second. UserError names the file and key
-    of what is wrong, or who uses the bench; DeviceError says which device didn't open. A
-    device that doesn't open is never replaced by a simulated one.
+    A device that doesn't open is never replaced by a simulated one.
+
+    Parameters
+    ----------
+    files_or_setup : BenchFiles or BenchSetup
+        Files to read, or their contents.
+    speed : float
+        Seconds of a virtual bench's time in a second of real time.
+
+    Yields
+    ------
+    Bench
+        The bench with its open devices.
+
+    Raises
+    ------
+    UserError
+        If a file is wrong, naming file and key; or if another application uses a device.
+    DeviceError
+        If a device doesn't open.
     """
     setup = files_or_setup.read() if isinstance(files_or_setup, BenchFiles) else files_or_setup
     camera = setup.bench.build_camera()
@@ -221,7 +279,7 @@ def open_bench(
 
 @dataclass(frozen=True)
 class OpenDevice:
-    """One device of a bench that is open by itself."""
+    """A device of a bench that was opened alone, and its clock."""
 
     clock: Clock
     device: Any
@@ -229,7 +287,10 @@ class OpenDevice:
 
 @contextmanager
 def open_device(files_or_setup: BenchFiles | BenchSetup, role: str) -> Iterator[OpenDevice]:
-    """One device of a bench, whether or not the others are there; errors as open_bench()."""
+    """Open one device of a bench alone, whether or not the others are there.
+
+    It raises the errors of `open_bench`. The device is made safe and closed however the block ends.
+    """
     setup = files_or_setup.read() if isinstance(files_or_setup, BenchFiles) else files_or_setup
     tables = setup.bench.devices.tables
     if role not in tables:
@@ -249,18 +310,18 @@ def open_device(files_or_setup: BenchFiles | BenchSetup, role: str) -> Iterator[
 def _surroundings(
     setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
 ) -> Surroundings:
-    """The clock of some of a bench's devices, and the world behind the simulated ones."""
-    # Who waits for one real device can't hurry the simulated ones.
+    """Return the clock for some devices of a bench, and the world behind the simulated ones."""
+    # One real device needs real time, and then the simulated ones share its clock.
     virtual = all(table.is_simulated for table in tables.values())
     clock: Clock = VirtualClock(speed) if virtual else RealClock()
-    # A calibration is what is known of a world, and changes nothing in it.
+    # A calibration is knowledge about the devices and doesn't change the virtual world.
     described = setup.bench.without_calibration().build_camera()
     world = build_world(described, setup, clock) if setup.scene else None
     return Surroundings(clock, world)
 
 
 def _forget(world: World) -> None:
-    """The world behind simulated devices keeps no pictures, whoever still has it."""
+    """Free the pictures that a virtual world keeps, even if something still refers to it."""
     world.forget()
     give_back_freed_memory()
 
@@ -269,7 +330,7 @@ def _forget(world: World) -> None:
 def _open_devices(
     setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
 ) -> Iterator[tuple[Surroundings, dict[str, SupervisedDevice]]]:
-    """Devices by the bench's names for them, locked and watched while the block runs."""
+    """Lock and open devices of a bench under supervision, by name, while the block runs."""
     surroundings = _surroundings(setup, tables, speed)
     with ExitStack() as stack:
         if surroundings.world is not None:
@@ -288,7 +349,7 @@ def _open_devices(
 
 
 def _log_calibration(bench: Bench) -> tuple[str, ...]:
-    """Say which calibration is in force, and warn if it may not hold."""
+    """Log which calibration of the bench is in force, and return warnings if it may not hold."""
     calibration = bench.file.active_calibration
     if calibration is None:
         return ()
@@ -301,7 +362,7 @@ def _log_calibration(bench: Bench) -> tuple[str, ...]:
 
 
 def read_scene(files: BenchFiles) -> SceneFile:
-    """The scene file, with the user's own picture in its photographs if one is given."""
+    """Read the scene file, and put the user's own picture into its photographs if one is given."""
     scene = read_file(files.scene, SceneFile)
     if files.image is None:
         return scene.with_files_in(files.scene.resolve().parent)
@@ -310,9 +371,10 @@ def read_scene(files: BenchFiles) -> SceneFile:
 
 
 def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> World:
-    """The virtual world of a scene; UserError names the scene file if it can't be.
+    """Build the virtual world of a scene; UserError names the scene file if that fails.
 
-    What the scene knows better than the bench file stays in there.
+    `camera` is the camera as the bench file describes it. Where the scene states the true
+    properties of the devices, only the world has them.
     """
     scene = setup.scene
     assert scene is not None
@@ -323,7 +385,8 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
             truth.true_camera(camera) if truth else camera,
             targets,
             mount=truth.mount.build() if truth else None,
-            # What passes and what isn't turned is in the camera already: this is for the beats.
+            # The camera already includes transmission and unmodulated light. The path adds only
+            # the interference of both.
             path=polarisation.build().effect() if polarisation else None,
             tol=scene.tol,
             clock=clock,
@@ -341,7 +404,10 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
 def device_maker(
     name: str, table: DeviceTable, surroundings: Surroundings, source: str
 ) -> Callable[[], Any]:
-    """What makes a device; UserError now if it never could."""
+    """Return a function that opens a device with its driver.
+
+    Raises UserError at once for an unknown driver, one that doesn't load, or wrong options.
+    """
     installed = installed_drivers()
     entry = installed.get(table.driver)
     if entry is None:
@@ -381,7 +447,7 @@ def _hosted_device_maker(
         raise UserError(
             f"{where}.own_process' is true, and simulated devices share one world. Remove it."
         )
-    # A real device has no part in a virtual world, which couldn't follow it there either.
+    # A real device doesn't use the virtual world, which can't be passed to another process either.
     real = Surroundings(surroundings.clock)
     return _with_user_errors(
         where, table, lambda: HostedDevice(real, table.driver, entry.value, table.options)
@@ -389,7 +455,7 @@ def _hosted_device_maker(
 
 
 def _with_user_errors(where: str, table: DeviceTable, make: Callable[[], Any]) -> Callable[[], Any]:
-    """The maker, whose complaint about its options is the bench file's."""
+    """Wrap a device's maker, so that its errors about options name the key of the bench file."""
 
     def make_device() -> Any:
         try:

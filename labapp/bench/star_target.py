@@ -1,4 +1,4 @@
-"""The star that a calibration or a refinement looks at, and the dark target beside it."""
+"""Find the targets with the artificial star and without light, for calibration and refinement."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from labapp.files.scene_file import StarTable
 
 
 def require_star_target(bench: Bench, star: str, dark: str) -> StarTable | None:
-    """What the scene knows of the star, if anything; UserError if the bench lacks a target.
+    """Return the scene's description of the star, or None if the scene has none.
 
-    dark: empty where nobody asks for dark frames.
+    Raises UserError if the bench lacks the target `star` or the target `dark`. An empty `dark`
+    means that no dark frames are taken.
     """
     names = bench.targets.names
     for option, name in (("star", star), ("dark", dark)):

@@ -1,7 +1,7 @@
-"""The command line: `labapp --help` teaches it.
+"""The command line of labapp; `labapp --help` lists its commands.
 
-A module is a command, or a group of them, and help lists them in the order in which they are
-imported here. Commands import what they need when they run, so that help is instant.
+Each module defines a command or a group of commands. Help lists them in the order in which they
+are imported here. Commands import what they need when they run, so that help appears at once.
 """
 
 from __future__ import annotations
@@ -28,12 +28,21 @@ __all__ = ["app", "build_command_line", "main"]
 
 @cache
 def build_command_line() -> Any:
-    """The command line with all its verbs. It takes .05 s to build, so it's built once."""
+    """Build the command line with all its commands, once, because it takes 0.05 s.
+
+    Returns
+    -------
+    click.Command
+        The group of all commands.
+    """
     return get_command(app)
 
 
 def main() -> None:
-    """Run the command line; errors are one or two lines, and a traceback with --debug."""
+    """Run the command line of labapp on the arguments of the process.
+
+    Errors are printed in one or two lines, or with a traceback if --debug is given.
+    """
     debug = "--debug" in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     keep_freed_memory()
@@ -46,12 +55,13 @@ def main() -> None:
 
 
 def _report_error(error: BaseException) -> int:
-    """Print an error for a person; the exit code that says what kind it was."""
+    """Print an error for the user, and return the exit code of its kind."""
     from labapp.common.console import print_error
     from optics.progress import Cancelled
 
     if isinstance(error, BrokenPipeError):
-        # Whoever read our output has gone; closing it again would complain.
+        # The reader of the output has closed its pipe. Python would fail to flush standard output
+        # at exit, so that it is replaced by the null device.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     if isinstance(error, Cancelled | KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""Commands that measure what accuracy costs in time."""
+"""Commands `labapp accuracy ...`, which measure what accuracy costs in time."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ app.add_typer(accuracy, name="accuracy")
 
 @accuracy.callback()
 def accuracy_() -> None:
-    """Show what accuracy costs in time, measured on your machine."""
+    """Measure what accuracy costs in time on your machine: error and time of every method."""
     use_one_thread()
 
 
 _PEER_COMPARISON_LENS = LensOptions(0.1, 5.6, float("inf"), 2.0, 520.0)
-"""What wave-optics libraries are compared on: 38 waves of defocus."""
+"""Lens on which wave-optics libraries are compared, with 38 waves of defocus."""
 
 _CHAIN = LensOptions(0.05, 16.0, 2.0, 1.5, size=64)
 
 
 @accuracy.command("list")
 def accuracy_list_(json: JsonOption = False) -> None:
-    """List what can be measured, each a command of this one."""
+    """List what can be measured; each entry is a command of **labapp accuracy**."""
     from labapp.common.list_output import ListEntry, print_list
 
     listed = [
@@ -60,16 +60,20 @@ def accuracy_psf_(
         str | None,
         typer.Option(
             metavar="FILE",
-            help="What --json printed, kept, or 'bundled': name points that became 20 % slower "
-            "(relative to a calibration kernel of each run) or 2x less accurate; exit code 1.",
+            help="Compare with a file of earlier --json output, or with 'bundled': print points "
+            "that became 20 % slower (relative to a calibration kernel of each run) or 2x less "
+            "accurate; exit code 1.",
         ),
     ] = None,
 ) -> None:
     """Measure error and time of every method for the PSF of a lens.
 
-    The default case is the one that wave-optics libraries are compared on: 38 waves of
-    defocus. Failures are rows too, and no other row beats one on the front in both time
-    and error.
+    Each row is a method at one setting, with its relative L2 error against the exact integral and
+    its processor time in ms. Rows on the front are beaten by no other row in both time and error.
+    A method that fails has a row, too. The default case is the one on which wave-optics libraries
+    are compared: 38 waves of defocus. For instance
+
+    **labapp accuracy psf --size 64 --f-number 16 --plot front.png**
     """
     rows = get_option_group(context, RowsOutputOptions)
     rows.require_writable()
@@ -84,33 +88,43 @@ def accuracy_propagate_(
     context: typer.Context,
     light: Annotated[
         str,
-        typer.Option(help="smooth (Gaussians that the samples resolve) or cells (random phases)."),
+        typer.Option(
+            help="Field: smooth (Gaussians that the samples resolve) or cells (random phases)."
+        ),
     ] = "smooth",
     distance: Annotated[
-        float, typer.Option(help="From plane to plane, in metres; negative goes back.")
+        float, typer.Option(help="Distance between the planes, in metres; negative goes back.")
     ] = 0.05,
     wavelength_nm: Annotated[float, typer.Option(help="Wavelength in nanometres.")] = 550.0,
-    pitch_um: Annotated[float, typer.Option(help="Of the field's samples, in micrometres.")] = 8.0,
+    pitch_um: Annotated[
+        float, typer.Option(help="Pitch of the field's samples, in micrometres.")
+    ] = 8.0,
     size: Annotated[int, typer.Option(help="Side of the square field, in samples.")] = 256,
     target_pitch_um: Annotated[
-        float | None, typer.Option(show_default="the field's", help="On the target.")
+        float | None,
+        typer.Option(
+            show_default="the field's", help="Pitch of the target's samples, in micrometres."
+        ),
     ] = None,
     target_size: Annotated[
-        int | None, typer.Option(show_default="the field's", help="On the target.")
+        int | None,
+        typer.Option(show_default="the field's", help="Side of the square target, in samples."),
     ] = None,
     centre: Annotated[
-        str, typer.Option(metavar="Y,X", help="The target's centre, in micrometres.")
+        str, typer.Option(metavar="Y,X", help="Centre of the target, in micrometres.")
     ] = "0,0",
     paraxial: Annotated[
-        bool, typer.Option("--paraxial", help="Fresnel's model, not a scalar wave.")
+        bool, typer.Option("--paraxial", help="Use the Fresnel model instead of the scalar wave.")
     ] = False,
     peers: PeersOption = False,
 ) -> None:
-    """Measure error and time of every method for a field's way through free space.
+    """Measure error and time of every method for propagation through free space.
 
-    Errors are those of the complex field against the exact integral, on samples drawn by
-    their light. Failures are rows too, and no other row beats one on the front in both time
-    and error.
+    The error is that of the complex field against the exact integral, on samples that are drawn by
+    their light. Rows on the front are beaten by no other row in both time and error. A method that
+    fails has a row, too. For instance
+
+    **labapp accuracy propagate --distance 0.05 --size 192**
     """
     from labapp.accuracy.option_validation import require_pitch, require_propagation
     from labapp.light.lens_options import read_window
@@ -139,34 +153,43 @@ def accuracy_propagate_(
 def accuracy_chain_(
     context: typer.Context,
     separation_mm: Annotated[
-        float | None, typer.Option(show_default="the camera's, or 50", help="From panel to lens.")
+        float | None,
+        typer.Option(
+            show_default="the camera's, or 50",
+            help="Distance from the panel to the lens, in millimetres.",
+        ),
     ] = None,
     panel: Annotated[
         str | None,
         typer.Option(
             metavar="ROWSxCOLUMNSxUM",
             show_default="the camera's, or 96x128x8",
-            help="Pixels of the panel, and their pitch in micrometres.",
+            help="Number of panel pixels, and their pitch in micrometres.",
         ),
     ] = None,
     pattern: Annotated[
-        str, typer.Option(help="Phases on the panel: random, cubic or neutral.")
+        str, typer.Option(help="Phase on the panel: random, cubic or neutral.")
     ] = "random",
     field: FieldOption = "0,0",
     sphere: Annotated[
-        bool, typer.Option("--sphere", help="The object's wave is a sphere, not a parabola.")
+        bool,
+        typer.Option("--sphere", help="Use a spherical wave of the object instead of a parabola."),
     ] = False,
-    memory_mb: Annotated[int, typer.Option(help="Megabytes that a method may use.")] = 1000,
+    memory_mb: Annotated[
+        int, typer.Option(help="Memory that a method may use, in megabytes.")
+    ] = 1000,
 ) -> None:
-    """Measure error and time of every method for a camera whose panel stands before its lens.
+    """Measure error and time of every PSF method for a panel in front of the lens.
 
-    Light goes from the point to the panel's pixels, on to lens and stop, and on to the sensor
-    (thesis Eq. 5.1 to 5.7). "collapsed" makes one Fourier integral of it where the stop cuts
-    nothing that matters; "chain" goes through the lens' plane on a grid; "chain, quadrature"
-    on nodes that follow the stop's edge. The smaller the separation, the finer the light turns
-    at the lens, and the longer the exact integral takes that errors are measured against, on
-    samples drawn by their light. Failures are rows too, and no other row beats one on the
-    front in both time and error.
+    Light goes from a point to the pixels of the panel, to lens and stop, and to the sensor
+    (thesis Eq. 5.1 to 5.7). The method "collapsed" is a single Fourier integral, for a stop that
+    cuts off hardly any light. "chain" computes the field in the plane of the lens on a grid,
+    "chain, quadrature" on nodes that follow the edge of the stop. Errors are relative L2 errors
+    against the exact integral, on samples that are drawn by their light. The integral takes longer
+    the smaller the separation is. Rows on the front are beaten by no other row in both time and
+    error. For instance
+
+    **labapp accuracy chain --size 16 --panel 48x64x8**
     """
     from labapp.accuracy.option_validation import require_pattern
     from labapp.light.lens_options import read_field, read_panel
@@ -199,20 +222,27 @@ def accuracy_retrieval_(
     ] = "spiral",
     keys: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[KEY=VALUE]...", help="Its keys, as for labapp retrieve."),
+        typer.Argument(metavar="[KEY=VALUE]...", help="Keys of the target, as there."),
     ] = None,
-    wavelength_nm: Annotated[float, typer.Option(help="For which the pattern is made.")] = 550.0,
-    frames: Annotated[int, typer.Option(min=1, help="Frames of a video whose mean counts.")] = 1,
+    wavelength_nm: Annotated[
+        float, typer.Option(help="Wavelength of the pattern, in nanometres.")
+    ] = 550.0,
+    frames: Annotated[
+        int, typer.Option(min=1, help="Frames of a video; the mean of their PSFs counts.")
+    ] = 1,
     budget: Annotated[
         float, typer.Option(metavar="S", help="Processor seconds that one setting may take.")
     ] = 10.0,
     bench: BenchOption = None,
 ) -> None:
-    """Measure quality and time of every method that finds patterns, for a target.
+    """Measure quality and time of every phase retrieval method for a target.
 
-    The thesis' own program is among them. There is no right answer: efficiency, speckle and
-    the error of the shape are measured, and no other row beats one on the front in both time
-    and error. What doesn't serve the target is a row too.
+    Retrieval has no exact answer. The table gives efficiency, speckle contrast, NRMSE of the PSF
+    against the target, and processor time in seconds. Rows on the front are beaten by no other row
+    in both time and NRMSE. The program of the thesis is one of the methods. A method that can't
+    give the target has a row, too. For instance
+
+    **labapp accuracy retrieval ring --budget 1**
     """
     from labapp.patterns.designing.kinds import read_psf
 
@@ -233,38 +263,52 @@ def accuracy_deconvolve_(
         typer.Argument(
             metavar="[PICTURE]",
             callback=readable_path,
-            help="A sharp one.",
+            help="Sharp picture to be blurred.",
             show_default="the demo's",
         ),
     ] = None,
     blur: Annotated[
-        str, typer.Option(metavar="NAME", help="A wrong one lists them; lengths in pixels.")
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Blur, with lengths in pixels; an unknown name lists all of them.",
+        ),
     ] = "disk of 7",
     psf: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
             callback=readable_path,
-            help="Picture or .npy of a PSF, in the blur's place.",
+            help="Picture or .npy of a PSF, instead of --blur.",
         ),
     ] = None,
     noise: Annotated[
-        float, typer.Option(min=0, help="Standard deviation of a pixel; white is 1.")
+        float, typer.Option(min=0, help="Standard deviation of the noise of a pixel; white is 1.")
     ] = 0.01,
     border: Annotated[
-        str, typer.Option(help="unknown: what a camera sees; or periodic: a period seen whole.")
+        str,
+        typer.Option(
+            help="Scene beyond the frame: unknown, as for a camera, or periodic, with one whole "
+            "period in the frame."
+        ),
     ] = "unknown",
     size: Annotated[
-        int, typer.Option(min=32, help="Pixels of a side that are cut from the middle, at most.")
+        int,
+        typer.Option(
+            min=32, help="Largest side in pixels; larger pictures are cut to their middle."
+        ),
     ] = 512,
-    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
     peers: PeersOption = False,
 ) -> None:
-    """Measure quality and time of every method that undoes a blur, on a picture.
+    """Measure quality and time of every restoration method on a blurred picture.
 
-    The picture is blurred and made noisy; each method then finds noise and weights by itself.
-    No other row beats one on the front in both time and error: it is by this front that
-    **labapp reconstruct --budget** chooses. Failures are rows too.
+    The picture is blurred, and noise is added. Each method estimates noise and weights by itself.
+    The table gives PSNR in dB, SSIM and processor time in ms. Rows on the front are beaten by no
+    other row in both time and error; **labapp reconstruct --budget** chooses by such a front. A
+    method that fails has a row, too. For instance
+
+    **labapp accuracy deconvolve --blur "Gaussian of 1.5" --size 128**
     """
     from labapp.accuracy.blur_names import require_blur
 
@@ -292,11 +336,15 @@ def accuracy_simulate_(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Measure what a tolerance costs a simulated picture, and whether it is kept.
+    """Measure what a tolerance costs a simulated picture, and check that it is kept.
 
-    One picture is taken by the plan for each tolerance, and with every effect at its finest.
-    Errors are those of the mean picture, of the map of variances, and of that of standard
-    deviations. Everything on takes minutes on a bench of full size: hence the few pixels.
+    One picture is simulated at each tolerance by its effect plan, and once with all effects at
+    their finest. The table gives relative L2 errors of the mean picture, of its variance and of its
+    standard deviation, and processor time in ms. The default bench has few pixels, because all
+    effects take minutes on a bench of full size. The exit code is 1 if a tolerance is exceeded. For
+    instance
+
+    **labapp accuracy simulate --target star**
     """
     from labapp.accuracy.simulate import accuracy_simulate
 

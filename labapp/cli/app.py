@@ -1,4 +1,4 @@
-"""The application that the commands belong to."""
+"""The Typer application that all commands of labapp belong to."""
 
 from __future__ import annotations
 
@@ -28,11 +28,14 @@ def labapp_(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version."
+            "--version",
+            callback=_print_version,
+            is_eager=True,
+            help="Print version and commit, and exit.",
         ),
     ] = False,
     debug: Annotated[
-        bool, typer.Option("--debug", help="Show the traceback of an error (any command).")
+        bool, typer.Option("--debug", help="Show the traceback of an error; for any command.")
     ] = False,
 ) -> None:
     """Programmable optics for computational photography.

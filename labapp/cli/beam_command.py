@@ -1,4 +1,4 @@
-"""The command that draws the light along the axis."""
+"""The command `labapp beam`, which draws the light along the optical axis."""
 
 from __future__ import annotations
 
@@ -17,21 +17,29 @@ def beam(
     camera: CameraOption = None,
     pattern: Annotated[
         Path | None,
-        typer.Option(callback=readable_path, help="8-bit picture on the panel; none: neutral."),
+        typer.Option(
+            callback=readable_path,
+            help="Pattern on the panel, an 8-bit picture. Default: neutral.",
+        ),
     ] = None,
     distance: Annotated[
-        float, typer.Option(help="Of the object from the panel, in metres; inf is allowed.")
+        float,
+        typer.Option(help="Distance of the object from the panel, in metres; inf is allowed."),
     ] = 2.0,
     wavelength_nm: Annotated[float, typer.Option(help="Wavelength in nanometres.")] = 550.0,
     field: FieldOption = "0,0",
-    slices: Annotated[int, typer.Option(help="Depths in each of the two pictures.")] = 120,
+    slices: Annotated[
+        int, typer.Option(help="Number of depths in each of the two pictures.")
+    ] = 120,
     force: ForceOption = False,
 ) -> None:
     """Draw the light of a point along the axis, from the panel through the lens to the sensor.
 
-    Two pictures over four decades: the whole way, and the light around the sensor. What the
-    stop cuts off, where a pattern's orders go, and how deep the focus is can be seen at a
-    glance.
+    The file shows two pictures over four decades: the whole way, and the light around the sensor.
+    They show what the stop cuts off, where the diffraction orders of a pattern go, and how deep
+    the focus is. For instance
+
+    **labapp beam --distance 2 --out beam.png**
     """
     from labapp.files.output_paths import beam_output_path
     from labapp.light.lens_options import read_field

@@ -1,4 +1,4 @@
-"""Commands for bench files."""
+"""Commands `labapp bench ...`, which check bench files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ app.add_typer(bench, name="bench")
 
 @bench.callback()
 def bench_() -> None:
-    """Look at bench files before they are used."""
+    """Check bench files before they are used."""
 
 
 @bench.command("check")
@@ -26,14 +26,16 @@ def bench_check_(
     ],
     scene: SceneOption = None,
     opening: Annotated[
-        bool, typer.Option("--open/--no-open", help="Open each device, too.")
+        bool, typer.Option("--open/--no-open", help="Open each device as well.")
     ] = True,
     json: JsonOption = False,
 ) -> None:
-    """Is a bench file right, and is everything there that it names?
+    """Check that a bench file is right, and that all devices that it names are there.
 
-    Each device by itself, so that one that is missing hides no other. Exit code 1 if anything
-    is wrong.
+    Each device is opened alone, so that a missing one doesn't prevent the check of the others. The
+    exit code is 1 if anything is wrong. For instance
+
+    **labapp bench check bench.toml**
     """
     from labapp.bench.bench_check import check_bench
 

@@ -1,4 +1,4 @@
-"""The command that calibrates a bench."""
+"""The command `labapp calibrate`, which calibrates a bench."""
 
 from __future__ import annotations
 
@@ -17,46 +17,59 @@ from labapp.common.errors import UserError
 def calibrate(
     context: typer.Context,
     out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Where plan, record and results go.")
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for plan, record and results.")
     ] = None,
     wavelength_nm: Annotated[
         list[float] | None,
-        typer.Option(metavar="NM", help="At which to calibrate; several times for several.  [532]"),
+        typer.Option(
+            metavar="NM", help="Wavelength in nanometres; repeat the option for more.  [532]"
+        ),
     ] = None,
     regions: Annotated[
-        str, typer.Option(metavar="RxC", help="Of the panel, each with a curve of its own.")
+        str,
+        typer.Option(
+            metavar="RxC", help="Rows x columns of panel regions, each with its own phase curve."
+        ),
     ] = "2x2",
     only: Annotated[
         list[str] | None,
         typer.Option(
             metavar="PART",
-            help="registration, response, wavefront or zeroth; several times for several.  [all]",
+            help="Part to calibrate: registration, response, wavefront or zeroth; repeat the "
+            "option for more.  [all]",
         ),
     ] = None,
-    levels: Annotated[int, typer.Option(help="Frames of the sweep of grey levels.")] = 40,
+    levels: Annotated[
+        int, typer.Option(help="Number of grey levels, and of frames, for the phase response.")
+    ] = 40,
     exposure_ms: Annotated[
         float | None,
-        typer.Option(help="Of the neutral star, a little below clipping.  [found by trial]"),
+        typer.Option(
+            help="Exposure time of the star with the neutral pattern, a little below clipping, in "
+            "milliseconds.  [found by trial]"
+        ),
     ] = None,
     plan_only: Annotated[
-        bool, typer.Option("--plan-only", help="Write plan and patterns, take no pictures.")
+        bool, typer.Option("--plan-only", help="Write plan and patterns, but take no pictures.")
     ] = False,
     fit: Annotated[
         Path | None,
         typer.Option(
             metavar="RUN.h5",
             callback=existing_path,
-            help="Fit a record that is there; take no pictures.",
+            help="Fit an existing record instead of taking pictures.",
         ),
     ] = None,
 ) -> None:
-    """Find out what panel, lens and sensor really do, with an artificial star.
+    """Calibrate panel, lens and sensor of a bench with an artificial star.
 
-    Takes up to 60 frames for one wavelength, fits them, and writes **plan.toml**, **patterns/**,
-    **run.h5**, **calibration.json** and **calibration.png** to a folder: where gratings send
-    light on the sensor, the phase of every grey level, wavefront and focus, and the light that no
-    pattern moves, each with residual and uncertainty. A line in the bench file,
-    `calibration = "calibration.json"`, puts it in force.
+    It measures the registration (where gratings send light on the sensor), the phase of every grey
+    level, the wavefront with its focus, and the zeroth order, each with residual and uncertainty.
+    This takes up to 60 frames per wavelength. The folder gets **plan.toml**, **patterns/**,
+    **run.h5**, **calibration.json** and **calibration.png**. To use the calibration, add the line
+    `calibration = "calibration.json"` to the bench file. For instance
+
+    **labapp calibrate --out calibration --regions 1x1 --levels 16 --yes**
     """
     if fit is None and out is None:
         raise UserError("--out is missing: name a folder for plan, record and results.")

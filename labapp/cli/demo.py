@@ -1,4 +1,4 @@
-"""The command that shows everything at once."""
+"""The command `labapp demo`, which takes and restores a coded photograph."""
 
 from __future__ import annotations
 
@@ -17,14 +17,19 @@ def demo(
         "first-light"
     ),
     image: ImageOption = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of the run; same seed, same data.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the run; the same seed gives the same data.")
+    ] = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Take a whole coded photograph on the virtual bench, and undo the coding.
+    """Take a coded photograph on the virtual bench, and undo the coding.
 
-    A ring-shaped PSF is computed for the SLM, measured on an artificial star, and used to
-    photograph and to reconstruct. Takes a few seconds; writes a record and a report.
+    A pattern with a ring-shaped PSF is computed for the SLM. Its PSF is measured on an artificial
+    star, a photograph is taken through it and restored. This takes a few seconds and writes a
+    record and a report. For instance
+
+    **labapp demo --out first-light**
     """
     from labapp.files.output_paths import RECORD, REPORT_FILES
     from labapp.files.writing import require_free_names

@@ -1,4 +1,4 @@
-"""Commands for a bench's devices: what is there, and whether each works."""
+"""Commands `labapp devices ...`, which list and test the devices of a bench."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ def devices_(
     scene: SceneOption = None,
     json: JsonOption = False,
 ) -> None:
-    """List the bench's devices, the installed drivers, and what is plugged in.
+    """List the devices of a bench with their ranges, the installed drivers, and the ports.
 
-    **list** does the same; **test** tries a device out and reports; **screens** says which
-    display is which.
+    **list** does the same, **test** tests a device and writes a report, and **screens** shows
+    which display is which. For instance
+
+    **labapp devices --bench bench.toml**
     """
     if context.invoked_subcommand is None:
         devices_list_(bench, scene, json)
@@ -34,7 +36,7 @@ def devices_(
 def devices_list_(
     bench: BenchOption = None, scene: SceneOption = None, json: JsonOption = False
 ) -> None:
-    """List the bench's devices, the installed drivers, and what is plugged in."""
+    """List the devices of a bench with their ranges, the installed drivers, and the ports."""
     from labapp.bench.device_listing import list_devices
 
     list_devices(bench, scene, as_json=json)
@@ -42,20 +44,25 @@ def devices_list_(
 
 @devices.command("test")
 def devices_test_(
-    name: Annotated[str, typer.Argument(help="slm, filter, camera, targets or spectroradiometer.")],
+    name: Annotated[
+        str,
+        typer.Argument(help="Device: slm, filter, camera, targets or spectroradiometer."),
+    ],
     bench: BenchOption = None,
     scene: SceneOption = None,
     report: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Keep the report, as JSON.")
+        Path | None, typer.Option("--out", metavar="FILE", help="Write the report here, as JSON.")
     ] = None,
     json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Try a device out, alone: does it do what it says? The report is for support, too.
+    """Test one device of a bench alone, and report what it does.
 
     The SLM shows patterns and a video, the filter is tuned through its range, the camera takes
-    pictures of several exposures, the spectroradiometer measures twice. Exit code 1 if a check
-    fails.
+    pictures at several exposure times, and the spectroradiometer measures twice. The report can be
+    sent to support. The exit code is 1 if a check fails. For instance
+
+    **labapp devices test filter --out filter.json**
     """
     from labapp.bench.selftest.command import run_selftest
 
@@ -68,9 +75,11 @@ def devices_screens_(
     display: Annotated[
         str | None, typer.Option(help="X server, such as :0.", show_default="$DISPLAY")
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0, help="How long the names stand.")] = 5.0,
+    seconds: Annotated[
+        float, typer.Option(min=0, help="Seconds for which the names are shown.")
+    ] = 5.0,
 ) -> None:
-    """Write on every screen which it is, and list them: names for a bench file's SLM."""
+    """Show on every screen its name, and list the names for the SLM of a bench file."""
     from drivers.screen.identify import format_listing, identify_screens
 
     print(format_listing(identify_screens(display, seconds)))

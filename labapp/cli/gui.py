@@ -1,4 +1,4 @@
-"""The command that opens the window."""
+"""The command `labapp gui`, which opens the bench window."""
 
 from __future__ import annotations
 
@@ -15,7 +15,12 @@ def gui(
     image: ImageOption = None,
     faults: FaultsOption = None,
 ) -> None:
-    """Open the bench window; without options, on the bundled virtual bench."""
+    """Open the bench window; without options, for the bundled virtual bench.
+
+    For instance
+
+    **labapp gui --bench bench.toml**
+    """
     from labapp.window.app import main as open_window
 
     raise typer.Exit(open_window(bench=bench, scene=scene, image=image, faults=faults))

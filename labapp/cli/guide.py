@@ -1,4 +1,4 @@
-"""The command that shows the guide."""
+"""The command `labapp help`, which shows the guide."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ import typer
 
 from labapp.cli.app import app
 
-_WIDTH = 100
-"""Characters; longer lines are hard to read."""
-
 
 @app.command("help")
 def help_(
-    topic: Annotated[str | None, typer.Argument(help="A topic of the list, as retrieval.")] = None,
+    topic: Annotated[
+        str | None, typer.Argument(help="Topic of the list, such as retrieval.")
+    ] = None,
 ) -> None:
     """Show a page of the guide; without a topic, list the topics.
 
-    The window shows the same pages: F1. What a command does and takes is told by
-    **labapp COMMAND --help**.
+    The window shows the same pages with F1. **labapp COMMAND --help** explains a command and its
+    options. For instance
+
+    **labapp help first-session**
     """
     if topic is None:
         _list_topics()
@@ -42,6 +43,7 @@ def _show_page(topic: str) -> None:
     from labapp.common.console import out
     from labapp.common.guide import find_topic, terminal_text
 
-    # Addresses in words: not every terminal can follow a link, and files have none.
+    # Addresses are written out, because not every terminal can follow links, and files have none.
     page = Markdown(terminal_text(find_topic(topic)), hyperlinks=False)
-    out.print(page, width=min(out.width, _WIDTH))
+    # Lines of more than 100 characters are hard to read.
+    out.print(page, width=min(out.width, 100))

@@ -1,4 +1,4 @@
-"""A lens and a window on its image, as options of a command."""
+"""Options of commands that describe a lens, its object, and a window on the image."""
 
 from __future__ import annotations
 
@@ -13,51 +13,64 @@ from labapp.cli.shared_options import CameraOption
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """Of a command that a file may describe the lens to."""
+    """Option of commands whose lens may be described by a camera file."""
 
     camera: CameraOption = None
 
 
 @dataclass(frozen=True)
 class LensOptions:
-    """A lens, its object, and a window on the image."""
+    """Options that describe a lens, its object, and a window on the image."""
 
-    focal_length: Annotated[float, typer.Option(help="Of the lens, in metres.")] = 0.125
-    f_number: Annotated[float, typer.Option(help="Focal length over the stop's diameter.")] = 5.0
-    focus: Annotated[float, typer.Option(help="Plane in focus, in metres; inf is allowed.")] = 2.0
-    distance: Annotated[float, typer.Option(help="Of the object, in metres; inf is allowed.")] = 2.0
+    focal_length: Annotated[float, typer.Option(help="Focal length of the lens, in metres.")] = (
+        0.125
+    )
+    f_number: Annotated[float, typer.Option(help="Focal length over the diameter of the stop.")] = (
+        5.0
+    )
+    focus: Annotated[
+        float, typer.Option(help="Distance of the plane in focus, in metres; inf is allowed.")
+    ] = 2.0
+    distance: Annotated[
+        float, typer.Option(help="Distance of the object, in metres; inf is allowed.")
+    ] = 2.0
     wavelength_nm: Annotated[float, typer.Option(help="Wavelength in nanometres.")] = 550.0
-    pitch_um: Annotated[float, typer.Option(help="Of the sensor's pixels, in micrometres.")] = 3.45
+    pitch_um: Annotated[
+        float, typer.Option(help="Pitch of the sensor's pixels, in micrometres.")
+    ] = 3.45
     size: Annotated[int, typer.Option(help="Side of the square window, in pixels.")] = 256
     centre: Annotated[
-        str, typer.Option(metavar="Y,X", help="Of the window, in micrometres from the axis.")
+        str,
+        typer.Option(metavar="Y,X", help="Centre of the window, in micrometres from the axis."),
     ] = "0,0"
-    blades: Annotated[int, typer.Option(help="Straight blades of the stop; 0: a round one.")] = 0
+    blades: Annotated[
+        int, typer.Option(help="Number of straight blades of the stop; 0 for a round stop.")
+    ] = 0
     rectangle: Annotated[
         str | None,
-        typer.Option(metavar="HxW", help="A rectangular stop, in stop diameters: 0.5x0.7."),
+        typer.Option(metavar="HxW", help="Rectangular stop, in stop diameters, such as 0.5x0.7."),
     ] = None
     obscuration: Annotated[
-        float, typer.Option(help="Radius of a central disc that hides the stop, in stop radii.")
+        float, typer.Option(help="Radius of a central disc that covers the stop, in stop radii.")
     ] = 0.0
     zernike: Annotated[
         list[str] | None,
         typer.Option(
             metavar="N,M,NM",
-            help="An aberration by its Zernike polynomial and its root mean square in nanometres; "
-            "repeat for more.",
+            help="Aberration: orders n and m of its Zernike polynomial, and its root mean square "
+            "in nanometres; repeat the option for more.",
         ),
     ] = None
     lens: Annotated[
         str,
         typer.Option(
-            help="thin: quadratic phase. stigmatic: corrected for its plane in focus, sine "
-            "condition."
+            help="Kind of lens: thin (quadratic phase) or stigmatic (corrected for its plane in "
+            "focus, sine condition)."
         ),
     ] = "thin"
 
     def build_case(self) -> Any:
-        """The lens and the window as the engine knows them; UserError names what is wrong."""
+        """Build lens, object and window from the options; UserError names a wrong option."""
         from labapp.light.lens_options import LensCase, read_aberrations, read_stop, read_window
 
         aberrations = read_aberrations(self.zernike or [])
@@ -71,8 +84,10 @@ class LensOptions:
 
 
 def build_lens_case(context: typer.Context) -> Any:
-    """The case of a command's lens, behind the panel of a camera's file if there is one; options
-    that are given count more than the file."""
+    """Build lens, object and window from a command's options and its camera file, if there is one.
+
+    Options that the command line gives override the file.
+    """
     options, camera = (
         get_option_group(context, LensOptions),
         get_option_group(context, CameraOptions).camera,
@@ -92,6 +107,6 @@ def build_lens_case(context: typer.Context) -> Any:
 
 
 def _options_on_command_line(context: typer.Context) -> set[str]:
-    """The names of the lens' options that the command line really gives."""
+    """Return the names of the lens options that the command line gives explicitly."""
     sources = {one.name: context.get_parameter_source(one.name) for one in fields(LensOptions)}
     return {name for name, source in sources.items() if source and source.name == "COMMANDLINE"}

@@ -1,7 +1,7 @@
-"""Options that several commands take together, as groups: dataclasses, each entry an option.
+"""Groups of options that several commands share, as dataclasses with one field for each option.
 
-A command names its groups by `cls=command_with_options(...)`, with the defaults that hold
-for it, and reads them by `get_option_group(context, ...)`.
+A command states its groups by `cls=command_with_options(...)`, with its own defaults, and reads
+them by `get_option_group(context, ...)`.
 """
 
 from __future__ import annotations
@@ -20,14 +20,17 @@ G = TypeVar("G")
 
 @cache
 def _group_parser(group: Callable[..., Any]) -> Any:
-    """A command whose options are the entries of a group, and whose answer is the group."""
+    """Build a command whose options are the fields of a group, and which returns the group."""
     app = typer.Typer(add_completion=False)
     app.command()(group)
     return get_command(app)
 
 
 def command_with_options(*groups: Any, options_first: bool = False) -> type[TyperCommand]:
-    """What a command is that takes the options of groups, too. options_first: before its own."""
+    """Return a command class that takes the options of groups as well.
+
+    If `options_first` is true, help lists them before the command's own options.
+    """
 
     class Command(TyperCommand):
         def __init__(self, *positional: Any, params: list[Any], **named: Any) -> None:
@@ -43,13 +46,13 @@ def command_with_options(*groups: Any, options_first: bool = False) -> type[Type
 
 
 def get_option_group(context: typer.Context, group: type[G]) -> G:
-    """A group as the command line gives it."""
+    """Return a group of options with the values of the command line."""
     found: G = context.obj[group]
     return found
 
 
 def _options(group: Any) -> list[Any]:
-    """Its options, whose defaults are the values of this one."""
+    """Return the options of a group; their defaults are the values of the given instance."""
     kind: Callable[..., Any] = type(group)
     options = [copy(one) for one in _group_parser(kind).params]
     for option in options:
@@ -58,6 +61,6 @@ def _options(group: Any) -> list[Any]:
 
 
 def _build_group(group: Callable[..., Any], values: dict[str, Any]) -> Any:
-    """The group; its values are taken out of the command's own."""
+    """Build a group of options from the values of a command, and remove them there."""
     reader = _group_parser(group)
     return reader.callback(**{one.name: values.pop(one.name) for one in reader.params})

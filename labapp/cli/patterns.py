@@ -1,4 +1,4 @@
-"""Commands that make patterns: from formulas, and from the PSF that they shall give."""
+"""Commands `labapp pattern` and `labapp retrieve`, which compute patterns for the SLM."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ def pattern(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Kind of pattern, or 'list'.")],
     keys: KeysArgument = None,
 ) -> None:
-    """Make a pattern for the SLM, and a picture of the PSF that it will give.
+    """Compute a pattern for the SLM from a formula, and predict its PSF.
 
-    **labapp pattern list** tells the kinds with their keys: formulas such as lenses, gratings
-    and masks for depth of field, sums, shapes, pictures. For instance
+    **labapp pattern list** gives the kinds with their keys and units: formulas such as lenses,
+    gratings and masks for depth of field, sums, shapes, pictures. For instance
 
     **labapp pattern lens focal_length_m=20 --out lens.png**
 
-    writes lens.png, grey levels of the panel's size, and lens_psf.png. A pattern that is steeper
-    than the pixels allow is refused, with the limit.
+    writes the grey levels of the panel to lens.png, and the predicted PSF to lens_psf.png. A
+    pattern whose phase is steeper than the pixels allow is refused, and the limit is given.
     """
     from labapp.patterns.designing.kinds import list_patterns, read_pattern
 
@@ -42,22 +42,25 @@ def retrieve(
     target: Annotated[str, typer.Argument(metavar="TARGET", help="Shape of the PSF, or 'list'.")],
     keys: KeysArgument = None,
     budget: Annotated[
-        float | None, typer.Option(metavar="S", help="Processor seconds to spend; more is better.")
+        float | None,
+        typer.Option(metavar="S", help="Processor seconds to spend; more give a better PSF."),
     ] = None,
-    iterations: Annotated[int | None, typer.Option(min=1, help="Instead of a budget.")] = None,
+    iterations: Annotated[
+        int | None, typer.Option(min=1, help="Number of iterations, instead of a budget.")
+    ] = None,
     method: Annotated[
-        str | None, typer.Option(help="Of retrieval; none: what serves best.")
+        str | None, typer.Option(help="Method of phase retrieval. Default: the most suitable.")
     ] = None,
 ) -> None:
-    """Find a pattern, or a video, whose PSF has the shape of a target.
+    """Find a pattern, or a video of patterns, whose PSF has the shape of a target.
 
-    **labapp retrieve list** tells the shapes with their keys: rings, spirals, dots, letters,
+    **labapp retrieve list** gives the shapes with their keys: rings, spirals, dots, letters,
     a logo from a picture. For instance
 
     **labapp retrieve letters text=EI --frames 8 --out letters.h5**
 
-    The frames of a video know of each other: their mean has the shape, with hardly any speckle.
-    There is no right answer: the quality reached is measured and printed.
+    The frames of a video are computed together, so that the mean of their PSFs has the shape with
+    hardly any speckle. Retrieval has no exact answer; the quality of the result is printed.
     """
     from labapp.patterns.designing.kinds import list_targets, read_psf
 

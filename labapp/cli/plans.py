@@ -1,4 +1,4 @@
-"""Commands that look at plans before they run."""
+"""Commands `labapp plan ...`, which check, show and list acquisition plans."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PlanArgument = Annotated[
 
 @plan.callback()
 def plan_() -> None:
-    """Look at acquisition plans before they run, and find ready ones."""
+    """Check and show acquisition plans before they run, and list ready ones."""
 
 
 @plan.command("check")
@@ -30,11 +30,13 @@ def plan_check_(
     scene: SceneOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Say what a plan takes, and whether a bench can do it; nothing moves.
+    """Check what a plan needs, and whether a bench can run it; no device moves.
 
-    Frames, expected duration, prompts of a person, room on the disk, and what is asked for
-    beside what the bench has. Patterns are tried. Exit code 1 if the run could not be begun,
-    or its pictures not be reconstructed as the plan says.
+    It prints the number of frames, the expected duration, the prompts, the disk space, and each
+    requirement beside what the bench has. Patterns are computed. The exit code is 1 if the run
+    can't start, or if its pictures can't be reconstructed as the plan says. For instance
+
+    **labapp plan check psf-over-wavelengths**
     """
     from labapp.files.plan_file import read_plan
 
@@ -54,10 +56,12 @@ def plan_show_(
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Print a plan's steps in the order in which they are taken, and when each is due.
+    """Print the steps of a plan in order, with the time at which each is due.
 
-    Frames that differ in exposure and repeat alone are one row, darks and prompts stand
-    where they come. **--json** gives every frame.
+    Frames that differ only in exposure time and repeat share a row. Dark frames and prompts are
+    listed where they come. **--json** gives every frame. For instance
+
+    **labapp plan show psf-over-wavelengths**
     """
     from labapp.files.plan_file import read_plan
 
@@ -71,8 +75,8 @@ def plan_show_(
 def plan_list_(json: JsonOption = False) -> None:
     """List the ready plans: what each is for, and what it needs.
 
-    They run as they are on the virtual bench. Each file's comments say what to change for a
-    bench of your own: copy it, and pass the copy's path.
+    They run unchanged on the virtual bench. The comments in each file say what to change for your
+    own bench: copy the file, and pass the path of the copy.
     """
     from labapp.runs.bundled_plans import list_plans
 

@@ -1,4 +1,4 @@
-"""The command that computes a PSF."""
+"""The command `labapp psf`, which computes a PSF."""
 
 from __future__ import annotations
 
@@ -18,42 +18,47 @@ from labapp.common.threads import use_one_thread
 def psf(
     context: typer.Context,
     out: Annotated[
-        Path, typer.Option(metavar="FILE", help=".npy, .tiff (float) or .png to write.")
+        Path, typer.Option(metavar="FILE", help="File to write: .npy, .tiff (float) or .png.")
     ],
     tol: Annotated[
-        float, typer.Option(help="Relative L2 error of sampling and arithmetic to keep.")
+        float, typer.Option(help="Largest relative L2 error of sampling and arithmetic.")
     ] = 1e-3,
     points: Annotated[
-        bool, typer.Option("--points", help="Light at pixel centres, not on whole pixels.")
+        bool,
+        typer.Option("--points", help="Compute the light at pixel centres, not over whole pixels."),
     ] = False,
     method: Annotated[
         str | None,
         typer.Option(
-            help="Of a lens: axial, scattered or sampled. Of a camera: a transform, or where the "
-            "panel stands apart, collapsed or chain. None: the cheapest that keeps tol."
+            help="For a lens: axial, scattered or sampled. For a camera: a Fourier transform, or "
+            "collapsed or chain if the panel stands apart from the lens. Default: the cheapest "
+            "that keeps --tol."
         ),
     ] = None,
-    memory_mb: Annotated[int, typer.Option(help="Megabytes that may be used.")] = 4000,
+    memory_mb: Annotated[int, typer.Option(help="Memory that may be used, in megabytes.")] = 4000,
     pattern: Annotated[
         Path | None,
         typer.Option(
             callback=readable_path,
-            help="8-bit picture on the SLM before the lens; none: a neutral one.",
+            help="Pattern on the SLM in front of the lens, an 8-bit picture. Default: neutral.",
         ),
     ] = None,
     field: FieldOption = "0,0",
     sphere: Annotated[
-        bool, typer.Option("--sphere", help="The object's wave is a sphere, not a parabola.")
+        bool,
+        typer.Option("--sphere", help="Use a spherical wave of the object instead of a parabola."),
     ] = False,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Compute a PSF to a tolerance, and say what it cost and how far it can be trusted.
+    """Compute a PSF to a tolerance, and report its cost and its error.
 
-    Without a camera or a pattern: a lens with its stop. With a camera's file: its panel and,
-    a separation behind it, its lens; the options of the lens count more than the file. With a
-    pattern alone: the lens behind the panel of the virtual bench. Values are shares of the
-    light, one a pixel; a picture of five decades is written beside the data.
+    Without --camera and --pattern this is the PSF of a lens with its stop. With --camera it is that
+    of the file's panel and lens; options of the lens override the file. With --pattern alone the
+    lens is behind the panel of the virtual bench. Each value is the share of the light on a pixel.
+    A picture over five decades is written beside the data. For instance
+
+    **labapp psf --focal-length 0.1 --f-number 5.6 --distance 2 --tol 1e-6 --out psf.npy**
     """
     from labapp.files.output_paths import psf_output_paths
     from labapp.light.lens_options import read_field

@@ -1,4 +1,4 @@
-"""The command that undoes a photograph's blur."""
+"""The command `labapp reconstruct`, which restores a blurred photograph."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ def reconstruct(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="RUN.h5|IMAGE", callback=readable_path, help="A record, PNG, TIFF, JPEG or NPY."
+            metavar="RUN.h5|IMAGE",
+            callback=readable_path,
+            help="Record of a run, or a PNG, TIFF, JPEG or NPY picture.",
         ),
     ],
     psf: Annotated[
@@ -33,10 +35,10 @@ def reconstruct(
     blind: Annotated[
         int | None,
         typer.Option(
-            min=3, metavar="SIZE", help="Look for an unknown PSF of so many pixels at most."
+            min=3, metavar="SIZE", help="Estimate an unknown PSF of at most SIZE pixels a side."
         ),
     ] = None,
-    method: Annotated[str, typer.Option(help=f"{', '.join(METHOD_CHOICES)}.")] = AUTO,
+    method: Annotated[str, typer.Option(help=f"Method: {', '.join(METHOD_CHOICES)}.")] = AUTO,
     budget: Annotated[
         float | None,
         typer.Option(
@@ -49,7 +51,10 @@ def reconstruct(
     ] = None,
     weight: Annotated[
         float | None,
-        typer.Option(help="Of the prior, in the method's unit.", show_default="by itself"),
+        typer.Option(
+            help="Regularisation weight in the method's unit; needs --method.",
+            show_default="chosen from the picture",
+        ),
     ] = None,
     border: Annotated[
         str, typer.Option(help="What lies beyond the frame: unknown, dark or periodic.")
@@ -57,39 +62,50 @@ def reconstruct(
     clip: Annotated[
         float | None,
         typer.Option(
-            metavar="LEVEL", help="From which a pixel is full.", show_default="what the file shows"
+            metavar="LEVEL",
+            help="Level from which a pixel counts as clipped.",
+            show_default="what the file shows",
         ),
     ] = None,
     dark: Annotated[
-        float | None, typer.Option(metavar="LEVEL", help="To be subtracted.", show_default="0")
+        float | None,
+        typer.Option(metavar="LEVEL", help="Level of darkness to subtract.", show_default="0"),
     ] = None,
     linear: Annotated[
         bool | None,
         typer.Option(
             "--linear/--srgb",
-            help="Levels are proportional to light, or sRGB's.",
+            help="Take levels as proportional to light, or as sRGB.",
             show_default="sRGB in 8-bit pictures",
         ),
     ] = None,
     target: Annotated[
         str | None,
-        typer.Option(help="Of a record.", show_default="the plan's, or the last photograph"),
+        typer.Option(help="Target of a record.", show_default="the plan's, or the last photograph"),
     ] = None,
     pattern: Annotated[
-        str | None, typer.Option(help="Of a record.", show_default="the plan's, or the last")
+        str | None,
+        typer.Option(help="Pattern of a record.", show_default="the plan's, or the last"),
     ] = None,
-    wavelength_nm: Annotated[float | None, typer.Option(help="Of a record with several.")] = None,
+    wavelength_nm: Annotated[
+        float | None,
+        typer.Option(help="Wavelength in nanometres, for a record with several."),
+    ] = None,
     frame: Annotated[
-        int | None, typer.Option(help="Of a record or TIFF.", show_default="all exposures, merged")
+        int | None,
+        typer.Option(help="Frame of a record or TIFF.", show_default="all exposures, merged"),
     ] = None,
     star: Annotated[
-        str | None, typer.Option(help="Target with the PSF.", show_default="the plan's, or star")
+        str | None,
+        typer.Option(
+            help="Target of a record that is the star.", show_default="the plan's, or star"
+        ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help=".tiff or .npy (light, float), .png.",
+            help="Restored picture to write: .tiff or .npy (light, float) or .png.",
             show_default="*_restored.tiff beside the input",
         ),
     ] = None,
@@ -97,29 +113,33 @@ def reconstruct(
         Path | None,
         typer.Option(
             metavar="FILE.png",
-            help="Before, after, PSF, residual.",
+            help="Drawing to write: before, after, PSF and residual.",
             show_default="*_before_after.png",
         ),
     ] = None,
     truth: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", callback=readable_path, help="The picture as it should be, for PSNR."
+            metavar="FILE",
+            callback=readable_path,
+            help="True picture, against which PSNR and SSIM are measured.",
         ),
     ] = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Undo a known blur, and show before and after.
+    """Restore a photograph that was blurred by a PSF, and show before and after.
 
-    Colour is restored band by band. The noise is estimated and the weight chosen, if you don't
-    say them. The border of the frame, clipped and dead (NaN) pixels aren't guessed: the
-    restoration is of what was measured. A residual of about 1 is good: what is left of the
-    photograph is its noise; above 1.2 model, PSF or noise doesn't fit. Of a record it is judged by
-    the neutral photograph of the same run, unless you give a truth. **--blind SIZE** finds a
-    blur that nobody measured from sharp edges in the picture, writes it beside the answer, and
-    says how far to trust it; it takes a minute or so. A PSF's sum is made 1,
-    but for the star of the same run, which is measured against the neutral one.
+    Colours are restored band by band. Without options the noise is estimated and the weight chosen.
+    The scene beyond the frame, clipped pixels and dead ones (NaN) count as unknown. A residual of
+    about 1 is good: the rest of the photograph is noise. Above 1.2, model, PSF or noise doesn't
+    fit. The restoration of a record is compared with the neutral photograph of the run, unless
+    --truth is given. **--blind SIZE** estimates an unknown PSF from sharp edges in the picture,
+    writes it beside the result, and says how far to trust it; this takes about a minute. A PSF is
+    scaled to a sum of 1, except for the star of the same run, which is measured relative to the
+    neutral star. For instance
+
+    **labapp reconstruct first-light/run.h5 --budget 2 --out restored.png**
     """
     from labapp.files.output_paths import restoration_output_paths
 

@@ -1,4 +1,4 @@
-"""Commands that read records: to show, to report, to check, to hand on."""
+"""Commands that read the record of a run: show, report, verify and export."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ from labapp.cli.shared_options import ForceOption, JsonOption, RecordArgument
 
 @app.command()
 def show(record: RecordArgument, json: JsonOption = False) -> None:
-    """Say what a record holds: state, devices, frames, the simulator's decisions, log."""
+    """Show what a record holds: state, devices, frames, the simulator's decisions, log.
+
+    For instance
+
+    **labapp show first-light/run.h5**
+    """
     from labapp.runs.record_summary import show_record
 
     show_record(record, as_json=json)
@@ -28,7 +33,13 @@ def report(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Merge, measure, reconstruct, and write report.png and a self-contained report.html."""
+    """Analyse a record, and write report.png and a self-contained report.html.
+
+    Exposures are merged, the PSF is measured on the star, and the photograph is restored as the
+    plan says. For instance
+
+    **labapp report first-light/run.h5 --force**
+    """
     from labapp.files.output_paths import REPORT_FILES
     from labapp.files.writing import require_free_names
 
@@ -41,10 +52,11 @@ def report(
 
 @app.command()
 def verify(record: RecordArgument, json: JsonOption = False) -> None:
-    """Check that a record is whole: every frame, its checksum, patterns, settings, state.
+    """Check that a record is complete: every frame, its checksum, patterns, settings, state.
 
-    The exit code is 0 only if all is well. For a record that isn't, the last line says what
-    to do about it.
+    The exit code is 0 only if all is well. Otherwise the last line says what to do. For instance
+
+    **labapp verify first-light/run.h5**
     """
     from labapp.runs.verifying import verify_record
 
@@ -54,22 +66,28 @@ def verify(record: RecordArgument, json: JsonOption = False) -> None:
 @app.command()
 def export(
     record: RecordArgument,
-    to: Annotated[str, typer.Option(metavar="KIND", help="tiff, png, ome-tiff or npy.")],
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where to; made if need be.")],
+    to: Annotated[
+        str, typer.Option(metavar="KIND", help="Kind of files: tiff, png, ome-tiff or npy.")
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Folder to write to; created if it's missing.")
+    ],
     frames: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Only these frames: 0-9,12.")
+        str | None, typer.Option(metavar="LIST", help="Only these frames, such as 0-9,12.")
     ] = None,
     target: Annotated[str | None, typer.Option(help="Only frames of this target.")] = None,
     pattern: Annotated[str | None, typer.Option(help="Only frames of this pattern.")] = None,
     force: ForceOption = False,
 ) -> None:
-    """Write frames as files that other programs read, raw and lossless.
+    """Write the raw frames of a record as lossless files for other programs.
 
-    **tiff**, **png**: a 16-bit picture a frame. **ome-tiff**: one file with exposure and time
-    of each plane. **npy**: one array, and what is known of it as JSON. With every kind comes
-    a table, frames.csv. Digital numbers aren't scaled, so that pictures of a 12-bit camera
-    look dark in a viewer that doesn't stretch them. Frames that the record lacks are named,
-    and the exit code is 1.
+    **tiff** and **png** are a 16-bit picture for each frame, **ome-tiff** is one file with the
+    exposure and time of each plane, **npy** is one array with its metadata as JSON. Each kind comes
+    with a table, frames.csv. Digital numbers aren't scaled, so that pictures of a 12-bit camera
+    look dark in a viewer that doesn't stretch them. Frames that the record lacks are listed, and
+    the exit code is then 1. For instance
+
+    **labapp export first-light/run.h5 --to ome-tiff --out pictures**
     """
     from labapp.runs.export import FrameSelection, export_record
 

@@ -1,4 +1,4 @@
-"""The command that corrects a design by what the bench's camera sees of it."""
+"""The command `labapp refine`, which corrects a pattern by pictures of its PSF."""
 
 from __future__ import annotations
 
@@ -18,30 +18,38 @@ from labapp.common.threads import use_one_thread
 def refine(
     context: typer.Context,
     design: Annotated[
-        Path, typer.Argument(metavar="DESIGN.h5", help="A design that labapp retrieve wrote.")
+        Path, typer.Argument(metavar="DESIGN.h5", help="Design that labapp retrieve wrote.")
     ],
     out: Annotated[
-        Path | None, typer.Option(metavar="BETTER.h5", help="Where the refined design goes.")
+        Path | None, typer.Option(metavar="BETTER.h5", help="Refined design to write.")
     ] = None,
     pictures: Annotated[
-        int, typer.Option(help="To take; the first shows the start, the last only judges.")
+        int,
+        typer.Option(
+            help="Number of pictures; the first shows the original design, the last only checks."
+        ),
     ] = 5,
     exposures_ms: Annotated[
-        str, typer.Option(metavar="MS,...", help="Of each picture; of a video whole periods.")
+        str,
+        typer.Option(
+            metavar="MS,...",
+            help="Exposure times of each picture in milliseconds; for a video, whole periods.",
+        ),
     ] = "1,8,64",
     runs: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Where the records go.  [BETTER_runs, beside]"),
+        typer.Option(metavar="FOLDER", help="Folder for the records.  [BETTER_runs, beside]"),
     ] = None,
 ) -> None:
     """Correct a retrieved pattern or video by pictures of its PSF.
 
     **labapp refine ring.h5 --out better.h5**
 
-    shows the design on the bench, photographs the star through it, and asks for more light where
-    the camera sees too little, picture by picture; **better.h5** is what the best picture showed,
-    and **better_psf.png** what the camera saw before and after. What the camera's description and
-    its calibration don't know is corrected too. Calibrate the bench first. Videos gain most.
+    shows the design on the bench and photographs the star through it. After each picture the
+    target gets more light where the camera saw too little. **better.h5** is the design of the best
+    picture, and **better_psf.png** shows the PSF before and after. This also corrects errors that
+    the camera's description and its calibration don't include. Calibrate the bench first. Videos
+    gain most.
     """
     if out is None:
         raise UserError("there is no --out. Name an .h5 file to write.")

@@ -1,4 +1,4 @@
-"""Commands that take runs: of plans, and what a record lacks."""
+"""Commands `labapp run` and `labapp resume`, which acquire the frames of plans."""
 
 from __future__ import annotations
 
@@ -27,21 +27,25 @@ def run(
     plans: Annotated[
         list[Path],
         typer.Argument(
-            metavar="PLAN...", help="Plan files (TOML, JSON) or ready plans; several run in turn."
+            metavar="PLAN...",
+            help="Plan files (TOML, JSON) or names of ready plans; several run one after another.",
         ),
     ],
     out: Annotated[
-        Path, typer.Option(metavar="RUN.h5", help="Record to write; of several plans a folder.")
+        Path,
+        typer.Option(metavar="RUN.h5", help="Record to write; for several plans, their folder."),
     ],
     image: ImageOption = None,
 ) -> None:
-    """Run acquisition plans on a bench, every frame to disk as it comes.
+    """Run acquisition plans on a bench, and write every frame to a record at once.
 
-    In a terminal, **p** pauses after the frame, **r** goes on, Enter answers a prompt, and
-    Ctrl-C ends the run safely: SLM neutral, filter parked, camera stopped, the record
-    readable and marked CANCELLED. A full disk pauses the run until there is space. Whatever
-    ended a run, **labapp resume** takes the frames that it lacks. **labapp plan check** says
-    beforehand what a run will take.
+    In a terminal, **p** pauses after the current frame, **r** continues, Enter answers a prompt,
+    and Ctrl-C ends the run safely: the SLM is neutral, the filter parked, the camera stopped, and
+    the record readable and marked CANCELLED. A full disk pauses the run until there is space.
+    **labapp resume** takes the frames that a run lacks, and **labapp plan check** says beforehand
+    what a run needs. For instance
+
+    **labapp run psf-over-wavelengths --out wavelengths.h5**
     """
     from labapp.files.output_paths import run_output_paths
     from labapp.files.plan_file import read_plan
@@ -62,10 +66,12 @@ def resume(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Take the frames that a record lacks: after a crash, a failure or Ctrl-C.
+    """Take the frames that a record lacks after a crash, a failure or Ctrl-C.
 
-    Plan, patterns, seed and bench are the record's own, so that it ends as if nothing had
-    happened. Frames that don't read back as they were stored are taken again.
+    Plan, patterns, seed and bench are read from the record, so that the result is that of an
+    uninterrupted run. Frames that are damaged in the record are taken again. For instance
+
+    **labapp resume wavelengths.h5**
     """
     from labapp.runs.run_commands import ExecutionOptions, resume_file
 

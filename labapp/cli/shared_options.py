@@ -1,6 +1,6 @@
-"""Options and arguments that several commands take.
+"""Options and arguments that several commands share.
 
-Files that aren't there are refused as the command line is read, before anything is loaded.
+Missing files are refused while the command line is parsed, before anything heavy is imported.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def readable_path(path: Path | None) -> Path | None:
-    """The path, or None; UserError if it can't be opened."""
+    """Return the path of an option, or None; raise UserError if the file can't be opened."""
     from labapp.files.file_lookup import require_readable
 
     if path is not None:
@@ -31,7 +31,7 @@ def readable_path(path: Path | None) -> Path | None:
 
 
 def existing_path(path: Path | None) -> Path | None:
-    """The path, or None; UserError if there is no such file."""
+    """Return the path of an option, or None; raise UserError if there is no such file."""
     from labapp.files.file_lookup import require_file
 
     if path is not None:
@@ -40,7 +40,7 @@ def existing_path(path: Path | None) -> Path | None:
 
 
 def find_scene_file(name: Path | None) -> Path | None:
-    """The file of a scene, or None; UserError lists the bundled ones."""
+    """Return the path of a scene file, or None; UserError lists the bundled scenes."""
     from labapp.files.file_lookup import find_scene
 
     return None if name is None else find_scene(name)
@@ -56,7 +56,7 @@ SceneOption = Annotated[
     Path | None,
     typer.Option(
         callback=find_scene_file,
-        help="Scene for simulated devices: a file (TOML), or the name of a bundled one, as bricks.",
+        help="Scene for simulated devices: a file (TOML), or a bundled scene, such as bricks.",
     ),
 ]
 ImageOption = Annotated[
@@ -68,27 +68,33 @@ ImageOption = Annotated[
 FaultsOption = Annotated[
     Path | None,
     typer.Option(
-        callback=readable_path, help="Fault file (TOML): what simulated devices shall suffer."
+        callback=readable_path, help="Fault file (TOML) with faults of simulated devices."
     ),
 ]
 KeysArgument = Annotated[
-    list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Its keys, as in a plan file.")
+    list[str] | None,
+    typer.Argument(metavar="[KEY=VALUE]...", help="Keys, written as in a plan file."),
 ]
 SpeedOption = Annotated[
     float,
     typer.Option(
-        help="Seconds of a virtual bench's time in a second; 1 is real time.",
+        help="Speed of a virtual bench's clock; 1 is real time, 2 twice as fast.",
         show_default="as fast as the computer",
     ),
 ]
-YesOption = Annotated[bool, typer.Option("--yes", help="All targets are in place: ask nobody.")]
+YesOption = Annotated[
+    bool, typer.Option("--yes", help="Don't prompt: all targets are in place already.")
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing output files.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print as JSON, for programs.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 RecordArgument = Annotated[
     Path, typer.Argument(metavar="RUN.h5", callback=existing_path, help="Record of a run.")
 ]
 PeersOption = Annotated[
-    bool, typer.Option("--peers", help="Also other libraries, by installed adapters (tests/peers).")
+    bool,
+    typer.Option(
+        "--peers", help="Measure other libraries, too, by installed adapters (tests/peers)."
+    ),
 ]
 CameraOption = Annotated[
     Path | None,
@@ -102,14 +108,14 @@ FieldOption = Annotated[
     str,
     typer.Option(
         metavar="Y,X",
-        help="Where the point's image lies on the sensor, in millimetres from the axis.",
+        help="Position of the point's image on the sensor, in millimetres from the axis.",
     ),
 ]
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """On what bench pictures are taken, and how."""
+    """Options of commands that acquire frames: the bench, and how it runs."""
 
     bench: BenchOption = None
     scene: SceneOption = None
@@ -120,12 +126,14 @@ class RunOptions:
     json: JsonOption = False
 
     def bench_files(self, image: Path | None = None) -> BenchFiles:
+        """Return the files that the bench is opened from."""
         from labapp.bench.opening import BenchFiles
 
         return BenchFiles.with_defaults(self.bench, self.scene, image, self.faults)
 
     @property
     def run_mode(self) -> ExecutionOptions:
+        """Return how the run is executed: overwriting, prompts, speed and output."""
         from labapp.runs.run_commands import ExecutionOptions
 
         return ExecutionOptions(self.force, self.yes, self.speed, self.json)
@@ -133,37 +141,42 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class StarOptions:
-    """The artificial star that panel and lens are measured with."""
+    """Options that describe the artificial star with which panel and lens are measured."""
 
-    star: Annotated[str, typer.Option(help="The target with the star.")] = "star"
-    dark: Annotated[str, typer.Option(help="The target without light; '' for none.")] = "dark"
+    star: Annotated[str, typer.Option(help="Name of the target with the star.")] = "star"
+    dark: Annotated[
+        str, typer.Option(help="Name of the target without light; '' for no dark frames.")
+    ] = "dark"
     star_um: Annotated[
-        float | None, typer.Option(help="Diameter of the pinhole.", show_default="the scene's")
+        float | None,
+        typer.Option(help="Diameter of the star, in micrometres.", show_default="the scene's"),
     ] = None
     star_m: Annotated[
         float | None,
-        typer.Option(help="Distance of the pinhole.", show_default="the scene's, or in focus"),
+        typer.Option(
+            help="Distance of the star, in metres.", show_default="the scene's, or in focus"
+        ),
     ] = None
 
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """What a pattern is made for, and where it goes."""
+    """Options of commands that compute a pattern."""
 
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help=".png for any SLM software, or .h5 with everything that it was made from.",
+            help="File to write: .png for any SLM software, or .h5 with all inputs of the design.",
         ),
     ] = None
     wavelength_nm: Annotated[
-        float, typer.Option(help="For which it is made, and its PSF predicted.")
+        float, typer.Option(help="Wavelength of pattern and predicted PSF, in nanometres.")
     ] = 550.0
     frames: Annotated[
-        int, typer.Option(min=1, help="Of a video: numbered .png files, or one .h5.")
+        int, typer.Option(min=1, help="Frames of a video, in numbered .png files or one .h5.")
     ] = 1
-    seed: Annotated[int, typer.Option(min=0, help="All chance comes from it.")] = 1
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1
     size: Annotated[
         int | None, typer.Option(min=16, max=2048, help="Sensor pixels across the predicted PSF.")
     ] = None
@@ -172,7 +185,10 @@ class DesignOptions:
     json: JsonOption = False
 
     def design_and_write(self, spec: StillPattern) -> None:
-        """Compute a pattern, predict its PSF, and write both; UserError names what can't be."""
+        """Compute a pattern, predict its PSF, and write both.
+
+        Raises UserError for options that are wrong, or a pattern that the panel can't show.
+        """
         from labapp.files.output_paths import pattern_output_paths
         from labapp.patterns.designing.design_request import DesignRequest
 
@@ -189,10 +205,11 @@ class DesignOptions:
 
 @dataclass(frozen=True)
 class EffectOptions:
-    """What the virtual bench may leave out of a picture."""
+    """Options that decide which effects the virtual bench leaves out of a picture."""
 
     tol: Annotated[
-        float | None, typer.Option(help="Error to leave effects out for. Default: the scene's.")
+        float | None,
+        typer.Option(help="Relative error that omitted effects may cause. Default: the scene's."),
     ] = None
     set: Annotated[
         list[str] | None,
@@ -202,7 +219,7 @@ class EffectOptions:
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """A picture that the virtual bench takes of a scene."""
+    """Options that describe a picture that the virtual bench takes of a scene."""
 
     scene: Annotated[
         Path | None,
@@ -217,14 +234,19 @@ class PictureOptions:
     )
     pattern: Annotated[
         Path | None,
-        typer.Option(callback=readable_path, help="8-bit picture on the panel. Default: neutral."),
+        typer.Option(
+            callback=readable_path,
+            help="Pattern on the panel, an 8-bit picture. Default: neutral.",
+        ),
     ] = None
-    wavelength_nm: Annotated[float | None, typer.Option(help="Of the filter, in nanometres.")] = (
-        None
-    )
+    wavelength_nm: Annotated[
+        float | None, typer.Option(help="Wavelength of the filter, in nanometres.")
+    ] = None
     exposure_ms: Annotated[
         float | None,
-        typer.Option(help="In milliseconds. Default: fills the brightest pixel to half."),
+        typer.Option(
+            help="Exposure time in milliseconds. Default: fills the brightest pixel to half."
+        ),
     ] = None
 
     def picture_request(
@@ -234,7 +256,11 @@ class PictureOptions:
         *,
         everything: bool = False,
     ) -> PictureRequest:
-        """The picture on a bench; with all that is left out decided by the scene, if not here."""
+        """Return the request for a picture on a bench.
+
+        `effect_options` decide what is left out, or the scene if they are None. `everything`
+        requests all effects at their finest.
+        """
         from labapp.light.simulating.picture_request import PictureRequest, parse_forced_effects
 
         effect_options = effect_options or EffectOptions()
@@ -253,16 +279,17 @@ class PictureOptions:
 
 @dataclass(frozen=True)
 class RowsOutputOptions:
-    """Where measured rows go."""
+    """Options of commands that print measured rows and draw their diagram."""
 
     json: JsonOption = False
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the rows against time (.png, .svg).")
+        Path | None,
+        typer.Option(metavar="FILE", help="Diagram of the rows against time (.png, .svg)."),
     ] = None
     force: ForceOption = False
 
     def require_writable(self) -> None:
-        """UserError if the plot can't be written where it is asked for."""
+        """Raise UserError if the file of the diagram can't be written."""
         from labapp.files.writing import require_all_writable
 
         require_all_writable((self.plot,), force=self.force)

@@ -1,4 +1,4 @@
-"""Commands of the virtual bench's pictures: what one calls for, and taking them."""
+"""Commands `labapp explain` and `labapp simulate`, for pictures of the virtual bench."""
 
 from __future__ import annotations
 
@@ -23,16 +23,21 @@ def explain(
     context: typer.Context,
     bench: BenchOption = None,
     audit: Annotated[
-        bool, typer.Option(help="Put back what is left out, and check it against its bound.")
+        bool,
+        typer.Option(help="Render again with each omitted effect, and compare with its bound."),
     ] = False,
-    pairs: Annotated[int, typer.Option(help="Pairs of effects that --audit puts back.")] = 10,
+    pairs: Annotated[
+        int, typer.Option(help="Number of pairs of effects that --audit adds together.")
+    ] = 10,
     json: JsonOption = False,
 ) -> None:
-    """Say which effects a picture of a scene calls for, how far, and why.
+    """Explain which effects a simulated picture needs, at which level, and why.
 
-    Each effect is named with the level at which it is computed, the most that it may change
-    beyond that, and the physics in a sentence. The sum of all bounds stays within the
-    tolerance. The exit code is 1 if **--audit** finds a bound broken.
+    For each effect it prints the level at which it is computed, the bound of the error that this
+    leaves, and the physics in a sentence. The sum of all bounds stays within the tolerance. The
+    exit code is 1 if **--audit** finds an error beyond its bound. For instance
+
+    **labapp explain bricks --tol 1e-3 --audit**
     """
     from labapp.light.simulating.effect_explanation import explain_effects as explained
 
@@ -46,20 +51,23 @@ def explain(
 @app.command(cls=command_with_options(PictureOptions(), EffectOptions()))
 def simulate(
     context: typer.Context,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="To write: .h5, .tiff or .png.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write: .h5, .tiff or .png.")],
     bench: BenchOption = None,
     frames: Annotated[int, typer.Option(help="Number of frames; noise differs in each.")] = 1,
-    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
     everything: Annotated[
-        bool, typer.Option(help="All effects at their finest, whatever the tolerance.")
+        bool,
+        typer.Option(help="Compute all effects at their finest, whatever the tolerance."),
     ] = False,
     force: ForceOption = False,
 ) -> None:
-    """Take pictures of a scene with the virtual bench, without a run.
+    """Simulate pictures of a scene on the virtual bench, without a run.
 
-    Files hold raw digital numbers, not stretched: pictures of a 12-bit camera look dark in a
-    viewer that takes them for 16 bits. **.h5** holds the mean picture and the variance as well,
-    and what was decided.
+    Files hold raw digital numbers without scaling, so that pictures of a 12-bit camera look dark in
+    a viewer that takes them for 16 bits. **.h5** also holds the mean picture, the variance, and the
+    decisions about effects. For instance
+
+    **labapp simulate star --set diffraction=rays --out rays.tiff**
     """
     from labapp.files.output_paths import frames_output_path
 

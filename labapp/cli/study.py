@@ -1,4 +1,4 @@
-"""The command that does the thesis' experiments again."""
+"""The command `labapp study`, which repeats experiments of the thesis."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from labapp.studies import STUDIES
 
 
 def _help() -> str:
+    """Return the help text of `labapp study`, with the list of studies."""
     listed = "\n".join(
         f"- **{name}**: {entry.summary} ({entry.figure})" for name, entry in STUDIES.items()
     )
-    return f"""Do an experiment of the thesis again, on the bench, beside what was published.
+    return f"""Repeat an experiment of the thesis on a bench, beside the published result.
 
-    A study is an ordinary run, and what its record tells: it leaves **run.h5**, **study.png**,
-    a page **study.html** and **study.json** in a folder, and prints what was published, what
-    physics expects, and what was found here.
+    A study runs a plan and evaluates its record. It writes **run.h5**, **study.png**, a page
+    **study.html** and **study.json** to a folder, and prints the published result, the value that
+    physics predicts, and the measured value.
 
 {listed}
 
-**labapp study list** tells their settings with units and defaults. For instance
+**labapp study list** gives their settings with units and defaults. For instance
 
 **labapp study refocus near_m=1.7 --out refocus**
 
-Ctrl-C leaves the bench safe and the record as it is: **labapp resume** takes the rest, and
-**labapp study NAME --record run.h5 --out FOLDER** evaluates it. On a bench of your own
-(--bench) targets go by the names that the study's plan gives them, such as star and dark.
+Ctrl-C leaves the bench safe and keeps the record: **labapp resume** takes the missing frames, and
+**labapp study NAME --record run.h5 --out FOLDER** evaluates the record. Your own bench (--bench)
+needs targets with the names in the study's plan, such as star and dark.
 """
 
 
@@ -40,23 +41,24 @@ def study(
     context: typer.Context,
     name: Annotated[str, typer.Argument(metavar="NAME", help="A study, or 'list'.")],
     settings: Annotated[
-        list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Its settings.")
+        list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="Settings of the study.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Where record and page go.")
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for record, picture and page.")
     ] = None,
     record: Annotated[
         Path | None,
         typer.Option(
             metavar="RUN.h5",
             callback=existing_path,
-            help="Evaluate a record of it; take no pictures.",
+            help="Evaluate an existing record of the study instead of taking pictures.",
         ),
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Smaller settings: seconds instead of a minute.")
+        bool,
+        typer.Option("--quick", help="Use smaller settings: seconds instead of a minute."),
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="All chance comes from it.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
 ) -> None:
     from labapp.common.errors import UserError
     from labapp.files.output_paths import RECORD, STUDY_FILES

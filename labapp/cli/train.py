@@ -1,4 +1,4 @@
-"""The command that trains the network behind plug-and-play restoration."""
+"""The command `labapp train`, which trains the denoiser of plug-and-play restoration."""
 
 from __future__ import annotations
 
@@ -16,25 +16,28 @@ from labapp.common.threads import use_one_thread
 def train(
     folders: Annotated[
         list[Path],
-        typer.Argument(metavar="FOLDER...", help="Of sharp pictures, or pictures themselves."),
+        typer.Argument(metavar="FOLDER...", help="Folders of sharp pictures, or picture files."),
     ],
-    out: Annotated[Path, typer.Option(metavar="WEIGHTS.npz", help="Where the weights go.")] = Path(
-        "denoiser.npz"
-    ),
+    out: Annotated[
+        Path, typer.Option(metavar="WEIGHTS.npz", help="File of weights to write.")
+    ] = Path("denoiser.npz"),
     steps: Annotated[
-        int, typer.Option(min=1, help="Of 16 patches of 64 x 64 pixels each.")
+        int,
+        typer.Option(min=1, help="Training steps, each with 16 patches of 64 x 64 pixels."),
     ] = 24000,
-    seed: Annotated[int, typer.Option(help="All chance comes from it.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
     force: ForceOption = False,
 ) -> None:
-    """Train the denoiser of plug-and-play restoration from pictures.
+    """Train the denoiser of plug-and-play restoration on pictures.
+
+    For instance
 
     **labapp train photographs/ --out denoiser.npz**
 
     The same pictures, steps and seed give the same weights on the same machine. 24000 steps take
-    two to three processor hours on one core. What was learned so far is kept beside the weights
-    every 200 steps: interrupt it when you like, and give the same command again to go on.
-    The weights that come with the project were trained so; labapp/data/SOURCES.txt says on what.
+    two to three processor hours on one core. A checkpoint is written beside the weights every 200
+    steps: you may interrupt the training, and continue it by the same command. The bundled weights
+    were trained in this way; labapp/data/SOURCES.txt names the pictures.
     """
     from labapp.files.output_paths import weights_output_path
 

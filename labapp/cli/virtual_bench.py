@@ -1,4 +1,4 @@
-"""The command that serves the virtual bench's instruments behind their true wires."""
+"""The command `labapp virtual-bench serve`, which serves simulated instruments to real drivers."""
 
 from __future__ import annotations
 
@@ -18,22 +18,25 @@ app.add_typer(virtual_bench, name="virtual-bench")
 
 @virtual_bench.callback()
 def virtual_bench_() -> None:
-    """Simulated instruments behind true wires, for the real drivers."""
+    """Serve simulated instruments at real ports, for the real drivers."""
 
 
 @dataclass(frozen=True)
 class ServeCommandOptions:
-    """Which instruments are served, where, and until when."""
+    """Options that say which instruments are served, where, and until when."""
 
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Bench file to write (.toml).")
     ] = None
     filter: Annotated[
-        str, typer.Option(help="varispec, thorlabs, starlight, zwo; none leaves it out.")
+        str,
+        typer.Option(help="Filter: varispec, thorlabs, starlight or zwo; none leaves it out."),
     ] = "varispec"
-    camera: Annotated[str, typer.Option(help="gige; none leaves it out.")] = "gige"
-    slm: Annotated[str, typer.Option(help="screen; none leaves it out.")] = "screen"
-    spectroradiometer: Annotated[str, typer.Option(help="cs2000; none leaves it out.")] = "cs2000"
+    camera: Annotated[str, typer.Option(help="Camera: gige; none leaves it out.")] = "gige"
+    slm: Annotated[str, typer.Option(help="SLM: screen; none leaves it out.")] = "screen"
+    spectroradiometer: Annotated[
+        str, typer.Option(help="Spectroradiometer: cs2000; none leaves it out.")
+    ] = "cs2000"
     display: Annotated[
         str,
         typer.Option(
@@ -52,7 +55,8 @@ class ServeCommandOptions:
         Path | None, typer.Option(help="Folder for the ports, so that they keep their names.")
     ] = None
     until_eof: Annotated[
-        bool, typer.Option("--until-eof", help="End with standard input, for scripts.")
+        bool,
+        typer.Option("--until-eof", help="Stop at the end of standard input, for scripts."),
     ] = False
     force: ForceOption = False
 
@@ -66,21 +70,24 @@ def serve(
 ) -> None:
     """Serve a virtual bench at real ports, for the real drivers in other programs.
 
-    The filter listens at a serial port or on a USB bus, the camera sends GigE Vision packets on
-    this computer's loopback, what stands on a screen is on the SLM, and a CS-2000 measures at a
-    port. All are before one virtual world: tune the filter, and the camera sees other light.
+    The filter listens at a serial port or on a USB bus. The camera sends GigE Vision packets on
+    this computer's loopback. The SLM shows what is on a screen. A CS-2000 spectroradiometer listens
+    at a serial port. All instruments share one virtual world: after the filter is tuned, the camera
+    sees other light. For instance
 
-    The bench file that is printed, and written by --out, names their drivers and ports: use it
-    in another terminal as that of a real bench, by **labapp gui --bench bench.toml** or
-    **labapp run plan.toml --bench bench.toml --out run.h5**.
+    **labapp virtual-bench serve --out bench.toml**
 
-    Meanwhile it obeys lines on its standard input: **target star** puts another target before
-    the camera, **fault filter silence 5** has the filter say nothing for 5 seconds, **mend
-    filter**, **unplug camera**, **plug camera**, **state**, **help**, **quit**. Ctrl-C ends it,
-    too, and nothing is left behind.
+    The bench file is printed, and written by --out. It names drivers and ports. Use it in another
+    terminal like that of a real bench, by **labapp gui --bench bench.toml** or **labapp run
+    plan.toml --bench bench.toml --out run.h5**.
 
-    It needs Linux; the camera needs Aravis (sudo apt-get install python3-gi
-    gir1.2-aravis-0.8), the SLM without --display Xvfb (sudo apt-get install xvfb).
+    The command accepts lines on standard input: **target star** puts a target in front of the
+    camera, **fault filter silence 5** keeps the filter silent for 5 seconds, **mend filter** ends
+    its faults, **unplug camera** and **plug camera** pull and insert a plug, **state** and **help**
+    print what their names say, and **quit** or Ctrl-C ends the bench and removes its ports.
+
+    It needs Linux. The camera needs Aravis (sudo apt-get install python3-gi gir1.2-aravis-0.8); the
+    SLM needs Xvfb (sudo apt-get install xvfb) unless --display is given.
     """
     from labapp.bench.opening import BenchFiles
     from labapp.bench.virtual_bench.serving import ServeOptions, serve

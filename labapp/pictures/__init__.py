@@ -1,1 +1,1 @@
-"""What becomes of pictures: merged, measured, restored, reported; networks that learn from them."""
+"""Merge, measure, restore and report recorded pictures, and train the networks for restoration."""

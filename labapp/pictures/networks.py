@@ -1,4 +1,4 @@
-"""Networks that come with the project, and files of their weights."""
+"""Read and write the weights of the denoising network for plug-and-play restoration."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from optics.deconvolution.denoiser import load_denoiser
 from optics.deconvolution.method import Denoise
 
 BUNDLED_WEIGHTS = bundled_path("denoiser.npz")
-"""Trained by `labapp train`; see SOURCES.txt beside it."""
+"""Weights of the bundled denoiser, trained by `labapp train`; SOURCES.txt names the pictures."""
 
 
 @functools.cache
 def bundled_denoiser() -> Denoise:
-    """The denoiser behind plug-and-play restoration."""
+    """Return the bundled denoiser of plug-and-play restoration."""
     return read_denoiser(BUNDLED_WEIGHTS)
 
 
 def read_denoiser(path: Path) -> Denoise:
-    """The denoiser of a file of weights. UserError says what is wrong with a file."""
+    """Read a denoiser from a file of weights; UserError says what is wrong with the file."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             weights = {name: torch.from_numpy(stored[name]) for name in stored.files}
@@ -39,7 +39,7 @@ def read_denoiser(path: Path) -> Denoise:
 
 
 def weights_file(weights: Mapping[str, torch.Tensor]) -> bytes:
-    """Weights in half precision, by their names, as a .npz file's bytes."""
+    """Return a network's weights, by name, as the bytes of an .npz file in half precision."""
     buffer = io.BytesIO()
     halves = {name: value.to(torch.float16).numpy() for name, value in weights.items()}
     np.savez_compressed(buffer, **halves)  # type: ignore[arg-type]

@@ -185,7 +185,7 @@ def restore_within_bounds(
 ) -> RestoredImage:
     """Restore a photograph so that no pixel lies below or above given bounds.
 
-    The result minimises |A x - y|² / 2 + weight · prior(x) within the bounds; the minimiser is
+    The result minimises ``|A x - y|² / 2 + weight · prior(x)`` within the bounds; the minimiser is
     L-BFGS-B in double precision. With an unknown border, the scene around the frame is estimated
     too, within the same bounds. See `optics.deconvolution.bounded.minimise_within_bounds`.
 

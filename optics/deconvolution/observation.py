@@ -123,7 +123,7 @@ class Observation:
 
     @cached_property
     def squared_mtf(self) -> torch.Tensor:
-        """The squared MTF |H|² on the period of the restoration."""
+        """The squared MTF ``|H|²`` on the period of the restoration."""
         return squared_modulus(self.otf)
 
     @cached_property

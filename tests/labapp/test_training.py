@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from typer.testing import CliRunner
 from labapp.cli import app
 from labapp.common.errors import UserError
 from labapp.pictures.networks import BUNDLED_WEIGHTS, bundled_denoiser, read_denoiser
+from labapp.pictures.training import denoiser
 from labapp.pictures.training.denoiser import train_weights
 from labapp.pictures.training.patches import grey_patches, read_training_pictures
 from optics.progress import Cancelled, Progress
@@ -44,7 +47,7 @@ def test_it_learns_to_take_noise_away(folder, tmp_path):
 
 
 def test_interrupted_training_ends_in_the_same_weights(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("labapp.pictures.training.denoiser._CHECKPOINT_INTERVAL", 2)
+    monkeypatch.setattr(denoiser, "SETTINGS", replace(denoiser.SETTINGS, checkpoint_interval=2))
     pictures = read_training_pictures([folder])
     straight = train_weights(pictures, 4, 1, tmp_path / "straight", Progress())
 
@@ -59,7 +62,7 @@ def test_interrupted_training_ends_in_the_same_weights(folder, tmp_path, monkeyp
 
 
 def test_what_was_kept_for_something_else_is_not_gone_on_from(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("labapp.pictures.training.denoiser._CHECKPOINT_INTERVAL", 1)
+    monkeypatch.setattr(denoiser, "SETTINGS", replace(denoiser.SETTINGS, checkpoint_interval=1))
     pictures, kept = read_training_pictures([folder]), tmp_path / "kept"
     train_weights(pictures, 1, 1, kept, Progress())
     with pytest.raises(UserError, match=r"was kept for steps 1, seed 1.*Delete it"):

@@ -11,7 +11,13 @@ import numpy as np
 import pytest
 
 from labapp.accuracy.row_output import print_data
-from labapp.accuracy.work_precision import Candidate, Row, mark_front, measure
+from labapp.accuracy.work_precision import (
+    CallTimingSettings,
+    Candidate,
+    Row,
+    mark_front,
+    measure,
+)
 from optics.progress import Cancelled, Progress
 
 
@@ -61,7 +67,7 @@ def test_measuring_can_be_cancelled():
 
 def test_the_diagram_of_a_psf(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.psf._GRIDS", (64, 128, 256))
-    monkeypatch.setattr("labapp.accuracy.work_precision._REPEATS", 1)
+    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(repeats=1))
     files = ["--json", "--plot", tmp_path / "front.png"]
     code, printed, _ = labapp("accuracy", "psf", "--size", "24", "--f-number", "16", *files)
     assert code == 0

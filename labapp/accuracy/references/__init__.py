@@ -1,6 +1,6 @@
-"""Exact answers that `labapp accuracy` holds every method against.
+"""Compute the exact references that `labapp accuracy` compares every method with.
 
-Each is a slow, direct integral of the declared model (thesis Eq. 3.1, 5.1 to 5.7). It takes
-descriptions from optics (lens, stop, panel, plane) and no computation: phases, coverage of pixels
-and quadrature are its own, so that an engine's mistake isn't repeated by what judges it.
+Each reference is a slow, direct integral of the declared model (thesis Eq. 3.1, 5.1 to 5.7). It
+takes descriptions from optics (lens, stop, panel, plane) but no computation. It has its own code
+for phases, coverage of pixels and quadrature, so that it doesn't repeat a mistake of an engine.
 """

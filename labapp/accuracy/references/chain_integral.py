@@ -1,18 +1,19 @@
-"""The camera's chain by direct quadrature: the slow judge of the fast engines behind a panel
-that stands apart from its lens.
+"""Compute the light on the sensor behind a panel apart from its lens, by direct quadrature.
 
-It shares no code with them, and takes none of their short cuts. Thesis Eq. 5.1 to 5.7 stand as
-written, with their slips corrected: a point's wave over the panel, pixels of one modulation
-each, Fresnel's integral to the lens, stop, lens and aberrations, and Fresnel's integral again
-to the sensor. The first is that of panel.py. The second is a sum over lines across the stop. Along
-a line the nodes stand in cells that all lines share; where a line is open in a part of a cell,
-the wave between its nodes is that of the polynomial through them.
+This is the slow reference of the fast chain engines. It shares no code with them and none of
+their approximations. It follows thesis Eq. 5.1 to 5.7, with their slips corrected: a point's wave
+over the panel, pixels of one modulation each, the Fresnel integral to the lens, stop, lens and
+aberrations, and the Fresnel integral to the sensor. `panel_integral` computes the first integral.
+The second is a sum over lines across the stop. Along a line the nodes lie in cells that all lines
+share. Where a line is open in only a part of a cell, the wave between the nodes of the cell is
+interpolated by the polynomial through them.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -22,6 +23,7 @@ from scipy.special import roots_legendre
 
 from labapp.accuracy.references.coverage import open_area_shares
 from labapp.accuracy.references.lens_integral import (
+    NODE_MARGIN,
     StopLine,
     pupil_phase,
     steepest_phase_slope,
@@ -37,27 +39,40 @@ from labapp.accuracy.references.panel_integral import (
 Array = NDArray[np.float64]
 Field = NDArray[np.complex128]
 
-_MARGIN = 1.3
-_CELL = 16.0
-"""Radians by which an integrand turns over half a cell, at the most."""
 
-NODES = 34
-"""In a cell: a polynomial of this many terms follows exp(i w t) to (e w / 68)^34."""
+@dataclass(frozen=True)
+class ChainQuadratureSettings:
+    """Tune the quadrature over the stop of a chain.
 
-_REACH_MARGIN = 1e-9
-"""Of the stop's reach, by which the cells go beyond it."""
+    Attributes
+    ----------
+    cell_phase : float
+        Most radians by which the phase of the integrand changes over half a cell. Chosen.
+    nodes_per_cell : int
+        Nodes in a cell. A polynomial of 34 terms approximates exp(i w t) to (e w / 68)^34.
+    reach_margin : float
+        Share of the extent of the stop by which the cells reach beyond it. Chosen.
+    lines_at_once : int
+        Lines across the stop that are summed at a time. Chosen.
+    places_at_once : int
+        Positions at the lens for which the light of all pixels is computed at a time. Chosen.
+    max_sums : float
+        Most complex numbers of cumulative sums over cells that are kept in memory. Chosen.
+    phase_degree : int
+        Degree of the polynomials that approximate the phase of aberrations, and of a stigmatic
+        lens, along a line. Chosen.
+    """
 
-_LINES = 32
-"""That are summed at a time."""
+    cell_phase: float = 16.0
+    nodes_per_cell: int = 34
+    reach_margin: float = 1e-9
+    lines_at_once: int = 32
+    places_at_once: int = 2048
+    max_sums: float = 2e7
+    phase_degree: int = 40
 
-_PIECE = 2048
-"""Places at the lens that are looked at from all pixels at a time."""
 
-_MOST_SUMS = 2e7
-"""Complex numbers that are held of sums over cells."""
-
-_DEGREE = 40
-"""Of the polynomials that follow aberrations, and a stigmatic lens, along a line."""
+SETTINGS = ChainQuadratureSettings()
 
 
 def chain_density(
@@ -66,14 +81,28 @@ def chain_density(
     y: Array,
     x: Array,
     *,
-    margin: float = _MARGIN,
+    margin: float = NODE_MARGIN,
 ) -> Array:
-    """Share of a point's light per square metre, at heights y and places x around its image,
-    (modulations, y, x).
+    """Return the share of a point's light per square metre on the sensor of a chain.
 
-    modulations: of the panel's pixels. y, x: metres from the geometric image. The share is of
-    what panel and stop would pass if they stood in one plane, for a point on the axis.
-    margin: by how much more densely than is needed nodes stand.
+    The share is relative to the light that panel and stop would pass if they stood in one plane,
+    for a point on the axis.
+
+    Parameters
+    ----------
+    chain : ImagingChain
+        Camera, point and wavelength.
+    modulations : sequence of Field
+        Complex modulations of the pixels of the panel, each (rows, columns).
+    y, x : Array
+        Positions in metres from the geometric image.
+    margin : float
+        Factor by which nodes are denser than needed.
+
+    Returns
+    -------
+    Array
+        (modulations, y, x), 1/m².
     """
     field = chain_field(chain, modulations, y, x, margin=margin)
     panel = chain.camera.panel
@@ -88,15 +117,18 @@ def chain_field(
     y: Array,
     x: Array,
     *,
-    margin: float = _MARGIN,
+    margin: float = NODE_MARGIN,
 ) -> Field:
-    """The wave at the sensor, for one of amplitude 1 on the panel; arguments as above."""
+    """Return the complex field at the sensor of a chain, for a wave of amplitude 1 on the panel.
+
+    The arguments are those of `chain_density`.
+    """
     y, x = y + chain.field[0], x + chain.field[1]
     down, across = (margin * slope for slope in _slopes(chain, y, x))
     line_sum = _LineSum(chain, modulations, x, across)
     found = np.zeros((len(modulations), y.size, x.size), dtype=np.complex128)
     lines = stop_lines(chain.lens.stop, math.hypot(down, across))
-    while batch := list(islice(lines, _LINES)):
+    while batch := list(islice(lines, SETTINGS.lines_at_once)):
         heights = np.array([line.height for line in batch]) * chain.radius
         weights = np.array([line.weight for line in batch])
         found += (_sensor_kernel(chain, y, heights) * weights) @ line_sum(batch)
@@ -104,17 +136,19 @@ def chain_field(
 
 
 def line_and_node_counts(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
-    """About how many lines the stop takes, and how many nodes a line."""
-    down, across = (_MARGIN * slope for slope in _slopes(chain, y, x))
-    cells = math.ceil(across * chain.stop_extent / chain.radius / _CELL)
-    return math.hypot(down, across) * np.pi / 4 + 40, cells * NODES
+    """Estimate how many lines across the stop the quadrature takes, and how many nodes a line."""
+    down, across = (NODE_MARGIN * slope for slope in _slopes(chain, y, x))
+    cells = math.ceil(across * chain.stop_extent / chain.radius / SETTINGS.cell_phase)
+    return math.hypot(down, across) * np.pi / 4 + 40, cells * SETTINGS.nodes_per_cell
 
 
 def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
-    """The most radians by which the integrand in the lens' plane turns in a stop radius, along
-    y and x: light from the pixels' edges, and light that goes straight on."""
+    """Bound the phase slope of the integrand in the lens plane along y and x, rad per stop radius.
+
+    It includes the light from the edges of the pixels and the undeflected light.
+    """
     lens, wavelength, z1 = chain.lens, chain.wavelength, chain.camera.separation
-    # An edge's light begins to turn within a Fresnel zone of its shadow.
+    # The phase of the light from an edge begins to change within a Fresnel zone of its shadow.
     rest = 4 * chain.radius / math.sqrt(wavelength * z1)
     if lens.aberrations:
         rest += 1.1 * steepest_phase_slope(lens, lens.focus_distance, wavelength)
@@ -139,14 +173,18 @@ def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
 
 
 def _sensor_kernel(chain: ImagingChain, positions: Array, places: Array) -> Field:
-    """Lens and Fresnel's integral to the sensor along one axis, (seen, places); metres."""
+    """Return the kernel of lens and Fresnel integral to the sensor along one axis.
+
+    `positions` on the sensor and `places` at the lens are in metres; the kernel is
+    (positions, places).
+    """
     lens, wavelength, z2 = chain.lens, chain.wavelength, chain.lens.image_distance
     path = (positions[:, None] - places) ** 2 / z2 - places**2 / lens.focal_length
     return np.asarray(np.exp(1j * np.pi / wavelength * path) / np.sqrt(1j * wavelength * z2))
 
 
 class _LineSum:
-    """The integral along lines across the stop, to all places x on the sensor."""
+    """The Fresnel integral along lines across the stop, to all positions x on the sensor."""
 
     def __init__(
         self, chain: ImagingChain, modulations: Sequence[Field], x: Array, slope: float
@@ -154,10 +192,13 @@ class _LineSum:
         self._chain, self._x = chain, x
         self._panel = SphericalWavePixels(chain) if chain.sphere else ParabolicWavePixels(chain)
         self._factors = LowRankModulations([self._panel.source_field(one) for one in modulations])
-        # A little beyond the stop: a line's end that rounding moves out is still in a cell.
-        reach = chain.stop_extent / chain.radius * (1 + _REACH_MARGIN)
-        self._edges = np.linspace(-reach, reach, max(1, math.ceil(slope * reach / _CELL)) + 1)
-        self._t, self._w = roots_legendre(NODES)
+        # The cells reach a little beyond the stop, so that the end of a line lies in a cell even
+        # where rounding moves it outwards.
+        reach = chain.stop_extent / chain.radius * (1 + SETTINGS.reach_margin)
+        cell_count = max(1, math.ceil(slope * reach / SETTINGS.cell_phase))
+        self._edges = np.linspace(-reach, reach, cell_count + 1)
+        self._node_count = SETTINGS.nodes_per_cell
+        self._t, self._w = roots_legendre(self._node_count)
         self._half = (self._edges[1] - self._edges[0]) / 2
         middles = self._edges[:-1, None] + self._half
         self._nodes = (middles + self._half * self._t).ravel()
@@ -165,15 +206,18 @@ class _LineSum:
         self._panel_field = self._field_from_panel()
         self._sensor_kernels = (_sensor_kernel(chain, x, self._nodes * chain.radius) * weights).T
         self._sums = self._cumulative_sums() if chain.lens.has_quadratic_phase else None
-        # From values at the nodes of a cell to a polynomial through them.
-        degrees = np.arange(NODES)[:, None] + 0.5
-        self._fit = degrees * legendre.legvander(self._t, NODES - 1).T * self._w
+        # This matrix turns values at the nodes of a cell into the Legendre coefficients of the
+        # polynomial through them.
+        degrees = np.arange(self._node_count)[:, None] + 0.5
+        self._fit = degrees * legendre.legvander(self._t, self._node_count - 1).T * self._w
 
     def _field_from_panel(self) -> Field:
-        """What the panel's columns send to the nodes, (nodes, ranks); a piece at a time, as
-        there are many of both."""
+        """Return the light of the columns of the panel at the nodes, (nodes, ranks).
+
+        It is computed in pieces, because there are many columns and many nodes.
+        """
         places = self._nodes * self._chain.radius
-        pieces = np.array_split(places, math.ceil(places.size / _PIECE))
+        pieces = np.array_split(places, math.ceil(places.size / SETTINGS.places_at_once))
         found = [
             self._factors.apply_right_factors(self._panel.propagation_matrix(1, piece))
             for piece in pieces
@@ -181,17 +225,20 @@ class _LineSum:
         return np.concatenate(found)
 
     def _cumulative_sums(self) -> Field | None:
-        """Sums over all cells up to an edge, (edges, ranks, x): where the lens is a product along
-        y and x, all lines share them. None if they are too many to hold."""
+        """Return the sums over all cells up to each edge, (edges, ranks, x).
+
+        All lines share them where the phase of the lens separates along y and x. None if they
+        take too much memory.
+        """
         cells, ranks, places = self._edges.size - 1, self._panel_field.shape[1], self._x.size
-        if cells * ranks * places > _MOST_SUMS:
+        if cells * ranks * places > SETTINGS.max_sums:
             return None
-        seen = self._panel_field.reshape(cells, NODES, ranks).swapaxes(1, 2)
-        each = seen @ self._sensor_kernels.reshape(cells, NODES, places)
+        seen = self._panel_field.reshape(cells, self._node_count, ranks).swapaxes(1, 2)
+        each = seen @ self._sensor_kernels.reshape(cells, self._node_count, places)
         return np.concatenate([np.zeros_like(each[:1]), np.cumsum(each, axis=0)])
 
     def __call__(self, lines: list[StopLine]) -> Field:
-        """(modulations, lines, x)."""
+        """Return the integral along each line, (modulations, lines, x)."""
         heights = np.array([line.height for line in lines])
         rows = self._panel.propagation_matrix(0, heights * self._chain.radius) @ self._factors.left
         bent = self._phase_coefficients(heights)
@@ -200,7 +247,7 @@ class _LineSum:
         else:
             found = self._cell_by_cell(lines, rows, self._sums)
         number, cell, ends = self._partial_cell_weights(lines, bent)
-        cells = self._panel_field.reshape(-1, NODES, self._panel_field.shape[1])
+        cells = self._panel_field.reshape(-1, self._node_count, self._panel_field.shape[1])
         for one, part in zip(found, self._factors.parts, strict=True):
             for n, c, end in zip(number, cell, ends, strict=True):
                 one[n] += end @ (cells[c, :, part] @ rows[n, part])
@@ -228,21 +275,23 @@ class _LineSum:
         return found
 
     def _whole_cells(self, low: float, high: float) -> tuple[int, int]:
-        """The first and the last edge of a cell that lie in an open piece of a line."""
+        """Return the indices of the first and the last cell edge in an open piece of a line."""
         first = np.searchsorted(self._edges, low)
         return int(first), int(np.searchsorted(self._edges, high, side="right")) - 1
 
     def _open_cell_nodes(self, line: StopLine) -> NDArray[np.bool_]:
-        """The nodes of cells that are open all over."""
+        """Return a mask of the nodes whose cell lies entirely in open pieces of a line."""
         found = np.zeros(self._nodes.size, dtype=bool)
         for low, high in line.open:
             first, last = self._whole_cells(low, high)
-            found[first * NODES : max(first, last) * NODES] = True
+            found[first * self._node_count : max(first, last) * self._node_count] = True
         return found
 
     def _partial_cells(self, line: StopLine) -> Iterator[tuple[int, float, float]]:
-        """What whole cells leave of a line's open pieces: the cell's number, and from where to
-        where."""
+        """Yield the parts of a line's open pieces that whole cells don't cover.
+
+        Each is the index of its cell, and the ends of the part in stop radii.
+        """
         for low, high in line.open:
             first, last = self._whole_cells(low, high)
             if last < first:
@@ -256,8 +305,11 @@ class _LineSum:
     def _partial_cell_weights(
         self, lines: list[StopLine], coefficients: Array | None
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Field]:
-        """For every piece: its line, its cell, and its weights on the wave at the cell's nodes,
-        (pieces, x, nodes): between them the wave is the polynomial that goes through them."""
+        """Return the line, the cell and the weights of every part of a cell that is open.
+
+        The weights, (pieces, x, nodes), multiply the wave at the nodes of the cell. They integrate
+        the polynomial through these values.
+        """
         pieces = [
             (n, *piece) for n, line in enumerate(lines) for piece in self._partial_cells(line)
         ]
@@ -267,7 +319,7 @@ class _LineSum:
         half = (high - low)[:, None] / 2
         nodes = low[:, None] + half * (1 + self._t)
         inside = (nodes - self._edges[cell][:, None]) / self._half - 1
-        between = legendre.legvander(inside, NODES - 1) @ self._fit
+        between = legendre.legvander(inside, self._node_count - 1) @ self._fit
         onward = _sensor_kernel(self._chain, self._x, nodes.ravel() * self._chain.radius)
         onward = onward.reshape(-1, *nodes.shape).swapaxes(0, 1)
         passed = (
@@ -278,26 +330,30 @@ class _LineSum:
         return number, cell, (onward * passed[:, None]) @ between
 
     def _phase_coefficients(self, heights: Array) -> Array | None:
-        """Phases of aberrations, and what a stigmatic lens adds to the parabolas of a thin one.
+        """Return Chebyshev coefficients of the non-quadratic phase of the lens for each line.
 
-        Along a line they are polynomials, or as good as that: their coefficients, line by line.
+        This is the phase of aberrations, and the difference between a stigmatic and a thin lens.
+        Along a line it is a polynomial, or well approximated by one. None for a lens whose phase is
+        quadratic.
         """
         chain, lens = self._chain, self._chain.lens
         if lens.has_quadratic_phase:
             return None
         whole = chain.distance + chain.camera.separation
-        some = self._edges[-1] * chebyshev.chebpts1(_DEGREE + 1)
+        some = self._edges[-1] * chebyshev.chebpts1(SETTINGS.phase_degree + 1)
         phases = [pupil_phase(lens, whole, chain.wavelength, float(h), some) for h in heights]
         r2 = (heights[:, None] ** 2 + some**2) * chain.radius**2
         thin = np.pi / chain.wavelength * (1 / whole - 1 / lens.focus_distance) * r2
         return np.linalg.solve(self._vander(some), (np.stack(phases) - thin).T)
 
     def _vander(self, nodes: Array) -> Array:
-        return np.asarray(chebyshev.chebvander(nodes / self._edges[-1], _DEGREE))
+        return np.asarray(chebyshev.chebvander(nodes / self._edges[-1], SETTINGS.phase_degree))
 
     def _lens_factor(self, coefficients: Array | None, nodes: Array) -> Field | Array:
-        """What the lens multiplies the wave by besides its parabola, (lines, nodes); nodes may
-        be those of each line."""
+        """Return the factor of the lens besides its quadratic phase, (lines, nodes).
+
+        `nodes` are common to all lines, (nodes,), or those of each line, (lines, nodes).
+        """
         if coefficients is None:
             return np.ones((1, nodes.shape[-1]))
         return np.asarray(np.exp(1j * (self._vander(nodes) @ coefficients.T[..., None])[..., 0]))

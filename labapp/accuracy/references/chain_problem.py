@@ -1,5 +1,7 @@
-"""A question about a camera whose panel may stand apart from its lens, and the exact answer on
-some of its samples."""
+"""Pose a PSF problem for a camera whose panel may stand apart from its lens, with its reference.
+
+The reference is the exact light on some of the samples.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.accuracy.references.chain_integral import NODES, chain_density, line_and_node_counts
+from labapp.accuracy.references.chain_integral import SETTINGS, chain_density, line_and_node_counts
 from labapp.accuracy.references.panel_integral import ImagingChain, LowRankModulations
 from labapp.accuracy.references.psf_problem import PSFProblem, PSFReference
 from optics.camera import Camera
@@ -17,17 +19,17 @@ from optics.psf import CHAIN_METHODS, PSFOperator
 
 Array = NDArray[np.float64]
 
-_FRESNEL_COST, _EXPONENTIAL_COST, _LINE_COST = 1000, 500, 2e6
-"""Products in whose time a Fresnel integral, or an exponential, is computed, and what a line
-takes besides."""
-
 
 @dataclass(frozen=True)
 class ChainProblem(PSFProblem):
-    """A question about a camera whose panel may stand apart from its lens.
+    """A PSF problem for a camera whose panel may stand apart from its lens.
 
-    off_axis: metres (y, x) on the sensor from the axis to the point's image. sphere: whether
-    its wave is an exact one.
+    Attributes
+    ----------
+    off_axis : tuple of float
+        Position (y, x) of the point's image on the sensor, in metres from the axis.
+    sphere : bool
+        Whether the wave of the point is an exact sphere instead of a parabola.
     """
 
     off_axis: tuple[float, float] = (0.0, 0.0)
@@ -54,7 +56,7 @@ class ChainProblem(PSFProblem):
 
     @property
     def description(self) -> str:
-        """What to copy into a report."""
+        """Describe the problem in one line, for reports."""
         camera, lens, pixels = self.camera, self.lens, self.pixels
         rows, columns = camera.panel.shape
         return (
@@ -71,13 +73,16 @@ class ChainProblem(PSFProblem):
 
 
 class ChainReference(PSFReference):
-    """The exact light on some rows and columns, by the chain's own quadrature."""
+    """The exact light of a chain on some rows and columns of the window."""
 
     _problem: ChainProblem
 
     @property
     def product_count(self) -> float:
-        """About how many products its sums take."""
+        """Estimate how many products the exact integral of the chain takes."""
+        # Costs of a Fresnel integral, of an exponential, and of a line besides both, as the number
+        # of products that take the same time.
+        fresnel_cost, exponential_cost, line_cost = 1000, 500, 2e6
         (y, x), problem = self._node_positions(), self._problem
         lines, nodes = line_and_node_counts(problem.chain, y, x)
         rows, columns = problem.camera.panel.shape
@@ -85,23 +90,24 @@ class ChainReference(PSFReference):
         if problem.sphere:
             inside = problem.chain.nodes_per_pixel
             rows, columns, ranks = rows * inside, columns * inside, ranks * inside
-            place = _EXPONENTIAL_COST
+            place = exponential_cost
         else:
-            place = 2 * _FRESNEL_COST
-        line = rows * (ranks + place) + _LINE_COST
+            place = 2 * fresnel_cost
+        line = rows * (ranks + place) + line_cost
         if problem.lens.has_quadratic_phase:
-            line += ranks * (2 * NODES + x.size)
+            line += ranks * (2 * SETTINGS.nodes_per_cell + x.size)
         else:
-            line += nodes * (ranks + x.size + _EXPONENTIAL_COST)
+            line += nodes * (ranks + x.size + exponential_cost)
         return lines * line + nodes * columns * place
 
     def _modulations(self) -> list[NDArray[np.complex128]]:
-        """The pattern's, and that of light that it doesn't turn."""
+        """Return the modulation of the pattern, and that of unmodulated light if there is any."""
         assert self._problem.phase is not None
         shown = np.exp(1j * self._problem.phase)
         return [shown, np.ones_like(shown)] if self._problem.camera.panel.unmodulated else [shown]
 
     def density(self, y: Array, x: Array) -> Array:
+        """Return the exact share of the light per square metre at positions y and x, (y, x)."""
         share = self._problem.camera.panel.unmodulated
         found = chain_density(self._problem.chain, self._modulations(), y, x)
         return np.asarray((1 - share) * found[0] + share * found[-1])

@@ -1,4 +1,4 @@
-"""How much of each cell of a grid a stop leaves open, by quadrature over heights."""
+"""Compute how much of each cell of a grid a stop leaves open, by quadrature over heights."""
 
 from __future__ import annotations
 
@@ -19,21 +19,18 @@ from optics.stop.aperture import Stop
 
 Array = NDArray[np.float64]
 
-_NODES = 12
-"""Between two breaks, where what is open is smooth in the cosine of an angle."""
-
 
 def open_area_shares(stop: Stop, radius: float, plane: Plane) -> Array:
-    """Share of every cell around a plane's samples that a stop leaves open.
+    """Return the share of every cell around the samples of a plane that a stop leaves open.
 
     Parameters
     ----------
-    stop
-        Its shapes are in units of `radius`.
-    radius
-        Metres.
-    plane
-        Samples in the middles of the cells, which are as large as its pitch.
+    stop : Stop
+        Shapes in units of `radius`.
+    radius : float
+        Radius of the stop in metres.
+    plane : Plane
+        Plane whose samples are the centres of the cells; a cell is as large as the pitch.
 
     Returns
     -------
@@ -45,12 +42,14 @@ def open_area_shares(stop: Stop, radius: float, plane: Plane) -> Array:
     low, high = break_heights(stop)[0], break_heights(stop)[-1]
     met = [y for x in left for y in vertical_line_crossings(stop, float(x))]
     breaks = sorted({*break_heights(stop), *met, *(y for y in top if low < y < high)})
-    nodes, weights = roots_legendre(_NODES)
+    # Twelve nodes between two break heights: there the open length is smooth in the angle below.
+    nodes, weights = roots_legendre(12)
     angles = nodes * np.pi / 2
     for low, high in pairwise(breaks):
         if high - low < 1e-13:
             continue
-        # A circle's chord grows as a root of the height from where it begins: smooth in the angle.
+        # The chord of a circle grows as the square root of the height above its lowest point,
+        # which is smooth in the angle.
         heights = (low + high) / 2 + (high - low) / 2 * np.sin(angles)
         shares = weights * np.pi / 2 * (high - low) / 2 * np.cos(angles)
         row = int(np.searchsorted(top, (low + high) / 2)) - 1
@@ -61,7 +60,7 @@ def open_area_shares(stop: Stop, radius: float, plane: Plane) -> Array:
 
 
 def _edges(plane: Plane, radius: float) -> tuple[Array, Array]:
-    """Where cells begin and end along y and x, in stop radii."""
+    """Return the edges of the cells along y and x, in stop radii."""
     found = []
     for axis in (0, 1):
         middles, half = sample_positions(plane, axis), plane.pitch[axis] / 2
@@ -70,7 +69,7 @@ def _edges(plane: Plane, radius: float) -> tuple[Array, Array]:
 
 
 def _open_lengths(stop: Stop, height: float, left: Array) -> Array:
-    """Of a line at a height, in every cell."""
+    """Return the open length of the horizontal line at a height in every cell, in stop radii."""
     length = np.zeros(left.size - 1)
     for low, high in open_intervals(stop, height):
         length += np.clip(np.minimum(high, left[1:]) - np.maximum(low, left[:-1]), 0, None)

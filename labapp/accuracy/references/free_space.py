@@ -1,8 +1,8 @@
-"""A field's way through free space, by direct sums over nodes on the plane that it leaves.
+"""Propagate a field through free space exactly, by direct sums over nodes on the source plane.
 
-Scalar: Rayleigh and Sommerfeld's first integral (Goodman 3.5). Paraxial: Fresnel's (Goodman
-4.2). Nodes are those of Gauss and Legendre in pieces between which the light may jump, and as many
-as light and kernel turn in a piece.
+The scalar model is the first Rayleigh-Sommerfeld integral (section 3.5 of Goodman), the paraxial
+one the Fresnel integral (section 4.2 of Goodman). Gauss-Legendre nodes fill the pieces in which the
+field is smooth; their number follows from how far the phase of field and kernel changes in a piece.
 """
 
 from __future__ import annotations
@@ -18,19 +18,13 @@ from optics.plane import Plane
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_CYCLES, _NODES = 6.0, 24
-"""Turns that a piece may hold, and its nodes: the remainder is (e pi 6 / 96)^48, 1e-14."""
-
-_FEWEST = 4
-"""Nodes of a piece in which hardly anything turns."""
-
-_CHUNK = 1 << 20
-"""Products that are held at a time."""
-
 
 @dataclass(frozen=True)
 class Places:
-    """Where the field is wanted: metres (y, x), at a distance from its plane, or behind it."""
+    """Positions (y, x) in metres at which the propagated field is computed.
+
+    They lie at `distance` in metres from the source plane; a negative distance goes back.
+    """
 
     y: Real
     x: Real
@@ -40,8 +34,11 @@ class Places:
 
 @dataclass(frozen=True)
 class Gaussian:
-    """strength exp(-|(u - middle) / width|² + 2 pi i frequency (u - middle)); (y, x) in metres
-    and cycles per metre."""
+    """A Gaussian beam in the source plane, tilted by a spatial frequency.
+
+    Its field is strength exp(-|(u - middle) / width|² + 2 pi i frequency (u - middle)). `middle`
+    (y, x) and `width` are in metres, `frequency` (y, x) in cycles per metre.
+    """
 
     strength: complex
     middle: tuple[float, float]
@@ -56,7 +53,7 @@ class Gaussian:
 
 @dataclass(frozen=True)
 class SmoothLight:
-    """A sum of Gaussians that has died away at the edges of its plane."""
+    """A smooth field: a sum of Gaussian beams that is negligible at the edges of its plane."""
 
     plane: Plane
     gaussians: tuple[Gaussian, ...]
@@ -73,18 +70,21 @@ class SmoothLight:
         return self.on(*(self.plane.coordinates(axis).numpy() for axis in (0, 1)))
 
     def smooth_pieces(self, axis: int) -> Real:
-        """The ends of pieces in which the light is smooth, (pieces, 2): the plane is one."""
+        """Return the ends of the pieces in which the field is smooth, (pieces, 2), in metres.
+
+        The whole plane is one piece.
+        """
         where = self.plane.coordinates(axis).numpy()
         return np.array([[where[0], where[-1]]])
 
     def spatial_frequency(self, axis: int) -> float:
-        """Cycles per metre of the light by itself."""
+        """Return the highest spatial frequency of the field along an axis, in cycles per metre."""
         return max(abs(g.frequency[axis]) + 1 / (math.pi * g.width) for g in self.gaussians)
 
 
 @dataclass(frozen=True)
 class CellLight:
-    """Squares of constant field around the samples of a plane, without gaps."""
+    """A field that is constant in square cells around the samples of a plane, without gaps."""
 
     plane: Plane
     samples: Complex
@@ -108,16 +108,16 @@ Light = SmoothLight | CellLight
 
 
 def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
-    """The field at some places, without exp(ikz).
+    """Return the exact propagated field at some positions, without the factor exp(ikz).
 
     Parameters
     ----------
-    light
-        The field on the plane that it leaves.
-    places
-        At most some hundred: every one of them takes a sum over all nodes in the scalar model.
-    paraxial
-        Whether Fresnel's kernel is meant, and not Rayleigh and Sommerfeld's.
+    light : Light
+        Field on the source plane.
+    places : Places
+        Positions, at most some hundred: in the scalar model each takes a sum over all nodes.
+    paraxial : bool
+        Whether the Fresnel kernel is used instead of the Rayleigh-Sommerfeld kernel.
 
     Returns
     -------
@@ -132,7 +132,8 @@ def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
         )
         return np.asarray(np.einsum("sk,sk->s", down @ light.on(y, x), across))
     value = np.zeros(places.y.size, dtype=np.complex128)
-    rows = max(1, _CHUNK // x.size)
+    # About a million products are held in memory at a time.
+    rows = max(1, (1 << 20) // x.size)
     for start in range(0, y.size, rows):
         part = slice(start, start + rows)
         lit = light.on(y[part], x) * np.outer(wy[part], wx)
@@ -142,7 +143,7 @@ def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
 
 
 def product_count(light: Light, places: Places, *, paraxial: bool) -> float:
-    """Values of the kernel that exact_field() computes."""
+    """Return how many values of the propagation kernel `exact_field` computes."""
     counts = [
         sum(_node_counts(light, places, axis, paraxial=paraxial))
         * light.smooth_pieces(axis).shape[0]
@@ -154,7 +155,10 @@ def product_count(light: Light, places: Places, *, paraxial: bool) -> float:
 def _quadrature_rule(
     light: Light, places: Places, axis: int, *, paraxial: bool
 ) -> tuple[Real, Real]:
-    """Nodes and weights along an axis, as dense in all pieces as the steepest one needs."""
+    """Return quadrature nodes and weights along an axis of the source plane.
+
+    All pieces have the density of nodes that the piece with the steepest phase needs.
+    """
     pieces = light.smooth_pieces(axis)
     counts = _node_counts(light, places, axis, paraxial=paraxial)
     inside, weight = (np.concatenate(part) for part in zip(*_composite_rule(counts), strict=True))
@@ -163,7 +167,10 @@ def _quadrature_rule(
 
 
 def _node_counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> list[int]:
-    """Nodes of each panel into which every piece is cut."""
+    """Return the number of nodes in each of the parts into which every piece is cut."""
+    # A part holds at most 6 cycles on 24 nodes, or on 4 and more where it is the only one. The
+    # remainder of 24 nodes is (e pi 6 / 96)^48, 1e-14.
+    max_cycles, full_count, least_count = 6.0, 24, 4
     pieces = light.smooth_pieces(axis)
     seen = (places.y, places.x)[axis]
     far = max(abs(seen.max() - pieces.min()), abs(seen.min() - pieces.max()))
@@ -171,19 +178,19 @@ def _node_counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> 
     cycles = float((pieces[:, 1] - pieces[:, 0]).max()) * (
         slope / places.wavelength + light.spatial_frequency(axis)
     )
-    panels = math.ceil(cycles / _CYCLES)
+    parts = math.ceil(cycles / max_cycles)
     if isinstance(light, SmoothLight):
-        panels += 6
-    if panels > 1:
-        return panels * [_NODES]
-    count = _FEWEST
+        parts += 6
+    if parts > 1:
+        return parts * [full_count]
+    count = least_count
     while (math.e * math.pi * cycles / (4 * count)) ** (2 * count) > 1e-12:
         count += 1
     return [count]
 
 
 def _composite_rule(counts: list[int]) -> list[tuple[Real, Real]]:
-    """Nodes and weights of panels side by side, which together reach from -1 to 1."""
+    """Return Gauss-Legendre nodes and weights of equal parts that together span -1 to 1."""
     found = []
     for number, count in enumerate(counts):
         nodes, weights = np.polynomial.legendre.leggauss(count)
@@ -193,18 +200,24 @@ def _composite_rule(counts: list[int]) -> list[tuple[Real, Real]]:
 
 
 def _fresnel(away: Real, places: Places) -> Complex:
-    """Along one axis; of both, exp(i pi r² / (wavelength z)) / (i wavelength z)."""
+    """Return the Fresnel kernel along one axis.
+
+    The product of both axes is exp(i pi r² / (wavelength z)) / (i wavelength z).
+    """
     scale = places.wavelength * places.distance
     root = np.sqrt(complex(1j * scale))
     return np.asarray(np.exp(1j * np.pi / scale * away**2) / root)
 
 
 def _rayleigh_sommerfeld(y: Real, x: Real, places: Places) -> Complex:
-    """z / (2 pi r²) (1 / r - ik) exp(ik(r - z)); its conjugate on the way back."""
+    """Return the Rayleigh-Sommerfeld kernel without the factor exp(ikz).
+
+    It is z / (2 pi r²) (1 / r - ik) exp(ik(r - z)), or the conjugate of this for propagation back.
+    """
     k, far = 2 * np.pi / places.wavelength, abs(places.distance)
     squared = y**2 + x**2
     r = np.sqrt(far**2 + squared)
-    # r - z, without the difference of two large numbers.
+    # r - z is computed without the difference of two large numbers, which would lose digits.
     phase = 2 * np.pi * np.remainder(squared / (r + far) / places.wavelength, 1)
     wave = far / (2 * np.pi * r**2) * (1 / r - 1j * k) * np.exp(1j * phase)
     return np.asarray(wave if places.distance > 0 else wave.conj())

@@ -1,9 +1,10 @@
-"""A lens' PSF by direct quadrature over slices of its stop: the slow judge of the fast engines.
+"""Compute the PSF of a lens by direct quadrature over lines across its stop.
 
-It shares no code with them. The stop is cut into lines of one height; on each of them the
-open intervals follow from the shapes themselves, and Gauss-Legendre nodes fill them. Heights
-lie between all corners, crossings and extremes of the shapes, and crowd at the ends of each
-stretch, so that round ends cost no accuracy. Phases and polynomials are written out anew.
+This is the slow reference of the fast PSF engines, and shares no code with them. The stop is cut
+into horizontal lines. On each line the open intervals follow from the shapes themselves, and
+Gauss-Legendre nodes fill them. The heights of the lines lie between all corners, crossings and
+extremes of the shapes. They are denser at the ends of each stretch, so that round ends cost no
+accuracy. Phases and Zernike polynomials have their own code here.
 """
 
 from __future__ import annotations
@@ -27,13 +28,19 @@ Array = NDArray[np.float64]
 Interval = tuple[float, float]
 
 _EXTRA_NODES = 40
-_MARGIN = 1.3
+"""Nodes of an interval, and lines of a stretch, beyond those that the phase slope asks for."""
+
+NODE_MARGIN = 1.3
+"""Factor by which nodes are denser than the phase slope asks for."""
 
 
 @dataclass(frozen=True)
 class StopLine:
-    """A line across a stop, in stop radii: its height, its weight in an integral over heights,
-    and where it is open."""
+    """A horizontal line across a stop, in stop radii.
+
+    `height` is its position, `weight` its weight in an integral over heights, and `open` lists its
+    open intervals.
+    """
 
     height: float
     weight: float
@@ -43,7 +50,10 @@ class StopLine:
 def lens_psf(
     lens: Lens, distance: float, wavelength: float, pixels: Plane, progress: Progress | None = None
 ) -> Array:
-    """Share of a point's light on each sample of a plane, density times area."""
+    """Return the exact PSF of a lens: the share of a point's light on each sample of a plane.
+
+    A share is the density at the sample times the area of a pixel.
+    """
     y, x = (sample_positions(pixels, axis) for axis in (0, 1))
     density = lens_psf_density(lens, distance, wavelength, y, x, progress)
     return density * pixels.pitch[0] * pixels.pitch[1]
@@ -57,13 +67,14 @@ def lens_psf_density(
     x: Array,
     progress: Progress | None = None,
 ) -> Array:
-    """Share of a point's light per square metre at all heights y and all x, metres.
+    """Return the share of a point's light per square metre at positions y and x, (y, x), in metres.
 
-    The Fraunhofer integral of the stop (thesis Eq. 3.1), summed term by term along both axes.
+    It is the Fraunhofer integral of the stop (thesis Eq. 3.1), summed directly along both axes.
     """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     tilt = 2 * np.pi * radius / scale
-    slope = _MARGIN * (steepest_phase_slope(lens, distance, wavelength) + tilt * _farthest(y, x))
+    steepest = steepest_phase_slope(lens, distance, wavelength)
+    slope = NODE_MARGIN * (steepest + tilt * _farthest(y, x))
     lines = list(stop_lines(lens.stop, slope))
     field = np.zeros((y.size, x.size), dtype=np.complex128)
     area = 0.0
@@ -81,15 +92,19 @@ def lens_psf_density(
 
 
 def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) -> float:
-    """About how many nodes lens_psf_density() takes, to samples so many metres from the axis."""
+    """Estimate how many nodes `lens_psf_density` takes for a window on the sensor.
+
+    `farthest` is the distance in metres from the axis to the farthest sample.
+    """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
-    slope = _MARGIN * (
+    slope = NODE_MARGIN * (
         steepest_phase_slope(lens, distance, wavelength) + 2 * np.pi * radius / scale * farthest
     )
     return (slope * np.pi / 4 + _EXTRA_NODES) * (slope / 2 + _EXTRA_NODES)
 
 
 def sample_positions(plane: Plane, axis: int) -> Array:
+    """Return the positions of the samples of a plane along an axis, in metres."""
     index = np.arange(plane.shape[axis]) - plane.shape[axis] // 2
     return np.asarray(index * plane.pitch[axis] + float(plane.centre[axis]))
 
@@ -99,11 +114,16 @@ def _farthest(y: Array, x: Array) -> float:
 
 
 def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
-    """The lines whose integrals, by their weights, make that over the whole stop."""
+    """Yield the lines of the quadrature over a stop.
+
+    The weighted sum of integrals along the lines is the integral over the stop. `slope` is the
+    steepest phase slope in radians per stop radius.
+    """
     for low, high in pairwise(break_heights(stop)):
         if high - low < 1e-13:
             continue
-        # y = middle + half sin(t): smooth also where a shape begins or ends as a square root.
+        # In t, with y = middle + half sin(t), the integrand is smooth even where the width of a
+        # shape begins or ends as a square root.
         fastest = max((high - low) / 2, _interval_end_speed(stop, low, high))
         count = math.ceil(slope * fastest * np.pi / 4) + _EXTRA_NODES
         t, weight = _legendre(count)
@@ -116,8 +136,10 @@ def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
 
 
 def _interval_end_speed(stop: Stop, low: float, high: float) -> float:
-    """How fast the ends of the intervals move along x with the angle that gives the height:
-    edges that are nearly level sweep far in a small step."""
+    """Bound how fast the ends of the open intervals move along x with the angle of the height.
+
+    The ends on nearly horizontal edges move far in a small step of the angle.
+    """
     angles = np.linspace(-np.pi / 2, np.pi / 2, 65)[1:-1]
     heights = (low + high) / 2 + (high - low) / 2 * np.sin(angles)
     ends = [np.array(open_intervals(stop, float(height))).ravel() for height in heights]
@@ -138,7 +160,7 @@ def _interval_rule(low: float, high: float, slope: float) -> tuple[Array, Array]
 
 
 def open_intervals(stop: Stop, height: float) -> list[Interval]:
-    """Where the line at a height is open."""
+    """Return the open intervals of a stop on the horizontal line at a height, in stop radii."""
     found = _intervals(stop.opening, height)
     for shape in stop.obscurations:
         for low, high in _intervals(shape, height):
@@ -172,7 +194,7 @@ def _edges(polygon: Polygon) -> list[tuple[tuple[float, float], tuple[float, flo
 
 
 def break_heights(stop: Stop) -> list[float]:
-    """Heights at which the intervals change their kind, from the lowest to the highest."""
+    """Return the heights at which open intervals of a stop begin, end or meet, in rising order."""
     shapes: Sequence[Shape] = (stop.opening, *stop.obscurations)
     found = [height for shape in shapes for height in _extremes(shape)]
     for a, b in combinations(shapes, 2):
@@ -182,7 +204,10 @@ def break_heights(stop: Stop) -> list[float]:
 
 
 def vertical_line_crossings(stop: Stop, x: float) -> list[float]:
-    """Heights at which outlines cross the upright line at x, in stop radii."""
+    """Return the heights at which the outlines of a stop cross the vertical line at x.
+
+    All lengths are in stop radii.
+    """
     low, high = break_heights(stop)[0] - 1, break_heights(stop)[-1] + 1
     found: list[float] = []
     for shape in (stop.opening, *stop.obscurations):
@@ -202,7 +227,7 @@ def _extremes(shape: Shape) -> list[float]:
 
 
 def _outline_crossings(a: Shape, b: Shape) -> list[float]:
-    """Heights at which two outlines cross."""
+    """Return the heights at which the outlines of two shapes cross."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_crossings(a, b)
     if isinstance(a, Circle) and isinstance(b, Polygon):
@@ -241,7 +266,10 @@ def _segment_crossings(
 
 
 def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Array) -> Array:
-    """Of defocus and aberrations, radians, at a height and many x in stop radii."""
+    """Return the pupil phase of defocus and aberrations in radians, at a height y and many x.
+
+    Positions are in stop radii, distances, wavelength and aberrations in metres.
+    """
     rho2 = y * y + x * x
     r2 = rho2 * (lens.stop_diameter / 2) ** 2
     near, far = 1 / distance, 1 / lens.focus_distance
@@ -258,7 +286,10 @@ def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Arr
 
 
 def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
-    """The textbook's sum of factorials; good to a degree of twenty or so."""
+    """Return a Zernike polynomial with an rms of 1, by the sum of factorials of textbooks.
+
+    The sum is accurate to a degree of about twenty.
+    """
     k = abs(m)
     radial = sum(
         (-1) ** s
@@ -273,7 +304,10 @@ def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def steepest_phase_slope(lens: Lens, distance: float, wavelength: float) -> float:
-    """Radians a stop radius, from samples of the phase along many lines."""
+    """Return the steepest slope of the pupil phase in radians per stop radius.
+
+    It is estimated from samples of the phase along many lines.
+    """
     found = 0.0
     x = np.linspace(-1, 1, 801)
     for y in np.linspace(-1, 1, 201):

@@ -1,8 +1,8 @@
-"""What a panel's pixels send to a lens some way behind it: the slow judge's first integral.
+"""Compute the light of the pixels of a panel at a lens behind it, for the slow chain reference.
 
-Thesis Eq. 5.1 to 5.4. For a square of one modulation under a parabolic wave it is known in
-closed form, a product of Fresnel's integrals C + iS along y and x; under the exact spherical
-wave it is summed over Gauss-Legendre nodes inside every pixel.
+This is the Fresnel integral from panel to lens (thesis Eq. 5.1 to 5.4). For a square pixel of one
+modulation under a parabolic wave it has a closed form: the product of Fresnel integrals C + iS
+along y and x. Under the exact spherical wave it is a sum over Gauss-Legendre nodes in every pixel.
 """
 
 from __future__ import annotations
@@ -16,25 +16,32 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
-from labapp.accuracy.references.lens_integral import sample_positions
+from labapp.accuracy.references.lens_integral import NODE_MARGIN, sample_positions
 from optics.camera import Camera, Lens
 from optics.stop.aperture import Circle, Shape
 
 Array = NDArray[np.float64]
 Field = NDArray[np.complex128]
 
-_MARGIN = 1.3
-_EXTRA_NODES = 8
-_SAME = 1e-14
-
 
 @dataclass(frozen=True)
 class ImagingChain:
-    """A point, the camera that looks at it, and where on the sensor its image lies; SI.
+    """A point, the camera that images it, and the position of its image on the sensor; SI units.
 
-    field: (y, x) of the geometric image, from the axis; paraxially the object is at
-    -field (distance + separation) / image distance. sphere: whether the point's wave over the
-    panel is the sphere of Eq. 5.1, of amplitude distance / r; else a parabola of amplitude 1.
+    Attributes
+    ----------
+    camera : Camera
+        Panel, lens and sensor.
+    distance : float
+        Distance from the point to the panel in metres.
+    wavelength : float
+        Wavelength in metres.
+    field : tuple of float
+        Position (y, x) of the geometric image from the axis. In the paraxial approximation the
+        object is at -field (distance + separation) / image distance.
+    sphere : bool
+        Whether the wave of the point over the panel is the sphere of thesis Eq. 5.1, of amplitude
+        distance / r; else it is a parabola of amplitude 1.
     """
 
     camera: Camera
@@ -53,32 +60,35 @@ class ImagingChain:
 
     @property
     def stop_extent(self) -> float:
-        """Metres from the axis along y or x to the end of the stop."""
+        """Return the largest distance of the stop from the axis along y or x, in metres."""
         return self.radius * _shape_extent(self.lens.stop.opening)
 
     @property
     def shadow_magnification(self) -> float:
-        """How much wider than the panel its shadow is at the lens."""
+        """Return the magnification of the panel's shadow at the lens."""
         return 1 + self.camera.separation / self.distance
 
     def tilt(self, axis: int) -> float:
-        """Of the point's light where it meets the panel's middle, a tangent."""
+        """Return the tangent of the tilt of the point's light at the centre of the panel."""
         return self.field[axis] / self.lens.image_distance * self.shadow_magnification
 
     def edges(self, axis: int) -> Array:
-        """Where the pixels begin and end along an axis, (pixels, 2)."""
+        """Return both edges of each panel pixel along an axis, (pixels, 2), in metres."""
         panel = self.camera.panel
         half = panel.active_side / 2
         return sample_positions(panel.plane, axis)[:, None] + np.array([-half, half])
 
     @property
     def nodes_per_pixel(self) -> int:
-        """Gauss-Legendre nodes across a pixel that follow the wave to the stop's far side."""
+        """Return how many Gauss-Legendre nodes across a panel pixel the integral needs.
+
+        They resolve the wave on its way to the far side of the stop.
+        """
         half = self.camera.panel.active_side / 2
         far = max(np.abs(self.edges(axis)).max() for axis in (0, 1))
         slope = (self.stop_extent + far) / self.camera.separation + far / self.distance
         slope += max(abs(self.tilt(axis)) for axis in (0, 1))
-        return math.ceil(_MARGIN * math.pi / self.wavelength * slope * half) + _EXTRA_NODES
+        return math.ceil(NODE_MARGIN * math.pi / self.wavelength * slope * half) + 8
 
 
 def _shape_extent(shape: Shape) -> float:
@@ -88,21 +98,22 @@ def _shape_extent(shape: Shape) -> float:
 
 
 class ParabolicWavePixels:
-    """Squares of one modulation under a parabolic wave."""
+    """Panel pixels of one modulation each, under a parabolic wave."""
 
     def __init__(self, chain: ImagingChain) -> None:
         self._chain = chain
 
     def source_field(self, modulation: Field) -> Field:
-        """What stands at the places that propagation_matrix() starts from."""
+        """Return the field on the panel from which `propagation_matrix` propagates."""
         return modulation
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
-        """The light of every pixel along one axis at places at the lens, (places, pixels).
+        """Return the light of every panel pixel at positions at the lens, (places, pixels).
 
-        The object stands at -field (d + z1) / z2. With its wave, Fresnel's kernel has the
-        exponent i pi / wavelength times (M / z1) (p - c)² + x² / z1 - (M / z1) c², where p is
-        on the panel and c = x / M - z1 field / z2. A far object is the limit.
+        This is the factor of one axis. The object is at -field (d + z1) / z2. With its wave, the
+        Fresnel kernel has the exponent i pi / wavelength times
+        (M / z1) (p - c)² + x² / z1 - (M / z1) c², where p is a position on the panel and
+        c = x / M - z1 field / z2. An infinitely far object is the limit.
         """
         chain, wavelength, z1 = self._chain, self._chain.wavelength, self._chain.camera.separation
         spread = chain.shadow_magnification
@@ -116,7 +127,7 @@ class ParabolicWavePixels:
 
 
 class SphericalWavePixels:
-    """Nodes in every pixel, under an exact spherical wave."""
+    """Quadrature nodes in every panel pixel, under an exact spherical wave."""
 
     def __init__(self, chain: ImagingChain) -> None:
         self._chain = chain
@@ -130,18 +141,18 @@ class SphericalWavePixels:
         self._weights = half * weights
 
     def source_field(self, modulation: Field) -> Field:
-        """The wave at the nodes, weighed by their share of a pixel."""
+        """Return the wave at the nodes behind the panel, times their quadrature weights."""
         down, along = (np.tile(self._weights, n) for n in modulation.shape)
         divided = modulation.repeat(self._count, 0).repeat(self._count, 1)
         return np.asarray(divided * np.outer(down, along) * self._spherical_wave())
 
     def _spherical_wave(self) -> Field:
-        """Eq. 5.1, but for a phase that all pixels share.
+        """Return the spherical wave at the nodes (thesis Eq. 5.1), up to a common phase.
 
         The chief ray goes through the middle of the lens, and its direction has the sines
-        s = field / z2. At p from where it meets the panel, with r0 = d / sqrt(1 - s²) along it,
-        r² = r0² + 2 r0 p·s + p²; so r - r0 = (2 p·s + p² / r0) / (1 + r / r0), in which far
-        objects lose no digits.
+        s = field / z2. It meets the panel at a distance r0 = d / sqrt(1 - s²) from the point. At
+        an offset p from there, r² = r0² + 2 r0 p·s + p², and therefore
+        r - r0 = (2 p·s + p² / r0) / (1 + r / r0). This form loses no digits for far objects.
         """
         chain = self._chain
         down, along = (f / chain.lens.image_distance for f in chain.field)
@@ -154,7 +165,7 @@ class SphericalWavePixels:
         return np.asarray(cosine / ratio * np.exp(2j * np.pi / chain.wavelength * path))
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
-        """Fresnel's kernel from every node along one axis, (places, nodes)."""
+        """Return the Fresnel kernel from every node to the lens along one axis, (places, nodes)."""
         chain, z1 = self._chain, self._chain.camera.separation
         path = (places[:, None] - (self._y, self._x)[axis]) ** 2 / z1
         kernel = np.exp(1j * np.pi / chain.wavelength * path)
@@ -162,10 +173,10 @@ class SphericalWavePixels:
 
 
 class LowRankModulations:
-    """Several modulations as products of matrices, thin ones where the rank is low.
+    """Several modulations of a panel, each factored into two matrices of low rank where possible.
 
-    left: (rows, ranks). parts: the columns of it, and of what along() gives, that belong to
-    each modulation.
+    `left` has the shape (rows, ranks). `parts` are the slices of its columns that belong to each
+    modulation; they hold for the columns of `apply_right_factors` as well.
     """
 
     def __init__(self, modulations: Sequence[Field]) -> None:
@@ -176,18 +187,22 @@ class LowRankModulations:
         self.parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     def apply_right_factors(self, kernel: Field) -> Field:
-        """A kernel's columns, (places, columns), summed to (places, ranks)."""
+        """Multiply a kernel, (places, columns), by the right factors: (places, ranks)."""
         return np.concatenate([kernel if r is None else kernel @ r for r in self._right], axis=1)
 
 
 def _low_rank_factors(modulation: Field) -> tuple[Field, Field | None]:
-    """(rows, rank) and (columns, rank); None for the identity."""
+    """Factor a modulation into (rows, rank) and (columns, rank).
+
+    The second factor is None where factoring saves nothing; it stands for the identity.
+    """
     rows, columns = modulation.shape
     corner = modulation[:20, :20]
     if np.linalg.matrix_rank(corner) == min(corner.shape):
         return modulation, None
     u, s, v = np.linalg.svd(modulation, full_matrices=False)
-    rank = int((s > _SAME * max(modulation.shape) * s[0]).sum())
+    # Singular values below this share of the largest one are rounding.
+    rank = int((s > 1e-14 * max(modulation.shape) * s[0]).sum())
     if 2 * rank > min(rows, columns):
         return modulation, None
     return u[:, :rank] * s[:rank], v[:rank].T

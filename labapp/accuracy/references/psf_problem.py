@@ -1,5 +1,7 @@
-"""A point's light behind a lens, or a panel in its plane: a question to an operator, and the
-exact answer on some of its samples."""
+"""Pose a PSF problem for a lens, or for a panel in the plane of its lens, with its reference.
+
+The reference is the exact light on some of the samples.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +28,26 @@ from optics.psf import METHODS, PANEL_METHODS, PSFOperator
 
 Array = NDArray[np.float64]
 
-_SIDE = 8
-"""Rows and columns of samples that a judge looks at, at the most."""
-
 
 @dataclass(frozen=True)
 class PSFProblem:
-    """A question to a PSF operator. phase: on the panel, None for a lens alone."""
+    """A PSF problem that methods are compared on.
+
+    Attributes
+    ----------
+    optics : Camera or Lens
+        A camera whose panel stands in the plane of its lens, or a lens alone.
+    distance, wavelength : float
+        Metres.
+    pixels : Plane
+        Window on the sensor.
+    integrate : bool
+        Whether the light is integrated over pixels, or taken at their centres.
+    tol : float
+        Requested relative L2 error.
+    phase : Array or None
+        Phase on the panel in radians; None for a lens alone.
+    """
 
     optics: Camera | Lens
     distance: float
@@ -59,35 +74,38 @@ class PSFProblem:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Those that may serve it."""
+        """Return the names of the PSF methods that may solve the problem."""
         return PANEL_METHODS if isinstance(self.optics, Camera) else METHODS
 
     def light(self, operator: PSFOperator) -> Array:
+        """Return the PSF that an operator computes for this problem, in double precision."""
         answer: Any = operator(None if self.phase is None else torch.from_numpy(self.phase))
         return np.asarray(answer, dtype=np.float64)
 
     def build_reference(self, light: Array) -> PSFReference:
-        """Of answers like this one."""
+        """Return the reference of the problem; `light` is an approximate PSF to draw samples by."""
         return PSFReference(self, light)
 
 
 class PSFReference:
-    """The exact light on some rows and columns of a problem's pixels, and an error from it.
+    """The exact light on some rows and columns of a PSF problem.
 
-    Rows and columns are drawn, half by their light and half evenly, and weighed by their
-    chances, so that the error is that of the whole window.
+    Half of the rows and columns are drawn in proportion to their light and half evenly. They are
+    weighted by the inverse of their probabilities, so that errors estimate those of the whole
+    window.
     """
 
     def __init__(self, problem: PSFProblem, light: Array) -> None:
         self._problem = problem
         self._nodes = self._pixel_quadrature_nodes()
-        count = max(2, _SIDE // (1 if self._nodes.size == 1 else 2))
+        # At most 8 rows and 8 columns are compared, and half of that if pixels are integrated.
+        count = max(2, 8 // (1 if self._nodes.size == 1 else 2))
         rng = np.random.default_rng(1)
         self._rows, self._row_weight = draw_samples(rng, np.abs(light).sum(1), count)
         self._columns, self._column_weight = draw_samples(rng, np.abs(light).sum(0), count)
 
     def _pixel_quadrature_nodes(self) -> Array:
-        """Places in a pixel, in pixels, at which its integral is taken."""
+        """Return the nodes of the integral over a sensor pixel along an axis, in pixels."""
         if not self._problem.integrate:
             return np.zeros(1)
         lens, pitch = self._problem.lens, max(self._problem.pixels.pitch)
@@ -96,25 +114,27 @@ class PSFReference:
 
     @property
     def product_count(self) -> float:
-        """Of the judge's sum."""
+        """Estimate how many products the exact integral takes."""
         problem, side = self._problem, self._columns.size * self._nodes.size
         if isinstance(problem.optics, Camera):
             shape = problem.optics.panel.shape
-            # Phases cost most of it; the sums are products of matrices.
+            # Phases cost most; the sums are fast products of matrices.
             return float(np.prod(shape)) * self._panel_nodes() ** 2 * (1 + side / 10)
         corner = window_corner_distance(problem)
         return node_count(problem.lens, problem.distance, problem.wavelength, corner) * side
 
     def error(self, light: Array) -> float:
-        """Relative L2 error of the light on all pixels."""
+        """Return the relative L2 error of a PSF, (rows, columns), against the exact light."""
         return float(
             np.linalg.norm(self.weighted_samples(light) - self.exact_samples)
             / np.linalg.norm(self.exact_samples)
         )
 
     def weighted_samples(self, light: Array) -> Array:
-        """The light on the rows and columns that are looked at, weighed: norms of it are
-        estimates of those of the whole."""
+        """Return the weighted samples of a PSF on the compared rows and columns.
+
+        Their norm estimates that of the whole PSF.
+        """
         return self._apply_weights(light[np.ix_(self._rows, self._columns)])
 
     def _apply_weights(self, samples: Array) -> Array:
@@ -122,7 +142,7 @@ class PSFReference:
 
     @cached_property
     def exact_samples(self) -> Array:
-        """What weighted_samples() would be of the exact light."""
+        """Return the exact light as `weighted_samples` would give it."""
         pixels, y, x = self._problem.pixels, *self._node_positions()
         density = self.density(y, x)
         count = self._nodes.size
@@ -134,7 +154,7 @@ class PSFReference:
         return self._apply_weights(np.einsum("iajb,a,b->ij", blocks, weights, weights) * area)
 
     def _node_positions(self) -> tuple[Array, Array]:
-        """Heights and places along x, in metres, of all nodes in the pixels looked at."""
+        """Return the positions along y and x of all nodes in the compared pixels, in metres."""
         pixels = self._problem.pixels
         y, x = (
             (
@@ -145,7 +165,7 @@ class PSFReference:
         return y, x
 
     def density(self, y: Array, x: Array) -> Array:
-        """Share of the light per square metre, exactly, at heights y and all x."""
+        """Return the exact share of the light per square metre at positions y and x, (y, x)."""
         problem = self._problem
         if isinstance(problem.optics, Lens):
             return lens_psf_density(problem.optics, problem.distance, problem.wavelength, y, x)
@@ -157,7 +177,7 @@ class PSFReference:
         return (1 - share) * modulated + share * straight
 
     def _panel_nodes(self) -> int:
-        """Gauss-Legendre nodes across a panel pixel."""
+        """Return how many Gauss-Legendre nodes across a panel pixel the integral needs."""
         problem = self._problem
         assert isinstance(problem.optics, Camera)
         panel, lens = problem.optics.panel, problem.lens
@@ -170,7 +190,10 @@ class PSFReference:
         return math.ceil(2 * waves) + 6
 
     def density_behind_panel(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
-        """Density behind a panel: every open pixel a square of one modulation."""
+        """Return the share of the light per square metre behind a panel in the plane of its lens.
+
+        Every open pixel of the panel is a square of one modulation.
+        """
         panel, lens, problem = camera.panel, camera.lens, self._problem
         scale, radius = problem.wavelength * lens.image_distance, lens.stop_diameter / 2
         nodes, weights = np.polynomial.legendre.leggauss(self._panel_nodes())
@@ -198,5 +221,5 @@ class PSFReference:
 
 
 def window_corner_distance(problem: PSFProblem) -> float:
-    """Metres from the axis to a corner of the window."""
+    """Return the distance from the axis to the farthest corner of the window, in metres."""
     return math.hypot(*(np.abs(sample_positions(problem.pixels, axis)).max() for axis in (0, 1)))

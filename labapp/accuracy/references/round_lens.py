@@ -1,4 +1,4 @@
-"""A clear, thin lens' PSF by its Hankel integral (thesis Eq. 3.1), summed radius by radius."""
+"""Compute the PSF of a clear, thin lens by its Hankel integral (thesis Eq. 3.1)."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Picture = NDArray[np.float64]
 def round_lens_psf(
     lens: Lens, distance: float, wavelength: float, pitch: float, side: int
 ) -> Picture:
-    """Share of a point's light on each pixel of a square window, density times area.
+    """Return the exact PSF of a clear, thin lens: shares of the light on a square window.
 
-    The Hankel integral of a clear, thin lens at the radius of every single pixel, with three
-    Gauss-Legendre nodes and more for every two radians.
+    A share is the density at the centre of a pixel times its area. The Hankel integral is computed
+    at the radius of every pixel, with at least three Gauss-Legendre nodes for every two radians.
     """
     outer, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     vergence = 1 / distance - 1 / lens.focus_distance

@@ -1,4 +1,4 @@
-"""Samples of a picture that stand for all of it."""
+"""Draw random samples of a picture that represent all of it."""
 
 from __future__ import annotations
 
@@ -11,20 +11,22 @@ Real = NDArray[np.float64]
 def draw_samples(
     rng: np.random.Generator, light: Real, count: int
 ) -> tuple[NDArray[np.int64], Real]:
-    """Draw samples half by their light and half evenly.
+    """Draw samples of a picture, with probabilities that are half by light and half even.
 
     Parameters
     ----------
-    light
-        Of every sample, of any shape; not negative.
-    count
-        Samples that are wanted; all are taken where there are no more.
+    rng : numpy.random.Generator
+        Source of random numbers.
+    light : Real
+        Light of every sample, of any shape; not negative.
+    count : int
+        Samples to draw; all are taken where there are no more.
 
     Returns
     -------
     tuple
-        Their numbers in the flattened picture, and one over the chance of each: sums over the
-        drawn, weighed by these, estimate sums over all.
+        Indices in the flattened picture, and weights, which are the inverse probabilities: a
+        weighted sum over the drawn samples estimates the sum over all.
     """
     light = light.ravel()
     if light.size <= count:

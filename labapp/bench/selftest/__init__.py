@@ -1,1 +1,1 @@
-"""Whether a device does what its interface says: a report that can be sent to support."""
+"""Self-test of a device: check that it does what its interface says, and report for support."""

@@ -1,4 +1,4 @@
-"""What a self-test finds, and how it goes on when something is found wrong."""
+"""Run the checks of a device's self-test, and go on after a check that fails."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from optics.progress import Cancelled, Progress
 log = logging.getLogger(__name__)
 
 Check = tuple[str, Callable[[], str]]
-"""What is looked at, and what looks: it tells what it saw, or raises SelfTestFailure or
-DeviceError."""
+"""Name of a check, and the function that does it. The function returns what it found, or raises
+SelfTestFailure or DeviceError."""
 
 
 class SelfTestFailure(Exception):
-    """A device did something other than it says, in words."""
+    """A device didn't do what it reports; the message says what it did."""
 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One check's end. seconds: of the wall, that it took."""
+    """Result of one check of a self-test; `seconds` is the wall-clock time that it took."""
 
     check: str
     passed: bool
@@ -34,16 +34,17 @@ class CheckResult:
 
 
 def identity_text(device: Any) -> str:
-    """A device's model and serial number, and whether it is simulated."""
+    """Return a device's model and serial number in words, and whether it is simulated."""
     who = device.identity
     simulated = ", SIMULATED" if who.simulated else ""
     return f"{who.model}, serial number {who.serial or 'unknown'}{simulated}"
 
 
 def describe_error(error: Exception, name: str) -> str:
-    """What to say of an error, also of a driver that raises what no driver may.
+    """Return the message of an error from a device, whatever its driver raised.
 
-    That goes to the log, too: a broken driver of somebody else's hides no other device.
+    An exception that drivers must not raise is logged with its traceback. It isn't raised again,
+    so that the other devices are still checked.
     """
     if isinstance(error, DeviceError | UserError | SelfTestFailure):
         return str(error)
@@ -52,7 +53,10 @@ def describe_error(error: Exception, name: str) -> str:
 
 
 def run_checks(checks: list[Check], progress: Progress) -> list[CheckResult]:
-    """Every check in turn, whatever the others found; raises Cancelled between them."""
+    """Run every check of a self-test in turn, whatever the others found.
+
+    Raises Cancelled between two checks.
+    """
     found = []
     for number, (name, check) in enumerate(checks):
         progress.report(number / len(checks), name)
@@ -61,7 +65,10 @@ def run_checks(checks: list[Check], progress: Progress) -> list[CheckResult]:
 
 
 def run_check(name: str, check: Callable[[], str]) -> CheckResult:
-    """One check; whatever a driver raises is a finding. UserError: it was asked wrongly."""
+    """Run one check of a self-test; an exception of the driver makes it fail.
+
+    UserError and Cancelled are raised again, because they don't tell anything about the device.
+    """
     began = time.perf_counter()
     try:
         passed, detail = True, check()

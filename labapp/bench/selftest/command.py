@@ -1,4 +1,4 @@
-"""`labapp devices test`: a device's self-test, printed and kept for support."""
+"""`labapp devices test`: run the self-test of a device, print it, and keep it for support."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def run_selftest(
     as_json: bool,
     force: bool,
 ) -> bool:
-    """Open one device of a bench, test it and print what was found; whether all is well.
+    """Open one device of a bench, test it, print the results, and return whether all is well.
 
-    report: where the same is kept, as JSON. A device that doesn't open is a finding, too.
-    UserError for a bench file that is wrong, or a device that somebody else uses.
+    `report` is the file for the same results as JSON. A device that doesn't open gives a failed
+    check. Raises UserError for a wrong bench file, or a device that another application uses.
     """
     if report is not None:
         require_writable(report, force=force)

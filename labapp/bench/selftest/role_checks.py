@@ -1,4 +1,4 @@
-"""What is looked at of each kind of device, in the order in which light meets them."""
+"""Define the checks of the self-test for each kind of device."""
 
 from __future__ import annotations
 
@@ -14,15 +14,9 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Clock, Frame, Setting, Spectrum
 from labapp.bench.selftest.checks import Check, SelfTestFailure, identity_text
 
-_LONGEST = 0.2
-"""Seconds of the longest exposure that is tried."""
-
-_VIDEO = 8
-"""Frames of the video that is shown."""
-
 
 def device_checks(role: str, device: Any, clock: Clock) -> list[Check]:
-    """The checks of a device that the bench calls `role`."""
+    """Return the self-test's checks of a device that the bench calls `role`."""
     of_role: dict[str, Callable[[Any, Clock], list[Check]]] = {
         "targets": _target_checks,
         "filter": _filter_checks,
@@ -64,7 +58,10 @@ def _wait_until_ready(setting: Setting[Any], clock: Clock) -> None:
 
 
 def _require_refusal(act: Callable[[], object], what: str) -> str:
-    """What a device says to something that it can't do."""
+    """Do something that a device must refuse, and return its reply.
+
+    Raises SelfTestFailure if the device doesn't refuse.
+    """
     try:
         act()
     except DeviceError as error:
@@ -129,15 +126,16 @@ def _slm_checks(device: Any, clock: Clock) -> list[Check]:
         return f"on the panel after {took * 1e3:.0f} ms"
 
     def play() -> str:
-        video = rng.integers(0, 256, (_VIDEO, rows, columns), np.uint8)
+        count = 8
+        video = rng.integers(0, 256, (count, rows, columns), np.uint8)
         setting = device.play("self-test video", video)
-        clock.wait_until(setting.ready_at + 2 * _VIDEO * device.frame_time, lambda: False)
+        clock.wait_until(setting.ready_at + 2 * count * device.frame_time, lambda: False)
         if device.displayed_pattern != "self-test video":
             raise SelfTestFailure(
                 f"a video was shown, and {device.displayed_pattern} is on the panel"
             )
         each = f"{device.frame_time * 1e3:.2f} ms each"
-        return f"{_VIDEO} frames of {each}{_presentation_summary(device)}"
+        return f"{count} frames of {each}{_presentation_summary(device)}"
 
     def other_shape() -> str:
         grey = np.zeros((rows, columns + 1), np.uint8)
@@ -158,7 +156,7 @@ def _slm_checks(device: Any, clock: Clock) -> list[Check]:
 
 
 def _presentation_summary(device: Any) -> str:
-    """What a display knows of when its frames were seen."""
+    """Summarise what a display reports about when its frames were shown; empty without a report."""
     try:
         told = device.presentations()
     except AttributeError:
@@ -168,7 +166,8 @@ def _presentation_summary(device: Any) -> str:
 
 def _camera_checks(device: Any, clock: Clock) -> list[Check]:
     shortest, longest = device.exposure_range
-    tried = np.geomspace(shortest, max(shortest, min(longest, _LONGEST)), 4)
+    # Exposures are tried up to 0.2 s, so that the self-test stays short.
+    tried = np.geomspace(shortest, max(shortest, min(longest, 0.2)), 4)
     numbers: list[int] = []
 
     def take(exposure: float) -> str:
@@ -225,7 +224,7 @@ def _spectroradiometer_checks(device: Any, clock: Clock) -> list[Check]:
 
 
 def _require_matching_frame(frame: Frame, exposure: float, shape: tuple[int, int]) -> None:
-    """Raise SelfTestFailure for a frame that isn't what was asked for."""
+    """Raise SelfTestFailure for a frame of another exposure, shape or type than requested."""
     if not math.isclose(frame.exposure, exposure, rel_tol=1e-6):
         raise SelfTestFailure(
             f"exposed {frame.exposure * 1e3:g} ms instead of {exposure * 1e3:g} ms"

@@ -1,6 +1,6 @@
-"""The virtual bench behind its true wires: ports, a camera's packets and a screen's pixels.
+"""Serve a virtual bench to real drivers through ports, camera packets and a screen's pixels.
 
-`serving` is `labapp virtual-bench serve`; `shared_world` the one world behind all; `filters`,
-`cameras`, `panels` and `spectroradiometers` what is before it; `command_input` and
-`command_interpreter` what a person types meanwhile.
+`serving` implements `labapp virtual-bench serve`. `shared_world` is the virtual world of all
+instruments. `filters`, `cameras`, `panels` and `spectroradiometers` serve the instruments.
+`command_input` and `command_interpreter` handle the commands that a person types meanwhile.
 """

@@ -1,4 +1,4 @@
-"""The bench file of a virtual bench behind wires: as the one that describes it, with ports."""
+"""Write the bench file of a served virtual bench, which names drivers and ports."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ _HEAD = """\
 def bench_text(
     bench: BenchFile, served: Mapping[str, ServedInstrument], targets: Sequence[str]
 ) -> str:
-    """TOML. Devices that aren't served stay as they are in `bench`."""
+    """Return the bench file of a served virtual bench as TOML.
+
+    Devices that aren't served keep their tables from `bench`.
+    """
     data = bench.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     devices = data.pop("devices")
     data["name"] = f"{bench.name}, behind its wires"

@@ -1,4 +1,4 @@
-"""The camera behind its packets: GigE Vision on this computer's loopback."""
+"""Serve the camera of a virtual bench as GigE Vision packets on this computer's loopback."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from simulator.wire.fake_gige import FakeGigECamera, NoAravis
 
 _ADDRESS = "127.0.0.1"
 
-_COMPUTING_MS = 30_000.0
-"""For which the driver waits for a picture: it must first be computed."""
-
 
 def serve_camera(sensor: Sensor, site: ServingContext) -> ServedInstrument:
-    """Start it until the site's stack is left; UserError if there is no Aravis or no place."""
+    """Start a simulated GigE camera, which runs until the site's stack is left.
+
+    Raises UserError without Aravis, for bits that GigE cameras don't send, or if another virtual
+    bench already serves a camera.
+    """
     name = f"Mono{sensor.bits}"
     if name not in FORMATS:
         raise UserError(
@@ -49,7 +50,8 @@ def serve_camera(sensor: Sensor, site: ServingContext) -> ServedInstrument:
         "address": _ADDRESS,
         "pixel_format": name,
         "latency_frames": 0,
-        "frame_timeout_ms": _COMPUTING_MS,
+        # The picture has to be computed first, so that the driver waits up to 30 s.
+        "frame_timeout_ms": 30_000.0,
         "electrons_per_number": sensor.gain,
     }
     return gige_instrument(options, camera, site.clock)

@@ -1,4 +1,4 @@
-"""Lines from standard input until the end is asked for: by a word, Ctrl-C or a polite kill."""
+"""Read commands to a virtual bench from standard input until it is stopped."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from typing import Any
 from labapp.bench.virtual_bench.command_interpreter import CommandInterpreter
 from labapp.common.console import handle_stop_signals, print_message
 
-_POLL_INTERVAL = 0.2
-"""Seconds between looks at whether the end was asked for."""
-
 
 @contextmanager
 def catch_stop_requests() -> Iterator[Callable[[], bool]]:
-    """Whether somebody has asked to end, while the block runs; asked twice, it ends at once."""
+    """Yield a function that tells whether a signal to stop has arrived, while the block runs.
+
+    A second signal ends the block at once by KeyboardInterrupt.
+    """
     asked = False
 
     def stop(number: int, frame: Any) -> None:
@@ -34,12 +34,16 @@ def catch_stop_requests() -> Iterator[Callable[[], bool]]:
 def read_commands(
     talk: CommandInterpreter, stop_requested: Callable[[], bool], *, until_eof: bool
 ) -> None:
-    """Obey lines until the end. until_eof: the end of standard input is one, too."""
+    """Execute the command lines to a virtual bench until it is stopped.
+
+    If `until_eof` is true, the end of standard input stops it as well.
+    """
     source = None if sys.stdin is None else sys.stdin.fileno()
     rest = b""
     while not (stop_requested() or talk.is_over):
         waiting = [] if source is None or not _may_read(source) else [source]
-        if not select.select(waiting, [], [], _POLL_INTERVAL)[0]:
+        # After 0.2 s without input the loop checks whether it has to stop.
+        if not select.select(waiting, [], [], 0.2)[0]:
             continue
         data = os.read(source or 0, 65536)
         *lines, rest = (rest + data).split(b"\n")
@@ -53,15 +57,15 @@ def read_commands(
 
 
 def _may_read(source: int) -> bool:
-    """Whether it isn't a terminal that somebody else reads just now.
+    """Return whether this process may read standard input.
 
-    A shell in whose background this process runs would have it stopped for reading, and with
-    it all instruments.
+    It may not if it runs in the background of a terminal: the shell would then stop the process
+    for reading, and all instruments with it.
     """
     try:
         return os.tcgetpgrp(source) == os.getpgrp()
     except OSError:
-        return True  # no terminal
+        return True  # standard input isn't a terminal
 
 
 def _execute_line(talk: CommandInterpreter, line: str) -> None:

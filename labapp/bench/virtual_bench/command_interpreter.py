@@ -1,4 +1,4 @@
-"""What a person types to a virtual bench that is served, or a script pipes into it."""
+"""Interpret the commands that a person types, or a script writes, to a served virtual bench."""
 
 from __future__ import annotations
 
@@ -19,18 +19,21 @@ quit                      end all instruments"""
 
 
 class CommandInterpreter:
-    """Obeys lines; `is_over` once somebody has said quit."""
+    """Execute command lines on a served virtual bench; `is_over` is true after "quit"."""
 
     def __init__(
         self, shared: SharedWorld, targets: list[str], instruments: Mapping[str, ServedInstrument]
     ) -> None:
         self._shared, self._targets = shared, targets
-        # Whatever can't fail here is nobody's who types.
+        # Commands can only address instruments that have simulated faults.
         self._instruments = {name: one for name, one in instruments.items() if one.fault_kinds}
         self.is_over = False
 
     def execute(self, line: str) -> str:
-        """Do what a line says; what to answer, empty for nothing. ValueError in words."""
+        """Execute a command line and return the answer, which may be empty.
+
+        Raises ValueError, with a message for the user, for a line that isn't understood.
+        """
         words = line.split()
         if not words:
             return ""

@@ -1,4 +1,4 @@
-"""The filter behind its wire: what it is told tunes the light of the virtual world."""
+"""Serve the filter of a virtual bench at a port; its commands tune the light of the world."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from simulator.wire.usb_remote import UsbServer, backend_option
 FILTERS = ("varispec", "thorlabs", "starlight", "zwo")
 
 _SLOTS = ((450, 10), (500, 10), (532, 10), (550, 10), (600, 10), (633, 10))
-"""Centres and widths in nm, of a wheel that no bench file tells."""
+"""Centres and widths in nm of the slots of a wheel that the bench file doesn't describe."""
 
 _FILTER_OPTIONS = ("range_nm", "bandwidth_nm", "settling_ms", "shape", "leak", "leak_range_nm")
 _WHEEL_OPTIONS = ("slots_nm", "shape", "leak", "leak_range_nm")
 
 
 def serve_filter(kind: str, table: DeviceTable, site: ServingContext) -> ServedInstrument:
-    """Start it until the site's stack is left.
+    """Start a simulated filter, which runs until the site's stack is left.
 
-    kind: one of FILTERS. table: the filter of the bench file, for its range, width, slots
-    and shape where it tells them. UserError if it describes what this kind can't be.
+    `kind` is one of `FILTERS`. `table` is the filter of the bench file, which may give range,
+    width, slots and shape. Raises UserError if the table doesn't fit this kind of filter.
     """
     try:
         if kind == "varispec":

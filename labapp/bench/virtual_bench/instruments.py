@@ -1,4 +1,4 @@
-"""What is served: an instrument behind its wire, the driver for it, and what it may suffer."""
+"""Describe a served instrument of a virtual bench: its driver, the driver's options, its faults."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from simulator.wire.line import SimulatedLine
 from simulator.wire.pty import PtyLine
 from simulator.wire.usb_plug import Plug
 
-_PORT_TIMEOUT = 1.0
-"""Seconds in which a port comes or goes."""
-
 
 @dataclass(frozen=True)
 class ServingContext:
-    """Where instruments are served: a world, a folder for their ports, and what ends them."""
+    """Context in which instruments are served.
+
+    `shared` is the virtual world, `folder` holds the ports, and leaving `stack` ends the
+    instruments.
+    """
 
     shared: SharedWorld
     folder: Path
@@ -38,20 +39,20 @@ class ServingContext:
 
 @dataclass(frozen=True)
 class ServedInstrument:
-    """One that is served. driver, options: as in a bench file. fault_kinds: of its faults."""
+    """A served instrument: driver and options for a bench file, and the faults that it can have."""
 
     driver: str
     options: dict[str, Any]
     fault_kinds: tuple[str, ...] = ()
     inject_fault: Callable[[str, float], None] = field(default=lambda kind, seconds: None)
-    """Have something go wrong for so many seconds; ValueError for an unknown kind."""
+    """Cause a fault of some kind for some seconds; ValueError for an unknown kind."""
     clear_faults: Callable[[], None] = field(default=lambda: None)
 
 
 def serve_on_serial_line(
     site: ServingContext, driver: str, machine: SerialMachine, baudrate: int, **options: Any
 ) -> ServedInstrument:
-    """An instrument at a serial port of the driver's name."""
+    """Serve a simulated instrument at a serial port that is named after its driver."""
     line, port = SimulatedLine(machine, baudrate=baudrate), site.folder / driver
     site.stack.enter_context(PtyLine(line, port, site.clock))
     return wired_instrument(
@@ -66,7 +67,10 @@ def wired_instrument(
     own_faults: tuple[str, ...],
     clock: Clock,
 ) -> ServedInstrument:
-    """An instrument behind a serial line or a USB plug. own_faults: the machine's own faults."""
+    """Return a served instrument behind a serial line or a USB plug.
+
+    `own_faults` are the kinds of faults of the machine itself, besides those of the wire.
+    """
     port = Path(options["port"]) if "port" in options else None
 
     def fail(kind: str, seconds: float) -> None:
@@ -81,15 +85,15 @@ def wired_instrument(
 
 
 def _wait_for_port(port: Path | None, there: bool, clock: Clock) -> None:
-    """Return when a port has come or gone, which whoever serves it soon sees to."""
+    """Wait up to 1 s until a port has appeared or disappeared, which another thread does."""
     if port is not None:
-        clock.wait_until(clock.now() + _PORT_TIMEOUT, lambda: port.is_symlink() == there)
+        clock.wait_until(clock.now() + 1.0, lambda: port.is_symlink() == there)
 
 
 def gige_instrument(
     options: dict[str, Any], camera: FakeGigECamera, clock: Clock
 ) -> ServedInstrument:
-    """The camera."""
+    """Return the served GigE camera with its driver options and faults."""
 
     def fail(kind: str, seconds: float) -> None:
         camera.inject(CameraFault(cast(CameraFaultKind, kind), clock.now(), seconds))

@@ -1,4 +1,4 @@
-"""The panel: what stands on a screen is what the virtual world's panel shows."""
+"""Serve the SLM of a virtual bench: its panel shows what is on a screen."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ from simulator.screens import NoXServer, xvfb
 
 
 class ScreenMirror:
-    """Has the world's panel show what stands on a screen, whenever it is looked at.
+    """Copy the pixels of a screen to the panel of the virtual world on each update.
 
-    A screen that can't be read is dark, as a panel without a signal; it is looked for again.
+    If the screen can't be read, the panel is dark, like one without a signal, and the next update
+    looks for the screen again.
     """
 
     def __init__(self, shared: SharedWorld, display: str, request: ScreenRequest) -> None:
@@ -35,7 +36,7 @@ class ScreenMirror:
         self.output = self._open()
 
     def update(self) -> None:
-        """Read the screen, if anything was drawn on it since the last time."""
+        """Copy the screen to the panel, if anything was drawn on it since the last update."""
         with self._turn:
             if self._closed:
                 return
@@ -54,7 +55,7 @@ class ScreenMirror:
                 world.grey = grey
 
     def close(self) -> None:
-        """From then on nothing is looked at: a picture may still be made meanwhile."""
+        """Close the screen; later updates do nothing, because a frame may still be computed."""
         with self._turn:
             self._closed = True
             self._drop()
@@ -81,9 +82,10 @@ class ScreenMirror:
 
 
 def serve_panel(panel: Panel, display: str, screen: str, site: ServingContext) -> ServedInstrument:
-    """Watch a screen until the site's stack is left: that of `display`, or of an Xvfb of our own.
+    """Serve an SLM that shows a screen, until the site's stack is left.
 
-    UserError if there is no such screen, or it is the operator's.
+    The screen belongs to the X server `display`, or to an Xvfb that is started if `display` is
+    empty. Raises UserError if there is no such screen, or if it is the operator's own.
     """
     rows, columns = panel.shape
     display = display or _start_xvfb(rows, columns, site.stack)
@@ -112,7 +114,8 @@ def serve_panel(panel: Panel, display: str, screen: str, site: ServingContext) -
             "refresh_hz": round(found.refresh or panel.frame_rate, 3),
             "display": display,
             "settling_ms": panel.settling * 1e3,
-            # Nobody works at a screen that is nowhere scanned out.
+            # A primary output without a refresh rate belongs to a virtual screen that nobody sees,
+            # so that patterns may cover it.
             "allow_primary": found.primary,
         },
     )
@@ -124,17 +127,17 @@ def _find_output(display: str, request: ScreenRequest) -> Output:
         there = list_outputs(x)
     finally:
         x.close()
-    # Whatever its rate is, it is told to the driver.
+    # The refresh rate doesn't decide: the driver gets the rate of the chosen screen.
     try:
         chosen = choose_screen(request, [replace(output, refresh=0.0) for output in there])
     except DeviceError:
-        choose_screen(request, there)  # which lists them as they are
+        choose_screen(request, there)  # this raises an error that lists the true refresh rates
         raise
     return next(output for output in there if output.number == chosen.number)
 
 
 def _start_xvfb(rows: int, columns: int, stack: ExitStack) -> str:
-    """An X server without a screen that anybody sees; its display."""
+    """Start an X server without a visible screen, and return its display."""
     try:
         return stack.enter_context(xvfb(columns, rows)).display
     except NoXServer as error:

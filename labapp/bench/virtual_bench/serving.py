@@ -1,4 +1,4 @@
-"""`labapp virtual-bench serve`: every simulated instrument behind its true wire."""
+"""`labapp virtual-bench serve`: serve simulated instruments to real drivers."""
 
 from __future__ import annotations
 
@@ -29,14 +29,29 @@ _KINDS = {
     "slm": ("screen",),
     "spectroradiometer": ("cs2000",),
 }
-"""What an instrument may be, if it is served at all."""
+"""Kinds of each instrument that can be served, besides "none"."""
 
 
 @dataclass(frozen=True)
 class ServeOptions:
-    """What shall be served. files: of the bench that is described, and of its scene.
+    """Options of `labapp virtual-bench serve`.
 
-    folder: for the ports; one of their own if None. out: the bench file that is written.
+    Attributes
+    ----------
+    files : BenchFiles
+        Bench that is served, and its scene.
+    filter, camera, slm, spectroradiometer : str
+        Kind of each instrument, or "none".
+    display, screen : str
+        X server and output that show the SLM's pattern; empty for an Xvfb.
+    folder : Path or None
+        Folder of the ports; None for a temporary one.
+    out : Path or None
+        Bench file to write.
+    force : bool
+        Whether an existing bench file is replaced.
+    until_eof : bool
+        Whether the end of standard input ends the bench.
     """
 
     files: BenchFiles
@@ -52,7 +67,7 @@ class ServeOptions:
     until_eof: bool
 
     def require_valid(self) -> None:
-        """UserError names the first option that is wrong."""
+        """Raise UserError for the first option that is wrong."""
         for name, kinds in _KINDS.items():
             value, known = getattr(self, name), (*kinds, "none")
             if value not in known:
@@ -66,7 +81,10 @@ class ServeOptions:
 
 
 def serve(options: ServeOptions) -> None:
-    """Serve until the end is asked for; nothing is left behind. UserError says what is wrong."""
+    """Serve a virtual bench until it is stopped, and remove its ports and folders then.
+
+    Raises UserError for options or files that are wrong.
+    """
     options.require_valid()
     setup = BenchSetup(
         read_bench(options.files.bench),
@@ -90,7 +108,10 @@ def serve(options: ServeOptions) -> None:
 def _start(
     options: ServeOptions, setup: BenchSetup, stack: ExitStack
 ) -> tuple[SharedWorld, list[str], dict[str, ServedInstrument]]:
-    """The world, its targets, and the instruments before it by their names on the bench."""
+    """Start the virtual world and its instruments.
+
+    Returns the world, the names of its targets, and the instruments by their names on the bench.
+    """
     clock = RealClock()
     camera = setup.bench.without_calibration().build_camera()
     world = build_world(camera, setup, clock)

@@ -1,4 +1,4 @@
-"""One virtual world that the threads of several wires set and look at."""
+"""Share one virtual world among the threads that serve the instruments of a virtual bench."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from simulator.world import World
 
 
 class SharedWorld:
-    """A world in which one instrument at a time changes anything.
+    """A virtual world that only one instrument at a time may change.
 
-    A picture is of the bench as it stands when its exposure begins. It is computed while others
-    may go on: no instrument is silent for as long as the camera computes.
+    A picture shows the bench as it is when the exposure begins. It is computed without the lock,
+    so that the other instruments still answer while the camera computes.
     """
 
     def __init__(self, world: World, clock: Clock) -> None:
@@ -28,19 +28,19 @@ class SharedWorld:
         self._frames = 0
         self._render = frame_renderer(world)
         self.before_frame: Callable[[], None] = lambda: None
-        """Called before each picture: whoever must be asked what it shows does it here."""
+        """Called before each picture, for instance to copy the screen to the panel."""
 
     @contextmanager
     def exclusive_access(self) -> Iterator[World]:
-        """The world, while nobody else changes it."""
+        """Yield the virtual world while no other thread changes it."""
         with self._turn:
             yield self._world
 
     def render_frame(self, exposure: float, gain_db: float) -> NDArray[np.uint16]:
-        """The sensor's picture, as FakeGigECamera wants it; each has its own noise.
+        """Render the sensor's picture for FakeGigECamera; each picture has its own noise.
 
-        What can't be computed is told to whoever started the bench: of the camera, only a frame
-        is missing.
+        An error is printed for the user who serves the bench, because the camera's client sees
+        only that a frame is missing.
         """
         try:
             return self._expose(exposure, gain_db)
@@ -59,12 +59,12 @@ class SharedWorld:
             return self._render(exposure, gain_db)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """As World.radiance(): what a spectroradiometer looks at."""
+        """Return the spectral radiance that a spectroradiometer sees, as `World.radiance` does."""
         with self._turn:
             return self._world.radiance(wavelengths)
 
     def place(self, name: str) -> None:
-        """Put a target before the camera; ValueError lists those that there are."""
+        """Put a target in front of the camera; ValueError lists the targets for an unknown name."""
         with self._turn:
             known = self._world.scene.targets
             if name not in known:
@@ -72,7 +72,7 @@ class SharedWorld:
             self._world.target = name
 
     def describe_state(self) -> str:
-        """How the bench stands, in a line."""
+        """Describe filter, SLM, target and number of pictures of the virtual bench in one line."""
         self.before_frame()
         with self._turn:
             band, grey = self._world.band, self._world.grey

@@ -1,4 +1,4 @@
-"""The spectroradiometer at its port, which looks at the target through the filter."""
+"""Serve the spectroradiometer of a virtual bench, which sees the target through the filter."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from simulator.machines.cs2000 import CS2000Machine
 
 
 def serve_spectroradiometer(site: ServingContext) -> ServedInstrument:
-    """Start it until the site's stack is left."""
+    """Start a simulated CS-2000, which runs until the site's stack is left."""
     machine = CS2000Machine(site.shared.radiance)
-    # A pseudo-terminal has no wires that hold the other side up.
+    # A pseudo-terminal has no control lines, so that hardware flow control isn't possible.
     return serve_on_serial_line(site, "cs2000", machine, 115200, rtscts=False)

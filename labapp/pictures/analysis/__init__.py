@@ -1,1 +1,1 @@
-"""From a record's frames to merged pictures and PSFs, and how pictures are judged."""
+"""Merge the frames of a record, measure PSFs from them, and score restored pictures."""

@@ -1,4 +1,4 @@
-"""Merging the exposures of a record, with its own dark frames."""
+"""Merge the exposure brackets of a record, with its own dark frames."""
 
 from __future__ import annotations
 
@@ -20,16 +20,33 @@ from optics.progress import Progress
 
 Picture = NDArray[np.float64]
 
+WAVELENGTH_TOLERANCE = 1e-11
+"""Difference in metres below which two wavelengths count as the same."""
+
 
 @dataclass(frozen=True)
 class Bracket:
-    """The merged exposures of one target with one pattern at one wavelength.
+    """The merged exposure bracket of one target with one pattern at one wavelength.
 
-    wavelength: metres. rate, variance: electrons per second and pixel. clipped, dark:
-    share of pixels that are so in every exposure. clipped_by_exposure: share at full
-    scale. dark_frames: the fewest that an exposure's dark was averaged from; 0 where the
-    sensor's black level stood in for them. histogram: counts of digital numbers, one row
-    an exposure.
+    Attributes
+    ----------
+    target, pattern : str
+        Names in the plan.
+    wavelength : float
+        Metres.
+    exposures : list of float
+        Exposure times in seconds.
+    rate, variance : Picture
+        (rows, columns): electrons per second and pixel, and the variance of this rate.
+    clipped, dark : float
+        Share of pixels that are clipped, or dark, in every exposure.
+    clipped_by_exposure : list of float
+        Share of pixels at full scale in each exposure.
+    dark_frames : int
+        Fewest dark frames that were averaged for an exposure; 0 where the sensor's black level
+        was used instead.
+    histogram : NDArray
+        (exposures, levels): how many pixels have each digital number.
     """
 
     target: str
@@ -46,15 +63,16 @@ class Bracket:
 
     @property
     def name(self) -> str:
+        """Return target, pattern and wavelength of the bracket in words."""
         return f"{self.target}, {self.pattern}, {self.wavelength * 1e9:g} nm"
 
 
 def merge_all(
     record: Record, progress: Progress, targets: Collection[str] | None = None
 ) -> list[Bracket]:
-    """Every target, pattern and wavelength of a record, but the dark frames themselves.
+    """Merge the exposure brackets of every target, pattern and wavelength of a record.
 
-    targets: the only ones that are merged, if given.
+    The dark frames themselves are left out. If `targets` is given, only these are merged.
     """
     sensor = record.bench.build_camera().sensor
     dark = dark_target(record.plan)
@@ -74,18 +92,18 @@ def merge_all(
 
 
 def merge_frame(record: Record, index: int) -> Bracket:
-    """One frame by itself, as a bracket of one exposure."""
+    """Return one frame of a record as a bracket of one exposure."""
     sensor = record.bench.build_camera().sensor
     return _merge(record, [index], dark_target(record.plan), sensor)
 
 
 def dark_target(plan: PlanFile) -> str:
-    """The target of a plan's dark frames."""
+    """Return the name of the target of a plan's dark frames."""
     return plan.reconstruct.dark if plan.reconstruct else "dark"
 
 
 def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bracket:
-    """One bracket: every frame is an exposure, less the mean dark frame of its exposure."""
+    """Merge frames of a record into one bracket, each less the mean dark frame of its exposure."""
     first = indices[0]
     exposures = record.column("exposure")[indices]
     frames = np.stack([record.image(i) for i in indices])
@@ -95,7 +113,7 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
         torch.from_numpy(frames.astype(np.int32)),
         torch.from_numpy(exposures),
         torch.from_numpy(np.stack([darks[t][0] for t in exposures.tolist()])),
-        # A level from the data sheet has no noise of its own, like infinitely many frames.
+        # A level from the data sheet has no noise, like the mean of infinitely many frames.
         torch.tensor([float(count or math.inf) for count in counts]),
         sensor,
     )
@@ -117,10 +135,10 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
 
 
 def _mean_dark(record: Record, dark: str, exposure: float, sensor: Sensor) -> tuple[Picture, int]:
-    """The mean dark frame of an exposure and how many it is of.
+    """Return the mean dark frame of an exposure, and how many frames were averaged.
 
-    Without dark frames of this exposure, the sensor's data stand in for them: of 0 frames,
-    and without noise of their own.
+    Without dark frames of this exposure, the level is computed from the sensor's black level and
+    dark current, and the number is 0.
     """
     exposures = record.column("exposure")
     indices = [i for i in record.select(target=dark) if exposures[i] == exposure]
@@ -133,15 +151,15 @@ def _mean_dark(record: Record, dark: str, exposure: float, sensor: Sensor) -> tu
 def find_bracket(
     brackets: list[Bracket], target: str, pattern: str, wavelength: float | None, path: Path
 ) -> Bracket:
-    """The bracket of a target and pattern, at a wavelength in metres if one is given.
+    """Return the merged bracket of a target and pattern, at a wavelength in metres if one is given.
 
-    UserError if the record at `path` lacks it, or has it at several wavelengths.
+    Raises UserError if the record at `path` lacks it, or has it at several wavelengths.
     """
     found = [
         bracket
         for bracket in brackets
         if (bracket.target, bracket.pattern) == (target, pattern)
-        and (wavelength is None or abs(bracket.wavelength - wavelength) < 1e-11)
+        and (wavelength is None or abs(bracket.wavelength - wavelength) < WAVELENGTH_TOLERANCE)
     ]
     if len(found) > 1:
         listed = ", ".join(f"{bracket.wavelength * 1e9:g}" for bracket in found)

@@ -1,4 +1,4 @@
-"""How near a picture comes to the one that it should be."""
+"""Score a restored picture against its reference picture by PSNR and SSIM."""
 
 from __future__ import annotations
 
@@ -13,34 +13,39 @@ from optics import metrics
 from optics.threads import single_threaded
 
 CENTRAL_SHARE = 0.9
-"""Share of the frame's sides over which a record's pictures are judged."""
-
-_WINDOW = 11
-"""Pixels of a side that SSIM needs."""
+"""Share of each side of the frame over which pictures of a record are scored."""
 
 Light = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
 class Score:
-    """PSNR in dB, and SSIM; NaN for pictures smaller than its window."""
+    """PSNR in dB and SSIM of a picture; SSIM is NaN for pictures smaller than its window."""
 
     psnr: float
     ssim: float
 
     @property
     def as_data(self) -> dict[str, float | None]:
-        """For JSON, which has no infinity."""
+        """Return PSNR and SSIM for JSON, with None for numbers that aren't finite."""
         named = {"psnr_db": self.psnr, "ssim": self.ssim}
         return {name: value if math.isfinite(value) else None for name, value in named.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class ReferencePicture:
-    """The picture that a photograph should be.
+    """The picture that a perfect restoration would give.
 
-    light: (bands, rows, columns). white: PSNR's peak, and SSIM's range. share: of the frame's
-    sides, over which it judges. source: where it is from, in words.
+    Attributes
+    ----------
+    light : Light
+        (bands, rows, columns).
+    white : float
+        Light that is white: the peak of PSNR and the range of SSIM.
+    share : float
+        Share of each side of the frame over which pictures are scored.
+    source : str
+        Where the picture is from, in words.
     """
 
     light: Light
@@ -50,10 +55,11 @@ class ReferencePicture:
 
     @property
     def crop(self) -> str:
+        """Return the scored part of the frame in words."""
         return "full frame" if self.share == 1 else f"central {self.share:.0%}".replace("%", " %")
 
     def score(self, light: Light) -> Score:
-        """Of a picture of its shape and unit."""
+        """Score a picture that has the shape and unit of this reference."""
         return score(light, self.light, self.white, self.share)
 
 
@@ -61,19 +67,32 @@ class ReferencePicture:
 def score(
     image: Light, reference: Light, white: float = 1.0, share: float = CENTRAL_SHARE
 ) -> Score:
-    """PSNR (peak `white`), and the bands' mean SSIM (range `white`), over a share of each side.
+    """Return PSNR and SSIM of a picture against a reference, over the centre of the frame.
 
-    Pictures are (..., rows, columns); where they aren't finite they count as 0.
+    Parameters
+    ----------
+    image, reference : Light
+        (..., rows, columns) of equal shape; values that aren't finite count as 0.
+    white : float
+        Peak of PSNR and range of SSIM.
+    share : float
+        Share of each side that is scored.
+
+    Returns
+    -------
+    Score
+        PSNR over all bands, and the mean SSIM of the bands.
     """
     a, b = (_central_part(picture, share) for picture in (image, reference))
     psnr = metrics.psnr(a, b, white)
-    if min(a.shape[-2:]) < _WINDOW:
+    # The window of metrics.ssim is 11 x 11 pixels.
+    if min(a.shape[-2:]) < 11:
         return Score(psnr, math.nan)
     ssim = [metrics.ssim(one, other, white) for one, other in zip(a, b, strict=True)]
     return Score(psnr, float(np.mean(ssim)))
 
 
 def _central_part(picture: Light, share: float) -> torch.Tensor:
-    """(bands, rows, columns) in double precision."""
+    """Return the central part of a picture as (bands, rows, columns) in double precision."""
     bands = np.nan_to_num(picture).astype(np.float64).reshape(-1, *picture.shape[-2:])
     return metrics.crop_central_share(torch.from_numpy(bands), share)

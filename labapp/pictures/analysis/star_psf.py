@@ -1,4 +1,4 @@
-"""The PSF: measured on the star, freed of unmodulated light to be judged, and predicted."""
+"""Measure the PSF on the star of a record, and compare it with target and prediction."""
 
 from __future__ import annotations
 
@@ -26,20 +26,21 @@ from optics.plane import Plane
 from optics.psf import PSFOperator, nyquist_samples_per_pixel
 from optics.slm import Modulator
 
-_CORE = 3
-"""Pixels around the centre in which unmodulated light is looked for."""
-
-_MARGIN = 32
-"""Pixels around a predicted window, so that its edges don't wrap into it."""
-
 
 @dataclass(frozen=True, eq=False)
 class StarImage:
-    """A star as it was seen, in a window around the neutral one's peak.
+    """The picture of a star in a window around its peak with the neutral pattern.
 
-    measured, neutral: share of the neutral star's light on each pixel, with the coded pattern and
-    without, unmodulated light included. share_in_window: share of the coded star's light that falls
-    in the window; what falls outside is missing from reconstructions. wavelength: metres.
+    Attributes
+    ----------
+    measured, neutral : Picture
+        (rows, columns): share of the neutral star's light on each pixel, with the coded and with
+        the neutral pattern, unmodulated light included.
+    share_in_window : float
+        Share of the coded star's light inside the window; the light outside is missing from
+        reconstructions.
+    wavelength : float
+        Metres.
     """
 
     measured: Picture
@@ -50,14 +51,26 @@ class StarImage:
 
 @dataclass(frozen=True, eq=False)
 class PSFReport(StarImage):
-    """A measured PSF and what it is judged against, on sensor pixels.
+    """A measured PSF with its target, its prediction and their differences, on sensor pixels.
 
-    modulated_psf: `measured` without the unmodulated light, to be judged against target.
-    predicted: of the star, as the camera's description has it; None where the star isn't
-    described. unmodulated: share found in the centre.
-    efficiency: light of `modulated_psf` where the target exceeds 2 % of its peak over all light of
-    `measured`. contrast: speckle contrast of `modulated_psf`, None where it has no light.
-    prediction_error: relative L2, without a fitted scale.
+    Attributes
+    ----------
+    modulated_psf : Picture
+        `measured` without the unmodulated light, to be compared with the target.
+    target : Picture or None
+        Requested shape of the PSF; None where the pattern has none.
+    predicted : Picture or None
+        PSF of the star, computed from the camera's description; None where the scene doesn't
+        describe the star.
+    unmodulated : float
+        Share of unmodulated light, measured at the centre.
+    efficiency : float or None
+        Light of `modulated_psf` where the target exceeds 2 % of its peak, over all light of
+        `measured`.
+    contrast : float or None
+        Speckle contrast of `modulated_psf`; None where it has no light.
+    prediction_error : float or None
+        Relative L2 difference of measurement and prediction, without a fitted scale.
     """
 
     modulated_psf: Picture
@@ -70,9 +83,9 @@ class PSFReport(StarImage):
 
 
 def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) -> PSFReport:
-    """The full PSF in a window around the neutral star's peak, and what it is judged by.
+    """Measure the PSF on the star of a record, and compare it with target and prediction.
 
-    UserError if the star frames are missing or dark.
+    Raises UserError if the frames of the star are missing or dark.
     """
     star = crop_star(record, brackets, roles)
     measured, straight, window = star.measured, star.neutral, star.measured.shape[0]
@@ -96,7 +109,10 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
 
 
 def crop_star(record: Record, brackets: list[Bracket], roles: Reconstruction) -> StarImage:
-    """The star with the coded pattern; UserError if its frames are missing or dark."""
+    """Cut the star of a record out of its brackets, with the neutral and the coded pattern.
+
+    Raises UserError if the frames of the star are missing or dark.
+    """
     neutral, coded = (
         find_bracket(brackets, roles.star, pattern, roles.wavelength, record.path)
         for pattern in (roles.neutral, roles.coded)
@@ -113,21 +129,24 @@ def crop_star(record: Record, brackets: list[Bracket], roles: Reconstruction) ->
 
 
 def _contrast(shape: Picture, target: Picture) -> float | None:
-    """Speckle contrast, which is none where a shape far from its target leaves it dark."""
+    """Return the speckle contrast of a PSF, or None if it is dark where its target is bright."""
     bright = target > 0.5 * target.max()
     lit = float((shape[bright] / target[bright]).mean()) > 0
     return metrics.speckle_contrast(shape, target) if lit else None
 
 
 def bright_centroid(rate: Picture) -> tuple[int, int]:
-    """The pixel at the centroid of what is brighter than a fifth of the peak."""
+    """Return the pixel (y, x) at the centroid of all pixels brighter than a fifth of the peak."""
     y, x = np.nonzero(rate > 0.2 * rate.max())
     weight = rate[y, x]
     return round(float(np.average(y, weights=weight))), round(float(np.average(x, weights=weight)))
 
 
 def crop_centred(image: Picture, centre: tuple[int, int], window: int) -> Picture:
-    """A square around a pixel, which becomes its origin; beyond the picture there is none."""
+    """Cut a square window around a pixel, which becomes its origin at n // 2.
+
+    The window is 0 beyond the picture.
+    """
     y, x = (c - window // 2 for c in centre)
     cut = np.zeros((window, window))
     rows = slice(max(y, 0), min(y + window, image.shape[0]))
@@ -139,19 +158,22 @@ def crop_centred(image: Picture, centre: tuple[int, int], window: int) -> Pictur
 
 
 def _unmodulated_share(neutral: Picture, measured: Picture) -> float:
-    """How much of the neutral PSF is in the centre of another: least squares there.
+    """Return the share of unmodulated light in a measured PSF, 0 to 1.
 
-    Holds for shapes that leave their centre dark.
+    It is the least-squares factor of the neutral PSF in the pixels around the centre. This holds
+    for shapes that leave their centre dark.
     """
-    middle = neutral.shape[0] // 2
-    part = (slice(middle - _CORE, middle + _CORE + 1),) * 2
+    middle, core = neutral.shape[0] // 2, 3
+    part = (slice(middle - core, middle + core + 1),) * 2
     a, b = neutral[part], measured[part]
     return float(np.clip((a * b).sum() / (a * a).sum(), 0, 1))
 
 
 def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | None:
-    """What the pattern's PSF was asked to be, of a video the mean of its moments; None for other
-    patterns, and for a logo, whose picture a record hasn't got."""
+    """Return the target of a pattern's PSF on sensor pixels; for a video the mean of its frames.
+
+    None for patterns without a target, and for a logo, whose picture a record doesn't contain.
+    """
     frames = 1
     if isinstance(spec, VideoPattern) and spec.pattern is not None:
         frames = spec.length
@@ -173,9 +195,9 @@ def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | N
 def _predict_recorded_star(
     record: Record, camera: Camera, roles: Reconstruction, wavelength: float, window: int
 ) -> Picture | None:
-    """The star through the camera's description, on the scale of the measured PSF.
+    """Predict the star of a record from the camera's description, scaled like the measured PSF.
 
-    At the filter's centre wavelength; its band is not modelled here.
+    The prediction is for the centre wavelength of the filter; its bandwidth isn't modelled.
     """
     scene = record.scene
     star = scene.targets.get(roles.star) if scene else None
@@ -196,13 +218,26 @@ def predict_star(
     distance: float,
     window: int,
 ) -> list[torch.Tensor]:
-    """Share of a star's light on each pixel of a square window, a picture for each pattern.
+    """Predict a star's share of light on each pixel of a square window, for each pattern.
 
-    greys: grey levels on the panel; (frames, rows, columns) of a video, which is repeated.
-    diameter, distance: of the star, metres. Star and pixel are included.
+    The finite sizes of star and pixel are included.
+
+    Parameters
+    ----------
+    camera : Camera
+        Panel, lens and sensor.
+    greys : sequence of torch.Tensor
+        Grey levels on the panel, (rows, columns), or (frames, rows, columns) of a repeated video.
+    wavelength : float
+        Metres.
+    diameter, distance : float
+        Diameter and distance of the star in metres.
+    window : int
+        Side of the window in sensor pixels.
     """
     finer = math.ceil(nyquist_samples_per_pixel(camera, wavelength))
-    side = window + 2 * _MARGIN
+    # 32 pixels on each side keep the edges of the computed window from wrapping into the result.
+    side = window + 2 * 32
     plane = camera.sensor.window_plane((side, side)).with_finer_pitch(finer)
     operator = PSFOperator(camera, distance, wavelength, plane, integrate=False, unmodulated=0.0)
     modulator = Modulator(camera.panel, wavelength)

@@ -1,1 +1,1 @@
-"""Undoing the blur of a person's photograph: from files to before and after."""
+"""Restore a blurred photograph: read its files, restore it, and show before and after."""

@@ -1,4 +1,4 @@
-"""Before and after, with the PSF and what the restoration leaves unexplained, as one picture."""
+"""Draw a photograph before and after restoration, with its PSF and the residual, in one picture."""
 
 from __future__ import annotations
 
@@ -14,18 +14,14 @@ from labapp.files.photograph_file import Light, encode_srgb
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from labapp.pictures.reconstructing.restoration import RestoredPicture
 
-_LOWEST_RATIO = 1e-4
-
-_LARGEST = 1200
-"""Pixels of a drawn photograph's longer side; more are averaged."""
-
-_SIGMAS = 4.0
-
 
 def draw_before_after(
     problem: RestorationProblem, outcome: RestoredPicture, captions: tuple[str, str]
 ) -> bytes:
-    """A PNG file. captions: below the photograph before and after."""
+    """Draw a restoration as a PNG file, and return its bytes.
+
+    `captions` are the titles of the photograph before and after.
+    """
     rows, columns = problem.light.shape[1:]
     tall = 5.4 * min(max(rows / columns, 0.5), 1.6)
     figure = Figure(figsize=(14.5, tall + 0.9), dpi=110, layout="constrained")
@@ -43,9 +39,12 @@ def draw_before_after(
 
 
 def screen_levels(light: Light, white: float) -> NDArray[np.uint8]:
-    """Light as a screen shows it, (rows, columns) or (rows, columns, 3), no larger than needed."""
+    """Return light as 8-bit sRGB levels, (rows, columns) or (rows, columns, 3).
+
+    A picture whose longer side exceeds 1200 pixels is averaged down to that.
+    """
     picture = np.moveaxis(np.nan_to_num(light) / white, 0, -1)
-    scale = _LARGEST / max(picture.shape[:2])
+    scale = 1200 / max(picture.shape[:2])
     if scale < 1:
         size = [max(round(n * scale), 1) for n in picture.shape[1::-1]]
         small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
@@ -55,18 +54,18 @@ def screen_levels(light: Light, white: float) -> NDArray[np.uint8]:
 
 def _draw_psf(axes: Axes, psf: Light) -> None:
     mean = psf.mean(0)
-    peak = float(mean.max())
-    norm = LogNorm(peak * _LOWEST_RATIO, peak)
-    drawn = axes.imshow(np.maximum(mean, peak * _LOWEST_RATIO), cmap="magma", norm=norm)
+    peak, lowest_ratio = float(mean.max()), 1e-4
+    norm = LogNorm(peak * lowest_ratio, peak)
+    drawn = axes.imshow(np.maximum(mean, peak * lowest_ratio), cmap="magma", norm=norm)
     _strip_ticks(axes, f"PSF, {psf.shape[2]} x {psf.shape[1]} pixels, 4 decades")
     axes.figure.colorbar(drawn, ax=axes, shrink=0.85, pad=0.02)
 
 
 def _draw_residual(axes: Axes, residual: Light) -> None:
-    """Bands together, on the scale of one band's noise."""
+    """Draw the mean residual of all bands, scaled so that its noise is that of one band."""
     mean = residual.mean(0) * np.sqrt(len(residual))
     axes.set_facecolor("0.25")
-    drawn = axes.imshow(mean, cmap="RdBu_r", vmin=-_SIGMAS, vmax=_SIGMAS)
+    drawn = axes.imshow(mean, cmap="RdBu_r", vmin=-4.0, vmax=4.0)
     _strip_ticks(axes, "Unexplained, in units of the noise")
     axes.figure.colorbar(drawn, ax=axes, shrink=0.85, pad=0.02)
 

@@ -1,4 +1,4 @@
-"""`labapp reconstruct`: a photograph with its blur undone, and the picture of before and after."""
+"""`labapp reconstruct`: restore a photograph, and write it with a picture of before and after."""
 
 from __future__ import annotations
 
@@ -21,7 +21,11 @@ from labapp.pictures.reconstructing.restoration_request import RestorationReques
 
 @dataclass(frozen=True)
 class OutputFiles:
-    """Where the answer goes, the picture of before and after, and a PSF that nobody knew."""
+    """Files that a restoration writes.
+
+    They are the restored picture, the picture of before and after, and the PSF of a blind
+    restoration.
+    """
 
     data: Path
     picture: Path
@@ -31,7 +35,10 @@ class OutputFiles:
 def reconstruct_photograph(
     request: RestorationRequest, choice: MethodChoice, files: OutputFiles, *, as_json: bool
 ) -> None:
-    """Restore, judge, write the files, and say how far to trust it; UserError if it can't be."""
+    """Restore a photograph, score it, write the files, and print the results.
+
+    Raises UserError for a photograph or PSF that can't be used.
+    """
     with terminal_progress() as progress:
         problem = request.read_problem(progress.part(0, 0.3))
         if choice.budget is not None:
@@ -122,7 +129,7 @@ def _as_data(
 
 
 def _score(problem: RestorationProblem, outcome: RestoredPicture) -> dict[str, Any] | None:
-    """Before and after, against the picture as it should be; None where nobody knows that."""
+    """Return the scores before and after for JSON; None without a reference picture."""
     known = problem.reference
     if known is None or outcome.scores is None:
         return None

@@ -1,4 +1,4 @@
-"""The methods that a person can name."""
+"""Choose a restoration method by name, processor time and regularisation weight."""
 
 from __future__ import annotations
 
@@ -17,12 +17,18 @@ from optics.progress import Progress
 
 @dataclass(frozen=True)
 class MethodChoice:
-    """How a picture shall be restored.
+    """Requested restoration method and its limits; UserError for values that contradict each other.
 
-    method: one of METHOD_CHOICES. budget: seconds of processor time for the whole picture.
-    weight: of what is known of pictures beforehand, in the method's own unit; chosen from the
-    picture if None. speed: of the machine, by which times are predicted. UserError for what
-    doesn't go together.
+    Attributes
+    ----------
+    method : str
+        One of `METHOD_CHOICES`.
+    budget : float or None
+        Processor time for the whole picture, in seconds.
+    weight : float or None
+        Regularisation weight in the method's own unit; None to choose it from the picture.
+    speed : MachineSpeed
+        Speed of the machine, by which times are predicted.
     """
 
     method: str = AUTO
@@ -48,8 +54,24 @@ class MethodChoice:
     def restore(
         self, observation: Observation, share: float, progress: Progress, counts: Mapping[str, int]
     ) -> RestoredImage:
-        """One band; share: of the budget, that it may take; counts: planned iterations of methods,
-        where there is no budget. ValueError where nothing fits."""
+        """Restore one band of a picture.
+
+        Parameters
+        ----------
+        observation : Observation
+            The band with its PSF.
+        share : float
+            Share of the budget that the band may take.
+        progress : Progress
+            Receives the progress.
+        counts : mapping
+            Planned iterations by the name of a method, used without a budget.
+
+        Raises
+        ------
+        ValueError
+            If no method fits the budget or the observation.
+        """
         name = None if self.method == AUTO else ALIASES.get(self.method, self.method)
         learned = (
             restoration_choice.METHODS[name].needs_denoiser if name else self.budget is not None

@@ -1,4 +1,4 @@
-"""What is to be restored, whatever it was read from: light, PSF, and what is known of pixels."""
+"""Describe a restoration problem: a blurred picture, its PSF, and the state of its pixels."""
 
 from __future__ import annotations
 
@@ -15,22 +15,43 @@ from optics.deconvolution.observation import Observation
 from optics.deconvolution.observation_builder import build_observation
 from optics.operators.blur import Border
 
-_WHITE = 99.9
-"""Percentile of a picture that is drawn white, where nothing says what white is."""
+WHITE_PERCENTILE = 99.9
+"""Percentile of a picture that counts as white, where nothing else says what white is."""
 
 
 @dataclass(frozen=True, eq=False)
 class RestorationProblem:
-    """A blurred picture and its PSF.
+    """A blurred picture with its PSF, to be restored.
 
-    light: (bands, rows, columns), NaN where a pixel is dead. psf: (1 or bands, rows, columns),
-    origin at n // 2; its sum is the share of light that arrives. clipped: of the same shape as
-    light, where the well was full. unit: of the light, in words. full_scale: the light of a .png's
-    highest level, None for white; is_srgb: whether that file has sRGB's 8 bits. noise: standard
-    deviation of a pixel; if None estimated, for what PSF and model can't explain is in it as well,
-    and no less than `noise_floor`, which is known to be there. source, psf_source: where the two
-    are from, in words. notes: what a person should know. reference: the picture as it should be,
-    where there is one. planned_iterations: iterations of methods, where somebody has planned them.
+    Attributes
+    ----------
+    light : Light
+        (bands, rows, columns); NaN where a pixel is dead.
+    psf : Light
+        (1 or bands, rows, columns), origin at n // 2; its sum is the share of light that arrives.
+    clipped : NDArray of bool
+        Pixels whose well was full, of the same shape as `light`.
+    source, psf_source : str
+        Where picture and PSF are from, in words.
+    unit : str
+        Unit of the light, in words.
+    full_scale : float or None
+        Light of the highest level of a written .png; None for white.
+    is_srgb : bool
+        Whether a written .png has the 8 bits of sRGB.
+    noise : float or None
+        Standard deviation of a pixel. None to estimate it from the picture, because it includes
+        what PSF and model can't explain; the estimate is at least `noise_floor`.
+    border : Border
+        What the scene does beyond the frame.
+    notes : tuple of str
+        Remarks for the user.
+    noise_floor : float
+        Noise that is known to be there, for example of photons.
+    reference : ReferencePicture or None
+        What a perfect restoration would give, if known.
+    planned_iterations : mapping
+        Iterations by the name of a method, where the plan states them.
     """
 
     light: Light
@@ -49,7 +70,7 @@ class RestorationProblem:
     planned_iterations: Mapping[str, int] = field(default_factory=dict)
 
     def observations(self) -> list[Observation]:
-        """Each band by itself."""
+        """Return an observation for each band of the picture."""
         return [self._observation(number) for number in range(len(self.light))]
 
     def _observation(self, number: int) -> Observation:
@@ -67,17 +88,17 @@ class RestorationProblem:
         return band if known else replace(band, given_noise=self.noise_floor)
 
     def noise_source(self, noise: float) -> str:
-        """How the noise that a band was taken to have is known, in words."""
+        """Say in words where the noise of a band is from: given, computed or estimated."""
         if self.noise is not None:
             return "as told"
         return "of photons and read noise" if noise == self.noise_floor else "estimated"
 
     @cached_property
     def white(self) -> float:
-        """The light that is drawn white."""
+        """Return the light that is drawn white."""
         if self.full_scale is None and self.reference is not None:
             return self.reference.white
         if self.full_scale is not None and self.is_srgb:
             return self.full_scale
-        bright = float(np.nanpercentile(self.light, _WHITE))
+        bright = float(np.nanpercentile(self.light, WHITE_PERCENTILE))
         return bright if bright > 0 else 1.0

@@ -1,4 +1,4 @@
-"""The PSF: from a picture of it, an array, or a record with a star."""
+"""Read the PSF of a restoration from a picture, an array, or a record with a star."""
 
 from __future__ import annotations
 
@@ -14,20 +14,29 @@ from labapp.pictures.reconstructing.recorded_photograph import (
     read_star_psf,
 )
 
-_DIM = 0.01
-"""Of a PSF's peak: what its edge shows at most, if nothing but the PSF is in the picture."""
-
 
 def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Light, list[str]]:
-    """(1 or bands, rows, columns), with a sum of 1 each; and what a person should know of it.
+    """Read a PSF for a picture with `bands` bands, and return it with warnings about it.
 
-    Levels of a picture are taken for light as they are, and a record's star is chosen as its
-    photograph is. UserError for what is no PSF.
+    Levels of a picture are taken as light without conversion. `choice` selects the star of a
+    record.
+
+    Returns
+    -------
+    psf : Light
+        (1 or bands, rows, columns); the sum of each band is 1.
+    warnings : list of str
+        Remarks for the user.
+
+    Raises
+    ------
+    UserError
+        For a file that isn't a PSF.
     """
     if is_record(path):
         psf = read_star_psf(path, choice)[None].astype(np.float32)
         return psf / psf.sum(), []
-    # Whatever the depth: PSFs are written as light, not for a screen.
+    # Files of PSFs hold light whatever their depth, and not levels for a screen.
     psf = read_photograph(path, linear=True).light
     if not np.isfinite(psf).all():
         raise UserError(f"{path}: has NaN or infinite values. Measure or compute the PSF again.")
@@ -44,10 +53,12 @@ def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Ligh
 
 
 def _psf_warnings(path: Path, psf: Light) -> list[str]:
+    """Warn about a PSF whose edge is bright, or whose file is a drawing of another file."""
     said = []
     edge = np.concatenate([psf[:, 0], psf[:, -1], psf[:, :, 0], psf[:, :, -1]], axis=1)
     level = float(np.median(edge)) / float(psf.max())
-    if min(psf.shape[1:]) > 2 and level > _DIM:
+    # The edge of a PSF without background is at most 1 % of its peak.
+    if min(psf.shape[1:]) > 2 and level > 0.01:
         said.append(
             f"{path}: its edge is at {level:.0%} of its peak: is there a background, or is it cut "
             "off? Either leaves rings."

@@ -1,4 +1,4 @@
-"""What of a record is restored: a photograph, and the star that was seen in the same run."""
+"""Select a photograph of a record, and the star of the same run as its PSF, for restoration."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.plan_file import Reconstruction
 from labapp.pictures.analysis.brackets import (
+    WAVELENGTH_TOLERANCE,
     Bracket,
     Picture,
     dark_target,
@@ -21,26 +22,20 @@ from labapp.pictures.analysis.brackets import (
 )
 from labapp.pictures.analysis.score import CENTRAL_SHARE, ReferencePicture
 from labapp.pictures.analysis.star_psf import crop_star
-from labapp.pictures.reconstructing.problem import RestorationProblem
+from labapp.pictures.reconstructing.problem import WHITE_PERCENTILE, RestorationProblem
 from labapp.runs.record.reader import Record
 from optics.operators.blur import Border
 from optics.progress import Progress
 
 _RATE = "electrons per second"
 
-_WHITE = 99.9
-"""Percentile of the neutral photograph that counts as white."""
-
-_WAVELENGTH_TOLERANCE = 1e-11
-"""Metres between wavelengths that count as one."""
-
 
 @dataclass(frozen=True)
 class RecordSelection:
-    """What of a record is meant, None where its plan or its frames shall tell.
+    """Selection of a photograph in a record; None where its plan or its frames decide.
 
-    wavelength: metres. frame: one frame, and not the merged exposures. star: the target that is
-    the PSF's.
+    `wavelength` is in metres. `frame` selects one frame instead of the merged exposures. `star` is
+    the target that gives the PSF.
     """
 
     target: str | None = None
@@ -52,10 +47,22 @@ class RecordSelection:
 
 @dataclass(frozen=True, eq=False)
 class RecordedPhotograph:
-    """A photograph in a record.
+    """A photograph in a record, with the PSF of its star.
 
-    psf: of its star, (rows, columns), None where there is none. neutral: the same target with the
-    neutral pattern, by which restorations are judged, where it was taken. frame: None for all.
+    Attributes
+    ----------
+    path : Path
+        The record.
+    photograph : Bracket
+        Merged exposures with the coded pattern.
+    psf : Picture or None
+        PSF of the star, (rows, columns); None without a star.
+    neutral : Bracket or None
+        The same target with the neutral pattern, against which restorations are scored.
+    roles : Reconstruction
+        Names of targets and patterns.
+    frame : int or None
+        The selected frame; None for the merged exposures.
     """
 
     path: Path
@@ -67,18 +74,18 @@ class RecordedPhotograph:
 
     @property
     def source(self) -> str:
-        """In words."""
+        """Return record, photograph and frame in words."""
         frame = "" if self.frame is None else f", frame {self.frame}"
         return f"{self.path}, {self.photograph.name}{frame}"
 
     @cached_property
     def clipped_pixels(self) -> NDArray[np.bool_]:
-        """(1, rows, columns): where the light is at least what was measured."""
+        """Return the clipped pixels, (1, rows, columns), whose measured light is a lower bound."""
         return ~np.isfinite(self.photograph.variance)[None]
 
     @property
     def light(self) -> Picture:
-        """(1, rows, columns)."""
+        """Return the light of the photograph, (1, rows, columns), with 0 in clipped pixels."""
         return np.where(self.clipped_pixels, 0, self.photograph.rate[None])
 
     def build_problem(
@@ -89,8 +96,11 @@ class RecordedPhotograph:
         border: Border = "unknown",
         notes: tuple[str, ...] = (),
     ) -> RestorationProblem:
-        """To restore it; the PSF is the star's if none is given. The one way from a record to what
-        is restored: reports, commands and the window all take it."""
+        """Build the restoration problem of the photograph.
+
+        The PSF is that of the star if none is given. Reports, commands and the window all use this
+        function.
+        """
         if psf is None:
             if self.psf is None:
                 raise UserError(
@@ -116,7 +126,7 @@ class RecordedPhotograph:
 
     @property
     def _least_noise(self) -> float:
-        """That photons and read noise leave in a pixel, rms; 0 where every one is clipped."""
+        """Return the rms noise of photons and read noise in a pixel; 0 if all are clipped."""
         known = self.photograph.variance[~self.clipped_pixels[0]]
         return float(np.sqrt(known.mean())) if known.size else 0.0
 
@@ -124,7 +134,7 @@ class RecordedPhotograph:
     def _reference(self) -> ReferencePicture | None:
         if self.neutral is None:
             return None
-        white = float(np.percentile(self.neutral.rate, _WHITE))
+        white = float(np.percentile(self.neutral.rate, WHITE_PERCENTILE))
         source = f"the neutral photograph of the same run, {self.neutral.name}"
         return (
             ReferencePicture(self.neutral.rate[None], white, CENTRAL_SHARE, source)
@@ -134,17 +144,18 @@ class RecordedPhotograph:
 
 
 def is_record(path: Path) -> bool:
-    """Whether a file is one of ours, by its ending."""
+    """Return whether a file is the record of a run, by its ending."""
     return path.suffix.lower() in (".h5", ".hdf5")
 
 
 def read_recorded_photograph(
     path: Path, choice: RecordSelection, progress: Progress, *, star: bool
 ) -> RecordedPhotograph:
-    """The photograph of a record that is meant, and its PSF if `star` asks for it.
+    """Read the selected photograph of a record, and the PSF of its star if `star` is true.
 
-    By default the photograph that its plan's [reconstruct] table names, or else the last target
-    that is neither dark nor star; its exposures merged. UserError for what the record lacks.
+    By default this is the photograph that the plan's [reconstruct] table names, or else the last
+    target that is neither dark nor star, with its exposures merged. Raises UserError for what the
+    record lacks.
     """
     with Record(path) as record:
         roles = _choose_roles(record, choice)
@@ -163,7 +174,10 @@ def find_photograph(
     star: bool = True,
     frame: int | None = None,
 ) -> RecordedPhotograph:
-    """The photograph that has a part, among merged brackets. UserError if it isn't there."""
+    """Find the photograph, its neutral counterpart and its star among the brackets of a record.
+
+    `roles` names targets and patterns. Raises UserError if the photograph is missing.
+    """
     path = record.path
     photograph = find_bracket(brackets, roles.photograph, roles.coded, roles.wavelength, path)
     sharp = [
@@ -171,7 +185,7 @@ def find_photograph(
         for one in brackets
         if (one.target, one.pattern) == (roles.photograph, roles.neutral)
         and one.pattern != roles.coded
-        and abs(one.wavelength - photograph.wavelength) < _WAVELENGTH_TOLERANCE
+        and abs(one.wavelength - photograph.wavelength) < WAVELENGTH_TOLERANCE
     ]
     if frame is not None:
         photograph = merge_frame(record, frame)
@@ -180,7 +194,7 @@ def find_photograph(
 
 
 def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
-    """The PSF of a record's star, (rows, columns); UserError where there is none."""
+    """Read the PSF of a record's star, (rows, columns); UserError if there is none."""
     with Record(path) as record:
         plan = record.plan.reconstruct
         star = choice.star or (plan.star if plan else "star")
@@ -197,7 +211,7 @@ def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
 
 
 def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
-    """Which target and pattern are meant, at which wavelength."""
+    """Choose photograph, pattern, star and wavelength of a record from selection and plan."""
     plan, path = record.plan.reconstruct, record.path
     star = choice.star or (plan.star if plan else "star")
     wavelength: float | None
@@ -218,7 +232,7 @@ def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
         )
     wavelength = wavelength or (plan.wavelength if plan else None)
     wrong = wavelength is not None and all(
-        abs(one - wavelength) >= _WAVELENGTH_TOLERANCE for one in seen
+        abs(one - wavelength) >= WAVELENGTH_TOLERANCE for one in seen
     )
     if wrong or (wavelength is None and len(seen) > 1):
         listed = ", ".join(f"{one * 1e9:g}" for one in seen)
@@ -231,7 +245,8 @@ def _build_roles(
     record: Record, target: str, pattern: str, star: str, wavelength: float | None
 ) -> Reconstruction:
     plan = record.plan.reconstruct or Reconstruction(coded=pattern)
-    # A star that was never seen with the neutral pattern is its own measure.
+    # Without frames of the star with the neutral pattern, the star with the coded pattern gives
+    # position and scale of the PSF.
     seen = bool(record.select(target=star, pattern=plan.neutral))
     return plan.model_copy(
         update={
@@ -251,7 +266,7 @@ def _star_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) ->
 
 
 def _last_stored_frame(record: Record, names: tuple[str, ...]) -> tuple[str, str]:
-    """Target and pattern of the last stored frame of these targets."""
+    """Return target and pattern of the last stored frame of some targets of a record."""
     frames = [index for name in names for index in record.select(target=name)]
     if not frames:
         has = ", ".join(record.target_names)

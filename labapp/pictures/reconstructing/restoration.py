@@ -1,4 +1,4 @@
-"""A problem restored, band by band, and how far to trust it in words."""
+"""Restore a picture band by band, and judge by its residual how far to trust it."""
 
 from __future__ import annotations
 
@@ -18,17 +18,25 @@ from optics.fourier import irfft2, rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_LEAST, _MOST = 0.8, 1.2
-"""Residuals between which what is left of the photograph looks like its noise."""
-
 
 @dataclass(frozen=True, eq=False)
 class RestoredPicture:
-    """A restored picture, (bands, rows, columns).
+    """A restored picture with its residual.
 
-    residual_map: what its blur leaves of the photograph, over the noise; NaN where that isn't
-    known. bands: what each method said. residual: of all bands, rms. cpu_seconds: of the process.
-    scores: before and after, where the problem has a reference.
+    Attributes
+    ----------
+    light : Light
+        (bands, rows, columns).
+    residual_map : Light
+        The photograph less the blurred restoration, over the noise; NaN where it isn't known.
+    bands : tuple of RestoredImage
+        Result of the method for each band.
+    residual : float
+        Residual of all bands, rms over the noise.
+    cpu_seconds : float
+        Processor time of the process in seconds.
+    scores : tuple of Score or None
+        Scores before and after; None without a reference picture.
     """
 
     light: Light
@@ -40,11 +48,12 @@ class RestoredPicture:
 
     @property
     def method(self) -> str:
+        """Return the names of the restoration methods of the bands."""
         return " / ".join(dict.fromkeys(band.method for band in self.bands))
 
     @property
     def verdict(self) -> str:
-        """What the residual means."""
+        """Say in words what the residual means."""
         return describe_residual(self.residual)
 
 
@@ -52,9 +61,9 @@ class RestoredPicture:
 def restore_picture(
     problem: RestorationProblem, wish: MethodChoice, progress: Progress
 ) -> RestoredPicture:
-    """Each band by itself; ValueError for a problem that can't be restored.
+    """Restore each band of a picture; ValueError for a problem that can't be restored.
 
-    One thread, so that the same problem gives the same bits wherever it is restored.
+    It runs in one thread, so that the same problem always gives the same bits.
     """
     seen, started = problem.observations(), time.process_time()
     share = 1 / len(seen)
@@ -80,17 +89,19 @@ def restore_picture(
 
 
 def describe_residual(residual: float) -> str:
-    """What a residual, rms over the noise, says to a person."""
-    if residual > _MOST:
+    """Say in words what the residual of a restoration, rms over the noise, means."""
+    # Between these limits the remainder of the photograph looks like its noise.
+    lower, upper = 0.8, 1.2
+    if residual > upper:
         return "above 1.2: model, PSF or noise doesn't fit"
-    if residual < _LEAST:
+    if residual < lower:
         return "below 0.8: the noise is less than it was taken for, or some was made detail"
     return "good: what is left looks like noise"
 
 
 @torch.no_grad()
 def _normalised_residual(observation: Observation, restored: RestoredImage) -> Light:
-    """The photograph less the blurred restoration, over the noise."""
+    """Return the photograph less the blurred restoration, over the noise."""
     whole = (
         observation.extended_image * 0 if restored.period_image is None else restored.period_image
     )
@@ -108,7 +119,8 @@ def _normalised_residual(observation: Observation, restored: RestoredImage) -> L
     if observation.effective_weights is not None:
         left[(observation.effective_weights <= 0).numpy()] = np.nan
     if restored.period_image is None and not observation.is_fully_measured:
-        # What came into the frame from around it isn't known: only the inside is.
+        # Near the border the residual is unknown, because light from outside the frame, which isn't
+        # restored, contributes there.
         top, side = (n // 2 for n in observation.psf.shape)
         inside = np.zeros(left.shape, dtype=bool)
         inside[top : left.shape[0] - top, side : left.shape[1] - side] = True

@@ -1,4 +1,4 @@
-"""What a person asks to be restored, read from files."""
+"""Read the files that a restoration request names, and build its restoration problem."""
 
 from __future__ import annotations
 
@@ -26,13 +26,30 @@ from optics.progress import Progress
 
 @dataclass(frozen=True)
 class RestorationRequest:
-    """What the command line asks for.
+    """A request to restore a photograph, as the options of `labapp reconstruct` state it.
 
-    psf: its file; None for the star of the record that `source` is. blind: pixels at most of a PSF
-    that nobody knows, and that is looked for in the picture. linear: whether levels are
-    proportional to light; None: all but those of 8-bit pictures. noise: standard deviation of a
-    pixel's light. clip: level of a full well, None for what the picture shows. dark: level that is
-    subtracted. truth: a picture of what the light was before it was blurred.
+    Attributes
+    ----------
+    source : Path
+        Record or picture to restore.
+    psf : Path or None
+        File of the PSF; None for the star of the record `source`.
+    choice : RecordSelection
+        Photograph of a record.
+    linear : bool or None
+        Whether levels are proportional to light; None for all but 8-bit pictures.
+    noise : float or None
+        Standard deviation of a pixel's light; None to estimate it.
+    border : Border
+        What the scene does beyond the frame.
+    clip : float or None
+        Level of a full well; None to read it from the picture.
+    dark : float or None
+        Level that is subtracted.
+    blind : int or None
+        Largest side in pixels of an unknown PSF that is estimated from the picture.
+    truth : Path or None
+        Picture of the light before it was blurred.
     """
 
     source: Path
@@ -59,14 +76,20 @@ class RestorationRequest:
                 raise UserError(f"--{name} {value:g}: give a finite level.")
 
     def read_problem(self, progress: Progress) -> RestorationProblem:
-        """Read everything; UserError that names file, value and remedy."""
+        """Read the files and build the restoration problem.
+
+        Raises UserError, which names file, value and remedy.
+        """
         if is_record(self.source):
             return self._problem_from_record(progress)
         return self._problem_from_picture(progress)
 
     @cached_property
     def reference(self) -> ReferencePicture | None:
-        """The true picture; its white is 1 where it has that, else its brightest."""
+        """Return the true picture, if one is given.
+
+        Its white is 1, or its brightest value if that exceeds 1.
+        """
         path = self.truth
         if path is None:
             return None
@@ -81,7 +104,10 @@ class RestorationRequest:
         return ReferencePicture(light, 1.0 if brightest <= 1 else brightest, 1.0, str(path))
 
     def _require_reference_shape(self, light: NDArray[np.floating]) -> None:
-        """UserError, before a blur is looked for, where the true picture has another shape."""
+        """Raise UserError if the true picture has another shape than the photograph.
+
+        This comes before the estimation of an unknown PSF, which takes long.
+        """
         if self.reference is None or self.reference.light.shape == light.shape:
             return
         is_, wanted = (" x ".join(map(str, one.shape)) for one in (self.reference.light, light))
@@ -144,7 +170,10 @@ class RestorationRequest:
     def _estimate_psf(
         self, light: NDArray[np.floating], clipped: NDArray[np.bool_], progress: Progress
     ) -> tuple[Light, str, list[str]]:
-        """The PSF that the picture itself tells, of all bands; where it is from, and how surely."""
+        """Estimate an unknown PSF from the picture itself, from the mean of all bands.
+
+        Returns the PSF, its source in words, and a remark about its reliability.
+        """
         from optics.deconvolution.blind import find_kernel
 
         assert self.blind is not None
@@ -179,7 +208,7 @@ class RestorationRequest:
 
 
 def _full_scale(photograph: InputPhotograph) -> float | None:
-    """The light of a file's highest level; None where it has none."""
+    """Return the light of the highest level of a picture file; None for floating-point files."""
     if photograph.is_srgb:
         return 1.0
     kind = photograph.levels.dtype

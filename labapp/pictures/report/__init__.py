@@ -1,4 +1,4 @@
-"""The report of a run: tables in the terminal, report.png, and a self-contained report.html."""
+"""Write the report of a run: terminal tables, report.png, and a self-contained report.html."""
 
 from __future__ import annotations
 
@@ -22,7 +22,25 @@ __all__ = [
 
 
 def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> None:
-    """Analyse a record and write its report into a folder."""
+    """Analyse a record, write its report into a folder, and print its tables.
+
+    Parameters
+    ----------
+    record : Path
+        Record of a run.
+    folder : Path
+        Existing folder for report.png and report.html.
+    force : bool
+        Whether existing reports are replaced.
+    as_json : bool
+        Whether the figures are printed as JSON instead of as tables.
+
+    Raises
+    ------
+    UserError
+        If the folder is missing, a report exists already, or frames that the reconstruction needs
+        are missing.
+    """
     require_free_names(folder, REPORT_FILES, force=force)
     if not folder.is_dir():
         raise UserError(f"{folder}: is not a folder. Make it first, or choose another place.")
@@ -39,7 +57,18 @@ def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> 
 
 
 def write_report(analysis: RecordAnalysis, folder: Path) -> None:
-    """report.png and report.html; each takes its name only when it is whole."""
+    """Write report.png and report.html of an analysed record into a folder.
+
+    Each file appears under its name only when it is complete. The time that writing takes is added
+    to the times of the analysis.
+
+    Parameters
+    ----------
+    analysis : RecordAnalysis
+        Results of the record.
+    folder : Path
+        Existing folder.
+    """
     from labapp.common.figure_png import figure_to_png
     from labapp.pictures.report.figures import overview
     from labapp.pictures.report.page import report_page

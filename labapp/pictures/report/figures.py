@@ -1,4 +1,4 @@
-"""The pictures of a report, drawn without a window."""
+"""Draw the figures of a run's report, without a window."""
 
 from __future__ import annotations
 
@@ -12,21 +12,13 @@ from labapp.pictures.analysis.brackets import Bracket, Picture
 from labapp.pictures.report.record_analysis import RecordAnalysis
 from labapp.pictures.report.tables import PICTURE_NAMES
 
-_LOWEST_RATIO = 1e-4
-"""PSFs are drawn over four decades: enough for the ring beside the central peak."""
-
 _GAMMA = 1 / 2.2
 
 _DETAIL = "detail"
 
-_MOST_PICTURES = 12
-
-_MOST_CURVES = 10
-"""Whose names still fit into a legend."""
-
 
 def overview(analysis: RecordAnalysis) -> Figure:
-    """The whole run on one page: PSF, photographs, exposures."""
+    """Draw the whole run on one page: PSF, photographs and exposures."""
     if analysis.psf is None:
         return gallery(analysis)
     figure = Figure(figsize=(16, 14.6), dpi=110, layout="constrained")
@@ -41,8 +33,11 @@ def overview(analysis: RecordAnalysis) -> Figure:
 
 
 def gallery(analysis: RecordAnalysis) -> Figure:
-    """Every merged picture, from its dark to its bright percentile."""
-    shown = analysis.brackets[:_MOST_PICTURES]
+    """Draw the first twelve merged pictures of a record.
+
+    Each is scaled from its 1st to its 99.99th percentile.
+    """
+    shown = analysis.brackets[:12]
     columns = min(max(len(shown), 1), 3)
     rows = max(1, -(-len(shown) // columns))
     figure = Figure(figsize=(5.2 * columns, 3.9 * rows + 0.5), dpi=110, layout="constrained")
@@ -61,18 +56,21 @@ def gallery(analysis: RecordAnalysis) -> Figure:
 
 
 def psf_figure(analysis: RecordAnalysis) -> Figure:
+    """Draw target, pattern, measured and predicted PSF side by side."""
     figure = Figure(figsize=(16, 4.2), dpi=100, layout="constrained")
     _psf_row(figure, analysis)
     return figure
 
 
 def profile_figure(analysis: RecordAnalysis) -> Figure:
+    """Draw the radial profiles of the PSFs as a figure of its own."""
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
     draw_profile(figure.subplots(), analysis)
     return figure
 
 
 def histogram_figure(analysis: RecordAnalysis) -> Figure:
+    """Draw the histogram of digital numbers as a figure of its own."""
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
     brackets = [b for b in analysis.brackets if _is_coded(analysis, b)] or analysis.brackets
     draw_histogram(figure.subplots(), brackets)
@@ -80,7 +78,7 @@ def histogram_figure(analysis: RecordAnalysis) -> Figure:
 
 
 def gamma_encode(picture: Picture) -> NDArray[np.uint8]:
-    """A linear picture as 8-bit values for a screen."""
+    """Return a linear picture, 0 to 1, as 8-bit levels for a screen."""
     return (np.clip(picture, 0, 1) ** _GAMMA * 255).round().astype(np.uint8)
 
 
@@ -114,15 +112,17 @@ def _psf_row(figure: FigureBase, analysis: RecordAnalysis) -> None:
 
 
 def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -> None:
-    """A PSF on a logarithmic scale; several share theirs if they are given one peak."""
+    """Draw a PSF on a logarithmic scale; PSFs with the same `peak` have the same scale."""
     axes.set_title(title)
     axes.set(xticks=[], yticks=[])
     if psf is None:
         axes.text(0.5, 0.5, "not described", ha="center", va="center", transform=axes.transAxes)
         return
     peak = peak or float(psf.max())
-    shown = np.maximum(psf, peak * _LOWEST_RATIO)
-    norm = LogNorm(peak * _LOWEST_RATIO, peak)
+    # Four decades show the ring beside the central peak.
+    lowest = peak * 1e-4
+    shown = np.maximum(psf, lowest)
+    norm = LogNorm(lowest, peak)
     image = axes.imshow(shown, cmap="magma", norm=norm, interpolation="nearest")
     axes.figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02)
 
@@ -142,7 +142,7 @@ def _photographs(figure: FigureBase, analysis: RecordAnalysis) -> None:
 
 
 def _detail(axes: Axes, analysis: RecordAnalysis) -> None:
-    """The middle of the neutral photograph, and beside it what was restored of it."""
+    """Draw the middle of the neutral photograph beside that of its best restoration."""
     name = analysis.best_method or "coded"
     cuts = [_middle(gamma_encode(analysis.images[one])) for one in ("neutral", name)]
     axes.imshow(np.concatenate(cuts, axis=1), cmap="gray", vmin=0, vmax=255)
@@ -152,7 +152,7 @@ def _detail(axes: Axes, analysis: RecordAnalysis) -> None:
 
 
 def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Half of its height, and three quarters of that wide."""
+    """Cut out the middle of a picture: half of its height, and 0.75 times as wide as high."""
     rows, columns = picture.shape
     tall = max(rows // 2, 1)
     wide = min(max(round(0.75 * tall), 1), columns)
@@ -161,14 +161,14 @@ def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def caption(analysis: RecordAnalysis, name: str) -> str:
-    """A photograph's name and its figures."""
+    """Return the caption of a photograph: its name, PSNR and SSIM."""
     score = analysis.scores.get(name)
     title = PICTURE_NAMES[name][0].upper() + PICTURE_NAMES[name][1:]
     return title if score is None else f"{title}: {score.psnr:.1f} dB, SSIM {score.ssim:.3f}"
 
 
 def draw_profile(axes: Axes, analysis: RecordAnalysis) -> None:
-    """Mean of the PSFs over circles around the centre."""
+    """Draw the means of the PSFs over circles around the centre, against the radius."""
     psf = analysis.psf
     assert psf is not None
     curves = {"measured": psf.measured, "predicted": psf.predicted, "neutral": psf.neutral}
@@ -194,18 +194,23 @@ def _radial_mean(picture: Picture) -> Picture:
 
 
 def draw_histogram(axes: Axes, brackets: list[Bracket]) -> None:
-    """How often each digital number occurs, a line an exposure; of many the first ones."""
+    """Draw how often each digital number occurs, with one line for each exposure.
+
+    Only the first exposures are drawn if there are many.
+    """
     listed = [
         (f"{bracket.name}, {exposure * 1e3:g} ms", counts)
         for bracket in brackets
         for exposure, counts in zip(bracket.exposures, bracket.histogram, strict=True)
     ]
-    for label, counts in listed[:_MOST_CURVES]:
+    # The names of ten curves fit into the legend.
+    most = 10
+    for label, counts in listed[:most]:
         width = max(counts.size // 256, 1)
         binned = counts[: counts.size // width * width].reshape(-1, width).sum(1)
         levels = np.arange(binned.size) * width
         axes.step(levels, np.where(binned > 0, binned, np.nan), where="post", label=label)
-    more = f" (the first {_MOST_CURVES} of {len(listed)})" if len(listed) > _MOST_CURVES else ""
+    more = f" (the first {most} of {len(listed)})" if len(listed) > most else ""
     axes.set_yscale("log")
     axes.set_xlabel("digital number")
     axes.set_ylabel("pixels")

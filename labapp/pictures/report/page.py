@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs nothing else, online or off."""
+"""Build the report of a run as a single HTML file without external resources."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from labapp.pictures.report.record_analysis import RecordAnalysis
 
 
 def report_page(analysis: RecordAnalysis) -> str:
-    """The whole report as HTML text."""
+    """Return the whole report of a run as HTML text."""
     parts = [_head(analysis), _exposures(analysis)]
     if analysis.psf is None:
         parts.append(html_figure(figure_to_png(figures.gallery(analysis)), "The merged pictures"))

@@ -1,4 +1,4 @@
-"""From a record to pictures and figures: merge, measure the PSF, predict it, undo it."""
+"""Analyse a record for its report: merge frames, measure the PSF, restore the photograph."""
 
 from __future__ import annotations
 
@@ -27,12 +27,34 @@ from optics.progress import Progress
 
 @dataclass
 class RecordAnalysis:
-    """Everything that a report shows.
+    """Results of a record that its report shows.
 
-    restored_pictures: by the restorations that are reported, as `labapp reconstruct` gives them.
-    images: neutral, coded and restored photographs on one scale, white about 1. scores: of all but
-    the neutral one, against it. All are empty without a [reconstruct] table. seconds: wall-clock
-    time of each stage. credit: who made the photograph.
+    Without a [reconstruct] table in the plan there are no restored pictures, images and scores.
+
+    Attributes
+    ----------
+    title : str
+        Title of the plan.
+    simulated : list of str
+        Names of simulated devices.
+    credit : str
+        Who made the photograph of a simulated scene.
+    brackets : list of Bracket
+        Merged exposures.
+    roles : Reconstruction or None
+        The [reconstruct] table of the plan.
+    pattern : NDArray or None
+        Grey levels of the coded pattern, (rows, columns).
+    psf : PSFReport or None
+        Measured PSF.
+    restored_pictures : dict
+        Results of the reported restorations, by method, as `labapp reconstruct` gives them.
+    images : dict
+        Neutral, coded and restored photographs on one scale, with white at about 1.
+    scores : dict
+        Scores of the coded and restored photographs against the neutral one.
+    seconds : dict
+        Wall-clock time of each stage in seconds.
     """
 
     title: str
@@ -49,15 +71,15 @@ class RecordAnalysis:
 
     @property
     def best_method(self) -> str | None:
-        """The reconstruction with the highest PSNR."""
+        """Return the name of the restoration with the highest PSNR."""
         undone = {name: s.psnr for name, s in self.scores.items() if name != "coded"}
         return max(undone, key=lambda name: undone[name]) if undone else None
 
 
 def analyse_record(path: Path, progress: Progress | None = None) -> RecordAnalysis:
-    """Merge every bracket of a record; with a [reconstruct] table, also undo the coding.
+    """Merge every bracket of a record; with a [reconstruct] table, also restore the photograph.
 
-    UserError if frames that are needed are missing.
+    Raises UserError if frames that the reconstruction needs are missing.
     """
     progress, watch = progress or Progress(), Stopwatch()
     with Record(path) as record:
@@ -76,11 +98,11 @@ def analyse_record(path: Path, progress: Progress | None = None) -> RecordAnalys
                 "frames. Run the plan again."
             )
         shown = record.pattern(roles.coded)
-        # Of a video the first frame stands for all.
+        # The report shows the first frame of a video.
         analysis.roles, analysis.pattern = roles, shown if shown.ndim == 2 else shown[0]
         with watch.stage("measure PSF"):
             analysis.psf = measure_psf(record, brackets, roles)
-        # By this the restorations are judged.
+        # This raises UserError if the neutral photograph, which scores restorations, is missing.
         find_bracket(brackets, roles.photograph, roles.neutral, roles.wavelength, path)
         problem = find_photograph(record, brackets, roles).build_problem()
     _restore(analysis, problem, watch, progress.part(0.4, 0.95))
@@ -111,6 +133,6 @@ def _restore(
 
 
 def _credit(record: Record) -> str:
-    """Who made the photographs of a simulated scene."""
+    """Return who made the photographs of a simulated scene."""
     tables = record.scene.targets.values() if record.scene else ()
     return ", ".join(t.credit for t in tables if isinstance(t, PhotographTable) and t.credit)

@@ -1,4 +1,4 @@
-"""The figures of a run, as tables for people and as data for programs."""
+"""Give the figures of a run's report as tables for people and as plain data for programs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,13 @@ EXPOSURE_NOTE = (
 
 
 def print_tables(analysis: RecordAnalysis) -> None:
-    """Exposures, PSF, reconstruction and time, one table each."""
+    """Print the tables of a run's report: exposures, PSF, reconstruction and time.
+
+    Parameters
+    ----------
+    analysis : RecordAnalysis
+        Results of the record.
+    """
     badge = f"SIMULATED: {', '.join(analysis.simulated)}" if analysis.simulated else "real devices"
     out.print(f"[bold]{analysis.title}[/bold]  [yellow]{badge}[/yellow]\n")
     print_table("Exposures", EXPOSURE_COLUMNS, exposure_rows(analysis))
@@ -45,7 +51,11 @@ def print_tables(analysis: RecordAnalysis) -> None:
 
 
 def exposure_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """Exposures, and the shares of pixels at full scale, clipped in all, and dark in all."""
+    """Return the rows of the exposure table, one for each bracket, as text.
+
+    They hold the exposures, and the shares of pixels at full scale, clipped in every exposure, and
+    dark in every exposure.
+    """
     return [
         [
             b.target,
@@ -62,7 +72,7 @@ def exposure_rows(analysis: RecordAnalysis) -> list[list[str]]:
 
 
 def psf_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """Efficiency, contrast, unmodulated share and agreement with the prediction."""
+    """Return the rows of the report's PSF table, such as efficiency and speckle contrast."""
     psf = analysis.psf
     assert psf is not None
     rows = []
@@ -78,7 +88,7 @@ def psf_rows(analysis: RecordAnalysis) -> list[list[str]]:
 
 
 def score_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """PSNR and SSIM, and what the reconstructions gained over the coded photograph."""
+    """Return the rows of the report's score table: PSNR, its gain by restoration, and SSIM."""
     before = analysis.scores["coded"].psnr
     rows = []
     for name, score in analysis.scores.items():
@@ -88,14 +98,25 @@ def score_rows(analysis: RecordAnalysis) -> list[list[str]]:
 
 
 def percent(share: float) -> str:
-    """A share in percent that tells a few pixels from none."""
+    """Format a share of pixels in percent, or in ppm where it is below 0.05 %."""
     if share == 0:
         return "0 %"
     return f"{share:.1%}".replace("%", " %") if share >= 5e-4 else f"{share * 1e6:.0f} ppm"
 
 
 def as_data(analysis: RecordAnalysis) -> dict[str, Any]:
-    """The figures of a run as plain data."""
+    """Return the figures of a run's report as plain data for JSON.
+
+    Parameters
+    ----------
+    analysis : RecordAnalysis
+        Results of the record.
+
+    Returns
+    -------
+    dict
+        Exposures, PSF, scores and times; exposures in seconds, wavelengths in metres.
+    """
     psf = analysis.psf
     return {
         "title": analysis.title,

@@ -1,1 +1,1 @@
-"""Networks of our own, trained from pictures."""
+"""Train the denoising network for plug-and-play restoration from pictures."""

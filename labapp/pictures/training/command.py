@@ -1,4 +1,4 @@
-"""`labapp train`: the denoiser's weights from folders of pictures."""
+"""`labapp train`: train the weights of the denoiser on folders of pictures."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from optics.threads import single_threaded
 
 @single_threaded
 def train_denoiser(folders: Sequence[Path], weights: Path, *, steps: int, seed: int) -> None:
-    """Train and write the weights; what was done so far is kept beside them, to go on from.
+    """Train the denoiser on pictures, and write its weights.
 
-    UserError for pictures that can't be learned from.
+    A checkpoint beside the weights lets interrupted training continue. Raises UserError for
+    pictures that can't be used.
     """
     pictures = read_training_pictures(folders)
     kept = weights.with_suffix(".training")
@@ -38,9 +39,9 @@ def train_denoiser(folders: Sequence[Path], weights: Path, *, steps: int, seed: 
 
 @contextmanager
 def _flush_denormals() -> Iterator[None]:
-    """Numbers too small for full precision slow processors down, and teach nothing.
+    """Round denormal numbers to 0 while the block runs, because they slow processors down.
 
-    Only here: others in the process count on them (SciPy's KDTree recurses for ever).
+    Other code in the process needs denormal numbers: without them SciPy's KDTree recurses forever.
     """
     torch.set_flush_denormal(True)
     try:

@@ -1,4 +1,4 @@
-"""The denoiser behind plug-and-play restoration, learned from photographs."""
+"""Train the denoiser of plug-and-play restoration on photographs."""
 
 from __future__ import annotations
 
@@ -18,22 +18,44 @@ from labapp.pictures.training.patches import Colours, grey_patches
 from optics.deconvolution.denoiser import Denoiser
 from optics.progress import Progress
 
-_LEVELS = (0.004, 0.25)
-"""Standard deviations of the noise, relative to white; their logarithms are drawn evenly."""
 
-_PATCHES, _SIDE = 16, 64
-_FASTEST, _SLOWEST = 1e-3, 2e-6
-"""Learning rates, from the first step to the last along half a cosine."""
+@dataclass(frozen=True)
+class DenoiserTrainingSettings:
+    """Tune the training of the denoiser.
 
-_AVERAGE_DECAY = 0.999
-"""Of the running mean of the weights, which is what is kept: it varies less than the last."""
+    Attributes
+    ----------
+    noise_levels : tuple of float
+        Lowest and highest standard deviation of the noise, relative to white; the logarithm is
+        drawn evenly between them. Chosen.
+    patches : int
+        Patches of a step. Chosen.
+    side : int
+        Side of a patch in pixels. Chosen.
+    first_rate, last_rate : float
+        Learning rates of the first and the last step; they are joined by half a cosine. Chosen.
+    average_decay : float
+        Decay of the running mean of the weights. The mean is the result, because it varies less
+        than the last weights. Chosen.
+    checkpoint_interval : int
+        Steps between checkpoints. Chosen.
+    """
 
-_CHECKPOINT_INTERVAL = 200
+    noise_levels: tuple[float, float] = (0.004, 0.25)
+    patches: int = 16
+    side: int = 64
+    first_rate: float = 1e-3
+    last_rate: float = 2e-6
+    average_decay: float = 0.999
+    checkpoint_interval: int = 200
+
+
+SETTINGS = DenoiserTrainingSettings()
 
 
 @dataclass
 class _TrainingState:
-    """What a step goes on from."""
+    """Network, running mean, optimiser and step count, from which training continues."""
 
     network: Denoiser
     mean: dict[str, torch.Tensor]
@@ -46,11 +68,14 @@ class _TrainingState:
             torch.manual_seed(seed)
             network = Denoiser()
         mean = {name: value.clone() for name, value in network.state_dict().items()}
-        return cls(network, mean, torch.optim.Adam(network.parameters(), lr=_FASTEST))
+        return cls(network, mean, torch.optim.Adam(network.parameters(), lr=SETTINGS.first_rate))
 
     @classmethod
     def load_or_create(cls, file: Path, plan: dict[str, int]) -> _TrainingState:
-        """What a file has, if it was kept for this; UserError if it wasn't."""
+        """Return the state of a checkpoint file, or the initial state if there is no file.
+
+        Raises UserError for a file of other training, or one that can't be read.
+        """
         state = cls.initial(plan["seed"])
         if not file.exists():
             return state
@@ -83,19 +108,19 @@ class _TrainingState:
 def train_weights(
     pictures: Sequence[Colours], steps: int, seed: int, checkpoint: Path, progress: Progress
 ) -> dict[str, torch.Tensor]:
-    """The weights after so many steps of 16 patches of 64 x 64.
+    """Train the denoiser, and return the running mean of its weights, by name.
 
-    The absolute error is made small, of every level alike: it is divided by the level to the power
-    of .7, about as the error of a good denoiser grows. What a step draws follows from seed and
-    step alone, and the state is kept in the file `checkpoint` every 200 steps: training that was
-    interrupted goes on from there, and ends in the same weights. Raises UserError for a file of
-    other training.
+    A step takes 16 patches of 64 x 64 pixels. The loss is the mean absolute error, divided by the
+    noise level to the power of 0.7, about as the error of a good denoiser grows; so all levels
+    count alike. The random numbers of a step follow from seed and step alone, and the file
+    `checkpoint` keeps the state every 200 steps. Interrupted training therefore continues from
+    there, and ends in the same weights. Raises UserError for a checkpoint of other training.
     """
     plan = {"steps": steps, "seed": seed, "pixels": sum(picture.size for picture in pictures)}
     state = _TrainingState.load_or_create(checkpoint, plan)
     while state.step < steps:
         error = _step(state, pictures, steps, seed)
-        if state.step % _CHECKPOINT_INTERVAL == 0:
+        if state.step % SETTINGS.checkpoint_interval == 0:
             _save_checkpoint(state.as_data() | {"plan": plan}, checkpoint)
         message = f"step {state.step}/{steps}, error {error:.4f}"
         progress.report(state.step / steps, message)
@@ -103,13 +128,15 @@ def train_weights(
 
 
 def _step(state: _TrainingState, pictures: Sequence[Colours], steps: int, seed: int) -> float:
+    """Take one training step, and return its loss."""
     rng = np.random.default_rng((seed, state.step))
-    clean = grey_patches(pictures, _PATCHES, _SIDE, rng)
-    low, high = map(math.log, _LEVELS)
-    level = torch.from_numpy(np.exp(rng.uniform(low, high, _PATCHES)).astype(np.float32))
+    count, first, last = SETTINGS.patches, SETTINGS.first_rate, SETTINGS.last_rate
+    clean = grey_patches(pictures, count, SETTINGS.side, rng)
+    low, high = map(math.log, SETTINGS.noise_levels)
+    level = torch.from_numpy(np.exp(rng.uniform(low, high, count)).astype(np.float32))
     noise = torch.from_numpy(rng.standard_normal(clean.shape, dtype=np.float32))
     across = level[:, None, None, None]
-    rate = _SLOWEST + (_FASTEST - _SLOWEST) * (1 + math.cos(math.pi * state.step / steps)) / 2
+    rate = last + (first - last) * (1 + math.cos(math.pi * state.step / steps)) / 2
     for group in state.optimiser.param_groups:
         group["lr"] = rate
     state.optimiser.zero_grad(set_to_none=True)
@@ -118,14 +145,14 @@ def _step(state: _TrainingState, pictures: Sequence[Colours], steps: int, seed: 
     error.backward()
     state.optimiser.step()
     state.step += 1
-    memory = min(_AVERAGE_DECAY, state.step / (state.step + 10))
+    memory = min(SETTINGS.average_decay, state.step / (state.step + 10))
     for name, value in state.network.state_dict().items():
         state.mean[name].lerp_(value, 1 - memory)
     return float(error.detach())
 
 
 def _save_checkpoint(data: dict[str, Any], checkpoint: Path) -> None:
-    """Replace the file at once: a crash leaves the one before."""
+    """Replace the checkpoint file atomically, so that a crash leaves the previous one."""
     fresh = checkpoint.with_suffix(".new")
     torch.save(data, fresh)
     os.replace(fresh, checkpoint)

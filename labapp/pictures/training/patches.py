@@ -1,4 +1,4 @@
-"""Random patches of grey pictures to learn from."""
+"""Read training pictures, and cut random grey patches from them for the denoiser."""
 
 from __future__ import annotations
 
@@ -12,23 +12,16 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 
-_LARGEST = 1100
-"""Samples of a picture's longer side; larger ones are averaged down, which makes them sharp and
-takes the traces of JPEG and of demosaicing."""
-
-_SCALES = (1.0, 0.8, 0.6)
-"""Each picture is learned from at its own size, and at smaller ones."""
-
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 
 Colours = NDArray[np.float32]
 
 
 def read_training_pictures(folders: Sequence[Path]) -> list[Colours]:
-    """Every picture of these folders and files, (3, rows, columns), 0 to 1, at each scale.
+    """Read every training picture of folders and files, (3, rows, columns), 0 to 1.
 
-    In the order of their names, whichever way the folders are written. Raises UserError where
-    there is none, and for a file that isn't a picture.
+    Each picture is returned at scales of 1, 0.8 and 0.6. The order is that of the file names,
+    whatever the order of the folders. Raises UserError if there is no picture, or a file isn't one.
     """
     files = sorted(
         {
@@ -41,7 +34,7 @@ def read_training_pictures(folders: Sequence[Path]) -> list[Colours]:
     )
     if not files:
         raise UserError(f"{', '.join(map(str, folders))}: no picture to learn from. Name folders.")
-    return [_resize(_read(file), scale) for file in files for scale in _SCALES]
+    return [_resize(_read(file), scale) for file in files for scale in (1.0, 0.8, 0.6)]
 
 
 def _read(file: Path) -> Colours:
@@ -49,7 +42,9 @@ def _read(file: Path) -> Colours:
     if stored is None:
         raise UserError(f"{file}: not a picture that can be read.")
     picture = np.asarray(stored / np.float32(255), dtype=np.float32)
-    return _resize(np.moveaxis(picture, -1, 0), min(_LARGEST / max(picture.shape[:2]), 1.0))
+    # A longer side of more than 1100 pixels is averaged down, which sharpens the picture and
+    # removes traces of JPEG and demosaicing.
+    return _resize(np.moveaxis(picture, -1, 0), min(1100 / max(picture.shape[:2]), 1.0))
 
 
 def _resize(picture: Colours, scale: float) -> Colours:
@@ -62,9 +57,11 @@ def _resize(picture: Colours, scale: float) -> Colours:
 def grey_patches(
     pictures: Sequence[Colours], count: int, side: int, rng: np.random.Generator
 ) -> torch.Tensor:
-    """(count, 1, side, side): cut, turned and mirrored at random, of a random mixture of colours.
+    """Return random grey patches of training pictures, (count, 1, side, side).
 
-    Pictures are drawn by their area. Raises UserError if none is large enough.
+    They are cut, rotated by multiples of 90 degrees and mirrored at random, and their grey is a
+    random mixture of the colours. The probability of a picture is proportional to its area. Raises
+    UserError if no picture is larger than a patch.
     """
     areas = np.array([max(p.shape[1] - side, 0) * max(p.shape[2] - side, 0) for p in pictures])
     if not areas.any():
