@@ -68,7 +68,7 @@ class EffectsTable(RowsTable):
 
 
 class _EffectPainter(QStyledItemDelegate):
-    """Paint a row of the effects table: a line of cells, and below it a sentence over all columns."""
+    """Paint an effect's row in the table: a line of cells, and a sentence below all columns."""
 
     def __init__(self, table: EffectsTable) -> None:
         super().__init__(table)

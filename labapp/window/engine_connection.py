@@ -166,6 +166,6 @@ class EngineConnection(QObject):
 
 
 def _send(process: ChildProcess, waiting: SimpleQueue[Command | None]) -> None:
-    """Send commands to the engine in a thread: the window must not wait for an engine that hangs."""
+    """Send commands to the engine from a thread: if the engine hangs, the window mustn't wait."""
     while (command := waiting.get()) is not None:
         process.send(command)

@@ -10,7 +10,7 @@ DARK_FRAMES, STAR_FRAMES = 4, 2
 
 @dataclass(frozen=True)
 class ExposureBracket:
-    """Describe `count` exposures from `shortest_ms` milliseconds on, each `ratio` times the last."""
+    """Describe `count` exposures from `shortest_ms` milliseconds, each `ratio` times the last."""
 
     shortest_ms: float
     ratio: float
