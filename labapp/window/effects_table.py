@@ -33,7 +33,7 @@ _WRAPPED = Qt.TextFlag.TextWordWrap | Qt.AlignmentFlag.AlignTop | Qt.AlignmentFl
 class EffectsTable(RowsTable):
     """Show the simulated effects in the order in which they act on the light.
 
-    `tol` is the relative change of the picture that all effects may cause together.
+    `tol` is the tolerance: the picture's relative error that all levels together may cause.
     """
 
     def __init__(self, parent: QWidget | None = None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 DARK_FRAMES, STAR_FRAMES = 4, 2
-"""Frames at each exposure time. More darks are taken, since their noise enters every picture."""
+"""Dark and star frames at each exposure time. The darks' noise enters every corrected picture."""
 
 
 @dataclass(frozen=True)

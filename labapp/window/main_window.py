@@ -148,7 +148,7 @@ class MainWindow(QMainWindow):
     def _tab_docks(self) -> None:
         """Put the docks "Queue" and "Why" into one place as tabs, since both are tall.
 
-        They are seldom read at the same time.
+        Nobody reads both at a time.
         """
         right = Qt.DockWidgetArea.RightDockWidgetArea
         self.setTabPosition(right, QTabWidget.TabPosition.North)

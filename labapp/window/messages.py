@@ -247,7 +247,7 @@ class EffectInfo:
     error_estimate : float
         Likely value of that change.
     why : str
-        How strong the effect is in this picture.
+        The reason for the level: how much of the effect there is in this picture.
     physics : str
         What the effect does to the light or to the picture.
     source : str
@@ -281,7 +281,7 @@ class EffectsReport:
     effects : tuple of EffectInfo
         The effects in the order in which they act on the light.
     tol : float
-        The tolerance: the relative change of the picture that all effects may cause together.
+        The tolerance: the picture's relative error that all levels together may cause.
     error : float or None
         Bound of the picture's relative difference from one with all effects at their finest. None
         if no bound is known.
@@ -356,11 +356,11 @@ class RunInfo:
     bench_seconds : float
         Time on the bench's clock that the run took, 0 until it has ended.
     elapsed_seconds : float
-        Real time since the run began, or until it ended.
+        Real time that the run has taken.
     seconds_left : float or None
-        Real time that is left; None as long as it can't be estimated.
+        Real time that is left; None if the run isn't under way or the time can't be estimated.
     pause_requested : bool
-        Whether a person or a failed device has paused the run until a person resumes it.
+        Whether a person or a failed device asks for a pause that lasts until a person ends it.
     """
 
     number: int
