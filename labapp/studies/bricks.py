@@ -20,7 +20,7 @@ BrickRegion = tuple[float, slice, slice]
 
 
 def brick_regions(record: Record, camera: Camera) -> list[BrickRegion]:
-    """Return where the sensor sees the bricks of the study's scene, in the scene's order.
+    """Return where the sensor sees the bricks of the study's simulated scene, the nearest first.
 
     The list is empty for a real scene, whose layout isn't known.
     """
@@ -45,6 +45,11 @@ def brick_regions(record: Record, camera: Camera) -> list[BrickRegion]:
 def sharpness_rows(
     scenes: Sequence[Picture], regions: Sequence[BrickRegion], near: float
 ) -> list[ResultRow]:
+    """Compare the sharpness of each brick without and with the lens on the SLM.
+
+    `scenes` are the pictures without and with the lens; `near` is the distance in metres that the
+    lens brings into focus.
+    """
     rows = []
     for distance, y, x in regions:
         plain, coded = (edge_steepness(scene[y, x]) for scene in scenes)

@@ -18,7 +18,7 @@ PUBLISHED_SHAPES: tuple[Shape, ...] = ("eye", "letters", "heart", "infinity", "s
 
 
 class ShapesSettings(StudySettings):
-    """Hold the study's settings: the PSFs' shapes and sizes, their phase retrieval, and exposures."""
+    """Hold the study's settings: the PSFs' shapes and sizes, phase retrieval, and exposures."""
 
     QUICK: ClassVar[Mapping[str, Any]] = {"shapes": ["heart", "ring"], "iterations": 10}
 

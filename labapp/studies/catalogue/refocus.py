@@ -12,7 +12,7 @@ from labapp.studies.contract import Study, StudySettings
 
 
 class RefocusSettings(StudySettings):
-    """Hold the study's settings: the distance to focus on, the stars' distances, and the exposures."""
+    """Hold the study's settings: the distance to focus on, the stars' distances, and exposures."""
 
     QUICK: ClassVar[Mapping[str, Any]] = {"stars_m": [1.4, 1.6, 2.0]}
 
