@@ -2,8 +2,7 @@
 
 A study is data and two functions. One function makes a plan, which is run like any other plan;
 the other function evaluates the run's record. To add a study, write a module with the two
-functions and a module in the catalogue with a STUDY (see contract), and enter the latter's name
-in `STUDIES`.
+functions and a module in the catalogue with a STUDY (see contract), and add an entry to `STUDIES`.
 """
 
 from __future__ import annotations

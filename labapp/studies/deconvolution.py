@@ -1,4 +1,4 @@
-"""Study of deconvolution: a photograph is blurred by a requested PSF and restored (Fig. 2.9)."""
+"""Study of deconvolution: restore a photograph blurred by a requested PSF (thesis Fig. 2.9)."""
 
 from __future__ import annotations
 
