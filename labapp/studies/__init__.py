@@ -1,8 +1,8 @@
-"""Studies: the thesis' experiments, done again on a bench, with what was published beside.
+"""Studies: the thesis' experiments, repeated on a bench and compared with the published results.
 
-A study is data and two functions: a plan, which the ordinary engine takes into an ordinary
-record, and an evaluation of that record. To add one, write a module with the two, one in the
-catalogue with a STUDY (see contract), and name this one in `STUDIES`.
+A study is data and two functions. One function makes a plan, which is run like any other plan;
+the other function evaluates the run's record. To add a study, write a module with the two
+functions and a module in the catalogue with a STUDY (see contract), and add an entry to `STUDIES`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,22 @@ __all__ = ["STUDIES", "StudyEntry"]
 
 @dataclass(frozen=True)
 class StudyEntry:
-    """Where a study is, and what it is in a line. module: of the catalogue, has a `STUDY`."""
+    """Tell where a study is defined and, in a line, what it shows.
+
+    Parameters
+    ----------
+    module : str
+        Name of the study's module in `labapp.studies.catalogue`, which defines `STUDY`.
+    figure : str
+        Figures or section of the thesis that the study repeats.
+    summary : str
+        What the study shows, for the list of studies.
+
+    Examples
+    --------
+    >>> STUDIES["refocus"].figure
+    'Fig. 3.6'
+    """
 
     module: str
     figure: str
@@ -33,4 +48,4 @@ STUDIES: dict[str, StudyEntry] = {
     ),
     "deconvolution": StudyEntry("deconvolution", "Fig. 2.9", "a blurred photograph, restored"),
 }
-"""By name. Without what they need to run, so that help is instant."""
+"""All studies by name. The studies' modules aren't imported here, so that `--help` is fast."""

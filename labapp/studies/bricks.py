@@ -1,4 +1,4 @@
-"""Bricks at several distances, and how sharp their edges are."""
+"""The refocusing study's bricks at several distances, and the sharpness of their edges."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ from labapp.studies.contract import ResultRow
 from optics.camera import Camera
 
 BRICKS_TARGET = "bricks"
-"""The target's name."""
+"""Name of the target with the bricks."""
 
 BrickRegion = tuple[float, slice, slice]
-"""Distance, rows and columns of a brick on the sensor."""
+"""A brick's distance in metres, and the rows and columns of the sensor that see it."""
 
 
 def brick_regions(record: Record, camera: Camera) -> list[BrickRegion]:
-    """Where a simulated scene's bricks are seen, the nearest first; of a real one unknown."""
+    """Return where the sensor sees the bricks of the study's simulated scene, the nearest first.
+
+    The list is empty for a real scene, whose layout isn't known.
+    """
     table = record.scene.targets.get(BRICKS_TARGET) if record.scene else None
     if not isinstance(table, LayersTable):
         return []
@@ -42,6 +45,11 @@ def brick_regions(record: Record, camera: Camera) -> list[BrickRegion]:
 def sharpness_rows(
     scenes: Sequence[Picture], regions: Sequence[BrickRegion], near: float
 ) -> list[ResultRow]:
+    """Compare the sharpness of each brick without and with the lens on the SLM.
+
+    `scenes` are the pictures without and with the lens; `near` is the distance in metres that the
+    lens brings into focus.
+    """
     rows = []
     for distance, y, x in regions:
         plain, coded = (edge_steepness(scene[y, x]) for scene in scenes)
@@ -62,8 +70,11 @@ def sharpness_rows(
 
 
 def edge_steepness(picture: Picture) -> float:
-    """Of the steepest edges, relative to the picture's range: 99th percentile of the gradient
-    over two pixels, so that noise counts little."""
+    """Return the steepness of a picture's steepest edges, relative to the picture's range.
+
+    It is the 99th percentile of the gradient. The gradient is taken over two pixels, which
+    reduces the influence of noise.
+    """
     y = picture[2:, 1:-1] - picture[:-2, 1:-1]
     x = picture[1:-1, 2:] - picture[1:-1, :-2]
     low, high = np.percentile(picture, [1, 99])

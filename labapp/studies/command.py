@@ -1,4 +1,4 @@
-"""`labapp study`: a study on a bench, or of a record that is there."""
+"""The command `labapp study`: carry out a study on a bench, or evaluate an existing record."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from labapp.studies.study_lookup import (
 )
 from optics.progress import Progress
 
-_ACQUISITION_SHARE = 0.7
-"""Share of a study's progress."""
-
 
 @dataclass(frozen=True)
 class StudyRequest:
-    """A study by its name, with KEY=VALUE settings, on a bench; files: None are the study's."""
+    """Request a study by its name, with KEY=VALUE settings, on a bench.
+
+    Where `bench` or `scene` is None, the study's own file is used.
+    """
 
     name: str
     keys: Sequence[str] = ()
@@ -47,7 +47,7 @@ class StudyRequest:
 
 
 def run_study(request: StudyRequest, folder: Path, manner: ExecutionOptions) -> None:
-    """Take a study's record, evaluate it, write picture and page, print the table."""
+    """Acquire a study's record, evaluate it, write its picture and page, and print its table."""
     with interactive_progress(manner) as (progress, ask):
         account = carry_out_study(request, folder, manner, progress, ask)
     _print_results(account, folder, (RECORD, *STUDY_FILES), manner)
@@ -60,10 +60,11 @@ def carry_out_study(
     progress: Progress | None = None,
     ask: AskOperator | None = None,
 ) -> CompletedStudy:
-    """The same without a word: run.h5, study.png, study.html and study.json in a folder.
+    """Acquire and evaluate a study without printing anything.
 
-    UserError if a setting is wrong, a file is there already, the folder can't be written, or
-    the bench can't do it; Cancelled leaves the record as it is then, to be resumed.
+    The folder gets run.h5, study.png, study.html and study.json. Raises UserError if a setting is
+    wrong, a file exists, the folder can't be written, or the bench can't do the study. After
+    Cancelled, the record remains and can be resumed.
     """
     manner, progress = manner or ExecutionOptions(), progress or Progress()
     found = find_study(request.name)
@@ -75,6 +76,8 @@ def carry_out_study(
         faults=request.faults,
     )
     watch = Stopwatch()
+    # The acquisition is shown as 70 % of the study's progress.
+    acquiring, evaluating = progress.part(0, 0.7), progress.part(0.7, 1)
     with open_bench(files, speed=manner.speed) as bench:
         plan = with_study_metadata(
             found.plan(settings, bench.description), request.name, settings, request.seed
@@ -86,17 +89,18 @@ def carry_out_study(
             folder / RECORD,
             source=f"study {request.name}",
             force=manner.force,
-            progress=progress.part(0, _ACQUISITION_SHARE),
+            progress=acquiring,
             ask=ask,
             stopwatch=watch,
         )
     require_complete(outcome)
-    part = progress.part(_ACQUISITION_SHARE, 1)
-    return _evaluate_and_write(request.name, found, settings, outcome.path, folder, watch, part)
+    return _evaluate_and_write(
+        request.name, found, settings, outcome.path, folder, watch, evaluating
+    )
 
 
 def evaluate_record(name: str, record: Path, folder: Path, manner: ExecutionOptions) -> None:
-    """Evaluate a study's record once more: after a resume, or elsewhere. Errors as above."""
+    """Evaluate a study's record again, as after a resume; raises as carry_out_study() does."""
     found = find_study(name)
     require_free_names(folder, STUDY_FILES, force=manner.force)
     with Record(record) as opened:

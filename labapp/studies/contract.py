@@ -1,4 +1,4 @@
-"""What a study is, and what it finds."""
+"""The data classes of a study: its definition, its settings and its results."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 class StudySettings(FileModel):
-    """What a person can set, one field each, with a default.
+    """Base class of a study's settings, which are fields with defaults that a person can change.
 
     A field's name ends in its unit, as in `radius_um`, and its description says what it is.
-    QUICK: the values that --quick takes instead of the defaults.
+    `QUICK` has the values that --quick takes instead of the defaults.
     """
 
     QUICK: ClassVar[Mapping[str, Any]] = {}
@@ -34,10 +34,20 @@ S = TypeVar("S", bound=StudySettings)
 
 @dataclass(frozen=True)
 class ResultRow:
-    """A figure of the study: what was published, or must be by theory, and ours.
+    """Compare one figure of a study with the published one, or with the one that theory predicts.
 
-    published: in words, with its source; "picture only" where the thesis prints no number, and
-    `expected` then says what physics asks for. value: ours as a number, for programs.
+    Attributes
+    ----------
+    what : str
+        What the figure is.
+    published : str
+        The published figure with its source; "picture only" if the thesis prints no number.
+    expected : str
+        What theory predicts.
+    ours : str
+        The figure of this study.
+    value : float or None
+        The same as a number, for programs.
     """
 
     what: str
@@ -50,14 +60,17 @@ class ResultRow:
     def of_score(
         cls, name: str, score: Score, published: Mapping[str, str], expected: str = "-"
     ) -> ResultRow:
-        """How near a picture comes to the sharp one. published: words by the pictures' names."""
+        """Make a row of a study's results from the score of a restored picture.
+
+        `published` has the published results in words, by the pictures' names.
+        """
         ours = f"{score.psnr:.1f} dB, SSIM {score.ssim:.3f}"
         return cls(name, published.get(name, "-"), expected, ours, score.psnr)
 
 
 @dataclass(frozen=True, eq=False)
 class StudyFigure:
-    """A picture of the study's page."""
+    """Hold a figure of a study's page, with its title and caption."""
 
     title: str
     figure: Figure
@@ -66,7 +79,7 @@ class StudyFigure:
 
 @dataclass(frozen=True, eq=False)
 class StudyAnimation:
-    """A moving picture of the study's page. data: a GIF file."""
+    """Hold an animation of a study's page; `data` is the content of a GIF file."""
 
     title: str
     data: bytes
@@ -75,11 +88,20 @@ class StudyAnimation:
 
 @dataclass(frozen=True, eq=False)
 class StudyResults:
-    """What a study found.
+    """Hold the results of a study.
 
-    rows: one at least. figures: one at least; the first is also written as study.png. notes:
-    sentences on what the study can't tell, and why ours may differ. data: further figures for
-    programs, plain and finite.
+    Attributes
+    ----------
+    rows : sequence of ResultRow
+        At least one row of the table of results.
+    figures : sequence of StudyFigure
+        At least one figure; the first is also written as study.png.
+    notes : sequence of str
+        Sentences on the limits of the study, and on why its results may differ.
+    data : mapping
+        Further results for programs, of plain types and finite.
+    animations : sequence of StudyAnimation
+        Animations of the study's page.
     """
 
     rows: Sequence[ResultRow]
@@ -91,12 +113,24 @@ class StudyResults:
 
 @dataclass(frozen=True)
 class Study(Generic[S]):
-    """An experiment of the thesis.
+    """Define a study, which repeats an experiment of the thesis.
 
-    source: figure and section of the thesis. shows: what is published there, in words.
-    method: what is done here, in words. module: has its functions `plan` and `evaluate`, and is
-    imported when they are called. scene, bench: files in labapp/data, for a virtual bench, unless
-    a person gives others.
+    Attributes
+    ----------
+    title : str
+        Title of the study.
+    source : str
+        Figure and section of the thesis.
+    shows : str
+        What the thesis shows there, in words.
+    method : str
+        What the study does, in words.
+    settings : type
+        The study's subclass of StudySettings.
+    module : str
+        The module with the functions `plan` and `evaluate`; imported when they are called.
+    scene, bench : str
+        Files in labapp/data for a virtual bench, used unless a person gives others.
     """
 
     title: str
@@ -109,11 +143,11 @@ class Study(Generic[S]):
     bench: str = "bench.toml"
 
     def plan(self, settings: S, camera: Camera) -> PlanFile:
-        """What is to be acquired, for the camera of a bench; its seed is set by who runs it."""
+        """Make the study's plan for the camera of a bench; the caller sets the plan's seed."""
         plan: PlanFile = import_module(self.module).plan(settings, camera)
         return plan
 
     def evaluate(self, record: Record, settings: S, progress: Progress) -> StudyResults:
-        """What a complete record shows."""
+        """Evaluate the complete record of a run of the study's plan."""
         results: StudyResults = import_module(self.module).evaluate(record, settings, progress)
         return results

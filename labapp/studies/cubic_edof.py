@@ -1,4 +1,4 @@
-"""Extended depth of field by a cubic phase on the SLM (thesis Fig. 2.15 to 2.17)."""
+"""Study of extended depth of field by a cubic phase on the SLM (thesis Fig. 2.15 to 2.17)."""
 
 from __future__ import annotations
 
@@ -32,19 +32,10 @@ from optics.otf import ambiguity_function, defocused_transfer_function
 from optics.progress import Progress
 
 STAR_DISTANCES = {"star": 2.0, "star-far": 2.2}
-"""Their distances, metres: of the layers as well, the near one in focus."""
+"""Distances of the stars in metres. The photograph's depth layers are at the same distances.
 
-_NEAR_LEVEL = 2
-"""In the picture of depths."""
-
-_PHOTOGRAPH_OVERSIZE = 1.05
-"""Side of the photograph over that of the frame."""
-
-_WINDOW = 128
-"""Sensor pixels across a PSF."""
-
-_AMBIGUITY_SAMPLES = 129
-"""Samples of the polar display along each axis."""
+The near one is in focus.
+"""
 
 _PUBLISHED = {
     "open aperture": "far scene blurred (Fig. 2.17c)",
@@ -54,7 +45,10 @@ _PUBLISHED = {
 
 
 def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
-    """Stars and scene at two depths with the open aperture and the plate; all in focus once."""
+    """Plan the study: stars and a scene at two depths, with the open aperture and the cubic phase.
+
+    The scene is also taken with all of it in focus.
+    """
     nm, both = settings.wavelength_nm, ["neutral", "cubic"]
     return build_study_plan(
         STUDY,
@@ -67,7 +61,7 @@ def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
 
 
 def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> StudyResults:
-    """How alike the PSFs are, what the transfer functions do, and the pictures restored."""
+    """Evaluate the study: compare PSFs and MTFs in and out of focus, and restore the pictures."""
     brackets = merge_all(record, progress.part(0, 0.2))
     camera = record.bench.build_camera()
     psfs = {
@@ -111,7 +105,7 @@ def _psf(
     record: Record, brackets: list[Bracket], star: str, pattern: str, settings: EdofSettings
 ) -> Picture:
     roles = Reconstruction(
-        star=star, coded=pattern, wavelength_nm=settings.wavelength_nm, psf_window_px=_WINDOW
+        star=star, coded=pattern, wavelength_nm=settings.wavelength_nm, psf_window_px=128
     )
     return measure_psf(record, brackets, roles).measured
 
@@ -123,7 +117,7 @@ def _restore_pictures(
     settings: EdofSettings,
     progress: Progress,
 ) -> dict[str, Picture]:
-    """All pictures on the sharp one's scale, white about 1."""
+    """Restore the study's pictures in several ways; the sharp picture's white is about 1."""
     wavelength = settings.wavelength_nm * 1e-9
     sharp, still, coded = (
         find_bracket(brackets, target, pattern, wavelength, record.path).rate
@@ -163,22 +157,27 @@ def _to_numpy(image: torch.Tensor) -> Picture:
 
 
 def frame_layer_indices(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Of each pixel of a frame whether it sees the near layer, 0, or the far one, 1."""
+    """Return for each pixel of a frame which depth layer it sees: 0 is near, 1 is far."""
     depth = read_grey(bundled_path("studies/edof-depth.png"))
     rows, columns = shape[-2:]
-    # Of the photograph's pixels on the sensor, as it just covers the frame and a little more.
-    side = _PHOTOGRAPH_OVERSIZE * max(rows / depth.shape[0], columns / depth.shape[1])
+    # A pixel of the photograph has this side on the sensor, in sensor pixels. The photograph is
+    # 1.05 times as large as it must be to cover the frame.
+    side = 1.05 * max(rows / depth.shape[0], columns / depth.shape[1])
     y = (np.arange(rows) - rows // 2) / side + depth.shape[0] // 2
     x = (np.arange(columns) - columns // 2) / side + depth.shape[1] // 2
     down, along = (
         np.clip(np.rint(at), 0, n - 1).astype(np.int64)
         for at, n in zip((y, x), depth.shape, strict=True)
     )
-    return np.where(depth[down[:, None], along] == _NEAR_LEVEL, 0, 1)
+    # The picture of depths has the value 2 where the near layer is.
+    return np.where(depth[down[:, None], along] == 2, 0, 1)
 
 
 def _defocus_and_strength(camera: Camera, settings: EdofSettings) -> tuple[float, float]:
-    """Waves of defocus of the far star at the panel's longer half, and the plate's strength."""
+    """Return the far star's defocus in waves, and the cubic phase's strength in radians.
+
+    Both are at the end of the panel's longer half.
+    """
     half = camera.panel.shape[1] * camera.panel.pitch / 2
     near, far = STAR_DISTANCES.values()
     vergence = 1 / near - 1 / far
@@ -186,7 +185,7 @@ def _defocus_and_strength(camera: Camera, settings: EdofSettings) -> tuple[float
 
 
 def _depth_invariance_row(psfs: PSFsByStarAndPattern) -> ResultRow:
-    """In focus and out of it."""
+    """Compare the PSFs of the study's two stars, in focus and out of focus, by correlation."""
     alike = {
         pattern: correlation(psfs["star", pattern], psfs["star-far", pattern])
         for pattern in ("neutral", "cubic")
@@ -201,7 +200,10 @@ def _depth_invariance_row(psfs: PSFsByStarAndPattern) -> ResultRow:
 
 
 def _zeros_row(waves: float, strength: float) -> ResultRow:
-    """Of a slit as long as the panel, below half of its cut-off."""
+    """Compare the study's MTFs in and out of focus, for a slit as long as the panel.
+
+    Frequencies up to half the slit's cut-off frequency are compared.
+    """
     u = np.linspace(0.02, 1.0, 200)
     least = {}
     for name, phase in (("open", None), ("plate", _cubic_phase(strength))):
@@ -224,7 +226,7 @@ def _cubic_phase(strength: float) -> Any:
 
 
 def _separable_row(psfs: PSFsByStarAndPattern) -> ResultRow:
-    """How far the measured PSF is from a product, as it is and without unmodulated light."""
+    """Compare the measured PSF with a separable one, with and without its unmodulated light."""
     straight, coded = psfs["star", "neutral"], psfs["star", "cubic"]
     shares = np.linspace(0, 0.1, 41)
     found = [separability_residual(coded - share * straight) for share in shares]
@@ -240,7 +242,7 @@ def _separable_row(psfs: PSFsByStarAndPattern) -> ResultRow:
 
 
 def separability_residual(psf: Picture) -> float:
-    """Relative L2 beyond the nearest product."""
+    """Return the relative L2 distance of a PSF from the nearest product of a column and a row."""
     down, along = separable_parts(psf, math.inf)
     return float(np.linalg.norm(psf - np.outer(down, along)) / np.linalg.norm(psf))
 
@@ -266,8 +268,8 @@ def _psfs_figure(record: Record, psfs: PSFsByStarAndPattern) -> StudyFigure:
 def _ambiguity_figure(waves: float, strength: float) -> StudyFigure:
     figure = Figure(figsize=(15, 4.6), dpi=100, layout="constrained")
     axes = figure.subplots(1, 3)
-    u, steepest = np.linspace(-2, 2, _AMBIGUITY_SAMPLES), 4 * waves
-    v = np.linspace(-steepest, steepest, _AMBIGUITY_SAMPLES)
+    u, steepest = np.linspace(-2, 2, 129), 4 * waves
+    v = np.linspace(-steepest, steepest, len(u))
     phases = (("open", None), ("plate", _cubic_phase(strength)))
     for one, (name, phase) in zip(axes, phases, strict=False):
         shown = np.abs(np.asarray(ambiguity_function(phase, u[None, :], v[:, None], tol=1e-4)))

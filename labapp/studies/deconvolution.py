@@ -1,4 +1,4 @@
-"""A photograph blurred by a PSF that was asked for, and restored (thesis Fig. 2.9)."""
+"""Study of deconvolution: restore a photograph blurred by a requested PSF (thesis Fig. 2.9)."""
 
 from __future__ import annotations
 
@@ -35,17 +35,11 @@ from optics.deconvolution.wiener import wiener
 from optics.plane import centred_crop
 from optics.progress import Progress
 
-_WINDOW = 96
-"""Sensor pixels across a PSF, so that what it sends past its shape is in it."""
-
-_KERNEL_SEARCH_SIDE = 255
-"""Pixels of a side of the photograph's middle, in which an unknown kernel is looked for."""
-
 _CODED = "heart"
 
 
 def plan(settings: DeconvolutionSettings, camera: Camera) -> PlanFile:
-    """Star and photograph, each with no pattern and with the heart."""
+    """Plan the study: star and photograph, each with the neutral pattern and with the heart."""
     nm, patterns = settings.wavelength_nm, ["neutral", _CODED]
     return build_study_plan(
         STUDY,
@@ -56,11 +50,13 @@ def plan(settings: DeconvolutionSettings, camera: Camera) -> PlanFile:
 
 
 def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress) -> StudyResults:
-    """The photograph restored in several ways, against the one that no pattern blurred."""
+    """Evaluate the study: restore the photograph in several ways, and score the results.
+
+    The reference is the photograph taken with the neutral pattern.
+    """
     brackets = merge_all(record, progress.part(0, 0.3))
-    roles = Reconstruction(
-        coded=_CODED, wavelength_nm=settings.wavelength_nm, psf_window_px=_WINDOW
-    )
+    # The PSF's window is wide enough for the light that falls outside the heart.
+    roles = Reconstruction(coded=_CODED, wavelength_nm=settings.wavelength_nm, psf_window_px=96)
     problem = find_photograph(record, brackets, roles).build_problem()
     (seen,), sharp, white = problem.observations(), problem.reference, problem.white
     assert sharp is not None
@@ -109,7 +105,10 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
 
 @dataclass(frozen=True)
 class _Blind:
-    """What was found without the star, but for where it lies; score and trust: of the kernel."""
+    """Hold a blind restoration; only the kernel's position is taken from the star.
+
+    `score` and `trust` judge the kernel.
+    """
 
     kernel: Picture
     restored: Picture
@@ -122,7 +121,8 @@ def _blind(
 ) -> _Blind:
     radius = (settings.radius_um + 2 * settings.width_um) * 1e-6 / camera.sensor.pitch
     size = 2 * math.ceil(radius) + 1
-    rows, columns = (min(n, _KERNEL_SEARCH_SIDE) for n in observation.image.shape)
+    # The kernel is estimated from the middle of the photograph, at most 255 pixels across.
+    rows, columns = (min(n, 255) for n in observation.image.shape)
     found = find_kernel(
         centred_crop(observation.inpainted_image, (rows, columns)), size, progress=progress
     )
@@ -136,14 +136,17 @@ def _blind(
 
 
 def _centroid(psf: Picture) -> Picture:
-    """(y, x) from the origin, in pixels; what is dimmer than a hundredth of the peak is noise."""
+    """Return a PSF's centroid (y, x) from the origin, in pixels.
+
+    Light below a hundredth of the peak is left out as noise.
+    """
     bright = np.where(psf > 0.01 * psf.max(), psf, 0)
     places = np.indices(psf.shape) - np.array(psf.shape)[:, None, None] // 2
     return np.asarray((places * bright).sum((1, 2)) / bright.sum())
 
 
 def _statistics(sharp: Picture) -> StudyFigure:
-    """Fig. 2.10: how often gradients of a length occur."""
+    """Draw the distribution of the photograph's gradients with fitted models, as Fig. 2.10."""
     lengths, density = log_histogram(torch.from_numpy(sharp), 161, 0.6)
     mixture, heavy = (
         fit(torch.from_numpy(sharp)) for fit in (fit_mixture, fit_generalised_gaussian)

@@ -1,4 +1,4 @@
-"""`labapp demo`: first light, from nothing to a report."""
+"""The command `labapp demo`: run the first-light plan on the virtual bench and report on it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from optics.progress import Progress
 def run_demo(
     folder: Path, *, image: Path | None, seed: int | None, force: bool, as_json: bool
 ) -> None:
-    """Run the bundled plan on the bundled bench, analyse it, and write record and report."""
+    """Run the demo: the bundled plan on the bundled bench, with its record and its report."""
     with terminal_progress() as progress:
         analysis = run_first_light(folder, image=image, seed=seed, force=force, progress=progress)
     if as_json:
@@ -40,9 +40,9 @@ def run_first_light(
     force: bool = False,
     progress: Progress | None = None,
 ) -> RecordAnalysis:
-    """The whole demo without a word: run.h5, report.png and report.html in a folder.
+    """Run the demo without printing anything: run.h5, report.png and report.html in a folder.
 
-    UserError if a file is there already, or the folder can't be written.
+    Raises UserError if a file exists already, or the folder can't be written.
     """
     progress = progress or Progress()
     plan = read_file(bundled_path("first_light.toml"), PlanFile)

@@ -1,4 +1,4 @@
-"""Pictures on a plate, each without ticks."""
+"""Functions that draw pictures into the figures of a study, without ticks."""
 
 from __future__ import annotations
 
@@ -14,39 +14,38 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-_LOG_FLOOR = 1e-4
-
 
 def draw_linear(axes: Axes, picture: NDArray[Any], title: str, white: float | None = None) -> None:
-    """Linear from black to white, or to the 99.8th percentile."""
+    """Draw a study's picture on a linear scale up to `white`, or to its 99.8th percentile."""
     top = float(np.percentile(picture, 99.8)) if white is None else white
     axes.imshow(picture, cmap="magma", vmin=0, vmax=top or 1, interpolation="nearest")
     _bare(axes, title)
 
 
 def draw_log(axes: Axes, picture: NDArray[Any], title: str, peak: float | None = None) -> None:
-    """Four decades below the peak."""
+    """Draw a study's picture on a logarithmic scale over four decades below the peak."""
     top = max(float(picture.max()) if peak is None else peak, np.finfo(np.float64).tiny)
-    shown = np.maximum(picture, top * _LOG_FLOOR)
-    axes.imshow(shown, cmap="magma", norm=LogNorm(top * _LOG_FLOOR, top), interpolation="nearest")
+    floor = top * 1e-4
+    shown = np.maximum(picture, floor)
+    axes.imshow(shown, cmap="magma", norm=LogNorm(floor, top), interpolation="nearest")
     _bare(axes, title)
 
 
 def draw_photograph(axes: Axes, picture: NDArray[Any], title: str, white: float) -> None:
-    """A photograph, as a screen shows it: gamma 2.2."""
+    """Draw a study's photograph with a screen's gamma of 2.2."""
     shown = np.clip(picture / white, 0, 1) ** (1 / 2.2)
     axes.imshow(shown, cmap="gray", vmin=0, vmax=1, interpolation="nearest")
     _bare(axes, title)
 
 
 def draw_pattern(axes: Axes, grey: NDArray[np.uint8], title: str) -> None:
-    """A pattern of grey levels."""
+    """Draw the grey levels of a study's pattern."""
     axes.imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
     _bare(axes, title)
 
 
 def encode_gif(pictures: Sequence[NDArray[Any]]) -> bytes:
-    """A GIF file that shows pictures in turn, five a second, again and again; four decades."""
+    """Encode a study's pictures as a looping GIF: five per second, over four decades of light."""
     peak = max(float(picture.max()) for picture in pictures)
     figure = Figure(figsize=(4.2, 4.2), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1))

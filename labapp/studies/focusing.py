@@ -1,4 +1,4 @@
-"""Where a camera is in focus, by the blur of stars at several distances."""
+"""The refocusing study's measurement of the focus, by the blur of stars at several distances."""
 
 from __future__ import annotations
 
@@ -12,19 +12,23 @@ from labapp.pictures.analysis.brackets import Picture
 from labapp.pictures.analysis.star_psf import bright_centroid, crop_centred
 from optics.camera import Camera
 
-_WINDOW = 192
-"""Sensor pixels across a defocused star."""
-
-_DIFFRACTION_ARM_PX = 6
-"""Pixels around the axes that are left to the diffraction of a rectangle in focus."""
-
 
 @dataclass(frozen=True)
 class FocusCurve:
-    """Blur of stars by their vergence, and the parabola through it.
+    """Hold the blur of stars by their vergence, and the parabola fitted to it.
 
-    vergences: 1 / distance, dioptres. squares: mean square radius of each star, m². best: the
-    vergence with the least blur. slope: m² a dioptre². least: m².
+    Attributes
+    ----------
+    vergences : sequence of float
+        1 / distance of each star, dioptres.
+    squares : sequence of float
+        Mean square radius of each star's picture, m².
+    best : float
+        Vergence of the parabola's minimum, dioptres.
+    slope : float
+        Coefficient of the parabola's square term, m² per dioptre².
+    least : float
+        Mean square radius at the minimum, m².
     """
 
     vergences: Sequence[float]
@@ -35,12 +39,15 @@ class FocusCurve:
 
 
 class DefocusedStar:
-    """A star at a distance, without and with the lens: shares of its light, around its centre."""
+    """Hold the pictures of a star without and with the SLM's lens, as shares of the star's light.
+
+    Both are centred on the star. `distance` is in metres.
+    """
 
     def __init__(self, distance: float, plain: Picture, coded: Picture) -> None:
         self.distance = distance
         centre = bright_centroid(plain)
-        window = min(_WINDOW, *plain.shape)
+        window = min(192, *plain.shape)
         total = float(crop_centred(plain, centre, window).sum())
         if not total > 0:
             raise UserError(
@@ -51,13 +58,13 @@ class DefocusedStar:
 
     @property
     def unmodulated_share(self) -> float:
-        """How much of the picture without the lens is in the one with it, beside its focus."""
+        """Return the share of the picture without the lens that remains in the one with it.
+
+        Only pixels beside the focus of the lens are compared.
+        """
         y, x = np.abs(np.indices(self.plain.shape) - self.plain.shape[0] // 2)
-        beside = (
-            (y > _DIFFRACTION_ARM_PX)
-            & (x > _DIFFRACTION_ARM_PX)
-            & (self.plain > 0.2 * np.percentile(self.plain, 99))
-        )
+        # Six pixels around the axes are left out, where a rectangle's diffraction puts light.
+        beside = (y > 6) & (x > 6) & (self.plain > 0.2 * np.percentile(self.plain, 99))
         if not beside.any():
             return 0.0
         plain, coded = self.plain[beside], self.coded[beside]
@@ -67,6 +74,7 @@ class DefocusedStar:
 def fit_focus_curve(
     stars: Sequence[DefocusedStar], pictures: Sequence[Picture], camera: Camera
 ) -> FocusCurve:
+    """Fit a parabola to the mean square radii of stars in pictures, by vergence."""
     vergences = [1 / star.distance for star in stars]
     squares = [_mean_square(picture) * camera.sensor.pitch**2 for picture in pictures]
     slope, linear, constant = np.polyfit(vergences, squares, 2)
@@ -77,7 +85,7 @@ def fit_focus_curve(
 
 
 def _mean_square(picture: Picture) -> float:
-    """Of the radius about the centroid, pixels."""
+    """Return the mean square distance of a picture's light from its centroid, pixels²."""
     light = picture / picture.sum()
     y, x = np.indices(picture.shape)
     cy, cx = (y * light).sum(), (x * light).sum()
@@ -85,8 +93,11 @@ def _mean_square(picture: Picture) -> float:
 
 
 def mean_square_pupil_radius(camera: Camera) -> float:
-    """Mean of x² + y² over the panel within the stop, m²: of a star's blur by a dioptre, over
-    the square of the image distance."""
+    """Return the mean of x² + y² over the part of the panel within the stop, m².
+
+    Times the square of the image distance, it is the mean square radius of a star that is one
+    dioptre out of focus.
+    """
     panel = camera.panel
     y, x = (np.arange(n) - (n - 1) / 2 for n in panel.shape)
     square = (y[:, None] ** 2 + x**2) * panel.pitch**2

@@ -1,4 +1,4 @@
-"""PSFs of many shapes, through the bench (thesis Fig. 3.3)."""
+"""Study of PSFs of many shapes, measured on a bench (thesis Fig. 3.3)."""
 
 from __future__ import annotations
 
@@ -34,12 +34,9 @@ from optics import metrics
 from optics.camera import Camera
 from optics.progress import Progress
 
-_WINDOW = 128
-"""Sensor pixels across a PSF."""
-
 
 def plan(settings: ShapesSettings, camera: Camera) -> PlanFile:
-    """The star with no pattern, and with one for each shape."""
+    """Plan the study: the star with the neutral pattern, and with a pattern for each shape."""
     shapes = dict.fromkeys(settings.shapes)
     names = ["neutral", *shapes]
     return build_study_plan(
@@ -64,9 +61,9 @@ def _sizes(shape: Shape, settings: ShapesSettings, camera: Camera) -> dict[str, 
 
 
 def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> StudyResults:
-    """Light within each shape, its likeness, and how smooth it is."""
+    """Evaluate the study: each PSF's light within its shape, correlation and speckle contrast."""
     shapes = list(dict.fromkeys(settings.shapes))
-    found = measure_psfs(record, shapes, settings.wavelength_nm, _WINDOW, progress)
+    found = measure_psfs(record, shapes, settings.wavelength_nm, window_px=128, progress=progress)
     rows = [_row(shape, report) for shape, report in found.items()]
     camera = record.bench.build_camera()
     first = next(iter(found.values()))
@@ -116,7 +113,10 @@ def _measured_quality(report: PSFReport) -> dict[str, float]:
 
 
 def _shape_quality(shape: Picture, report: PSFReport) -> dict[str, float]:
-    """Of a PSF without its unmodulated light. light: of all the star's; contrast: of speckle."""
+    """Return the quality of a PSF without its unmodulated light.
+
+    "light" is the share of the star's light within the shape; "contrast" is the speckle contrast.
+    """
     target = requested_psf(report)
     return {
         "light": metrics.efficiency(shape, target, 1.0),
@@ -142,7 +142,7 @@ def _format_percent(share: float) -> str:
 
 
 def _ring_row(report: PSFReport, camera: Camera, settings: ShapesSettings) -> ResultRow:
-    """The ring that the thesis' authors published, at the radius of theirs."""
+    """Compare the study's ring with the one that the thesis' authors published, at its radius."""
     share = ring_energy_share(report.modulated_psf, camera, settings.wavelength_nm * 1e-9)
     modulated = share / (1 - report.unmodulated)
     published = ", ".join(f"{energy:.3f} after {n}" for n, energy in RING_ENERGY.items())
@@ -156,7 +156,7 @@ def _ring_row(report: PSFReport, camera: Camera, settings: ShapesSettings) -> Re
 
 
 def ring_energy_share(shape: Picture, camera: Camera, wavelength: float) -> float:
-    """Light of a PSF in the band around the published ring, as a share of the star's."""
+    """Return a PSF's light in the band around the published ring, as a share of the star's."""
     y, x = (np.indices(shape.shape) - shape.shape[0] // 2) * camera.sensor.pitch
     radius = np.hypot(y, x) / (published_ring_sizes(camera, wavelength)[0] / RING_RADIUS_SAMPLES)
     low, high = RING_BAND
@@ -187,7 +187,7 @@ def _ring_figure(report: PSFReport, camera: Camera, settings: ShapesSettings) ->
     half_samples = grey.shape[0] / 2
     draw_linear(left, grey, "published, computed by its authors (569 iterations)")
     draw_linear(right, report.modulated_psf, "ours, through the bench")
-    # The same part of the image beside each other.
+    # Both pictures show the same part of the image plane.
     sample = (
         published_ring_sizes(camera, settings.wavelength_nm * 1e-9)[0]
         / RING_RADIUS_SAMPLES

@@ -1,4 +1,4 @@
-"""How smooth a PSF becomes when a phase video is averaged (thesis Fig. 3.5)."""
+"""Study of the smoothness of a PSF that is averaged over a phase video (thesis Fig. 3.5)."""
 
 from __future__ import annotations
 
@@ -29,18 +29,15 @@ from optics import metrics
 from optics.camera import Camera
 from optics.progress import Progress
 
-_WINDOW = 96
-"""Sensor pixels across a PSF."""
-
-_FRAMES_PER_SECOND = 60
-"""Frames a second of the thesis' panel: exposures last about a second."""
-
 
 def plan(settings: StabilitySettings, camera: Camera) -> PlanFile:
-    """About a second of each video, in whole periods, and of one still pattern."""
+    """Plan the study: an exposure of about a second for each video and for a still pattern.
+
+    An exposure lasts whole periods of its video.
+    """
     still = psf_pattern_table(settings, "spiral", radius_um=settings.radius_um)
     lengths = _frames_by_pattern(settings)
-    # One seed begins all of them, so that a shorter video is the longer one's beginning.
+    # All videos have one seed, so that a shorter video is the beginning of a longer one.
     patterns = {
         name: _video(still | {"method": "joint" if name == "joint" else "independent"}, count)
         for name, count in lengths.items()
@@ -53,7 +50,7 @@ def plan(settings: StabilitySettings, camera: Camera) -> PlanFile:
 
 
 def _frames_by_pattern(settings: StabilitySettings) -> dict[str, int]:
-    """Frames by the name of the pattern; the reference is the last but one."""
+    """Return the number of frames of each of the study's videos; the reference is last but one."""
     counts = {f"frames-{count}": count for count in sorted(set(settings.counts))}
     return counts | {"reference": settings.reference, "joint": settings.joint}
 
@@ -63,15 +60,19 @@ def _video(still: dict[str, Any], count: int) -> dict[str, Any]:
 
 
 def _acquisition_block(name: str, count: int, settings: StabilitySettings) -> dict[str, Any]:
-    periods = {"periods": [max(1, round(_FRAMES_PER_SECOND / count))]}
+    # The thesis' panel shows 60 frames per second, so the exposures last about a second.
+    periods = {"periods": [max(1, round(60 / count))]}
     exposures = periods if count > 1 else {"exposures_ms": [1000.0]}
     return acquisition_block(["star"], [name], settings.wavelength_nm, **exposures)
 
 
 @dataclass(frozen=True)
 class AveragedVideo:
-    """A video of so many frames. error: mean square difference to the reference over the
-    reference's mean square, what the camera's noise adds taken off. contrast: of speckle."""
+    """Hold the measured error and speckle contrast of a PSF averaged over a video's frames.
+
+    `error` is the mean square difference from the reference over the reference's mean square,
+    without the part that the camera's noise contributes. `contrast` is the speckle contrast.
+    """
 
     frames: int
     error: float
@@ -79,11 +80,11 @@ class AveragedVideo:
 
 
 def evaluate(record: Record, settings: StabilitySettings, progress: Progress) -> StudyResults:
-    """The error against the longest video by the number of frames, beside the law of speckle."""
-    names = list(_frames_by_pattern(settings))
-    found = measure_psfs(record, names, settings.wavelength_nm, _WINDOW, progress.part(0, 0.8))
+    """Evaluate the study: errors against the longest video, compared with the law of speckle."""
+    names, window_px = list(_frames_by_pattern(settings)), 96
+    found = measure_psfs(record, names, settings.wavelength_nm, window_px, progress.part(0, 0.8))
     noise = psf_noise_variances(
-        record, names, settings.wavelength_nm, _WINDOW, progress.part(0.8, 1)
+        record, names, settings.wavelength_nm, window_px, progress.part(0.8, 1)
     )
     truth = found["reference"].modulated_psf
     size = float((truth**2).sum())
@@ -113,8 +114,11 @@ def _speckle_contrast(report: PSFReport) -> float:
 
 
 def independent_frames_error(frames: int, reference: int) -> float:
-    """Error of the mean of the first frames of a video, over that of one frame alone and of
-    infinitely many for a reference: the variance of independent frames."""
+    """Return the expected error of the mean of a video's first frames, for independent frames.
+
+    It is relative to the error of one frame against a reference of infinitely many frames, and
+    follows from the variance of a mean.
+    """
     return 1 / frames - 1 / reference
 
 

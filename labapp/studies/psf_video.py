@@ -1,4 +1,4 @@
-"""A PSF that changes with time: a spiral that shrinks (thesis Fig. 3.4)."""
+"""Study of a PSF that changes with time: a spiral that shrinks (thesis Fig. 3.4)."""
 
 from __future__ import annotations
 
@@ -26,14 +26,11 @@ from optics.camera import Camera
 from optics.progress import Progress
 
 _WINDOW = 112
-"""Sensor pixels across a PSF."""
-
-_MAX_FRAMES_IN_FIGURE = 8
-"""Frames of a plate; a movie shows all of them."""
+"""Side in sensor pixels of the window in which the study measures a PSF."""
 
 
 def plan(settings: VideoSettings, camera: Camera) -> PlanFile:
-    """Every frame of the video by itself, and the whole video in one exposure."""
+    """Plan the study: every frame of the video by itself, and the whole video in one exposure."""
     share = (1 - settings.smallest) / (settings.moments - 1)
     frames = {
         _name(moment): psf_pattern_table(
@@ -58,7 +55,10 @@ def _name(moment: int) -> str:
 
 
 def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> StudyResults:
-    """Sizes frame by frame against those asked for, and the video against the frames' mean."""
+    """Evaluate the study: compare each frame's size with the requested one.
+
+    The exposure of the whole video is compared with the mean of the frames.
+    """
     names = [_name(moment) for moment in range(settings.moments)]
     found = measure_psfs(
         record, [*names, "video"], settings.wavelength_nm, _WINDOW, progress.part(0, 0.8)
@@ -133,7 +133,7 @@ def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> Stu
 def _noise_difference(
     record: Record, names: list[str], settings: VideoSettings, progress: Progress
 ) -> float:
-    """Expected L2 difference of the video to the frames' mean, by the camera's noise alone."""
+    """Return the L2 difference of the video from the frames' mean that noise alone would cause."""
     summed = psf_noise_variances(
         record, [*names, "video"], settings.wavelength_nm, _WINDOW, progress
     )
@@ -142,22 +142,26 @@ def _noise_difference(
 
 
 def _psf_within_target(report: PSFReport) -> Picture:
-    """The PSF where its target has light: what is beside it would count by its distance."""
+    """Return a measured PSF where its target has light, and zero elsewhere.
+
+    Light elsewhere would enter the rms radius by the square of its distance.
+    """
     target = requested_psf(report)
     return np.where(target > 0.02 * target.max(), report.modulated_psf, 0.0)
 
 
 def rms_radius(picture: Picture) -> float:
-    """Root mean square distance of light from the axis, pixels."""
+    """Return the rms distance of a PSF's light from the axis, in pixels."""
     y, x = np.indices(picture.shape) - picture.shape[0] // 2
     light = np.clip(picture, 0, None)
     return float(np.sqrt((light * (y**2 + x**2)).sum() / light.sum()))
 
 
 def _filmstrip(frames: list[PSFReport], video: PSFReport, mean: Picture) -> StudyFigure:
-    count = min(len(frames), _MAX_FRAMES_IN_FIGURE)
+    # The figure shows at most eight frames; the animation shows all.
+    count = min(len(frames), 8)
     shown = np.linspace(0, len(frames) - 1, count).round().astype(int)
-    columns = min(max(2, count), _MAX_FRAMES_IN_FIGURE // 2)
+    columns = min(max(2, count), 4)
     rows = -(-count // columns)
     size = (3.2 * columns, 3.4 * (rows + 1))
     figure = Figure(figsize=size, dpi=100, layout="constrained")

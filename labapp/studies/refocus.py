@@ -1,4 +1,4 @@
-"""Refocusing by a Fresnel lens on the SLM (thesis Fig. 3.6)."""
+"""Study of refocusing by a Fresnel lens on the SLM (thesis Fig. 3.6)."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from optics.stop_shadow import panel_to_focus_distance
 
 
 def added_lens_power(settings: RefocusSettings, camera: Camera) -> float:
-    """Dioptres that the SLM must add: the thin-lens equation at both distances."""
+    """Return the power in dioptres that the SLM must add to refocus, by the thin-lens equation."""
     return 1 / settings.near_m - 1 / panel_to_focus_distance(camera)
 
 
 def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
-    """Stars at several distances and the bricks, without a pattern and with a Fresnel lens."""
+    """Plan the study: stars at several distances and bricks, without and with a Fresnel lens."""
     added = added_lens_power(settings, camera)
     if abs(added) < 1e-6:
         raise UserError(
@@ -53,12 +53,12 @@ def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
 
 
 def star_target_name(metres: float) -> str:
-    """The target's name."""
+    """Return the name of the target with a star at a distance in metres, as "star-160cm"."""
     return f"star-{round(100 * metres)}cm"
 
 
 def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> StudyResults:
-    """Where the focus lies without and with the lens, and what becomes of the bricks."""
+    """Evaluate the study: find the focus without and with the lens, and the bricks' sharpness."""
     camera = record.bench.build_camera()
     brackets = merge_all(record, progress.part(0, 0.8))
     metres = settings.wavelength_nm * 1e-9

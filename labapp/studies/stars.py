@@ -1,4 +1,4 @@
-"""What studies of PSFs share: plans that take an artificial star, and its PSF by pattern."""
+"""Functions that studies of PSFs share: plans with an artificial star, and measured PSFs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from optics.progress import Progress
 def build_study_plan(
     study: Study[Any], patterns: Mapping[str, Any], *blocks: Mapping[str, Any], **more: Any
 ) -> PlanFile:
-    """A study's plan; the pattern "neutral" is there beside its own."""
+    """Build a study's plan; the pattern "neutral" is added to the study's own patterns."""
     data = {
         "version": 1,
         "title": study.title,
@@ -30,7 +30,7 @@ def build_study_plan(
 
 
 def psf_pattern_table(settings: Any, shape: str, **sizes: Any) -> dict[str, Any]:
-    """A pattern whose PSF has a shape, as a study's settings have it retrieved."""
+    """Return the table of a pattern to be retrieved for a PSF's shape, by a study's settings."""
     return {
         "kind": "psf",
         "target": {"shape": shape, "width_um": settings.width_um, **sizes},
@@ -42,9 +42,10 @@ def psf_pattern_table(settings: Any, shape: str, **sizes: Any) -> dict[str, Any]
 def acquisition_block(
     targets: Sequence[str], patterns: Sequence[str], wavelength_nm: float, **exposures: Any
 ) -> dict[str, Any]:
-    """Targets with each pattern, after dark frames of every exposure.
+    """Return a block of a study's plan: targets with each pattern, after dark frames.
 
-    exposures: exposures_ms, or the periods of videos, as a plan's block has them.
+    There are dark frames of every exposure.
+    `exposures` is `exposures_ms`, or `periods` of videos, as in a block of a plan file.
     """
     return {
         **exposures,
@@ -62,7 +63,7 @@ def measure_psfs(
     window_px: int,
     progress: Progress,
 ) -> dict[str, PSFReport]:
-    """The PSF of every pattern, by the star that was also taken with the pattern "neutral"."""
+    """Measure every pattern's PSF on a study's star, which was also taken with "neutral"."""
     brackets = merge_all(record, progress.part(0, 0.3))
     found = {}
     for number, name in enumerate(patterns):
@@ -79,8 +80,11 @@ def psf_noise_variances(
     window_px: int,
     progress: Progress,
 ) -> dict[str, float]:
-    """Variance of each measured PSF, summed over its window: what the camera's noise adds to the
-    square of a difference, on the scale of the neutral star's light."""
+    """Return the noise variance of each PSF that a study measured, summed over its window.
+
+    It is what the camera's noise adds to a squared difference of PSFs, in units of the squared
+    light of the neutral star.
+    """
     brackets = merge_all(record, progress)
     metres = wavelength_nm * 1e-9
     neutral = find_bracket(brackets, "star", "neutral", metres, record.path).rate
@@ -95,11 +99,11 @@ def psf_noise_variances(
 
 
 def requested_psf(report: PSFReport) -> Picture:
-    """What was asked for: all patterns of a study's own have it."""
+    """Return the requested PSF of a study's pattern; psf_pattern_table() gives one to each."""
     assert report.target is not None
     return report.target
 
 
 def correlation(one: Picture, other: Picture) -> float:
-    """Pearson's coefficient of two pictures."""
+    """Return Pearson's correlation coefficient of two pictures of a study."""
     return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])

@@ -1,4 +1,4 @@
-"""`labapp study list`: the studies, and what can be set."""
+"""The command `labapp study list`: print the studies and their settings."""
 
 from __future__ import annotations
 

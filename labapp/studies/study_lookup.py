@@ -1,4 +1,4 @@
-"""Studies by their names, and settings as a person gives them or a record keeps them."""
+"""Look up studies by name, and read their settings from the command line or from a record."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from labapp.runs.record.reader import Record
 
 _NAME_KEY, _SETTINGS_KEY = "study", "study_settings"
-"""Keys of the plan's metadata, by which a record knows what it was taken for."""
+"""Keys of the plan's metadata, by which a record names its study and the study's settings."""
 
 
 def find_study(name: str) -> Study[Any]:
-    """A study by its name; UserError lists the names."""
+    """Return a study by its name. Raises UserError, which lists the names, if it isn't known."""
     if name not in STUDIES:
         raise UserError(
             f"study {name!r} is not known. Choose one of {', '.join(STUDIES)}; "
@@ -33,20 +33,20 @@ def find_study(name: str) -> Study[Any]:
 
 
 def read_study_settings(name: str, keys: Sequence[str], *, quick: bool) -> StudySettings:
-    """A study's settings from KEY=VALUE; UserError names key, value and remedy."""
+    """Read a study's settings from KEY=VALUE; UserError names the key, the value and a remedy."""
     model: type[StudySettings] = find_study(name).settings
     base = dict(model.QUICK) if quick else {}
     return validate(base | parse_key_values(keys, model), model, f"study {name}")
 
 
 def with_study_metadata(plan: PlanFile, name: str, settings: StudySettings, seed: int) -> PlanFile:
-    """The plan, which says what study it is for; its record can be evaluated again."""
+    """Add the study's name and settings to its plan, so that its record can be evaluated again."""
     mine = {_NAME_KEY: name, _SETTINGS_KEY: settings.model_dump_json()}
     return plan.model_copy(update={"seed": seed, "metadata": plan.metadata | mine})
 
 
 def settings_from_record(record: Record, name: str) -> StudySettings:
-    """The settings that a record was taken with; UserError if it isn't one of the study."""
+    """Read a study's settings from its record. Raises UserError if it is of no or another study."""
     metadata = record.plan.metadata
     if metadata.get(_NAME_KEY) != name:
         known = metadata.get(_NAME_KEY)

@@ -1,6 +1,6 @@
-"""The window: what a person at the bench sees, and the engine process that does the work.
+"""The lab application's window, and the engine process that works for it.
 
-The window's process never computes and never waits, and never imports torch, h5py or the
-bench; the engine's process (labapp.window.engine) does all of that. They talk in the
-messages of labapp.window.messages.
+The window's process only shows things and takes input: it never computes, never waits for a
+device, and never imports torch, h5py or the bench. The engine's process (labapp.window.engine)
+does all of that. The two processes exchange the messages of labapp.window.messages.
 """

@@ -1,4 +1,4 @@
-"""The bar at the top: the actions, and the badge that nothing can hide."""
+"""The bar at the top of the window: buttons for the actions, and the simulation badge."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ _GROUPS = (
 
 
 class ActionBar(QWidget):
-    """Not a QToolBar: that can be hidden, and hides what doesn't fit."""
+    """Show the window's action buttons and the simulation badge, which must never be hidden.
+
+    It is no QToolBar: a person can hide a QToolBar, and it hides the buttons that don't fit.
+    """
 
     def __init__(self, actions: dict[str, QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -1,4 +1,4 @@
-"""What a person can do, declared once; tool bar, buttons and shortcuts use the same actions."""
+"""The window's actions, declared once; the bar, the buttons and the shortcuts use the same ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QMainWindow
 
 @dataclass(frozen=True)
 class ActionSpec:
-    """An action: its text, its key, and what it does in a sentence."""
+    """Describe an action of the window by its button text, its shortcut and its tool tip."""
 
     name: str
     text: str
@@ -37,14 +37,14 @@ ACTION_SPECS = (
 
 
 def make_actions(window: QMainWindow) -> dict[str, QAction]:
-    """The actions of a window, by name."""
+    """Create the actions of a window and return them by name."""
     actions = {declared.name: _make(declared, window) for declared in ACTION_SPECS}
     window.addActions(list(actions.values()))
     return actions
 
 
 def retitle(action: QAction, text: str) -> None:
-    """Call an action something else; its key stays."""
+    """Change the text of a window's action; its shortcut stays."""
     action.setText(_with_shortcut(text, action.shortcut().toString()))
 
 

@@ -1,4 +1,4 @@
-"""`labapp gui`: the window's process, from start to end."""
+"""The command `labapp gui`: run the process of the window."""
 
 from __future__ import annotations
 
@@ -17,17 +17,20 @@ from labapp.window.remembered_settings import RememberedSettings, default_settin
 
 
 def main(**files: Path | None) -> int:
-    """Open the window on a bench, the virtual one if no file is given; the exit status."""
+    """Run the window on a bench until it closes, and return the exit status.
+
+    Without a bench file, the window opens on the virtual bench.
+    """
     application, _window, _connection = open_window(**files)
     return int(application.exec())
 
 
 def open_window(**files: Path | None) -> tuple[QApplication, MainWindow, EngineConnection]:
-    """The window on the screen, and its engine on the way.
+    """Show the window, and start its engine process.
 
-    files: bench, scene, image, and faults that simulated devices shall suffer. Nothing heavy is
-    imported here: the engine's process loads it once the window is shown. UserError if there is
-    no display.
+    `files` are the files of the bench, of the scene, of the image, and of faults that are
+    injected into simulated devices. Only the engine's process imports heavy libraries, after the
+    window is shown. Raises UserError if there is no display.
     """
     _require_display()
     # Ctrl-C in the terminal ends the window at once; the engine then makes the bench safe.
@@ -43,7 +46,7 @@ def open_window(**files: Path | None) -> tuple[QApplication, MainWindow, EngineC
 
 
 def _require_display() -> None:
-    """Qt ends the process with an abort where there is no display; say it in words first."""
+    """Raise UserError if the window has no display; Qt would abort the process without a hint."""
     known = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
     if sys.platform == "linux" and not any(os.environ.get(name) for name in known):
         raise UserError(

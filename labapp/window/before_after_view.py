@@ -1,4 +1,4 @@
-"""Before and after in one picture, with a divider to drag."""
+"""The window's view of a photograph before and after reconstruction, with a divider to drag."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ from labapp.window.picture_view import PictureView
 from labapp.window.theme import ACCENT
 from labapp.window.widgets import make_label
 
-_WIDE = 2
-
 
 class BeforeAfterView(PictureView):
-    """To the left of the divider is the picture before, to the right the one after."""
+    """Show the photograph before reconstruction left of a divider, and the restored one right."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -26,7 +24,7 @@ class BeforeAfterView(PictureView):
         self._after: NDArray[np.uint8] | None = None
         self._palette = tone_mapping.build_palette(mark_clipping=False)
         self._only_before = False
-        pen, grabbed = (pg.mkPen(ACCENT, width=width) for width in (_WIDE, 2 * _WIDE))
+        pen, grabbed = (pg.mkPen(ACCENT, width=width) for width in (2, 4))
         self.divider = pg.InfiniteLine(0, angle=90, movable=True, pen=pen, hoverPen=grabbed)
         self.divider.setZValue(10)
         self.divider.hide()
@@ -38,7 +36,7 @@ class BeforeAfterView(PictureView):
             caption.hide()
 
     def show_before_after(self, before: NDArray[np.uint8], after: NDArray[np.uint8]) -> None:
-        """Two pictures of one shape, (rows, columns) uint8, the divider in the middle."""
+        """Show two pictures of one shape, (rows, columns) uint8, with the divider in the middle."""
         columns = before.shape[1]
         self._before, self._after = before, after
         self.divider.setBounds((0, columns))
@@ -50,7 +48,7 @@ class BeforeAfterView(PictureView):
         self.fit()
 
     def show_only_before(self, on: bool) -> None:
-        """Show the picture before all over, or both again."""
+        """Show the picture before reconstruction alone, or both pictures again."""
         self._only_before = on
         self._redraw()
 

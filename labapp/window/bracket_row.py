@@ -1,4 +1,4 @@
-"""One bracket: shortest exposure, ratio and count, and the exposures that follow."""
+"""The window's fields for an exposure bracket: shortest exposure, ratio and count."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from labapp.window.widgets import make_label
 
 
 class BracketRow(QObject):
-    """Two lines of a grid: the fields, and below them the list of exposures."""
+    """Fill two rows of a grid: a bracket's fields, and below them its exposure times."""
 
     changed = Signal()
 

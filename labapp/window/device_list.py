@@ -1,4 +1,4 @@
-"""The devices of the bench: what each is, how it is, and its last value."""
+"""The window's list of the bench's devices, with their models, states and last values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DEVICE_TITLES = {"slm": "SLM", "filter": "Filter", "camera": "Camera", "targets"
 
 
 class DeviceRow(QWidget):
-    """Two lines about a device; of a failed one, what is wrong and a button against it."""
+    """Show a device in two lines; a failed device also has its error and a Reconnect button."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -43,9 +43,9 @@ class DeviceRow(QWidget):
 
 
 class DeviceList(WrappingPanel):
-    """A row a device; a failed one is red until it does as it is told.
+    """List the bench's devices, one row each; a failed device is red until it works again.
 
-    reconnect_requested: the bench's name of a device that the person wants opened again.
+    `reconnect_requested` is emitted with the bench's name of a device to be opened again.
     """
 
     reconnect_requested = Signal(str)
@@ -59,7 +59,7 @@ class DeviceList(WrappingPanel):
         fill_layout(self._layout, self._empty, 1, margins=PANEL_MARGINS, spacing=4)
 
     def clear(self, text: str) -> None:
-        """No devices are known; say why."""
+        """Remove all devices from the list, and show the reason instead."""
         for row in self.rows.values():
             self._layout.removeWidget(row)
             row.deleteLater()
@@ -76,7 +76,7 @@ class DeviceList(WrappingPanel):
         self.set_run_active(self._in_run)
 
     def set_run_active(self, on: bool) -> None:
-        """A run mends its devices itself; nobody else opens them meanwhile."""
+        """Disable the Reconnect buttons during a run, which reopens failed devices itself."""
         self._in_run = on
         for row in self.rows.values():
             row.reconnect.setEnabled(not on)

@@ -1,4 +1,4 @@
-"""Times in words that are read at a glance."""
+"""Durations as short texts for the window."""
 
 from __future__ import annotations
 

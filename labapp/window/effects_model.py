@@ -1,4 +1,4 @@
-"""What the simulator does and why, as rows of a table."""
+"""The data of the window's table of simulated effects: levels, bounds and reasons."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _COLUMNS = {
 
 
 class EffectsModel(RowsModel):
-    """The effects of one picture, in the order of the light."""
+    """Hold the simulated effects of one picture, in the order in which they act on the light."""
 
     rows: Sequence[EffectInfo]
 
@@ -29,7 +29,7 @@ class EffectsModel(RowsModel):
         super().__init__(_COLUMNS, parent)
 
     def show_rows(self, rows: tuple[EffectInfo, ...]) -> None:
-        """Rows that are of the same effects as before stay where the person has scrolled to."""
+        """Show new rows; if the effects are the same as before, the scroll position stays."""
         if [row.name for row in rows] != [row.name for row in self.rows]:
             self.beginResetModel()
             self.rows = rows
@@ -46,7 +46,7 @@ class EffectsModel(RowsModel):
 
 
 def format_share(number: float) -> str:
-    """A relative change as a person reads it: 0.18, 4e-3, 1.2e-5, 0."""
+    """Format a relative change of a picture for the window: 0.18, 4e-3, 1.2e-5, 0."""
     if number == 0 or number >= 0.1:
         return f"{number:.2g}"
     digits, power = f"{number:.1e}".split("e")
@@ -60,7 +60,7 @@ def bound_text(row: EffectInfo) -> str:
 
 
 def reason_text(row: EffectInfo) -> str:
-    """Why an effect is at its level, with what the level is likely to change."""
+    """Return why a simulated effect is at its level, with the estimated error of that level."""
     forced = "forced by the scene; " if row.forced else ""
     about = f"about {format_share(row.error_estimate)}: " if row.error_estimate else ""
     return _sentence(f"{forced}{about}{row.why}")

@@ -1,4 +1,4 @@
-"""The panel "Why": what the simulator does for the picture on the screen, and why."""
+"""The window's panel "Why": what the simulator does for the picture on the screen, and why."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ _REAL_CAMERA = "The camera is real: nothing is simulated in its pictures."
 
 
 class EffectsPanel(WrappingPanel):
-    """Each effect with its level, what that changes at most, and why; and all of them summed up.
+    """Show each simulated effect with its level, error bound and reason, and a summary of all.
 
-    setting: what the picture was taken with that all this is said of.
+    The label `setting` names target, pattern, wavelength and exposure of the picture that the
+    effects belong to.
     """
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -30,13 +31,13 @@ class EffectsPanel(WrappingPanel):
         self.clear(_EMPTY)
 
     def clear(self, text: str) -> None:
-        """Nothing is known; say why."""
+        """Remove all effects from the panel, and show the reason instead."""
         self.setting.hide()
         self.summary.setText(text)
         self.table.show_effects((), 0.0)
 
     def show_bench(self, devices: tuple[DeviceInfo, ...]) -> None:
-        """A bench has opened, and no picture of it has come yet."""
+        """Show what a newly opened bench simulates, as long as no picture of it has come."""
         simulated = {device.name for device in devices if device.simulated}
         self.clear(_EMPTY if "camera" in simulated else _REAL_CAMERA if simulated else _REAL)
 
@@ -64,5 +65,5 @@ def _summary(report: EffectsReport) -> str:
 
 
 def _percent(part: float) -> str:
-    """With two digits; none of a hundred is lost."""
+    """Format a share of the simulator's work with two digits, or as "all" from 99.5 % on."""
     return f"{100 * part:.2g} %" if part < 0.995 else "all"

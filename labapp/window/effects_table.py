@@ -1,4 +1,4 @@
-"""The table of effects: level and limit in a line, and why in the next."""
+"""The window's table of simulated effects: level and bound in a line, the reason below it."""
 
 from __future__ import annotations
 
@@ -19,19 +19,22 @@ from labapp.window.table_base import ALIGN_LEFT, MARGIN, ModelIndex, RowsTable, 
 from labapp.window.theme import FAINT, PANEL
 
 BAR_COLUMN = 2
-"""The column of bars."""
+"""Index of the column in which the error bounds are drawn as bars."""
 
 _BAR_MINIMUM = 1e-7
-"""Relative change at the left end of a bar; the right end is the whole picture."""
+"""Relative change of the picture at the left end of a bar; the right end is a change of 1."""
 
 _WIDEST = ("neighbour coupling", "skewed Gaussian")
-"""The longest words that the first columns have to hold."""
+"""The longest texts of the first two columns, from which the columns' widths follow."""
 
 _WRAPPED = Qt.TextFlag.TextWordWrap | Qt.AlignmentFlag.AlignTop | Qt.AlignmentFlag.AlignLeft
 
 
 class EffectsTable(RowsTable):
-    """Effects in the order of the light. tol: what all of them may change together."""
+    """Show the simulated effects in the order in which they act on the light.
+
+    `tol` is the tolerance: the picture's relative error that all levels together may cause.
+    """
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -49,7 +52,7 @@ class EffectsTable(RowsTable):
 
     @property
     def line_height(self) -> int:
-        """Pixels from the top of a row's cells to its sentence."""
+        """Return the pixels from the top of a table row's cells to the sentence below them."""
         return self.fontMetrics().lineSpacing() + 6
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -57,7 +60,7 @@ class EffectsTable(RowsTable):
         self._fit_rows()
 
     def _fit_rows(self) -> None:
-        """Sentences wrap, so how high a row is follows from how wide the table is."""
+        """Set the rows' heights for the present width of the table, at which sentences wrap."""
         room = QRect(0, 0, self.viewport().width() - 2 * MARGIN, 1000)
         for number, row in enumerate(self.effects.rows):
             needed = self.fontMetrics().boundingRect(room, _WRAPPED, reason_text(row))
@@ -65,7 +68,7 @@ class EffectsTable(RowsTable):
 
 
 class _EffectPainter(QStyledItemDelegate):
-    """A line of cells, and below it a sentence as wide as the row."""
+    """Paint an effect's row in the table: a line of cells, and a sentence below all columns."""
 
     def __init__(self, table: EffectsTable) -> None:
         super().__init__(table)
@@ -76,7 +79,7 @@ class _EffectPainter(QStyledItemDelegate):
         cell: QRect = option.rect
         top = QRect(cell.left(), cell.top() + 3, cell.width(), self._table.line_height)
         painter.save()
-        # Each cell paints its own part of the sentence, for cells are painted one by one.
+        # Qt paints cell by cell, so each cell paints its own part of the sentence.
         painter.setClipRect(cell, Qt.ClipOperation.IntersectClip)
         if index.column() == BAR_COLUMN:
             _bar(painter, top.adjusted(0, 1, -MARGIN, -3), row, self._table.tol)
@@ -94,7 +97,7 @@ class _EffectPainter(QStyledItemDelegate):
 
 
 def _bar(painter: QPainter, place: QRect, row: EffectInfo, tol: float) -> None:
-    """A bar on a logarithmic scale, a mark at the tolerance, and the number."""
+    """Paint an error bound as a logarithmic bar, with its number and a mark at the tolerance."""
     paint_bar(
         painter, place, _bar_position(row.error_bound), QColor(effect_colour(row)).darker(250)
     )
@@ -109,7 +112,7 @@ def _elide_text(painter: QPainter, text: str, width: int) -> str:
 
 
 def _bar_position(share: float | None) -> float:
-    """Where a share lies on a bar, 0 to 1; one that isn't known at its end."""
+    """Return where an error bound lies on its bar, from 0 to 1; an unknown bound is at 1."""
     if share is None:
         return 1.0
     if share <= _BAR_MINIMUM:

@@ -1,4 +1,4 @@
-"""The window's end of the line to its engine: starts it, hears it, notices its death."""
+"""The window's connection to its engine process: start it, exchange messages, notice its end."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import os
 import sys
 import threading
+from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -17,22 +18,37 @@ from labapp.window.messages import AcknowledgeFrame, Command, LiveFrame
 
 _ENGINE = "labapp.window.engine.engine_process:run_engine"
 
-_GRACE = 10.0
-"""Seconds in which the engine must have left the bench safe once the window is gone."""
 
-_KEPT = 2000
-"""Characters of a line of its error output that are kept for the message about its death."""
+@dataclass(frozen=True)
+class EngineConnectionSettings:
+    """Set how the window's connection handles the end of its engine process.
 
-_READING = 1.0
-"""Seconds in which the last words of an engine that has ended must have come."""
+    Attributes
+    ----------
+    grace : float
+        Seconds that the engine has to leave the bench safe once the window is gone. Chosen.
+    kept_characters : int
+        Characters of the last line of the engine's error output that are kept for the message
+        about its end. Chosen.
+    reading_time : float
+        Seconds to wait for the rest of the error output of an engine that has ended. Chosen.
+    """
+
+    grace: float = 10.0
+    kept_characters: int = 2000
+    reading_time: float = 1.0
+
+
+_SETTINGS = EngineConnectionSettings()
 
 
 class EngineConnection(QObject):
-    """A child process and messages with it; nothing here ever waits, but close().
+    """Run the engine in a child process and exchange messages with it; only close() waits.
 
-    files: bench, scene, image and faults, where there are any. report_received: every report, but
-    of frames that came together only the newest. engine_died: the engine ended and nobody had
-    asked it to; the text says how.
+    `files` are the files of the bench, the scene, the image and the faults, where given.
+    `report_received` is emitted with every report; of live frames that arrive together, only the
+    newest is emitted. `engine_died` is emitted with an explanation if the engine ended without
+    being told to.
     """
 
     report_received = Signal(object)
@@ -51,18 +67,18 @@ class EngineConnection(QObject):
 
     @property
     def process_id(self) -> int:
-        """Of the engine; 0 if there is none."""
+        """Return the process id of the engine; 0 if there is none."""
         return self._process.pid if self._process else 0
 
     def start(self) -> None:
-        """Start an engine, in place of the one before."""
+        """Start an engine process, after closing the one that is running."""
         self.close()
         self._last_words = ""
         reading, theirs = os.pipe()
         self._passing = threading.Thread(target=self._forward_stderr, args=(reading,), daemon=True)
         self._passing.start()
         try:
-            process = ChildProcess(_ENGINE, self._files, grace=_GRACE, errors=theirs)
+            process = ChildProcess(_ENGINE, self._files, grace=_SETTINGS.grace, errors=theirs)
         except OSError as error:
             self.engine_died.emit(f"The engine could not be started: {error}.")
             return
@@ -79,12 +95,15 @@ class EngineConnection(QObject):
             self._notifiers.append(notifier)
 
     def send(self, command: Command) -> None:
-        """Hand a command over; without an engine it is lost, and the window says so."""
+        """Send a command to the engine.
+
+        If no engine is running, the command is lost; the window shows that the engine is gone.
+        """
         if self._process is not None:
             self._waiting.put(command)
 
     def close(self) -> None:
-        """End the engine in order: it leaves the bench safe when the line closes."""
+        """End the engine process, which leaves the bench safe when the connection closes."""
         process, self._process = self._process, None
         if process is None:
             return
@@ -108,9 +127,9 @@ class EngineConnection(QObject):
                 self.report_received.emit(message)
 
     def _messages(self) -> list[object]:
-        """All that have come."""
+        """Return all messages of the engine that have arrived."""
         messages: list[object] = []
-        # Whether the engine has ended is noticed elsewhere.
+        # _end() handles the end of the engine.
         with contextlib.suppress(EOFError, OSError):
             while (
                 self._process is not None
@@ -120,25 +139,25 @@ class EngineConnection(QObject):
         return messages
 
     def _forward_stderr(self, end: int) -> None:
-        """In a thread: what the engine prints."""
+        """Pass on the engine's error output, in a thread of its own."""
         with open(end, errors="replace") as printed:
             for line in printed:
                 self._note(line)
 
     def _note(self, line: str) -> None:
         sys.stderr.write(line)
-        # What follows such a line only says where.
+        # The lines that follow a fatal error are only its traceback.
         if line.strip() and not self._last_words.startswith("Fatal Python error"):
-            self._last_words = line.strip()[:_KEPT]
+            self._last_words = line.strip()[: _SETTINGS.kept_characters]
 
     def _end(self) -> None:
-        """It has ended by itself: take in what it still said, and say so."""
+        """Handle an engine that ended by itself: read its last messages and report its end."""
         self._read()
         process = self._process
         if process is None:
             return
         self.close()
-        self._passing.join(_READING)
+        self._passing.join(_SETTINGS.reading_time)
         code = process.exit_code()
         crashed = code is None or code < 0
         how = "was killed or crashed" if crashed else f"ended with code {code}"
@@ -147,6 +166,6 @@ class EngineConnection(QObject):
 
 
 def _send(process: ChildProcess, waiting: SimpleQueue[Command | None]) -> None:
-    """In a thread: an engine that hangs doesn't read, and the window must not wait for it."""
+    """Send commands to the engine from a thread: if the engine hangs, the window mustn't wait."""
     while (command := waiting.get()) is not None:
         process.send(command)

@@ -1,16 +1,16 @@
-"""A bracket: exposures that grow by a ratio."""
+"""Exposure brackets that the window requests: exposure times that grow by a ratio."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 DARK_FRAMES, STAR_FRAMES = 4, 2
-"""Frames of each exposure: the noise of the darks goes into every picture."""
+"""Dark and star frames at each exposure time. The darks' noise enters every corrected picture."""
 
 
 @dataclass(frozen=True)
 class ExposureBracket:
-    """`count` exposures from `shortest_ms` milliseconds, each `ratio` times the last."""
+    """Describe `count` exposures from `shortest_ms` milliseconds, each `ratio` times the last."""
 
     shortest_ms: float
     ratio: float
@@ -18,5 +18,5 @@ class ExposureBracket:
 
     @property
     def exposures_ms(self) -> tuple[float, ...]:
-        """Milliseconds, to the whole microseconds that cameras count in."""
+        """Return the exposure times in milliseconds, rounded to the cameras' whole microseconds."""
         return tuple(round(self.shortest_ms * self.ratio**n, 3) for n in range(self.count))

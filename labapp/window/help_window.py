@@ -1,4 +1,4 @@
-"""The guide in a window of its own: topics at the left, the page at the right."""
+"""The help window, which shows the guide: topics on the left, the page on the right."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from labapp.window.widgets import fill_layout
 
 _SIZE = QSize(1160, 760)
 _MARGIN = 18
-"""Pixels, around a page, before code and beside titles."""
+"""Margin in pixels around a page of the guide, before its code, and beside the topics' titles."""
 
 
 class PageView(QTextBrowser):
-    """A page of Markdown, with pictures as wide as the view and code on a ground of its own."""
+    """Show a page of the guide: pictures are at most as wide as the view, code has a background."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -46,7 +46,7 @@ class PageView(QTextBrowser):
         if kind != QTextDocument.ResourceType.ImageResource.value or found is None:
             return found
         image = QImage.fromData(found)
-        # The scroll bar may not be there yet.
+        # Leave room for a scroll bar, which may not be shown yet.
         room = self.width() - 2 * self.frameWidth() - 3 * _MARGIN
         if image.width() <= room:
             return image
@@ -69,7 +69,7 @@ def _set_off(code: QTextBlock) -> None:
 
 
 class HelpWindow(QDialog):
-    """Beside the main window, which stays usable."""
+    """Show the guide beside the main window, which stays usable."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -82,18 +82,18 @@ class HelpWindow(QDialog):
         for one in self._pages:
             item = QListWidgetItem(one.title, self.topics)
             item.setToolTip(one.summary)
-        # As wide as the longest title.
+        # The list of topics is as wide as its longest title.
         self.topics.setFixedWidth(self.topics.sizeHintForColumn(0) + _MARGIN)
         self.topics.currentRowChanged.connect(self._show_row)
         self.page.anchorClicked.connect(self._follow)
         self.resize(_SIZE)
-        # Pictures are fitted to the view, whose width a layout knows only now.
+        # Pictures are fitted to the view, whose width is known once the layout is active.
         row.activate()
         self.topics.setCurrentRow(0)
         self.topics.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def show_topic(self, name: str) -> None:
-        """Turn to a topic, if there is a page on it."""
+        """Show the guide's page on a topic, if there is one."""
         for row, one in enumerate(self._pages):
             if one.name == name:
                 self.topics.setCurrentRow(row)
@@ -102,7 +102,7 @@ class HelpWindow(QDialog):
         self.page.show_page(self._pages[row].text)
 
     def _follow(self, link: QUrl) -> None:
-        """Pages open here, addresses in the person's browser."""
+        """Open a link: pages of the guide open here, web addresses in the person's browser."""
         if link.scheme() in ("http", "https"):
             QDesktopServices.openUrl(link)
         elif link.fileName().endswith(".md"):

@@ -1,4 +1,4 @@
-"""The full-frame histogram, logarithmic, with the contrast levels to drag."""
+"""The live view's logarithmic histogram of the full frame, with contrast levels to drag."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from labapp.window.theme import ACCENT, EDGE, FAINT, FIELD
 from labapp.window.widgets import fill_layout
 
-_COLUMNS = 512
-_HEIGHT = 100
-
 
 class HistogramView(QWidget):
-    """Pixels per digital number. levels_dragged: the person moved the levels (black, white)."""
+    """Plot how many pixels of a frame have each digital number.
+
+    `levels_dragged` is emitted with the levels (black, white) in DN after a person moved them.
+    """
 
     levels_dragged = Signal(float, float)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setFixedHeight(_HEIGHT)
+        self.setFixedHeight(100)
         self._plot = pg.PlotWidget(self, background=FIELD, enableMenu=False)
         self._plot.setMouseEnabled(x=False, y=False)
         self._plot.hideButtons()
@@ -41,8 +41,8 @@ class HistogramView(QWidget):
         fill_layout(QVBoxLayout(self), self._plot)
 
     def show_counts(self, counts: NDArray[np.float32], width: float) -> None:
-        """Counts per bin of `width` DN; neighbouring bins are added up to what fits."""
-        joined = -(-len(counts) // _COLUMNS)
+        """Plot counts per bin of `width` DN; neighbouring bins are summed to 512 at most."""
+        joined = -(-len(counts) // 512)
         padded = np.pad(counts, (0, -len(counts) % joined))
         columns = padded.reshape(-1, joined).sum(axis=1)
         edges = np.arange(len(columns) + 1) * (joined * width)

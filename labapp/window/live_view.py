@@ -1,9 +1,10 @@
-"""The live view: the picture, what it was taken with, what is in it, and its histogram."""
+"""The window's live view: the picture, its settings, its pixel values and its histogram."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
@@ -15,17 +16,34 @@ from labapp.window.messages import LiveFrame
 from labapp.window.picture_view import PictureView
 from labapp.window.widgets import fill_layout, make_label
 
-_HISTOGRAM_INTERVAL = 0.1
-"""Seconds between drawings of the histogram; levels follow every frame all the same."""
 
-_RATE_OVER = 20
-_STALE = 1.0
+@dataclass(frozen=True)
+class LiveViewSettings:
+    """Set how often the live view updates its histogram and over what it averages its frame rate.
+
+    Attributes
+    ----------
+    histogram_interval : float
+        Least seconds between drawings of the histogram. The picture's contrast follows every
+        frame. Chosen.
+    rate_frames : int
+        Most frames over which the frame rate is averaged. Chosen.
+    rate_span : float
+        Seconds before the last frame from which on frames count for the frame rate. Chosen.
+    """
+
+    histogram_interval: float = 0.1
+    rate_frames: int = 20
+    rate_span: float = 1.0
+
+
+_SETTINGS = LiveViewSettings()
 
 
 class LiveView(QWidget):
-    """Draws frames; everything that it says about a frame came with that frame.
+    """Show live frames; every text about a frame uses values that came with that frame.
 
-    auto_contrast_changed: whether the contrast follows the picture, when a drag has changed it.
+    `auto_contrast_changed` is emitted with False when dragging a level ends the auto contrast.
     """
 
     auto_contrast_changed = Signal(bool)
@@ -48,7 +66,7 @@ class LiveView(QWidget):
         self._running = True
         self._palette = tone_mapping.build_palette(mark_clipping=True)
         self._frame: LiveFrame | None = None
-        self._arrivals: deque[float] = deque(maxlen=_RATE_OVER)
+        self._arrivals: deque[float] = deque(maxlen=_SETTINGS.rate_frames)
         self._drawn = 0.0
         self._under_mouse = (-1, -1)
         self.picture.pixel_hovered.connect(self._hover)
@@ -59,17 +77,17 @@ class LiveView(QWidget):
         self._scale = scale
 
     def set_auto_contrast(self, on: bool) -> None:
-        """Whether the contrast levels follow every picture or stay as they are."""
+        """Set whether the contrast levels follow every live frame or stay as they are."""
         self._auto = on
         self._redraw()
 
     def set_clipping_marks(self, on: bool) -> None:
-        """Whether saturated and black pixels are shown in colour."""
+        """Set whether the live view shows saturated and black pixels in colour."""
         self._palette = tone_mapping.build_palette(mark_clipping=on)
         self._redraw()
 
     def set_running(self, on: bool) -> None:
-        """Whether pictures follow each other; if not, the last one says that it is the last."""
+        """Set whether live view is running; if not, the last frame's caption says "STOPPED"."""
         self._running = on
         if self._frame is not None:
             self._describe(self._frame)
@@ -92,13 +110,13 @@ class LiveView(QWidget):
         visible = tone_mapping.spread_saturated(indices, self.picture.reduction)
         self.picture.show_indices(visible, self._palette)
         now = time.monotonic()
-        if now - self._drawn >= _HISTOGRAM_INTERVAL:
+        if now - self._drawn >= _SETTINGS.histogram_interval:
             self._drawn = now
             self._histogram.show_counts(counts, width)
             self._histogram.show_levels(*self.levels)
 
     def _describe(self, frame: LiveFrame) -> None:
-        """Over the picture what it was taken with, below it what is in it."""
+        """Write the frame's settings over the picture, and its saturated share and rate below."""
         self.caption.setText(
             f"{frame.target}  ·  {frame.pattern}  ·  {frame.wavelength * 1e9:.2f} nm  ·  "
             f"{frame.exposure * 1e3:.3f} ms" + ("" if self._running else "  ·  STOPPED")
@@ -112,8 +130,8 @@ class LiveView(QWidget):
         )
 
     def _rate(self) -> float:
-        """Frames per second over the last second or so; after a pause it starts again."""
-        recent = [t for t in self._arrivals if self._arrivals[-1] - t < _STALE]
+        """Return the live frames per second over about a second; after a pause it starts anew."""
+        recent = [t for t in self._arrivals if self._arrivals[-1] - t < _SETTINGS.rate_span]
         span = recent[-1] - recent[0]
         return (len(recent) - 1) / span if span > 0 else 0.0
 
@@ -134,6 +152,6 @@ class LiveView(QWidget):
         self.cursor_reading.setText(f"x {column}  y {row}   {value} DN   {share:.1f} %")
 
     def _is_inside(self, row: int, column: int) -> bool:
-        """Whether the frame has this pixel; the next bench's camera may be smaller."""
+        """Return whether the frame has this pixel; another bench's camera may be smaller."""
         rows, columns = self._frame.image.shape if self._frame is not None else (0, 0)
         return 0 <= row < rows and 0 <= column < columns

@@ -1,4 +1,4 @@
-"""The one window: everything that the first five minutes at the bench need."""
+"""The main window of the lab application: panels for devices, patterns and runs, and live view."""
 
 from __future__ import annotations
 
@@ -36,15 +36,16 @@ from labapp.window.side_by_side import SideBySide
 from labapp.window.widgets import fill_layout, make_tool_button
 
 _SIZE = QSize(1600, 900)
-_LEFT, _RIGHT = 310, 370
+
 _LAYOUT_VERSION = 3
+"""Version of the docks' layout. Qt ignores a saved layout of another version."""
 
 _INPUT_WIDGETS = (QAbstractSpinBox, QComboBox, QLineEdit)
-"""Where Enter means that what was typed holds."""
+"""Widgets in which Enter completes the input."""
 
 
 class MainWindow(QMainWindow):
-    """Panels around a live view; `session` is what happens between them and the engine."""
+    """Arrange panels around a live view; `session` connects them with the engine."""
 
     def __init__(self, connection: EngineConnection, remembered: RememberedSettings) -> None:
         super().__init__()
@@ -80,7 +81,7 @@ class MainWindow(QMainWindow):
         self.message = MessageLine(self)
         self.statusBar().setSizeGripEnabled(False)
         self.statusBar().addWidget(self.message, 1)
-        # Beside the message: the bar at the top is as wide as a small screen allows.
+        # Help stands beside the message, since the bar at the top already fills a small screen.
         self.help_button = make_tool_button(self, self.actions_["help"])
         self.statusBar().addPermanentWidget(self.help_button)
         self.resize(_SIZE)
@@ -94,23 +95,23 @@ class MainWindow(QMainWindow):
         self._restore()
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Ask before a run is lost; then keep the settings and end the engine in order."""
+        """Ask before a run is lost; then save the window's settings and end the engine."""
         if (question := self._question()) and not self._confirm(question):
             event.ignore()
             return
         self._save_settings()
-        # Leaving the bench safe may take a moment, which nobody needs to watch.
+        # Hide the window first, since leaving the bench safe may take a moment.
         self.hide()
         self.connection.close()
         event.accept()
 
     def show_reconstruction(self) -> None:
-        """Bring it to the front, unless the person compares pictures side by side."""
+        """Show the tab of the reconstruction, unless the person is viewing "Side by side"."""
         if self.tabs.currentWidget() is not self.side_by_side:
             self.tabs.setCurrentWidget(self.reconstruction)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Enter says that what a run asked for is done, but never what was meant for a field."""
+        """Let Enter confirm a run's prompt, unless an input field of the window has the focus."""
         if (
             event.key() not in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
             or not self.prompt_bar.is_asking
@@ -124,11 +125,11 @@ class MainWindow(QMainWindow):
             self.prompt_bar.done_button.click()
 
     def show_queue(self) -> None:
-        """Bring the queue to the front of what it shares its place with."""
+        """Show the tab of the run queue, which shares its place with "Why"."""
         self._queue_dock.raise_()
 
     def _show_help(self) -> None:
-        """Made when it is first asked for; then it keeps its page and its place."""
+        """Show the help window, which is created once and then keeps its page and its place."""
         if self.help is None:
             self.help = HelpWindow(self)
         self.help.show()
@@ -145,13 +146,16 @@ class MainWindow(QMainWindow):
         return dock
 
     def _tab_docks(self) -> None:
-        """Queue and reasons share a place: both are tall, and nobody reads both at a time."""
+        """Put the docks "Queue" and "Why" into one place as tabs, since both are tall.
+
+        Nobody reads both at a time.
+        """
         right = Qt.DockWidgetArea.RightDockWidgetArea
         self.setTabPosition(right, QTabWidget.TabPosition.North)
         self.tabifyDockWidget(self._queue_dock, self._why_dock)
         self._queue_dock.raise_()
         self.actions_["why"].triggered.connect(self._turn_tab)
-        # What is visible is known once Qt has moved it.
+        # The connection is queued, because the dock's visible region is known only later.
         later = Qt.ConnectionType.QueuedConnection
         for moved in (self._why_dock.visibilityChanged, self._why_dock.topLevelChanged):
             moved.connect(self._mark_why, later)
@@ -161,15 +165,15 @@ class MainWindow(QMainWindow):
         self._mark_why()
 
     def _mark_why(self) -> None:
-        """Checked while it is seen: where a person has put the two apart, always."""
+        """Check the action "Why" as long as its dock is visible, in a tab or by itself."""
         self.actions_["why"].setChecked(not self._why_dock.visibleRegion().isEmpty())
 
     def _arrange_docks(self) -> None:
         docks = self.findChildren(QDockWidget)
         left = Qt.DockWidgetArea.LeftDockWidgetArea
-        widths = [_LEFT if self.dockWidgetArea(dock) == left else _RIGHT for dock in docks]
+        widths = [310 if self.dockWidgetArea(dock) == left else 370 for dock in docks]
         self.resizeDocks(docks, widths, Qt.Orientation.Horizontal)
-        # What has a list or a picture in it takes the height that the others leave.
+        # Docks with a list or a picture take the height that the others leave.
         tall = (self.pattern, self.queue, self.effects)
         short = [dock for dock in docks if dock.widget() not in tall]
         self.resizeDocks(short, [1] * len(short), Qt.Orientation.Vertical)
@@ -180,7 +184,7 @@ class MainWindow(QMainWindow):
         self._arrange_docks()
 
     def _question(self) -> str:
-        """What to ask before the window closes; empty if nothing would be lost."""
+        """Return the question to ask before the window closes; empty if no run would be lost."""
         queue = self.session.queue
         lost = f" {queue.waiting_count} that wait will not be taken." if queue.waiting_count else ""
         if queue.current_run is not None:

@@ -1,4 +1,4 @@
-"""The line at the bottom: the last error stays until somebody has clicked it away."""
+"""The message line at the bottom of the window, where an error stays until it is clicked."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from labapp.window.widgets import fill_layout, make_label
 
 
 class MessageLine(QWidget):
-    """Says what happens, and what went wrong. restart_requested: the person wants a new engine."""
+    """Show messages and errors at the bottom of the window.
+
+    `restart_requested` is emitted when the person wants a new engine.
+    """
 
     restart_requested = Signal()
 
@@ -22,7 +25,7 @@ class MessageLine(QWidget):
         self._label = make_label(self, wrap=True)
         self._label.setTextFormat(Qt.TextFormat.PlainText)
         self._label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
-        # Two lines always, so that nothing moves when an error comes.
+        # The line always has the height of two, so that nothing moves when an error comes.
         self.setFixedHeight(2 * self.fontMetrics().lineSpacing() + 12)
         self._hint = make_label(self, "click to acknowledge")
         self.restart = QPushButton("Restart engine", self)
@@ -43,13 +46,13 @@ class MessageLine(QWidget):
         return self._errors > 0
 
     def show_message(self, text: str) -> None:
-        """News; while an error stands, it waits behind it."""
+        """Show a message in the window, or keep it until a standing error is acknowledged."""
         self._said = text
         if not self.is_error:
             self._label.setText(text)
 
     def show_error(self, text: str, *, restart: bool = False) -> None:
-        """An error, which stays until it is clicked."""
+        """Show an error in the window until it is clicked; `restart` offers a new engine."""
         self._errors += 1
         more = f"  (and {self._errors - 1} before it)" if self._errors > 1 else ""
         self._label.setText(text + more)

@@ -1,4 +1,7 @@
-"""What the window and its engine say to each other. SI units; nothing heavy is imported."""
+"""The messages that the window and its engine process exchange, in SI units.
+
+Both processes import this module, so it imports nothing heavy.
+"""
 
 from __future__ import annotations
 
@@ -13,42 +16,44 @@ from labapp.runs.state import State
 from labapp.window.exposure_bracket import ExposureBracket
 
 PatternTable = dict[str, Any]
-"""A pattern as a plan file writes it: its kind, and the keys of that kind."""
+"""A pattern in the form of a plan file: its kind, and the keys of that kind."""
 
 
 class Command:
-    """What the window asks of the engine."""
+    """Base class of the commands that the window sends to its engine."""
 
 
 @dataclass(frozen=True)
 class SetLive(Command):
-    """Take one picture after the other, or stop."""
+    """Start or stop the live view, for which the engine takes one picture after the other."""
 
     on: bool
 
 
 @dataclass(frozen=True)
 class PlaceTarget(Command):
+    """Place a target before the camera."""
+
     target: str
 
 
 @dataclass(frozen=True)
 class SetWavelength(Command):
-    """wavelength: metres."""
+    """Set the filter to a wavelength in metres."""
 
     wavelength: float
 
 
 @dataclass(frozen=True)
 class SetExposure(Command):
-    """exposure: seconds."""
+    """Set the camera's exposure time in seconds."""
 
     exposure: float
 
 
 @dataclass(frozen=True)
 class ComputePreview(Command):
-    """Compute a pattern and the PSF that it gives at a wavelength in metres."""
+    """Compute the preview of a pattern and of its PSF at a wavelength in metres."""
 
     pattern: PatternTable
     wavelength: float
@@ -63,7 +68,7 @@ class ShowPattern(Command):
 
 @dataclass(frozen=True)
 class AcquireBracket(Command):
-    """Put a bracket of the star and of the photograph in line; its record goes to `folder`."""
+    """Queue a run of exposure brackets of star and photograph; its record goes to `folder`."""
 
     pattern: PatternTable
     wavelength: float
@@ -74,7 +79,7 @@ class AcquireBracket(Command):
 
 @dataclass(frozen=True)
 class RunPlan(Command):
-    """Put the run of a plan file in line; its record goes to `folder`."""
+    """Queue the run of a plan file; its record goes to `folder`."""
 
     plan: Path
     folder: Path
@@ -82,52 +87,55 @@ class RunPlan(Command):
 
 @dataclass(frozen=True)
 class ResumeRun(Command):
-    """Put the frames that a record lacks in line."""
+    """Queue a run of the frames that a record lacks."""
 
     path: Path
 
 
 @dataclass(frozen=True)
 class RemoveRuns(Command):
-    """Take runs that still wait out of the line."""
+    """Remove runs that are still waiting from the queue, by their numbers."""
 
     numbers: tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class ClearEndedRuns(Command):
-    """Forget the runs that have ended; their files stay."""
+    """Remove the runs that have ended from the queue; their files stay."""
 
 
 @dataclass(frozen=True)
 class ReleaseQueue(Command):
-    """Begin the next run, though the last one didn't end well."""
+    """Begin the next run of the queue, although the last one failed or was cancelled."""
 
 
 @dataclass(frozen=True)
 class PauseRun(Command):
-    """Let the run under way rest after its frame, or go on."""
+    """Pause the run under way after its current frame, or let it go on."""
 
     on: bool
 
 
 @dataclass(frozen=True)
 class AnswerPrompt(Command):
-    """What a run asked for is done. number: of the prompt."""
+    """Confirm that a person has done what the run's prompt of this number asks for."""
 
     number: int
 
 
 @dataclass(frozen=True)
 class ReconnectDevice(Command):
-    """Open a device that has failed again. device: the bench's name of it."""
+    """Open a failed device again; `device` is the bench's name of it."""
 
     device: str
 
 
 @dataclass(frozen=True)
 class ReconstructRun(Command):
-    """Undo the blur of a record's photograph. budget: processor seconds; None: the usual."""
+    """Restore the blurred photograph of a record.
+
+    `budget` is the processor time in seconds; with None, the method takes its usual time.
+    """
 
     path: Path
     method: str
@@ -136,29 +144,29 @@ class ReconstructRun(Command):
 
 @dataclass(frozen=True)
 class SaveRestored(Command):
-    """Write what was restored last to a file."""
+    """Write the photograph that was restored last to a file."""
 
     path: Path
 
 
 @dataclass(frozen=True)
 class Cancel(Command):
-    """Stop the work that is under way; runs that wait go on waiting."""
+    """Cancel the run and the jobs that are under way; waiting runs stay in the queue."""
 
 
 @dataclass(frozen=True)
 class AcknowledgeFrame(Command):
-    """The window has taken a frame in and has room for the next."""
+    """Acknowledge a live frame, so that the engine sends the next one."""
 
 
-# From the engine to the window.
+# The engine sends the following messages to the window.
 
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """A device of the bench: what it is, how it is, and the last value read from it.
+    """Describe a device of the bench to the window: its model, its state and its last value.
 
-    error: what is wrong with it, if its state is "failed" or "unplugged".
+    `error` says what is wrong with the device if its state is "failed" or "unplugged".
     """
 
     name: str
@@ -171,9 +179,10 @@ class DeviceInfo:
 
 @dataclass(frozen=True)
 class BenchOpened:
-    """What the bench can do. Ranges in metres and seconds; shapes are (rows, columns).
+    """Tell the window what the bench can do, after the bench was opened.
 
-    virtual: whether its clock takes no real time.
+    Ranges are in metres and seconds, shapes are (rows, columns), and `full_scale` is in DN.
+    `virtual` tells whether the bench's clock takes no real time.
     """
 
     name: str
@@ -188,7 +197,10 @@ class BenchOpened:
 
 @dataclass(frozen=True)
 class BenchState:
-    """What the devices are really set to, read back from them; of a dead one, the last."""
+    """Tell the window the devices' settings as read back; for a dead device, the last known one.
+
+    `wavelength` is in metres, `exposure` in seconds. `live` tells whether live view is running.
+    """
 
     devices: tuple[DeviceInfo, ...]
     target: str
@@ -199,13 +211,13 @@ class BenchState:
 
     @property
     def failed_devices(self) -> set[str]:
-        """The bench's names of the devices that don't do as they are told."""
+        """Return the bench's names of the devices that have failed or are unplugged."""
         return {device.name for device in self.devices if device.error}
 
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """A raw picture, and everything that it was really taken with."""
+    """Send the window a raw picture in DN, with the settings that it was really taken with."""
 
     image: NDArray[np.uint16]
     target: str
@@ -217,12 +229,31 @@ class LiveFrame:
 
 @dataclass(frozen=True)
 class EffectInfo:
-    """An effect that the simulated bench could have, and how far the simulator goes with it.
+    """Tell the window at which level the simulator computes an effect in a picture, and why.
 
-    level: in words. on: whether it takes part. forced: whether the scene says so. error_bound: the
-    most that the level changes against the finest, relative; None: no limit is known.
-    error_estimate: what it is likely to be. why: what there is of it in this picture.
-    bound_source: where the limit comes from.
+    Attributes
+    ----------
+    name : str
+        The effect.
+    level : str
+        The effect's level as text.
+    on : bool
+        Whether the effect takes part.
+    forced : bool
+        Whether the scene file prescribes the level.
+    error_bound : float or None
+        Largest change of the picture between this level and the finest, relative to the picture.
+        None if no bound is known.
+    error_estimate : float
+        Likely value of that change.
+    why : str
+        The reason for the level: how much of the effect there is in this picture.
+    physics : str
+        What the effect does to the light or to the picture.
+    source : str
+        Reference for the effect's model.
+    bound_source : str
+        Where the error bound comes from.
     """
 
     name: str
@@ -239,10 +270,23 @@ class EffectInfo:
 
 @dataclass(frozen=True)
 class EffectsReport:
-    """What the simulator does for pictures of a setting: its effects, in the order of the light.
+    """Tell the window what the simulator computes for pictures at these settings.
 
-    error: the most by which the picture differs from that with everything on, relative; None:
-    no limit is known. tol: what was allowed. work: its share of the work of everything on.
+    Attributes
+    ----------
+    target, pattern : str
+        Names of the target and of the pattern on the SLM.
+    wavelength, exposure : float
+        Wavelength in metres and exposure time in seconds.
+    effects : tuple of EffectInfo
+        The effects in the order in which they act on the light.
+    tol : float
+        The tolerance: the picture's relative error that all levels together may cause.
+    error : float or None
+        Bound of the picture's relative difference from one with all effects at their finest. None
+        if no bound is known.
+    work : float
+        Work for the picture, as a share of the work with all effects at their finest.
     """
 
     target: str
@@ -257,7 +301,10 @@ class EffectsReport:
 
 @dataclass(frozen=True, eq=False)
 class PatternPreview:
-    """A pattern's grey levels, made smaller, and its PSF on sensor pixels (peak 1)."""
+    """Send the window a pattern's grey levels at reduced size, and its PSF on sensor pixels.
+
+    The PSF is scaled to a peak of 1; `peak` is the share of the light in its brightest pixel.
+    """
 
     pattern: PatternTable
     name: str
@@ -268,7 +315,10 @@ class PatternPreview:
 
 @dataclass(frozen=True)
 class JobProgress:
-    """How far a job is. fraction: 0 to 1. seconds_left: None while nobody can tell."""
+    """Tell the window the progress of a job of the engine.
+
+    `fraction` is from 0 to 1; `seconds_left` is None as long as it can't be estimated.
+    """
 
     job: str
     fraction: float
@@ -278,18 +328,39 @@ class JobProgress:
 
 @dataclass(frozen=True)
 class CancelAcknowledged:
-    """The engine knows that it should stop; the job's end follows."""
+    """Tell the window that the engine has received Cancel; the end of the job or run follows."""
 
 
 @dataclass(frozen=True)
 class RunInfo:
-    """A run of the queue. number: counts the runs, and names this one in commands.
+    """Describe a run of the engine's queue to the window.
 
-    message: what it does, or why it rests or failed. fraction: of the work, 0 to 1.
-    expected_bench_seconds, bench_seconds: of the bench's time, `bench_seconds` once it has ended.
-    elapsed_seconds, seconds_left: real ones; `seconds_left` is None while nobody can tell.
-    pause_requested: whether a person, or a device that failed, wants it to rest until a person
-    lets it go on.
+    Attributes
+    ----------
+    number : int
+        Counts the runs, and identifies this one in commands.
+    title : str
+        Title of the run's plan.
+    path : Path
+        The run's record.
+    state : State
+        State of the run.
+    message : str
+        What the run is doing, or why it is paused or failed.
+    stored_frames, planned_frames : int
+        Frames that the record has, and frames of the plan.
+    fraction : float
+        Share of the work that is done, from 0 to 1.
+    expected_bench_seconds : float
+        Time on the bench's clock that the run is expected to take.
+    bench_seconds : float
+        Time on the bench's clock that the run took, 0 until it has ended.
+    elapsed_seconds : float
+        Real time that the run has taken.
+    seconds_left : float or None
+        Real time that is left; None if the run isn't under way or the time can't be estimated.
+    pause_requested : bool
+        Whether a person or a failed device asks for a pause that lasts until a person ends it.
     """
 
     number: int
@@ -309,7 +380,7 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Prompt:
-    """What a run asks a person to do. number: counts the prompts."""
+    """Ask a person at the window to do something for a run; `number` counts the prompts."""
 
     number: int
     text: str
@@ -317,7 +388,11 @@ class Prompt:
 
 @dataclass(frozen=True)
 class QueueState:
-    """All runs in their order. hold_reason: why no further run begins, empty while none is held."""
+    """Tell the window all runs of the queue in their order.
+
+    `hold_reason` says why no further run begins; it is empty while no run is held back. `prompt`
+    is the prompt that a run is waiting for.
+    """
 
     runs: tuple[RunInfo, ...]
     hold_reason: str = ""
@@ -329,18 +404,21 @@ class QueueState:
 
     @property
     def waiting_count(self) -> int:
-        """How many runs wait."""
+        """Return how many runs of the queue are waiting."""
         return sum(run.state is State.WAITING for run in self.runs)
 
     @property
     def is_busy(self) -> bool:
-        """Whether a run has the bench, or is about to."""
+        """Return whether a run of the queue is using the bench, or is about to."""
         return self.current_run is not None or (self.waiting_count > 0 and not self.hold_reason)
 
 
 @dataclass(frozen=True)
 class RunEnded:
-    """How a run ended. path: None if nothing was written. bench_seconds: as in RunInfo."""
+    """Tell the window how a run ended; `path` is the record, None if nothing was written.
+
+    `bench_seconds` is the time that the run took on the bench's clock.
+    """
 
     path: Path | None
     state: State
@@ -351,19 +429,47 @@ class RunEnded:
 
 @dataclass(frozen=True)
 class DeviceReconnected:
-    """A device that had failed is open again."""
+    """Tell the window that a failed device of the bench is open again."""
 
     device: str
 
 
 @dataclass(frozen=True, eq=False)
 class ReconstructionResult:
-    """A photograph before and after, (rows, columns) as a screen shows them, and how it went.
+    """Send the window a photograph before and after restoration, with figures on its quality.
 
-    neutral: the same as it should be, where the run has it; scores: PSNR in dB and SSIM against
-    it, before and after. psf: by which it was undone. noise: standard deviation of a pixel, in
-    `unit`; noise_source: how it is known, in words. residual: of the photograph, over the noise.
-    verdict: on it, in words.
+    Attributes
+    ----------
+    path : Path
+        The record that the photograph is from.
+    source : str
+        The photograph's name within the record.
+    before, after : ndarray of uint8, shape (rows, columns)
+        The photograph and the restored picture, with the grey values of a screen.
+    neutral : ndarray of uint8, shape (rows, columns), or None
+        The photograph taken with the neutral pattern, if the record has it.
+    psf : ndarray of float32, shape (rows, columns)
+        The PSF that the restoration used.
+    scores : tuple of two tuples, or None
+        PSNR in dB and SSIM against the neutral photograph, before and after restoration.
+    method : str
+        The restoration method.
+    noise : float
+        Standard deviation of a pixel's noise, in `unit`.
+    noise_source : str
+        How the noise is known, in words.
+    unit : str
+        Unit of the noise.
+    weight : float or None
+        Regularisation weight.
+    iterations : int
+        Iterations of the solver.
+    residual : float
+        The photograph less the blurred estimate, rms, over the noise.
+    verdict : str
+        Judgement of the residual, in words.
+    cpu_seconds : float
+        Processor time of the restoration.
     """
 
     path: Path
@@ -386,19 +492,21 @@ class ReconstructionResult:
 
 @dataclass(frozen=True)
 class PictureSaved:
+    """Tell the window that the restored photograph was saved."""
+
     path: Path
 
 
 @dataclass(frozen=True)
 class JobEnded:
-    """A job that leaves nothing behind: it was cancelled, or it failed and said so."""
+    """Tell the window that a job of the engine is over: finished, cancelled or failed."""
 
     job: str
 
 
 @dataclass(frozen=True)
 class FailureReport:
-    """Something went wrong, in words that say what to do. device: its name, if it was one."""
+    """Tell the window what went wrong and what to do; `device` names the device that failed."""
 
     message: str
     device: str = ""
@@ -406,6 +514,6 @@ class FailureReport:
 
 @dataclass(frozen=True)
 class OpeningFailed:
-    """The bench didn't open, and the engine ends."""
+    """Tell the window that the bench couldn't be opened and that the engine ends."""
 
     message: str

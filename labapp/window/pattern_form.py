@@ -1,4 +1,4 @@
-"""What makes a pattern: one page a kind, in a plan file's own words."""
+"""The window's form for a pattern: a page for each kind, with the keys of a plan file."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ _FILES = "Pictures and designs (*.png *.tif *.tiff *.bmp *.jpg *.h5)"
 
 
 class PatternForm(QWidget):
-    """Chooses a kind of pattern and its sizes. changed: something was chosen.
+    """Let the person choose a kind of pattern and its parameters.
 
-    numbers, texts: the fields, by kind and key.
+    `changed` is emitted after each change. `numbers` and `texts` are the fields by kind and key.
     """
 
     changed = Signal()
@@ -53,17 +53,17 @@ class PatternForm(QWidget):
         fill_layout(QVBoxLayout(self), self.kind, self._pages, spacing=4)
         self.kind.currentIndexChanged.connect(self._pages.setCurrentIndex)
         self.kind.currentIndexChanged.connect(lambda _: self.changed.emit())
-        # The first bracket of a newcomer shall code something.
+        # Start with a pattern that changes the PSF: a bracket with a constant one is refused.
         self.select_kind("ring")
 
     @property
     def file(self) -> QLineEdit:
-        """The path of an image pattern."""
+        """Return the field for the file of a picture that is used as a pattern."""
         return self.texts["image", "file"]
 
     @property
     def missing_input(self) -> str:
-        """What has to be given before there is a pattern; empty if nothing."""
+        """Return what the person must still enter for the pattern; empty if nothing."""
         kind = self._selected_kind
         for field in kind.fields:
             if isinstance(field, NumberField) or self.texts[kind.name, field.key].text():
@@ -72,7 +72,7 @@ class PatternForm(QWidget):
         return ""
 
     def pattern_table(self, wavelength_nm: float) -> PatternTable:
-        """The pattern as a plan file writes it, designed for a wavelength."""
+        """Return the chosen pattern in the form of a plan file, designed for a wavelength."""
         kind = self._selected_kind
         table = kind.build_table({field.key: self._value(kind, field) for field in kind.fields})
         return (

@@ -13,12 +13,15 @@ from labapp.files.target_table import TARGET_SHAPES, TargetShape
 from labapp.window.messages import PatternTable
 
 Values = dict[str, Any]
-"""What the fields of a page hold, by key."""
+"""Values of the fields of a form's page, by key."""
 
 
 @dataclass(frozen=True)
 class NumberField:
-    """A number between two limits; whole numbers have no decimals."""
+    """Describe a field of the window's pattern form for a number between two limits.
+
+    A whole number has no decimals.
+    """
 
     key: str
     label: str
@@ -31,7 +34,7 @@ class NumberField:
 
 @dataclass(frozen=True)
 class TextField:
-    """A line of text."""
+    """Describe a field of the window's pattern form for a line of text."""
 
     key: str
     label: str
@@ -41,7 +44,7 @@ class TextField:
 
 @dataclass(frozen=True)
 class FileField:
-    """The path of a picture."""
+    """Describe a field of the window's pattern form for the path of a picture."""
 
     key: str
     hint: str
@@ -52,10 +55,11 @@ PatternField = NumberField | TextField | FileField
 
 @dataclass(frozen=True)
 class PatternKind:
-    """A kind by the name that the window remembers it by, and what a person calls it.
+    """Describe a kind of pattern that the window offers.
 
-    build_table: of the fields' values, as a plan file writes the pattern. needs_wavelength:
-    whether it is made for a wavelength.
+    The window saves the kind's fields under `name` and shows `title`. `build_table` turns the
+    fields' values into the pattern's table of a plan file. `needs_wavelength` tells whether the
+    pattern is designed for a wavelength.
     """
 
     name: str
@@ -66,11 +70,11 @@ class PatternKind:
 
 
 _ABERRATIONS = {"defocus": (2, 0), "astigmatism": (2, 2), "coma": (3, 1), "spherical": (4, 0)}
-"""Of the polynomials that a table of aberrations may name, those that have a field."""
+"""Degree n and order m of the Zernike polynomials that have a field in the form."""
 
 
 def _kind(table: type[Table]) -> PatternKind:
-    """The page of a kind: its keys that have a label."""
+    """Describe a kind of pattern for the window: a field for each key that has a label."""
     if table is ZernikePattern:
         return PatternKind("zernike", table.title, tuple(_orders()), _aberrations)
     fields = tuple(_field(key, kind, told) for key, kind, told in keys_of(table) if told.label)
@@ -121,4 +125,4 @@ _TABLES: tuple[type[Table], ...] = (
 )
 
 PATTERN_KINDS: tuple[PatternKind, ...] = tuple(_kind(one) for one in _TABLES if one.title)
-"""Neutral first, then what has a shape, formulas, and files."""
+"""The kinds in the window's order: neutral, PSF shapes, formulas, and files."""

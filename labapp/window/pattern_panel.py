@@ -1,4 +1,4 @@
-"""The pattern chooser: what it would look like on the SLM, and the PSF that it would give."""
+"""The window's pattern chooser, with previews of the grey levels on the SLM and of the PSF."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from labapp.window.messages import PatternPreview, PatternTable
 from labapp.window.pattern_form import PatternForm
-from labapp.window.thumbnail import Thumbnail
+from labapp.window.thumbnail import PSF_DECADES, Thumbnail
 from labapp.window.widgets import PANEL_MARGINS, fill_layout, make_label, mark_difference
-
-_PREVIEW_DELAY_MS = 300
-"""Milliseconds without a change before a preview is computed."""
-
-_DECADES = 4
 
 
 class PatternPanel(QWidget):
-    """preview_requested, show_requested: the chosen pattern, as a plan file writes it."""
+    """Let the person choose a pattern for the SLM, and show its preview.
+
+    `preview_requested` and `show_requested` are emitted with the chosen pattern in the form of a
+    plan file.
+    """
 
     preview_requested = Signal(dict)
     show_requested = Signal(dict)
@@ -32,7 +31,8 @@ class PatternPanel(QWidget):
         self.show_button = QPushButton("Show on SLM", self)
         self._wavelength_nm = 550.0
         self._chosen = self._on_panel = ""
-        self._pause = QTimer(self, singleShot=True, interval=_PREVIEW_DELAY_MS)
+        # A preview is computed once nothing has changed for 300 ms.
+        self._pause = QTimer(self, singleShot=True, interval=300)
         self._pause.timeout.connect(self._request_preview)
         self.form.changed.connect(self.schedule_preview)
         self.show_button.clicked.connect(lambda: self.show_requested.emit(self.pattern_table()))
@@ -44,36 +44,36 @@ class PatternPanel(QWidget):
         return self.form.pattern_table(self._wavelength_nm)
 
     def set_wavelength(self, nanometres: float) -> None:
-        """Design for this wavelength from now on; what the SLM shows stays as it is."""
+        """Design patterns for this wavelength from now on; what the SLM shows stays as it is."""
         if nanometres != self._wavelength_nm:
             self._wavelength_nm = nanometres
             self.schedule_preview()
 
     def set_run_active(self, on: bool) -> None:
-        """A run has the SLM; a pattern can be chosen for the bracket that follows."""
+        """Disable "Show on SLM" during a run; a pattern for the next bracket can be chosen."""
         self.show_button.setEnabled(not on)
 
     def schedule_preview(self) -> None:
-        """Compute the preview once nothing has changed for a moment."""
+        """Request the pattern's preview from the engine once nothing has changed for a moment."""
         self.note.setText("computing the preview …")
         self._pause.start()
 
     def show_preview(self, preview: PatternPreview) -> None:
-        """Draw a preview, unless something else has been chosen since."""
+        """Show a pattern's preview, unless another pattern has been chosen since."""
         if preview.pattern != self.pattern_table():
             return
         self._chosen = preview.name
         self._compare()
         self.grey.show_grey(preview.grey)
-        self.psf.show_decades(preview.psf, _DECADES)
+        self.psf.show_decades(preview.psf, PSF_DECADES)
         side = preview.psf.shape[0]
         self.note.setText(
-            f"Predicted PSF at {self._wavelength_nm:g} nm: {side} px wide, {_DECADES} decades. "
+            f"Predicted PSF at {self._wavelength_nm:g} nm: {side} px wide, {PSF_DECADES} decades. "
             f"Its brightest pixel gets {100 * preview.peak:.3g} % of the light."
         )
 
     def show_no_preview(self) -> None:
-        """No preview came: leave nothing on the screen that isn't the chosen pattern."""
+        """Remove the preview of an earlier pattern, because the one requested didn't come."""
         if self.note.text().startswith("computing"):
             self.note.setText("no preview")
             self.grey.clear()
@@ -84,7 +84,7 @@ class PatternPanel(QWidget):
         self._compare()
 
     def _compare(self) -> None:
-        """Say what the SLM shows, in another colour where it isn't what is chosen here."""
+        """Name the pattern on the SLM, in another colour if it isn't the chosen one."""
         self.displayed_label.setText(f"On the SLM: {self._on_panel}")
         mark_difference(self.displayed_label, self._chosen not in ("", self._on_panel))
 

@@ -1,4 +1,4 @@
-"""A picture that can be zoomed and moved, with whole pixels and no smoothing."""
+"""A view of a picture in the window that can be zoomed and moved, without smoothing."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from labapp.window.widgets import fill_layout
 
 
 class PictureView(QWidget):
-    """Shows an index or grey picture through a palette; a double click fits it again.
+    """Show a picture through a palette; a double click fits it to the view again.
 
-    pixel_hovered: row and column under the mouse, (-1, -1) beyond the picture.
+    `pixel_hovered` is emitted with the row and column under the mouse, (-1, -1) outside the
+    picture.
     """
 
     pixel_hovered = Signal(int, int)
@@ -40,7 +41,7 @@ class PictureView(QWidget):
         return QSize(320, 200)
 
     def show_indices(self, indices: NDArray[np.uint8], palette: NDArray[np.uint8]) -> None:
-        """(rows, columns) uint8, each the number of a colour in a (256, 3) palette."""
+        """Show a picture, (rows, columns) uint8, of indices into a (256, 3) palette of colours."""
         self._item.setImage(indices, levels=(0, 255), lut=palette, autoLevels=False)
         if indices.shape != self._shape:
             self._shape = (indices.shape[0], indices.shape[1])
@@ -52,18 +53,18 @@ class PictureView(QWidget):
 
     @property
     def reduction(self) -> int:
-        """Picture pixels that share one pixel of the screen along an axis, 1 if none do."""
+        """Return how many picture pixels share a pixel of the screen along an axis, at least 1."""
         width, height = self.box.viewPixelSize()
-        # A pixel of tolerance: a picture at its own size is at 1, not just above it.
+        # The tolerance of 0.01 gives a picture at its own size 1, despite rounding errors.
         return max(1, math.ceil(max(width, height) - 0.01))
 
     def link(self, other: PictureView) -> None:
-        """Zoom and move together with another picture."""
+        """Zoom and move this view together with another one."""
         self.box.setXLink(other.box)
         self.box.setYLink(other.box)
 
     def pixel_position(self, row: int, column: int) -> QPointF:
-        """Where the middle of a pixel is on this widget."""
+        """Return the position of the centre of a picture's pixel on this widget."""
         scene = self.box.mapViewToScene(QPointF(column + 0.5, row + 0.5))
         return QPointF(self._view.mapFromScene(scene))
 

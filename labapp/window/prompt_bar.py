@@ -1,4 +1,4 @@
-"""What waits for the person: a prompt of a run, or a run that rests and why."""
+"""The window's bar for a run that waits for a person: its prompt, or why it is paused."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from labapp.window.widgets import fill_layout, make_label, make_tool_button
 
 
 class PromptBar(QWidget):
-    """Stands above the picture while somebody is waited for. prompt_done: number of the prompt."""
+    """Show a run's prompt, or why the run is paused, above the picture.
+
+    `prompt_done` is emitted with the prompt's number when the person has done what it asks for.
+    """
 
     prompt_done = Signal(int)
 
@@ -36,7 +39,7 @@ class PromptBar(QWidget):
 
     @property
     def is_asking(self) -> bool:
-        """Whether Enter means that it is done."""
+        """Return whether the bar shows a prompt, which Enter confirms."""
         return self.isVisible() and self.done_button.isVisible()
 
     def show_queue(self, queue: QueueState) -> None:

@@ -1,4 +1,4 @@
-"""The queue: the runs in line, and what can be done about them."""
+"""The window's panel of the run queue, with buttons to remove, clear and release runs."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ from labapp.window.widgets import (
 
 
 class QueuePanel(WrappingPanel):
-    """remove_requested: numbers of runs that wait. clear_requested: runs that have ended.
+    """Show the run queue.
 
-    release_requested: the person wants the next run, though the last one didn't end well.
+    `remove_requested` is emitted with the numbers of waiting runs to be removed, `clear_requested`
+    when ended runs are to be removed, and `release_requested` when the next run is to begin
+    although the last one failed or was cancelled.
     """
 
     remove_requested = Signal(tuple)
@@ -65,7 +67,7 @@ class QueuePanel(WrappingPanel):
 
     @property
     def resumable_run(self) -> RunInfo | None:
-        """The run that the person has selected, if it can be resumed."""
+        """Return the selected run if it can be resumed, else None."""
         ended = (State.CANCELLED, State.FAILED)
         return next((run for run in self.table.selected_runs if run.state in ended), None)
 

@@ -1,4 +1,4 @@
-"""Reconstructing a run's photograph: how, how far, before and after, and how far to trust it."""
+"""The window's view of a reconstruction: method, time, both pictures, and figures of quality."""
 
 from __future__ import annotations
 
@@ -22,18 +22,17 @@ METHODS = {
     "Automatic": AUTO,
     **{one.title[0].upper() + one.title[1:]: name for name, one in RESTORATIONS.items()},
 }
-"""As a person reads them, and as the engine calls them."""
+"""Names of the restoration methods in the engine, by their titles in the window."""
 
 _EMPTY = (
     "Nothing is reconstructed yet: acquire a bracket (F6) or open a run, then reconstruct it (F7)."
 )
-_LONGEST = 3600.0
 
 
 class ReconstructionView(QWidget):
-    """Choice of a method or of a time, the two pictures, and what the engine said of them.
+    """Let the person choose a restoration method and its time, and show the engine's result.
 
-    save_requested: the person wants the restored picture in a file.
+    `save_requested` is emitted when the person wants to save the restored picture.
     """
 
     save_requested = Signal()
@@ -43,7 +42,7 @@ class ReconstructionView(QWidget):
         self.method = QComboBox(self)
         self.method.addItems(list(METHODS))
         self.method.setToolTip("Method: automatic takes what serves best in the time")
-        self.budget = QDoubleSpinBox(self, decimals=2, maximum=_LONGEST, singleStep=0.1)
+        self.budget = QDoubleSpinBox(self, decimals=2, maximum=3600.0, singleStep=0.1)
         self.budget.setSuffix(" s")
         self.budget.setSpecialValueText("as usual")
         self.budget.setToolTip("Processor seconds that it may take")
@@ -62,7 +61,7 @@ class ReconstructionView(QWidget):
 
     @property
     def method_and_budget(self) -> tuple[str, float | None]:
-        """The method, and seconds or None for as many as it usually takes."""
+        """Return the chosen method and its processor seconds; None for the usual time."""
         return METHODS[self.method.currentText()], self.budget.value() or None
 
     def show_result(self, result: ReconstructionResult) -> None:
@@ -81,7 +80,7 @@ class ReconstructionView(QWidget):
 
 
 def describe_result(result: ReconstructionResult) -> str:
-    """What a person should know of a reconstruction, in a few sentences."""
+    """Describe a reconstruction in a few sentences for the person at the window."""
     weight = "" if result.weight is None else f", weight {result.weight:.3g}"
     scores = ""
     if result.scores is not None:

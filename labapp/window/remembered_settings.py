@@ -1,4 +1,4 @@
-"""What the window remembers from one session to the next."""
+"""The settings that the window saves from one session to the next."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ log = logging.getLogger(__name__)
 
 
 def default_settings_file() -> Path:
-    """The person's own settings file."""
+    """Return the path of the person's settings file of the window."""
     where = QStandardPaths.StandardLocation.GenericConfigLocation
     return Path(QStandardPaths.writableLocation(where)) / "labapp" / "window.ini"
 
 
 class RememberedSettings:
-    """Values of fields and the layout, in a file that may be missing, old or broken.
+    """Keep the window's fields and layout in a file, which may be missing, old or broken.
 
-    Nothing in the file can keep the window from opening: what can't be used is left out.
+    Nothing in the file can keep the window from opening: values that can't be used are ignored.
     """
 
     def __init__(self, file: Path) -> None:
@@ -40,7 +40,7 @@ class RememberedSettings:
         self._settings.setValue(key, value)
 
     def restore_fields(self, fields: dict[str, QWidget]) -> None:
-        """Set every field to what it was; a value that doesn't fit is left out."""
+        """Set every field of the window to its saved value; ignore values that don't fit."""
         for key, field in fields.items():
             text = self.text(key)
             if not text:
@@ -55,7 +55,7 @@ class RememberedSettings:
             self._settings.setValue(key, _get(field))
 
     def save(self) -> None:
-        """Write the file; where it can't be written, the log says so."""
+        """Write the settings file; if that isn't possible, log a warning."""
         self._settings.sync()
         if self._settings.status() != QSettings.Status.NoError:
             log.warning("%s: the settings could not be kept", self._settings.fileName())

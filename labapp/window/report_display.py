@@ -1,4 +1,4 @@
-"""What the engine reports, shown on the panels."""
+"""Show the engine's reports on the panels of the window."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _HINT = (
 
 
 class ReportDisplay:
-    """One method a report; `session` keeps what follows from them."""
+    """Show each kind of report from the engine with one method, and inform `session` of it."""
 
     def __init__(self, window: MainWindow, session: Session) -> None:
         self._window, self._session = window, session
@@ -65,7 +65,7 @@ class ReportDisplay:
         self._show[type(report)](report)
 
     def show_engine_death(self, how: str) -> None:
-        """The engine ended by itself: nothing on the screen may look as if it still stood."""
+        """Show that the engine ended by itself, and clear values that are no longer known."""
         window = self._window
         window.bar.badge.show_bench_closed()
         window.settings.clear_read_back()
@@ -160,7 +160,7 @@ class ReportDisplay:
         self._window.message.show_message(f"{name} is open again. Live view starts with F5.")
 
     def _reconstruction_result(self, report: ReconstructionResult) -> None:
-        """A result came from a record: its tab comes to the front."""
+        """Show the result of a reconstruction, and bring its tab to the front."""
         window = self._window
         window.reconstruction.show_result(report)
         window.side_by_side.show_result(report)
@@ -174,7 +174,7 @@ class ReportDisplay:
 
 
 def _rest(report: RunEnded) -> str:
-    """What is left on disk, and how the bench stands."""
+    """Describe what an incomplete run left on disk, and the state of the bench."""
     if report.path is None:
         return "Nothing was moved or written."
     return (

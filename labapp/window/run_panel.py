@@ -1,4 +1,4 @@
-"""Acquire: the brackets, where runs are kept, and how far the one under way is."""
+"""The window's panel for acquisition: brackets, the folder of records, and a run's progress."""
 
 from __future__ import annotations
 
@@ -31,15 +31,13 @@ from labapp.window.widgets import (
     make_tool_button,
 )
 
-_PATTERNS = 2
-
 
 def default_run_folder() -> Path:
     return Path.home() / "labapp-runs"
 
 
 class RunPanel(WrappingPanel):
-    """What will be taken, in words, before it is taken; then progress and time left."""
+    """Describe the frames of a bracket before its run; then show progress and time left."""
 
     def __init__(self, actions: list[QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -73,7 +71,7 @@ class RunPanel(WrappingPanel):
         self.message.setText(message)
 
     def show_run(self, run: RunInfo) -> None:
-        """The run under way, or the one that ended last."""
+        """Show the progress of the run under way, or the state of the run that ended last."""
         under_way = run.state.is_under_way
         shown = under_way or run.state is State.COMPLETE
         self.bar.setValue(round(1000 * run.fraction) if shown else 0)
@@ -92,7 +90,7 @@ class RunPanel(WrappingPanel):
         self.message.setText(message)
 
     def show_last_run(self, path: Path) -> None:
-        # Breaks are allowed at slashes, so that a long path wraps.
+        # A zero-width space after each slash lets a long path wrap.
         self.last_run.setText(f"Last run: {path}".replace("/", "/\u200b"))
         self.last_run.setToolTip(str(path))
 
@@ -115,8 +113,9 @@ class RunPanel(WrappingPanel):
     def _sum_up(self) -> None:
         star, photograph = self.star.bracket, self.photograph.bracket
         darks = len({*star.exposures_ms, *photograph.exposures_ms}) * DARK_FRAMES
-        stars = star.count * STAR_FRAMES * _PATTERNS
-        photographs = photograph.count * _PATTERNS
+        # Star and photograph are taken with two patterns, the neutral and the chosen one.
+        stars = star.count * STAR_FRAMES * 2
+        photographs = photograph.count * 2
         total = darks + stars + photographs
         size = f", {total * self._frame_bytes / 1e6:.0f} MB" if self._frame_bytes else ""
         self.summary.setText(
@@ -131,7 +130,7 @@ class RunPanel(WrappingPanel):
 
 
 def _describe(run: RunInfo) -> str:
-    """What the run does now."""
+    """Describe what a run of the queue is doing now."""
     if run.state is State.PAUSED:
         return "paused"
     return f"pausing after this frame: {run.message}" if run.pause_requested else run.message

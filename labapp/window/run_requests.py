@@ -1,4 +1,4 @@
-"""What the person asks about runs: to put them in line, to rest, to go on."""
+"""Requests about runs from the window to the engine: to queue, pause, resume and remove them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 
 
 class RunRequests(QObject):
-    """Actions and the queue's buttons become commands; the engine names the files."""
+    """Turn actions and the queue's buttons into commands to the engine.
+
+    The engine chooses the names of the records.
+    """
 
     def __init__(self, window: MainWindow, connection: EngineConnection) -> None:
         super().__init__(window)
@@ -84,7 +87,7 @@ class RunRequests(QObject):
         window.message.show_message(message)
         if not self._queue.is_busy:
             window.tabs.setCurrentWidget(window.live_view)
-        # Enter shall answer the run's prompts now, and not end up in a field.
+        # No field keeps the focus, so that Enter answers the run's prompts.
         if (field := window.focusWidget()) is not None:
             field.clearFocus()
         self._send(command)

@@ -1,4 +1,4 @@
-"""The table of runs: what each takes and where to, how it stands, and how far it is."""
+"""The window's table of queued runs: title and record, state and time, and stored frames."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _EMPTY = "Runs wait here in line: acquire (F6), run a plan (Ctrl+P), resume a ru
 
 
 class RunModel(RowsModel):
-    """The runs of the queue; rows that stay keep their selection."""
+    """Hold the runs of the queue as rows of a table; rows that stay keep their selection."""
 
     rows: Sequence[RunInfo]
 
@@ -36,7 +36,7 @@ class RunModel(RowsModel):
         super().__init__(dict.fromkeys(_COLUMNS, ""), parent)
 
     def show_runs(self, runs: tuple[RunInfo, ...]) -> None:
-        """New runs come at the end; any may have gone."""
+        """Update the table's runs: new ones are added at the end, and any may be removed."""
         numbers = {run.number for run in runs}
         kept = list(self.rows)
         for row in reversed(range(len(kept))):
@@ -64,7 +64,7 @@ class RunModel(RowsModel):
 
 
 class _RunPainter(QStyledItemDelegate):
-    """Two lines a run: title and file, state and time, and a bar of the frames."""
+    """Paint a run in two lines: title and file, state and time, and a bar of its frames."""
 
     def __init__(self, model: RunModel, parent: QObject) -> None:
         super().__init__(parent)
@@ -91,7 +91,7 @@ class _RunPainter(QStyledItemDelegate):
 
 
 class RunTable(RowsTable):
-    """Runs in the order in which they are taken."""
+    """Show the queue's runs in the order in which they are taken."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -137,7 +137,10 @@ def _two_lines(
     *,
     bold: bool = False,
 ) -> None:
-    """Texts with their colours; what is too long loses its middle, where files differ least."""
+    """Paint two lines of a table, each a text with its colour.
+
+    A second line that is too long loses its middle, where names of records differ least.
+    """
     font = QFont(painter.font())
     for (text, colour), thick, top in ((first, bold, True), (second, False, False)):
         font.setBold(thick)
@@ -152,7 +155,7 @@ def _two_lines(
 
 
 def _bar(painter: QPainter, place: QRect, run: RunInfo, colour: QColor) -> None:
-    """Frames that are on the disk, of those that are planned."""
+    """Paint a bar of a run's stored frames as a share of the planned ones."""
     bar = QRect(place.left(), place.top(), place.width(), painter.fontMetrics().height() + 3)
     bar.moveCenter(place.center())
     share = run.stored_frames / run.planned_frames if run.planned_frames else 0.0

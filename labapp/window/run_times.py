@@ -1,4 +1,4 @@
-"""What the run under way was expected to take, and what it takes."""
+"""The window's line on a run's times: expected, elapsed and left."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ from labapp.runs.state import State
 from labapp.window.duration_text import format_duration
 from labapp.window.messages import RunInfo
 
-_SECOND = 1000
-
 
 class RunTimes(QLabel):
-    """One line, which goes on counting through an exposure that nothing is heard of."""
+    """Show a run's times in one line, which is updated also while the engine reports nothing."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -23,11 +21,11 @@ class RunTimes(QLabel):
         self._run: RunInfo | None = None
         self._heard = 0.0
         self._unit = ""
-        self._timer = QTimer(self, interval=_SECOND)
+        self._timer = QTimer(self, interval=1000)
         self._timer.timeout.connect(self._update)
 
     def set_virtual(self, on: bool) -> None:
-        """Whether the bench has a clock of its own, which runs faster than the wall's."""
+        """Set whether the bench has a virtual clock, which runs faster than real time."""
         self._unit = " of bench time" if on else ""
 
     def show_run(self, run: RunInfo) -> None:

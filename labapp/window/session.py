@@ -1,4 +1,4 @@
-"""What the person asks of the engine, and what can be asked now."""
+"""The window's session with its engine: the person's requests, and which are possible now."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 
 
 class Session(QObject):
-    """Panels' signals become commands, and only what can be done can be clicked.
+    """Turn the panels' signals into commands to the engine, and enable only what is possible.
 
-    job: "reconstruction" while one is under way, else "". queue: the
-    runs. first_target: the target of the last session, for when the bench opens.
+    `job` is "reconstruction" while one is under way, else "". `queue` holds the runs.
+    `first_target` is the target of the last session, which is placed when the bench opens.
     """
 
     def __init__(self, window: MainWindow, connection: EngineConnection) -> None:
@@ -57,11 +57,11 @@ class Session(QObject):
 
     @property
     def is_run_active(self) -> bool:
-        """Whether a run has the bench, or is about to."""
+        """Return whether a run is using the bench, or is about to."""
         return self.queue.is_busy
 
     def on_bench_opened(self, bench: BenchOpened) -> None:
-        """A bench has opened, and knows nothing of what the person wants."""
+        """Send the person's settings to a newly opened bench, and start live view."""
         window = self._window
         self._open = True
         window.settings.adopt_bench_ranges(
@@ -73,12 +73,12 @@ class Session(QObject):
         self._allow()
 
     def on_run_completed(self, run: Path) -> None:
-        """There is a run that can be reconstructed."""
+        """Note the record of a complete run, so that the person can reconstruct it."""
         self._last_run = run
         self._allow()
 
     def on_job_ended(self) -> None:
-        """The job is over."""
+        """Note that the engine's job is over, and enable the window's actions again."""
         self.job = ""
         self._allow()
 
@@ -122,7 +122,7 @@ class Session(QObject):
     def _allow(self) -> None:
         window, free = self._window, self._open and not self.job
         idle = free and not self.is_run_active
-        # The next run can be prepared and put in line while one is under way.
+        # The next run can be prepared and queued while one is under way.
         allowed = {
             "live": idle,
             "acquire": free,
@@ -149,7 +149,7 @@ class Session(QObject):
             self._connection.send(SetWavelength(wavelength))
 
     def send_pending_wavelength(self) -> None:
-        """What was chosen for a bracket during a run holds for the live view after it, too."""
+        """Send the wavelength that was chosen during a run, once live view is running again."""
         if (
             self._wavelength_pending
             and not self.is_run_active

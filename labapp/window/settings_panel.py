@@ -1,4 +1,4 @@
-"""Target, wavelength and exposure: what is set, beside what was read back."""
+"""The window's panel of target, wavelength and exposure, each as set and as read back."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _FIRST_TARGET = "photograph"
 
 
 class SettingsPanel(QWidget):
-    """Signals carry what the person asked for, in metres and seconds."""
+    """Let the person set target, wavelength and exposure; its signals are in metres and seconds."""
 
     target_requested = Signal(str)
     wavelength_requested = Signal(float)
@@ -28,7 +28,7 @@ class SettingsPanel(QWidget):
             self, suffix=" ms", decimals=3, minimum=0.001, maximum=1e6, value=400
         )
         for box in (self.wavelength, self.exposure):
-            # A half-typed number is no setting.
+            # A number is sent only when it is typed completely.
             box.setKeyboardTracking(False)
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.target_read = make_label(self, "–", look="readBack")
@@ -58,7 +58,7 @@ class SettingsPanel(QWidget):
         self.exposure.valueChanged.connect(lambda ms: self.exposure_requested.emit(ms * 1e-3))
 
     def adopt_bench_ranges(self, bench: BenchOpened, target: str) -> None:
-        """Take the bench's ranges and targets; `target` is chosen if the bench has it."""
+        """Take over the bench's ranges and targets, and choose `target` if the bench has it."""
         for box, (low, high), unit in (
             (self.wavelength, bench.wavelength_range, 1e-9),
             (self.exposure, bench.exposure_range, 1e-3),
@@ -74,13 +74,13 @@ class SettingsPanel(QWidget):
                 self.target.setCurrentText(name)
 
     def request_all_settings(self) -> None:
-        """Send every setting, to a bench that knows none of them."""
+        """Request every setting of the panel from a bench that has just opened."""
         self.target_requested.emit(self.target.currentText())
         self.wavelength_requested.emit(self.wavelength.value() * 1e-9)
         self.exposure_requested.emit(self.exposure.value() * 1e-3)
 
     def set_run_active(self, on: bool) -> None:
-        """A run has target and exposure; a wavelength is for the bracket that follows."""
+        """Disable target and exposure during a run; the wavelength can be set for the next one."""
         self.target.setEnabled(not on)
         self.exposure.setEnabled(not on)
 
@@ -96,7 +96,7 @@ class SettingsPanel(QWidget):
             ("filter", self.wavelength_read, f"{nm:.2f} nm"),
             ("camera", self.exposure_read, f"{ms:.3f} ms"),
         ):
-            # What a failed device said last need not be so any more.
+            # The last value of a failed device may no longer be true.
             doubt = device in state.failed_devices
             _read(read, f"{text} ?" if doubt else text, off[device] or doubt)
 
@@ -106,6 +106,6 @@ class SettingsPanel(QWidget):
 
 
 def _read(value_label: QLabel, text: str, differs: bool) -> None:
-    """Show what was read back, in another colour where it isn't what was set."""
+    """Show a value that was read back, in another colour if it differs from the value set."""
     value_label.setText(text)
     mark_difference(value_label, differs)

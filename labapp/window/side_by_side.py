@@ -1,4 +1,4 @@
-"""Neutral, coded and reconstructed photographs side by side, zoomed together."""
+"""The window's side-by-side view of neutral, coded and reconstructed photographs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QVBoxLayout, QWidget
 from labapp.window import tone_mapping
 from labapp.window.messages import ReconstructionResult
 from labapp.window.picture_view import PictureView
-from labapp.window.thumbnail import Thumbnail
+from labapp.window.thumbnail import PSF_DECADES, Thumbnail
 from labapp.window.widgets import fill_layout, make_label
 
 _TITLES = {
@@ -19,16 +19,14 @@ _TITLES = {
     "earlier": "Reconstructed before, by another method",
     "after": "Reconstructed",
 }
-_DECADES = 4
-_INSET = 104
 _EMPTY = "Nothing is reconstructed yet: acquire a bracket (F6), then reconstruct it (F7)."
 
 
 class SideBySide(QWidget):
-    """Four pictures on one scale, figures of merit beside each, and the measured PSF.
+    """Show four photographs on one scale, PSNR and SSIM of each, and the measured PSF.
 
-    The PSF stands in a corner of the coded picture, which it explains. The last reconstruction by
-    another method stays beside the new one, as long as it is of the same run.
+    The PSF is shown in a corner of the coded picture, which it has blurred. The last
+    reconstruction by another method stays beside the new one if both are of the same run.
     """
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -36,9 +34,10 @@ class SideBySide(QWidget):
         self._last_results: list[ReconstructionResult] = []
         self.pictures = {name: PictureView(self) for name in _TITLES}
         self.titles = {name: make_label(self, title) for name, title in _TITLES.items()}
-        self.psf = Thumbnail(QSize(_INSET, _INSET), self.pictures["coded"])
-        self.psf.setFixedSize(_INSET, _INSET)
-        self.psf.setToolTip(f"PSF, {_DECADES} decades from its peak")
+        inset = QSize(104, 104)
+        self.psf = Thumbnail(inset, self.pictures["coded"])
+        self.psf.setFixedSize(inset)
+        self.psf.setToolTip(f"PSF, {PSF_DECADES} decades from its peak")
         self.psf.move(6, 6)
         self.psf.hide()
         self.note = make_label(self, _EMPTY, look="faint", wrap=True)
@@ -63,12 +62,13 @@ class SideBySide(QWidget):
         self._show("earlier", dark)
         for name, one in zip(("after", "earlier"), reversed(self._last_results), strict=False):
             self._show(name, one.after, one.scores and one.scores[1], one.method)
-        self.psf.show_decades(result.psf, _DECADES)
+        self.psf.show_decades(result.psf, PSF_DECADES)
         self.psf.show()
         self.pictures["coded"].fit()
         self.note.setText(
             "PSNR and SSIM are against the neutral picture, over the central 90 %; its white is "
-            f"their peak and range, and white on the screen. Inset: PSF over {_DECADES} decades. "
+            "their peak and range, and white on the screen. "
+            f"Inset: PSF over {PSF_DECADES} decades. "
             "Zoom one and all follow; double-click to fit."
         )
 

@@ -1,4 +1,4 @@
-"""What is simulated and what is real: always on the screen."""
+"""The window's badge, always visible, that tells simulated devices from real ones."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from labapp.window.theme import EDGE, FAINT, FIELD, REAL, SIMULATED
 
 
 class SimulationBadge(QLabel):
-    """Names the simulated devices and the real ones; until it knows, it says so."""
+    """Name the simulated and the real devices of the bench, or say that no bench is open."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -1,4 +1,4 @@
-"""What the tables of runs and of effects share: rows that are painted by hand."""
+"""Base classes of the window's tables of runs and of effects, which paint their own rows."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ from labapp.window.theme import EDGE, PANEL, TEXT
 ModelIndex = QModelIndex | QPersistentModelIndex
 
 MARGIN = 5
+"""Margin in pixels beside the text in a cell of a table."""
+
 ALIGN_LEFT = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft
 
 _NOWHERE = QModelIndex()
 
 
 class RowsModel(QAbstractTableModel):
-    """Rows under headings, each with what a person reads when the mouse rests on it."""
+    """Hold the rows of a table in the window, and its headings with their tool tips."""
 
     def __init__(self, headings: dict[str, str], parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -57,7 +59,7 @@ class RowsModel(QAbstractTableModel):
 
 
 class RowsTable(QTableView):
-    """A table of such rows."""
+    """Show the rows of a RowsModel in the window."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -71,7 +73,10 @@ class RowsTable(QTableView):
     def set_up(
         self, model: RowsModel, painter: QAbstractItemDelegate, wide: int, widths: dict[int, int]
     ) -> None:
-        """wide: the column that takes what room is left. widths: pixels of the others."""
+        """Attach the table's model and painter, and set the widths of its columns.
+
+        The column `wide` takes the room that is left; `widths` are the others' widths in pixels.
+        """
         self.setModel(model)
         self.setItemDelegate(painter)
         header = self.horizontalHeader()
@@ -88,7 +93,10 @@ class RowsTable(QTableView):
 
 
 def paint_bar(painter: QPainter, place: QRect, share: float, colour: QColor) -> None:
-    """A frame, filled from the left up to a share of its width; the pen is that of texts then."""
+    """Paint a bar in a table: a frame, filled from the left to a share of its width.
+
+    The painter's pen is left at the colour of text.
+    """
     painter.fillRect(place, QColor(PANEL))
     painter.fillRect(place.adjusted(0, 0, round(place.width() * share) - place.width(), 0), colour)
     painter.setPen(QColor(EDGE))

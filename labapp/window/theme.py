@@ -1,4 +1,7 @@
-"""Colours for a dark laboratory: nothing brighter than the picture, red kept for trouble."""
+"""The window's colours for a dark laboratory.
+
+Nothing is brighter than the picture, and red is reserved for errors and saturated pixels.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ ALARM_TEXT = "#ffd6cf"
 
 PROMPT = "#4a3a14"
 PROMPT_TEXT = "#f4dca6"
-"""Something waits for the person."""
+"""Colours of a bar that waits for the person."""
 
 RUN_STATES = {
     State.WAITING: FAINT,
@@ -35,8 +38,10 @@ RUN_STATES = {
 }
 
 SATURATED = (255, 0, 0)
+"""Red, green and blue of the mark on saturated pixels."""
+
 BLACK = (40, 90, 255)
-"""Pixels at zero: the black level is too low for the noise of the dark."""
+"""The same on pixels at zero, where the black level is too low for the noise without light."""
 
 _SHEET = f"""
 QMainWindow, QDialog, QMessageBox {{ background: {BACKGROUND}; }}

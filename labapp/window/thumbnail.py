@@ -1,4 +1,4 @@
-"""A small grey picture that keeps its shape."""
+"""A small grey picture in the window that keeps its aspect ratio."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from labapp.window.theme import EDGE, FIELD
 
+PSF_DECADES = 4
+"""Decades below its peak over which the window shows a PSF."""
+
 
 class Thumbnail(QWidget):
-    """Shows (rows, columns) uint8, as large as fits into its place."""
+    """Show a grey picture, (rows, columns) uint8, as large as its place in the window allows."""
 
     def __init__(self, size: QSize, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -28,12 +31,12 @@ class Thumbnail(QWidget):
         rows, columns = grey.shape
         data = np.ascontiguousarray(grey)
         image = QImage(data.data, columns, rows, columns, QImage.Format.Format_Grayscale8)
-        # The array goes when this returns; the picture stays.
+        # QImage only refers to the array, which is freed on return, so the image is copied.
         self._image = image.copy()
         self.update()
 
     def show_decades(self, psf: NDArray[np.float32], decades: int) -> None:
-        """The logarithm of what is not negative, from its peak down."""
+        """Show the logarithm of a PSF over some decades below its peak."""
         share = np.maximum(psf / psf.max(), 10.0**-decades)
         self.show_grey(np.rint(255 * (np.log10(share) / decades + 1)).astype(np.uint8))
 

@@ -1,8 +1,8 @@
-"""From raw digital numbers to what the screen shows, with clipped pixels kept apart.
+"""Map the raw digital numbers of live frames to colours of the window, with clipping marked.
 
-A raw picture becomes an index picture: 0 is clipped at zero, 255 is saturated, and
-everything between is a grey. The marks follow from the raw numbers alone, whatever the
-contrast levels are.
+A raw picture becomes a picture of palette indices: 0 is clipped at zero, 255 is saturated, and
+the indices between are greys. The marks depend on the raw numbers alone, not on the contrast
+levels.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 
 from labapp.window.theme import BLACK, SATURATED
 
-_BINS = 4096
 SATURATED_INDEX = 255
+"""Palette index of saturated pixels."""
+
 _BLACK_INDEX, _WHITE_INDEX = 1, 254
-_SMALLEST_SPAN = 16
-"""Digital numbers between black and white at the least, so that noise stays noise."""
+"""Palette indices of the darkest and the brightest grey."""
 
 
 @dataclass(frozen=True)
 class DigitalScale:
-    """What digital numbers mean: from zero to the one at which a pixel is saturated."""
+    """Hold the camera's range of digital numbers; a pixel at `full_scale` is saturated."""
 
     full_scale: int = 4095
 
@@ -34,25 +34,26 @@ class DigitalScale:
 
 
 def histogram(image: NDArray[np.uint16], scale: DigitalScale) -> tuple[NDArray[np.float32], float]:
-    """Pixels per bin over the whole frame and the whole range, and a bin's width in DN."""
-    bins = min(_BINS, scale.numbers)
+    """Return a live frame's pixels per bin over the whole range, and a bin's width in DN."""
+    bins = min(4096, scale.numbers)
     counts = cv2.calcHist([image], [0], None, [bins], [0, scale.numbers])
     return np.asarray(counts, dtype=np.float32).ravel(), scale.numbers / bins
 
 
 def auto_levels(counts: NDArray[np.float32], width: float) -> tuple[float, float]:
-    """Levels that leave out the darkest 0.5 % and the brightest 0.01 % of the pixels."""
+    """Return contrast levels that exclude the darkest 0.5 % and the brightest 0.01 % of pixels."""
     share = np.cumsum(counts)
     total = float(share[-1])
     low = float(np.searchsorted(share, 0.005 * total)) * width
     high = float(np.searchsorted(share, 0.9999 * total) + 1) * width
-    return low, max(high, low + _SMALLEST_SPAN)
+    # With 16 DN between black and white at least, noise isn't stretched to full contrast.
+    return low, max(high, low + 16)
 
 
 def index_picture(
     image: NDArray[np.uint16], levels: tuple[float, float], scale: DigitalScale
 ) -> NDArray[np.uint8]:
-    """The index picture of a raw picture at contrast levels (black, white) in DN."""
+    """Return the palette indices of a raw picture at contrast levels (black, white) in DN."""
     low, high = levels
     numbers = np.arange(max(scale.numbers, int(image.max(initial=0)) + 1), dtype=np.float32)
     share = np.clip((numbers - low) / max(high - low, 1e-6), 0, 1)
@@ -63,7 +64,7 @@ def index_picture(
 
 
 def spread_saturated(indices: NDArray[np.uint8], reduction: int) -> NDArray[np.uint8]:
-    """Saturated pixels made so large that none is lost when the screen skips pixels."""
+    """Enlarge saturated pixels so that none is lost when the screen skips picture pixels."""
     if reduction <= 1:
         return indices
     saturated = (indices == SATURATED_INDEX).astype(np.uint8)
@@ -72,7 +73,7 @@ def spread_saturated(indices: NDArray[np.uint8], reduction: int) -> NDArray[np.u
 
 
 def build_palette(*, mark_clipping: bool) -> NDArray[np.uint8]:
-    """Red, green and blue of the 256 indices; unmarked, clipped pixels are black and white."""
+    """Return the palette's colours, (256, 3): clipped pixels are marked, or black and white."""
     grey = np.zeros(256)
     grey[_BLACK_INDEX : _WHITE_INDEX + 1] = np.linspace(0, 255, _WHITE_INDEX - _BLACK_INDEX + 1)
     grey[SATURATED_INDEX] = 255

@@ -1,4 +1,4 @@
-"""Panels, and the labels, buttons and layouts that they are made of."""
+"""The base of the window's panels, and functions for their labels, buttons and layouts."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ LayoutPart = QWidget | QLayout
 Margins = tuple[int, int, int, int]
 
 PANEL_MARGINS: Margins = (8, 4, 8, 6)
-"""Margins to the left, above, to the right and below."""
+"""Margins of a panel in pixels: left, top, right and bottom."""
 
 
 class WrappingPanel(QWidget):
-    """Texts that wrap need more lines the narrower they are, which a dock doesn't ask about."""
+    """Request the height that a panel's wrapped texts need at its width.
+
+    A dock asks its panel only for a minimum size, not for the height at a width.
+    """
 
     def minimumSizeHint(self) -> QSize:
         least, layout = super().minimumSizeHint(), self.layout()
@@ -25,7 +28,7 @@ class WrappingPanel(QWidget):
 
 
 def make_label(parent: QWidget, text: str = "", *, look: str = "", wrap: bool = False) -> QLabel:
-    """look: a name that the theme's sheet knows: "faint", "readBack", "caption" ..."""
+    """Create a label of the window; `look` is a name of the theme's style sheet, as "faint"."""
     made = QLabel(text, parent)
     made.setObjectName(look)
     made.setWordWrap(wrap)
@@ -33,7 +36,7 @@ def make_label(parent: QWidget, text: str = "", *, look: str = "", wrap: bool = 
 
 
 def mark_difference(value_label: QLabel, differs: bool) -> None:
-    """Colour a value that isn't what was asked for."""
+    """Colour a label of the window if its value differs from the requested one."""
     if value_label.property("differs") != differs:
         value_label.setProperty("differs", differs)
         value_label.style().unpolish(value_label)
@@ -41,7 +44,7 @@ def mark_difference(value_label: QLabel, differs: bool) -> None:
 
 
 def make_tool_button(parent: QWidget, action: QAction, *, wide: bool = False) -> QToolButton:
-    """A button of an action; wide: it takes what room there is."""
+    """Create a button for one of the window's actions; a wide one takes all the width it can."""
     made = QToolButton(parent)
     made.setDefaultAction(action)
     if wide:
@@ -55,7 +58,10 @@ def fill_layout(
     margins: Margins = (0, 0, 0, 0),
     spacing: int | None = None,
 ) -> QBoxLayout:
-    """Put parts into a row or column, some with how far they stretch; a number is empty room."""
+    """Put widgets and layouts of a panel into a row or a column.
+
+    A part may come with a stretch factor; a number alone is empty room with that factor.
+    """
     layout.setContentsMargins(*margins)
     if spacing is not None:
         layout.setSpacing(spacing)

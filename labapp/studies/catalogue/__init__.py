@@ -1,1 +1,1 @@
-"""What each study is and what can be set: read without loading what carries it out."""
+"""Definitions and settings of the studies, without the imports that carrying them out needs."""

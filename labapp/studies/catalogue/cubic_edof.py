@@ -1,4 +1,4 @@
-"""Extended depth of field by a cubic phase on the SLM (thesis Fig. 2.15 to 2.17)."""
+"""Definition of the study of extended depth of field by a cubic phase (thesis Fig. 2.15-2.17)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from labapp.studies.contract import Study, StudySettings
 
 
 class EdofSettings(StudySettings):
-    """How strong the plate is, and how the pictures are exposed."""
+    """Hold the study's settings: the strength of the cubic phase, and the exposures."""
 
     QUICK: ClassVar[dict[str, Any]] = {"scene_ms": [400], "iterations": 6}
 

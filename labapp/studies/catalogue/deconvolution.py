@@ -1,4 +1,4 @@
-"""A photograph blurred by a PSF that was asked for, and restored (thesis Fig. 2.9)."""
+"""Definition of the study of deconvolution of a blurred photograph (thesis Fig. 2.9)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from labapp.studies.contract import Study, StudySettings
 
 
 class DeconvolutionSettings(StudySettings):
-    """The blur, and how the pictures are exposed."""
+    """Hold the study's settings: the shape of the blur, the restorations, and the exposures."""
 
     QUICK: ClassVar[dict[str, Any]] = {"photograph_ms": [400], "iterations": 8, "blind": False}
 

@@ -1,4 +1,4 @@
-"""PSFs of many shapes, through the bench (thesis Fig. 3.3)."""
+"""Definition of the study of PSFs of many shapes (thesis Fig. 3.3)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from labapp.studies.contract import Study, StudySettings
 Shape = Literal["eye", "letters", "heart", "infinity", "spiral", "ring"]
 
 PUBLISHED_SHAPES: tuple[Shape, ...] = ("eye", "letters", "heart", "infinity", "spiral")
-"""In the order of Fig. 3.3."""
+"""Shapes of the published PSFs, in the order of Fig. 3.3."""
 
 
 class ShapesSettings(StudySettings):
-    """What is drawn, how large, and how it is looked for."""
+    """Hold the study's settings: the PSFs' shapes and sizes, phase retrieval, and exposures."""
 
     QUICK: ClassVar[Mapping[str, Any]] = {"shapes": ["heart", "ring"], "iterations": 10}
 

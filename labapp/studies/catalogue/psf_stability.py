@@ -1,4 +1,4 @@
-"""How smooth a PSF becomes when a phase video is averaged (thesis Fig. 3.5)."""
+"""Definition of the study of the smoothness of a PSF averaged over a video (thesis Fig. 3.5)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Frames = Annotated[int, Field(ge=1, le=600)]
 
 
 class StabilitySettings(StudySettings):
-    """Videos of independent frames, and the longest one that they are compared with."""
+    """Hold the study's settings: the videos' numbers of frames, the PSF's size, and exposures."""
 
     QUICK: ClassVar[Mapping[str, Any]] = {
         "counts": [1, 3],

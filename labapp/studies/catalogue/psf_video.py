@@ -1,4 +1,4 @@
-"""A PSF that changes with time: a spiral that shrinks (thesis Fig. 3.4)."""
+"""Definition of the study of a PSF that changes with time (thesis Fig. 3.4)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from labapp.studies.contract import Study, StudySettings
 
 
 class VideoSettings(StudySettings):
-    """How the spiral shrinks, and how its patterns are looked for."""
+    """Hold the study's settings: the spiral's sizes, its phase retrieval, and the exposures."""
 
     QUICK: ClassVar[Mapping[str, Any]] = {"moments": 3, "iterations": 10}
 

@@ -1,4 +1,4 @@
-"""Refocusing by a Fresnel lens on the SLM (thesis Fig. 3.6)."""
+"""Definition of the study of refocusing by a Fresnel lens on the SLM (thesis Fig. 3.6)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from labapp.studies.contract import Study, StudySettings
 
 
 class RefocusSettings(StudySettings):
-    """What the lens on the SLM shall bring into focus, and where stars tell whether it does."""
+    """Hold the study's settings: the distance to focus on, the stars' distances, and exposures."""
 
     QUICK: ClassVar[Mapping[str, Any]] = {"stars_m": [1.4, 1.6, 2.0]}
 

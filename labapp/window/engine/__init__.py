@@ -1,5 +1,6 @@
-"""The engine process: it owns the bench, and does what the window asks.
+"""The window's engine process, which owns the bench and carries out the window's commands.
 
-Commands and reports go over the line to the window. When that closes, because the window
-closed or was killed, it leaves the bench safe and ends, or is killed if it takes too long.
+Commands and reports travel over a line between the two processes. When the line closes, because
+the window closed or was killed, the engine leaves the bench safe and ends; if that takes too
+long, the engine is killed.
 """

@@ -1,4 +1,4 @@
-"""A run, where the bench is owned, with its frames shown on the way."""
+"""Acquisition by the window's engine: take a queued run, and show its frames on the way."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from optics.progress import Cancelled, Progress
 
 
 class Acquisition:
-    """Takes the frames of one run at a time; pause and cancel come from other threads."""
+    """Take the frames of one queued run at a time; other threads may pause or cancel it."""
 
     def __init__(
         self,
@@ -30,7 +30,10 @@ class Acquisition:
         self._effects = effects
 
     def take_run(self, run: QueuedRun) -> RunEnded:
-        """How the run ended; UserError, DeviceError or OSError if it couldn't begin."""
+        """Take a queued run on the engine's bench, and return how it ended.
+
+        Raises UserError, DeviceError or OSError if the run couldn't begin.
+        """
         run.on_pause, run.on_plug_change = self._tell, self._send_last_state
 
         def on_frame(shot: Shot, frame: Frame) -> None:
@@ -56,13 +59,16 @@ class Acquisition:
         self._channel.send(self._controller.read_state(live=False, running=True))
 
     def _send_last_state(self) -> None:
-        """While the run waits for a device, none is asked anything: it may be that one."""
+        """Send the window the last known state, while the run is waiting for a device.
+
+        No device is asked for its setting, since it could be the one that the run waits for.
+        """
         self._channel.send(
             self._controller.read_state(live=False, running=True, query_devices=False)
         )
 
     def _show(self, shot: Shot, frame: Frame) -> None:
-        """Let the window see a stored frame, if it has the time."""
+        """Send a stored frame to the window, if one is due and the window has room for it."""
         self._controller.note_run_frame(frame)
         if not self._pace.is_due:
             return

@@ -1,4 +1,4 @@
-"""Patterns and reconstructions, computed in threads beside the bench so that live view goes on."""
+"""The engine's background jobs: patterns and reconstructions, computed while live view goes on."""
 
 from __future__ import annotations
 
@@ -29,26 +29,24 @@ from optics.progress import Cancelled, Progress
 if TYPE_CHECKING:
     from labapp.window.engine.reconstruction import Restoration
 
-_THREADS = 2
-"""A pattern need not wait for a reconstruction."""
-
 
 @dataclass(frozen=True, eq=False)
 class ComputedPattern:
-    """A pattern that is ready to be put on the SLM, by the thread that owns the bench."""
+    """Hold a computed pattern until the engine's main thread shows it on the SLM."""
 
     name: str
     grey: NDArray[np.uint8]
 
 
 class BackgroundJobs:
-    """Jobs that leave the bench alone; a newer job cancels an older one of its kind."""
+    """Run the engine's jobs that don't use the bench; a newer job cancels one of its kind."""
 
     def __init__(self, camera: Camera, channel: Channel, jobs: Jobs, top: BenchController) -> None:
         self._channel, self._jobs, self._controller = channel, jobs, top
         self._designer = PatternDesigner(camera)
         self._last_restoration: Restoration | None = None
-        self._threads = ThreadPoolExecutor(_THREADS, "beside")
+        # With two threads, a pattern needn't wait for a reconstruction.
+        self._threads = ThreadPoolExecutor(2, "beside")
 
     def close(self) -> None:
         self._threads.shutdown(cancel_futures=True)
@@ -72,7 +70,7 @@ class BackgroundJobs:
 
     def reconstruct(self, command: ReconstructRun) -> None:
         def work(progress: Progress) -> None:
-            # Its libraries take a second to load, which the first picture need not wait for.
+            # Its libraries take a second to load, for which the first picture needn't wait.
             from labapp.window.engine.reconstruction import reconstruct_record
 
             self._last_restoration = reconstruct_record(command, progress)

@@ -1,4 +1,4 @@
-"""The bench as the window sets it: what is wanted, what stands, and the next honest frame."""
+"""The engine's control of the bench: requested settings, their settling, and live frames."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from labapp.window.messages import BenchOpened, BenchState, LiveFrame
 
 @dataclass(frozen=True)
 class RequestedSettings:
-    """What the person set last. None: the bench is left as it is."""
+    """Hold the settings that the person at the window requested last; None sets nothing."""
 
     target: str | None = None
     wavelength: float | None = None
@@ -28,10 +28,10 @@ class RequestedSettings:
 
 
 class BenchController:
-    """Sets devices, remembers when each setting stands, and takes frames after that.
+    """Set the bench's devices for the window, and take frames once the settings have settled.
 
-    A run leaves the bench safe; `restore_settings()` brings back what the person had set.
-    DeviceError if a device is dead or fails; what the person wants is kept all the same.
+    A run leaves the bench safe; `restore_settings()` brings back the person's settings. Methods
+    raise DeviceError if a device is dead or fails; the requested setting is kept all the same.
     """
 
     def __init__(self, bench: Bench) -> None:
@@ -66,7 +66,7 @@ class BenchController:
         self._note_settling("slm", self._bench.slm.show(name, grey))
 
     def restore_settings(self) -> None:
-        """Set everything as it was wanted last."""
+        """Set the bench's devices to the settings that the person requested last."""
         wanted = self._requested
         if wanted.target is not None:
             self.place_target(wanted.target)
@@ -78,7 +78,7 @@ class BenchController:
             self.show_pattern(wanted.pattern, wanted.grey)
 
     def take_frame(self, cancelled: Callable[[], bool]) -> LiveFrame:
-        """One picture, begun after every setting stands, with the settings it was taken with."""
+        """Take a live frame after every setting has settled, and return it with its settings."""
         bench = self._bench
         self.devices.require_alive()
         bench.clock.wait_until(self._ready, cancelled)
@@ -94,18 +94,22 @@ class BenchController:
         )
 
     def note_run_frame(self, frame: Frame) -> None:
-        """A run took a frame, for which every device worked, and with it set the camera."""
+        """Note that a run took a frame: every device worked, and the run set the exposure."""
         self._exposure = frame.exposure
         self.devices.mark_working()
 
     def reconnect(self, role: str) -> None:
-        """Open a device that failed again. DeviceError if that fails, too."""
+        """Open a failed device of the bench again. Raises DeviceError if that fails, too."""
         self.devices.reopen(role)
         if role == "camera":
             self._apply_exposure(self._exposure)
 
     def read_state(self, live: bool, running: bool, *, query_devices: bool = True) -> BenchState:
-        """query_devices: whether the devices are asked; what they said last if not."""
+        """Return the state of the bench for the window.
+
+        With `query_devices`, the devices are asked for their settings; otherwise, the last known
+        ones are returned.
+        """
         infos = self.devices.device_infos(
             self._exposure, live=live, running=running, query_devices=query_devices
         )
@@ -130,13 +134,13 @@ class BenchController:
         self._note_settling("camera", setting)
 
     def _note_settling(self, role: str, setting: Setting[Any]) -> None:
-        """A device did as it was told; no picture is begun before its setting stands."""
+        """Note that a device works, and when its setting has settled for the next picture."""
         self._ready = max(self._ready, setting.ready_at)
         self.devices.mark_working(role)
 
 
 def _describe_capabilities(bench: Bench) -> BenchOpened:
-    """What the bench can do, asked while every device is there; the list of them follows."""
+    """Ask the devices what the bench can do; the list of devices is added later."""
     return BenchOpened(
         name=bench.file.name,
         devices=(),

@@ -1,4 +1,4 @@
-"""Telling how something stands when it has changed, as often as somebody can read."""
+"""Notification of the window about changes in the engine, at a limited rate."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import threading
 import time
 from collections.abc import Callable
 
-_INTERVAL = 0.1
-"""Seconds between reports: more often than anybody reads only costs time."""
+REPORT_INTERVAL = 0.1
+"""Seconds between reports to the window. More reports cost time, and nobody reads them faster."""
 
 
 class ChangeNotifier:
-    """Calls `report` after notify(), from a thread of its own; the last change is never lost."""
+    """Call `report` after notify(), in a thread of its own and at a limited rate.
+
+    The last change is always reported to the window.
+    """
 
     def __init__(self, report: Callable[[], None]) -> None:
         self._tell = report
@@ -25,4 +28,4 @@ class ChangeNotifier:
         while self._news.wait():
             self._news.clear()
             self._tell()
-            time.sleep(_INTERVAL)
+            time.sleep(REPORT_INTERVAL)

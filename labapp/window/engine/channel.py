@@ -1,4 +1,4 @@
-"""The engine's end of the line to the window."""
+"""The engine's end of its connection to the window."""
 
 from __future__ import annotations
 
@@ -12,31 +12,30 @@ from drivers.hosted.message_socket import MessageSocket
 from labapp.window.messages import AcknowledgeFrame, PlaceTarget, SetExposure, SetWavelength
 
 _NEWEST_ONLY = (PlaceTarget, SetWavelength, SetExposure)
-"""Commands of which only the newest matters: a turned wheel sends dozens."""
-
-_MAX_FRAMES_IN_FLIGHT = 2
+"""Commands of which only the newest is kept: a turn of the mouse wheel sends dozens of them."""
 
 
 class Channel:
-    """Commands in, reports out, from any thread.
+    """Receive commands from the window and send reports to it, from any thread.
 
-    A thread of its own reads, so that the end of the window and commands that can't wait
-    are heard while the engine works. immediate_handlers: what is done in that thread, by type of
-    command; everything else is put in line. end_handlers: what is called when the window is gone.
+    A thread of its own reads, so that the engine receives urgent commands, and notices the end of
+    the window, while it works. `immediate_handlers` are called in that thread, by type of command;
+    all other commands wait for take_command(). `end_handlers` are called when the window is gone.
     """
 
     def __init__(self, line: MessageSocket) -> None:
         self._line = line
         self._waiting: deque[Any] = deque()
         self._condition = threading.Condition()
-        self._room = _MAX_FRAMES_IN_FLIGHT
+        # At most two live frames are sent that the window hasn't acknowledged.
+        self._room = 2
         self.closed = False
         self.immediate_handlers: Mapping[type, Callable[[Any], None]] = {}
         self.end_handlers: list[Callable[[], None]] = []
         threading.Thread(target=self._read, name="window", daemon=True).start()
 
     def send(self, report: object) -> None:
-        """Write a report; once the window is gone, nothing."""
+        """Send a report to the window; do nothing once the window is gone."""
         try:
             if not self.closed:
                 self._line.send(report)
@@ -50,11 +49,11 @@ class Channel:
 
     @property
     def has_room(self) -> bool:
-        """Whether the window has taken in the frames that it was sent."""
+        """Return whether the window has room for another live frame."""
         return self._room > 0
 
     def post(self, command: object) -> None:
-        """Put a command in line as if the window had sent it."""
+        """Add a command for the engine as if the window had sent it."""
         with self._condition:
             if isinstance(command, _NEWEST_ONLY):
                 kept = [c for c in self._waiting if type(c) is not type(command)]
@@ -63,7 +62,7 @@ class Channel:
             self._condition.notify()
 
     def take_command(self, timeout: float) -> Any:
-        """The next command; None if none comes within `timeout` seconds."""
+        """Return the window's next command; None if none comes within `timeout` seconds."""
         with self._condition:
             if not self._waiting and not self.closed:
                 self._condition.wait(timeout)

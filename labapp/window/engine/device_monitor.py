@@ -1,4 +1,4 @@
-"""The devices as the window lists them: who they are, whether they work, what they said last."""
+"""The engine's monitor of the bench's devices: identities, failures and last known settings."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ _SETTING_QUERIES: dict[str, Callable[[Bench], Any]] = {
     "filter": lambda bench: bench.filter.wavelength,
     "targets": lambda bench: bench.targets.current_target,
 }
-"""What the devices are asked for: how they are set."""
+"""Functions that ask a device of the bench for its present setting, by role."""
 
 
 class DeviceMonitor:
-    """Nothing here fails because a device does: it is shown as failed, with its last value.
+    """Monitor the bench's devices for the window's list of devices.
 
-    What never changes is asked once, for a dead device answers no question. last_settings: what
-    the devices said that they are set to, by their names, when they were asked last.
+    A device that fails raises no error here: it is listed as failed, with its last value.
+    Identities are read once, because a dead device doesn't answer. `last_settings` holds, by
+    role, the settings that the devices returned when they were asked last.
     """
 
     def __init__(self, bench: Bench) -> None:
@@ -31,7 +32,7 @@ class DeviceMonitor:
         self.last_settings = {role: question(bench) for role, question in _SETTING_QUERIES.items()}
 
     def require_alive(self, *roles: str) -> None:
-        """DeviceError if one of the devices, or of all if none is named, is dead."""
+        """Raise DeviceError if one of these devices is dead; without roles, check all devices."""
         for role in roles or tuple(self._identities):
             if why := self._dead_reason(role):
                 model, remedy = self._identities[role].model, "Mend it, then click Reconnect"
@@ -40,25 +41,29 @@ class DeviceMonitor:
                 raise error
 
     def mark_failed(self, error: DeviceError) -> str:
-        """The bench's name of the device that failed, which is marked until it works again."""
+        """Mark a device as failed until it works again, and return the bench's name of it."""
         if error.role:
             self._failed[error.role] = f"{error.command}: {error.reply}"
         return error.role
 
     def mark_working(self, *roles: str) -> None:
-        """The devices did as they were told; without roles, all of them."""
+        """Note that these devices work, and no longer list them as failed; without roles, all."""
         for role in roles or tuple(self._identities):
             self._failed.pop(role, None)
 
     def reopen(self, role: str) -> None:
-        """Open a device in place of one that has failed. DeviceError if that fails, too."""
+        """Open a failed device of the bench again. Raises DeviceError if that fails, too."""
         self._bench.supervised_devices[role].revive()
         self.mark_working(role)
 
     def device_infos(
         self, exposure: float, *, live: bool, running: bool, query_devices: bool = True
     ) -> tuple[DeviceInfo, ...]:
-        """exposure: seconds, as the camera was set. query_devices: whether they are asked."""
+        """Describe every device for the window's list.
+
+        `exposure` is the camera's exposure time in seconds. With `query_devices`, the devices are
+        asked for their settings; otherwise, the last known ones are used.
+        """
         if query_devices:
             self.last_settings = {role: self._query_setting(role) for role in _SETTING_QUERIES}
         nm, ms = self.last_settings["filter"] * 1e9, exposure * 1e3
@@ -78,7 +83,7 @@ class DeviceMonitor:
         return tuple(info(name) for name in self._identities)
 
     def _query_setting(self, role: str) -> Any:
-        """What a device says now; of one that doesn't answer, what it said last."""
+        """Return a device's present setting, or the last known one if it doesn't answer."""
         if not (self._dead_reason(role) or self._unplugged_reason(role)):
             try:
                 return _SETTING_QUERIES[role](self._bench)
@@ -87,9 +92,9 @@ class DeviceMonitor:
         return self.last_settings[role]
 
     def _unplugged_reason(self, role: str) -> str:
-        """Why a device counts as unplugged; empty while it is there, or if nobody knows."""
+        """Return why a device counts as unplugged; empty if it is plugged in or can't tell."""
         return self._bench.supervised_devices[role].unplugged_reason() or ""
 
     def _dead_reason(self, role: str) -> str:
-        """Why a device is given up; empty while it isn't."""
+        """Return why a device was given up after a failure; empty if it wasn't."""
         return self._bench.supervised_devices[role].failure_reason

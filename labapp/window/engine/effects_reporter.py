@@ -1,4 +1,4 @@
-"""What the simulator does for the pictures that the window sees, told when it changes."""
+"""The engine's reports of the simulator's effect plans, sent to the window when they change."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class EffectsReporter:
-    """Tells the plans of a simulated camera's pictures; of a real one there is none to tell."""
+    """Report the effect plans of a simulated camera's pictures; a real camera has none."""
 
     def __init__(self, bench: Bench, channel: Channel) -> None:
         self._channel = channel
@@ -23,28 +23,28 @@ class EffectsReporter:
         self._last_reported: Hashable = None
 
     def report_if_changed(self, frame: LiveFrame) -> None:
-        """Send the plan of a picture, if it is of another setting than the one before.
+        """Send the effect plan of a picture, if its settings differ from those reported last.
 
-        Call it before the bench is moved again: the plan is that of the bench as it stands.
+        Call this before the bench changes again: the plan is for the bench's present state.
         """
         if self._world is None:
             return
         s = self._world.situation(frame.exposure)
-        # Not the time: what moves would be told with every frame, and nobody could read it.
+        # Time is left out: a moving scene would send a plan with every frame, too fast to read.
         setting = (frame.target, frame.pattern, s.panel_content.names, s.band, frame.exposure)
         if setting == self._last_reported:
             return
         try:
             plan = self._world.imaging.plan(s)
         except ValueError:
-            # A picture that can't be planned can't be taken either, and whoever takes it says so.
+            # A picture that can't be planned can't be taken either; taking it reports the error.
             return
         self._last_reported = setting
         self._channel.send(build_effects_report(plan, frame))
 
 
 def build_effects_report(plan: EffectPlan, frame: LiveFrame) -> EffectsReport:
-    """A plan, and the picture that it is for, in words and numbers."""
+    """Build the window's report of the simulator's effect plan for a live frame."""
     return EffectsReport(
         target=frame.target,
         pattern=frame.pattern,
@@ -73,7 +73,7 @@ def _effect_info(decision: Decision) -> EffectInfo:
 
 
 def _level(decision: Decision) -> str:
-    """Of an axis, how much of how much there could be."""
+    """Return an effect's level as text; for an axis, "n of N" with the finest level N."""
     sampled = decision.kind == "axis" and len(decision.levels) > 1 and decision.level != "off"
     return f"{decision.level} of {decision.levels[-1]}" if sampled else decision.level
 

@@ -1,4 +1,4 @@
-"""The engine's loop: one command, one live frame, and so on, until the window is gone."""
+"""The main loop of the window's engine: handle commands and take live frames in turn."""
 
 from __future__ import annotations
 
@@ -45,18 +45,15 @@ from labapp.window.messages import (
     ShowPattern,
 )
 
-_COMMAND_TIMEOUT = 0.1
-"""Seconds to wait for a command when there is no picture to take."""
-
 
 class StartQueuedRuns:
-    """The engine's word to itself that a run may begin."""
+    """Tell the engine, from within itself, that the next run of the queue may begin."""
 
 
 class Engine:
-    """Owns the bench, in the main thread; only this loop and runs move anything on it.
+    """Own the bench in the main thread; only this loop and its runs set the devices.
 
-    Commands that must be heard during a run are obeyed at once, in the channel's thread.
+    Commands that can't wait for the end of a run are handled at once, in the channel's thread.
     """
 
     def __init__(self, bench: Bench, channel: Channel) -> None:
@@ -111,13 +108,14 @@ class Engine:
         channel.end_handlers.append(self._stop)
 
     def run(self) -> None:
-        """Until the window is gone. The bench is left safe by whoever opened it."""
+        """Handle commands and take live frames until the window is gone.
+
+        The caller, which opened the bench, leaves it safe.
+        """
         self._channel.send(self._controller.describe_bench())
         while not self._channel.closed:
             looking = self._live and self._channel.has_room
-            command = self._channel.take_command(
-                self._pace.seconds_left if looking else _COMMAND_TIMEOUT
-            )
+            command = self._channel.take_command(self._pace.seconds_left if looking else 0.1)
             if command is not None:
                 self._do(command)
             elif self._live and self._pace.is_due:
@@ -127,7 +125,7 @@ class Engine:
         self._background.close()
 
     def _do(self, command: object) -> None:
-        """Obey, say what went wrong, and say how the bench stands now."""
+        """Carry out a command of the window, report errors, and report the bench's state."""
         try:
             self._obey[type(command)](command)
         except Exception as error:
@@ -135,7 +133,10 @@ class Engine:
         self._tell()
 
     def _reporting_errors(self, obey: Callable[[Any], None]) -> Callable[[Any], None]:
-        """The same for what is done at once: nothing may end the thread that hears Cancel."""
+        """Wrap the handler of an urgent command so that it reports errors instead of raising.
+
+        An error must not end the thread that receives Cancel.
+        """
 
         def handle(command: object) -> None:
             try:
@@ -182,7 +183,7 @@ class Engine:
         self._channel.send(CancelAcknowledged())
 
     def _stop(self) -> None:
-        """End the work that is under way, beside the bench and on it."""
+        """Cancel the engine's background jobs and the run under way."""
         self._jobs.cancel()
         self._queue.cancel()
 
@@ -191,7 +192,7 @@ class Engine:
         self._channel.post(StartQueuedRuns())
 
     def _run_all(self, command: StartQueuedRuns) -> None:
-        """One run after the other. Live view stops for them, and comes back if it may."""
+        """Take the queued runs in turn; stop live view before, and restore it after if allowed."""
         while not self._channel.closed and (run := self._queue.begin()) is not None:
             self._live_again, self._live = self._live_again or self._live, False
             self._tell(running=True)
@@ -202,16 +203,16 @@ class Engine:
                 self._live = True
 
     def _take(self, run: QueuedRun) -> bool:
-        """One run from its begin to its end; whether the bench may be moved after it."""
+        """Take one queued run, and return whether the bench's devices may be set after it."""
         try:
             ended = self._acquisition.take_run(run)
         except Exception as error:
             said = describe_failure(error, self._controller)
             self._queue.end(run, State.FAILED, said.message)
             self._channel.send(said)
-            # The run couldn't begin, so nothing was moved.
+            # These errors mean that the run couldn't begin, so no device was set.
             return isinstance(error, UserError | OSError)
         self._queue.end(run, ended.state, ended.message, ended.bench_seconds)
         self._channel.send(ended)
-        # After anything but success the bench stays safe until somebody says otherwise.
+        # If frames are missing, the bench stays safe until a person uses it again.
         return ended.path is None or ended.state is State.COMPLETE

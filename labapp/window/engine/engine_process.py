@@ -1,4 +1,4 @@
-"""The engine's process, from start to end; labapp.window.engine_connection starts it."""
+"""The main function of the engine's process, which labapp.window.engine_connection starts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from labapp.window.messages import OpeningFailed
 
 
 def run_engine(line: MessageSocket, files: dict[str, Path | None]) -> None:
-    """Open the bench, scene, image and faults of these files, and obey until the window is gone."""
+    """Open a bench from these files, and serve the window until it is gone.
+
+    `files` are the files of the bench, the scene, the image and the faults.
+    """
     keep_freed_memory()
     channel = Channel(line)
     from drivers.errors import DeviceError

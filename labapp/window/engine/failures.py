@@ -1,4 +1,4 @@
-"""What went wrong, as the window says it."""
+"""Errors of the engine as reports that the window shows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 
 
 def describe_failure(error: Exception, controller: BenchController) -> FailureReport:
-    """An error in words; one that nobody foresaw also goes to the log, in full."""
+    """Turn an error of the engine into a report for the window; log an unexpected one in full."""
     if isinstance(error, DeviceError):
         return FailureReport(str(error), controller.devices.mark_failed(error))
     if isinstance(error, OSError) and error.filename is not None:

@@ -1,4 +1,4 @@
-"""How often the window gets a picture."""
+"""The rate at which the engine sends frames to the window."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import time
 from labapp.window.engine.channel import Channel
 
 _INTERVAL = 1 / 30
-"""Seconds from picture to picture at the least: the eye sees no more, and the CPU is shared."""
+"""Least seconds between frames for the window: the eye sees no more, and frames need the CPU."""
 
 
 class FramePacer:
-    """When the next picture is due; never while the window has not taken in the last."""
+    """Tell when the next frame for the window is due; never while the window has no room for it."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
@@ -26,5 +26,5 @@ class FramePacer:
         return self._channel.has_room and self.seconds_left == 0
 
     def begin(self) -> None:
-        """A picture is being taken now."""
+        """Note that a frame for the window is being taken now."""
         self._last = time.monotonic()

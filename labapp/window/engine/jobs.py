@@ -1,23 +1,18 @@
-"""What the engine is busy with: progress that the window sees, and one way to cancel."""
+"""The engine's register of background jobs, with progress for the window and a way to cancel."""
 
 from __future__ import annotations
 
 import threading
 import time
 
+from labapp.window.engine.change_notifier import REPORT_INTERVAL
 from labapp.window.engine.channel import Channel
 from labapp.window.messages import JobEnded, JobProgress
 from optics.progress import Progress
 
-_INTERVAL = 0.1
-"""Seconds between reports: more often than anybody reads only costs time."""
-
-_ENOUGH = 0.03
-"""Share of a job from which its time left can be told."""
-
 
 class Jobs:
-    """The jobs beside the bench, by name; `cancel()` may be called from any thread."""
+    """Register the engine's background jobs by name; any thread may call `cancel()`."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
@@ -25,7 +20,10 @@ class Jobs:
         self._running: dict[str, Progress] = {}
 
     def begin(self, job: str) -> Progress:
-        """A progress whose reports go to the window; an older job of that name is cancelled."""
+        """Register a job, cancel an older one of its name, and return its progress.
+
+        Reports of the progress are sent to the window.
+        """
         progress = Progress(_Reporter(job, self._channel))
         with self._lock:
             if job in self._running:
@@ -34,7 +32,7 @@ class Jobs:
         return progress
 
     def end(self, job: str, progress: Progress) -> None:
-        """Tell the window that a job is over, unless a newer one of its name goes on."""
+        """Tell the window that a job is over, unless a newer one of its name is running."""
         with self._lock:
             if self._running.get(job) is not progress:
                 return
@@ -48,7 +46,7 @@ class Jobs:
 
 
 class _Reporter:
-    """Sends reports on at a pace that a person can read, with the time that is left."""
+    """Send a job's progress to the window, with its time left, as fast as a person can read."""
 
     def __init__(self, job: str, channel: Channel) -> None:
         self._job, self._channel = job, channel
@@ -57,10 +55,11 @@ class _Reporter:
 
     def __call__(self, fraction: float, message: str) -> None:
         now = time.monotonic()
-        if now - self._last < _INTERVAL and fraction < 1:
+        if now - self._last < REPORT_INTERVAL and fraction < 1:
             return
         self._last = now
         left = None
-        if fraction > _ENOUGH:
+        # The time left can be estimated once 3 % of the job are done.
+        if fraction > 0.03:
             left = (now - self._began) * (1 - fraction) / fraction
         self._channel.send(JobProgress(self._job, fraction, message, left))

@@ -1,10 +1,11 @@
-"""Patterns and the PSFs that they give, computed once and kept."""
+"""Patterns and predicted PSFs for the window, computed by the engine and cached."""
 
 from __future__ import annotations
 
 import json
 import threading
 from collections import OrderedDict
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -19,18 +20,34 @@ from labapp.window.messages import PatternPreview, PatternTable
 from optics.camera import Camera
 from optics.progress import Progress
 
-_CACHE_SIZE = 8
-_PSF_WINDOW = 160
-"""Sensor pixels across the PSF shown: holds a ring of 250 µm."""
 
-_THUMBNAIL = 512
-"""Columns of the grey picture that the window gets; the panel's own don't fit there."""
+@dataclass(frozen=True)
+class PatternDesignerSettings:
+    """Set the sizes of the engine's pattern previews and of its cache of patterns.
+
+    Attributes
+    ----------
+    cached_patterns : int
+        Most patterns that are kept. Chosen.
+    psf_window : int
+        Side of the PSF shown, in sensor pixels. Chosen so that a ring of 250 µm fits.
+    preview_columns : int
+        Columns of the grey-level preview. Chosen; the panel has more than the window can show.
+    """
+
+    cached_patterns: int = 8
+    psf_window: int = 160
+    preview_columns: int = 512
+
+
+_SETTINGS = PatternDesignerSettings()
 
 
 class PatternDesigner:
-    """Computes patterns for a camera; safe to use from two threads.
+    """Compute patterns for a camera, and their previews for the window.
 
-    seed: of the random start, the same as in a run.
+    Two threads may use it at the same time. `seed` is that of the random start, the same as in a
+    run.
     """
 
     def __init__(self, camera: Camera, seed: int = 1) -> None:
@@ -39,7 +56,7 @@ class PatternDesigner:
         self._lock = threading.Lock()
 
     def grey_levels(self, table: PatternTable, progress: Progress) -> NDArray[np.uint8]:
-        """Grey levels of the panel, (rows, columns); errors as compute_pattern's."""
+        """Return a pattern's grey levels, (rows, columns); raises the errors of compute_pattern."""
         key = json.dumps(table, sort_keys=True)
         with self._lock:
             if key in self._cached_patterns:
@@ -48,28 +65,29 @@ class PatternDesigner:
         if not _names_a_file(table):
             with self._lock:
                 self._cached_patterns[key] = grey
-                while len(self._cached_patterns) > _CACHE_SIZE:
+                while len(self._cached_patterns) > _SETTINGS.cached_patterns:
                     self._cached_patterns.popitem(last=False)
         return grey
 
     def preview(self, table: PatternTable, wavelength: float, progress: Progress) -> PatternPreview:
-        """The pattern made small, and its PSF at a wavelength in metres."""
+        """Compute a pattern's preview for the window, and its PSF at a wavelength in metres."""
         grey = self.grey_levels(table, progress.part(0, 0.9))
         progress.report(0.9, "computing the PSF")
         psf = self._psf(grey, wavelength)
         peak = float(psf.max())
-        rows = round(_THUMBNAIL * grey.shape[0] / grey.shape[1])
-        small = cv2.resize(grey, (_THUMBNAIL, rows), interpolation=cv2.INTER_NEAREST)
+        columns = _SETTINGS.preview_columns
+        rows = round(columns * grey.shape[0] / grey.shape[1])
+        small = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_NEAREST)
         name = validate_pattern(table).label
         return PatternPreview(table, name, np.asarray(small), psf / peak, peak)
 
     def _psf(self, grey: NDArray[np.uint8], wavelength: float) -> NDArray[np.float32]:
-        """Of an object in focus; what falls beyond the window isn't shown."""
-        pixels = self._camera.sensor.window_plane((_PSF_WINDOW, _PSF_WINDOW))
+        """Predict a pattern's PSF for an object in focus, within the part of the sensor shown."""
+        pixels = self._camera.sensor.window_plane((_SETTINGS.psf_window, _SETTINGS.psf_window))
         greys = torch.from_numpy(grey)[None]
         return predicted_psf(self._camera, greys, wavelength, pixels)[0].to(torch.float32).numpy()
 
 
 def _names_a_file(table: PatternTable) -> bool:
-    """Whether it may mean another pattern though its text is the same: files change."""
+    """Return whether a pattern depends on a file, which may change while the table doesn't."""
     return "file" in table or "file" in table.get("target", {})

@@ -1,4 +1,4 @@
-"""The person at the window, asked by a run."""
+"""Prompts of a run to the person at the window."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Callable
 from labapp.window.messages import Prompt
 from optics.progress import Progress
 
-_POLL_INTERVAL = 0.05
-"""Seconds between looks at whether the run was cancelled."""
-
 
 class PersonPrompter:
-    """prompt: what is asked now, None if nothing is. on_change: is called when it changes."""
+    """Ask the person at the window to do something for a run.
+
+    `prompt` is the present prompt, None if there is none. `on_change` is called when it changes.
+    """
 
     def __init__(self, on_change: Callable[[], None]) -> None:
         self._on_change = on_change
@@ -22,18 +22,21 @@ class PersonPrompter:
         self.prompt: Prompt | None = None
 
     def ask(self, text: str, progress: Progress) -> None:
-        """Return when the person has answered; Cancelled if the run is cancelled instead."""
+        """Show a run's prompt and wait for the answer. Raises Cancelled if the run is cancelled."""
         self._answer_event.clear()
         self._count += 1
         self._show(Prompt(self._count, text))
         try:
-            while not self._answer_event.wait(_POLL_INTERVAL):
+            while not self._answer_event.wait(0.05):
                 progress.raise_if_cancelled()
         finally:
             self._show(None)
 
     def answer(self, number: int) -> None:
-        """An answer to an earlier prompt is none to this one: a key may be pressed twice."""
+        """Accept the answer to the present prompt.
+
+        An answer to an earlier prompt is ignored, since a person may press a key twice.
+        """
         prompt = self.prompt
         if prompt is not None and prompt.number == number:
             self._answer_event.set()

@@ -1,4 +1,4 @@
-"""From what the window asks for to a plan, the same as a plan file would hold."""
+"""Plans of runs that the window requests, in the same form as a plan file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _pattern: TypeAdapter[StillPattern] = TypeAdapter(StillPattern)
 
 
 def validate_pattern(table: PatternTable) -> StillPattern:
-    """A validated pattern; UserError names the key that is out of range."""
+    """Validate a pattern from the window. Raises UserError, which names the key that is wrong."""
     try:
         return _pattern.validate_python(table)
     except ValidationError as error:
@@ -28,9 +28,10 @@ def validate_pattern(table: PatternTable) -> StillPattern:
 
 
 def build_bracket_plan(request: AcquireBracket) -> PlanFile:
-    """Darks of every exposure, then star and photograph with the neutral and the pattern.
+    """Build the plan of an exposure bracket that the window requests.
 
-    UserError if the request makes no plan.
+    The plan has dark frames at every exposure time, then star and photograph, each with the
+    neutral and the requested pattern. Raises UserError if the request isn't valid.
     """
     pattern = validate_pattern(request.pattern)
     if isinstance(pattern, ConstantPattern):
@@ -39,7 +40,7 @@ def build_bracket_plan(request: AcquireBracket) -> PlanFile:
     patterns = {"neutral": _NEUTRAL, coded: request.pattern}
     wavelengths = [round(request.wavelength * 1e9, 3)]
     exposures = {"star": request.star.exposures_ms, "photograph": request.photograph.exposures_ms}
-    # An exposure that both brackets have needs its darks once.
+    # An exposure time of both brackets needs its dark frames only once.
     every = list(dict.fromkeys([*exposures["star"], *exposures["photograph"]]))
 
     def block(target: str, shown: list[str], times: Any, repeats: int) -> dict[str, Any]:

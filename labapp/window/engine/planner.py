@@ -1,4 +1,4 @@
-"""From what the window asks for to a run in line: read, checked and named beforehand."""
+"""Preparation of runs that the window requests: read, check and name them, then queue them."""
 
 from __future__ import annotations
 
@@ -26,15 +26,13 @@ from labapp.window.engine.run_queue import RunQueue
 from labapp.window.engine.timing import RunTiming
 from labapp.window.messages import AcquireBracket, ResumeRun, RunPlan
 
-_LONGEST_NAME = 60
-
 
 class RunPlanner:
-    """Puts runs in line, in a thread of its own: a slow disk holds nothing else up.
+    """Prepare and queue runs in a thread of its own, so that a slow disk delays nothing else.
 
-    What a bench can't do is refused now, not in the middle of the night. What the bench can
-    is asked once, for its devices are busy while another run is under way.
-    on_failure: is called with what kept a run from being put in line. on_ready: after one was.
+    A run that the bench can't do is refused when it is requested, not hours later. The bench is
+    asked once what it can do, because its devices are busy during a run. `on_failure` is called
+    with the error that kept a run from being queued, and `on_ready` after a run was queued.
     """
 
     def __init__(
@@ -124,8 +122,11 @@ class RunPlanner:
         return RunTiming(seconds, len(listed), virtual=not self._bench.file.is_real)
 
     def _new_path(self, folder: Path, name: str) -> Path:
-        """A file named after the moment and the run, that nobody has and no run will have."""
-        words = re.sub(r"\W+", "-", name.lower()).strip("-")[:_LONGEST_NAME] or "run"
+        """Return an unused path for a record, named after the time and the run.
+
+        No file and no queued run has this path.
+        """
+        words = re.sub(r"\W+", "-", name.lower()).strip("-")[:60] or "run"
         stem = f"{datetime.now():%Y-%m-%d_%H%M%S}_{words}"
         path, number = folder / f"{stem}.h5", 1
         while path.exists() or self._queue.has_record(path):

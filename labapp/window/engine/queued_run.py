@@ -1,4 +1,4 @@
-"""One run of the queue: what it will take, and how far it is."""
+"""A run in the engine's queue, with its state and its progress."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from labapp.window.messages import RunInfo
 from optics.progress import Progress
 
 TakeRun = Callable[..., RunOutcome]
-"""run_plan() or resume_run(), with all given but progress, on_frame and ask."""
+"""run_plan() or resume_run() with all arguments bound but progress, on_frame and ask."""
 
 _PAUSED_PREFIX = "PAUSED: "
-"""How a run begins to say that it rests, and why."""
+"""Start of a run's message while it is paused; the reason follows."""
 
 _UNPLUGGED_PREFIX = "UNPLUGGED: "
-"""How it begins to say which devices aren't there, while they aren't."""
+"""Start of a run's message while devices are unplugged; their names follow."""
 
 
 class QueuedRun:
-    """What a run reports goes into `info`, which any thread may ask for.
+    """Keep the state of a run in the engine's queue; any thread may read `info`.
 
-    planned_frames, stored_frames: frames of the record, and those that it has. timing: of those
-    that it lacks. on_change: is called after each change; in the thread that has the bench,
-    on_pause: when the run begins to rest, and on_plug_change: when a device was unplugged or
-    plugged in.
+    `planned_frames` are all frames of the record, `stored_frames` those that it already has, and
+    `timing` is for those that it lacks. `on_change` is called after each change. The thread that
+    owns the bench calls `on_pause` when the run is paused, and `on_plug_change` when a device was
+    unplugged or plugged in.
     """
 
     def __init__(
@@ -69,14 +69,14 @@ class QueuedRun:
         self.on_change()
 
     def set_paused(self, on: bool) -> None:
-        """Let the run rest after its frame, or go on; from any thread."""
+        """Pause the run after its current frame, or let it go on; any thread may call this."""
         if not on and self.progress.is_paused and self.state is State.PAUSED:
             self.mark_resumed()
         (self.progress.pause if on else self.progress.resume)()
         self.on_change()
 
     def count_stored_frame(self, shot: Shot, frame: Frame) -> None:
-        """A frame is on the disk."""
+        """Count a frame that the run has stored in its record."""
         self.state = State.RUNNING
         self._stored += 1
         self._timing.count_frame(shot.duration)

@@ -1,4 +1,4 @@
-"""Restoring the photograph of a record by a chosen method, and saving it."""
+"""Reconstructions for the window: restore a record's photograph by a chosen method, and save it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from optics.progress import Progress
 
 @dataclass(frozen=True, eq=False)
 class Restoration:
-    """A restored photograph, kept until it is saved or another one comes."""
+    """Hold a restored photograph in the engine until another one replaces it."""
 
     path: Path
     problem: RestorationProblem
@@ -31,7 +31,7 @@ class Restoration:
 
     @property
     def result_message(self) -> ReconstructionResult:
-        """As the window shows it."""
+        """Return the restored photograph as a message to the window."""
         problem, outcome = self.problem, self.outcome
         band, known = outcome.bands[0], problem.reference
         scores = None
@@ -58,7 +58,10 @@ class Restoration:
         )
 
     def save(self, path: Path) -> None:
-        """By the file's ending; UserError for one that isn't known."""
+        """Save the restored photograph in the format that the file's ending names.
+
+        Raises UserError if the ending isn't known.
+        """
         require_photograph_ending(path)
         if not path.parent.is_dir():
             raise UserError(f"{path.parent}: is not a folder. Choose another place.")
@@ -69,7 +72,10 @@ class Restoration:
 
 
 def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restoration:
-    """UserError for a record without photograph or star, or a time in which nothing fits."""
+    """Restore the photograph of a record as the window requests.
+
+    Raises UserError if the record has no photograph or no star, or if no method fits the time.
+    """
     problem = RestorationRequest(command.path).read_problem(progress.part(0, 0.4))
     wish = MethodChoice(command.method, command.budget)
     if command.budget is not None:

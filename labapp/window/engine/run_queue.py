@@ -1,4 +1,4 @@
-"""Runs in line: one after the other, until one doesn't end well."""
+"""The engine's queue of runs, which are taken in turn until one fails or is cancelled."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _NOT_WELL = {State.CANCELLED: "was cancelled", State.FAILED: "failed"}
 
 
 class RunQueue:
-    """Every method may be called from any thread; `on_change` is called after each change.
+    """Keep the engine's runs in their order; any thread may call the methods.
 
-    After a run that was cancelled or failed the others wait: what stopped it may stop them,
-    and nobody may be there to see it. `hold_reason` says so until somebody calls release(). That
-    holds for a run, too, that was asked for before and still is being made ready: who makes one
-    calls expect_run() first, and add() or drop_expected() then.
+    After a run failed or was cancelled, the others are held: what stopped it may stop them too,
+    and nobody may be there to see it. `hold_reason` tells why until release() is called. A run
+    that is still being prepared is held as well, so its preparation begins with expect_run() and
+    ends with add() or drop_expected(). `on_change` is called after each change.
     """
 
     def __init__(self, on_change: Callable[[], None]) -> None:
@@ -35,18 +35,18 @@ class RunQueue:
             return tuple(run.info for run in self._runs)
 
     def has_record(self, path: Path) -> bool:
-        """Whether a run that hasn't ended writes, or will write, this file."""
+        """Return whether a queued run that hasn't ended writes, or will write, this record."""
         with self._lock:
             return any(run.path == path and not run.state.has_ended for run in self._runs)
 
     @property
     def can_begin(self) -> bool:
-        """Whether begin() would give a run."""
+        """Return whether begin() would return a run of the queue."""
         with self._lock:
             return not self.hold_reason and self._next() is not None
 
     def expect_run(self) -> None:
-        """A run was asked for, and will be there soon."""
+        """Announce a run that was requested and is being prepared for the queue."""
         with self._lock:
             self._expected += 1
 
@@ -61,14 +61,14 @@ class RunQueue:
         self._on_change()
 
     def drop_expected(self) -> None:
-        """There won't be a run that was expected."""
+        """Withdraw an announced run that couldn't be prepared for the queue."""
         with self._lock:
             self._arrives()
             self._let_go()
         self._on_change()
 
     def begin(self) -> QueuedRun | None:
-        """The next run, under way from now on; None if none may begin."""
+        """Start the next run of the queue and return it; None if none may begin."""
         with self._lock:
             run = self._next()
             if run is None or self.hold_reason:
@@ -84,7 +84,7 @@ class RunQueue:
         self._on_change()
 
     def cancel(self) -> None:
-        """Stop the run under way, or the one that is about to begin."""
+        """Cancel the run under way, or the next one of the queue if it is about to begin."""
         with self._lock:
             run = self._under_way()
             if run is not None:
@@ -102,11 +102,11 @@ class RunQueue:
             run.set_paused(on)
 
     def remove(self, numbers: Sequence[int]) -> None:
-        """Take runs that wait out of the line; others stay."""
+        """Remove the runs of these numbers from the queue if they are waiting."""
         self._keep(lambda run: run.number not in numbers or run.state is not State.WAITING)
 
     def clear(self) -> None:
-        """Forget the runs that have ended."""
+        """Remove the runs that have ended from the queue."""
         self._keep(lambda run: not run.state.has_ended)
 
     def release(self) -> None:
@@ -121,7 +121,7 @@ class RunQueue:
         self._on_change()
 
     def _arrives(self) -> bool:
-        """One that was expected; whether it was cancelled before it was there."""
+        """Count down the announced runs, and return whether this one was cancelled before."""
         unwanted, self._expected_cancelled = self._expected_cancelled, False
         self._expected = max(0, self._expected - 1)
         return unwanted
@@ -131,7 +131,7 @@ class RunQueue:
         self._hold_after(run)
 
     def _let_go(self) -> None:
-        """Hold nobody, where nobody is left to be held."""
+        """End the queue's hold if no run is left that it holds."""
         if not self._has_waiting():
             self.hold_reason = ""
 

@@ -1,4 +1,4 @@
-"""How long a run takes: what has passed, and what is left as it goes."""
+"""Times of a run in the engine's queue: the time that has passed, and an estimate of the rest."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import time
 
 
 class RunTiming:
-    """Real seconds of one run.
+    """Measure the real seconds of one queued run, and estimate those that are left.
 
-    expected_bench_seconds: of its frames, in the bench's time. virtual: whether the bench's clock
-    takes no real time. What a frame takes beyond that (computing, disks, trouble) is told from
-    those that have been taken.
+    `expected_bench_seconds` is the time of its frames on the bench's clock. `virtual` tells
+    whether that clock takes no real time. The further time of a frame (computing, disks, failures)
+    is estimated from the frames taken so far.
     """
 
     def __init__(self, expected: float, frames: int, *, virtual: bool) -> None:
@@ -29,13 +29,13 @@ class RunTiming:
         self._ended = time.monotonic()
 
     def rest(self) -> None:
-        """Nothing is taken for a while, which says nothing about the frames to come."""
+        """Note a pause of the run, which must not count as the time of a frame."""
         self._frame_began = None
 
     def count_frame(self, lasts: float) -> None:
-        """A frame of `lasts` seconds of bench time is on the disk."""
+        """Count a stored frame of the run that takes `lasts` seconds on the bench's clock."""
         now = time.monotonic()
-        # Before the first frame patterns were computed, and in a rest nothing was done.
+        # The time before the first frame (computing patterns) and pauses don't count.
         if self._frame_began is not None:
             self._beyond += now - self._frame_began - self._rate * lasts
             self._counted += 1
@@ -51,7 +51,7 @@ class RunTiming:
 
     @property
     def seconds_left(self) -> float | None:
-        """None while nobody can tell."""
+        """Return the real seconds that the run still needs; None if they can't be estimated."""
         if not self._counted:
             return self._bench_seconds_left if self._rate else None
         began = self._frame_began
