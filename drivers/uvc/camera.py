@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Self
 
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
@@ -30,6 +31,25 @@ from drivers.uvc.frame_selection import ExposureInForce
 from drivers.uvc.latency import count_old_frames
 from drivers.uvc.pixel_decoding import FULL_SCALES, decode_pixels
 from drivers.uvc.stream import QUEUE_LENGTH, Stream, StreamFrame, StreamStopped
+
+
+@dataclass(frozen=True)
+class UVCTiming:
+    """Times that a UVC camera may take beyond a frame.
+
+    Attributes
+    ----------
+    stall_margin : float
+        Seconds after a frame should have come, from which the stream counts as stopped. Chosen.
+    set_margin : float
+        Seconds that setting an exposure may take. Chosen.
+    """
+
+    stall_margin: float = 0.8
+    set_margin: float = 1.5
+
+
+_TIMING = UVCTiming()
 
 
 class UVCCamera:
@@ -273,13 +293,12 @@ class UVCCamera:
                 raise self._connection.end_with_error("capture", str(stopped)) from None
             if shot is not None:
                 return shot
-            # The stream counts as stopped 0.8 s after the frame should have come.
-            if time.monotonic() - max(began, stream.last_frame_at) > self._period + 0.8:
+            waited = time.monotonic() - max(began, stream.last_frame_at)
+            if waited > self._period + _TIMING.stall_margin:
                 raise self._connection.end_with_error("capture", "the stream has stopped")
 
     def _set(self, command: str, stream: Stream, units: int) -> None:
-        # Setting an exposure may take 1.5 s beyond the frame that is being taken.
-        seconds = self._period + 1.5
+        seconds = self._period + _TIMING.set_margin
         actual = self._connection.ask(
             command, stream, lambda capture: set_exposure_units(capture, units), seconds
         )

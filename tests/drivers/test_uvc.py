@@ -15,6 +15,7 @@ from drivers.hosted import HostedDevice
 from drivers.interfaces import Camera, Device, Surroundings
 from drivers.supervised import SupervisedCamera
 from drivers.uvc import UVCCamera
+from drivers.uvc.camera import UVCTiming
 from drivers.uvc.latency import count_old_frames
 from drivers.uvc.pixel_decoding import decode_pixels
 
@@ -262,12 +263,8 @@ COMMANDS = {
 def hurried(monkeypatch):
     """Faults are waited for a fifth of a second here; a machine that is busy may need longer."""
     with monkeypatch.context() as patch:
-        for name in (
-            "camera._STALL_MARGIN",
-            "camera._SET_TIMEOUT_MARGIN",
-            "camera_connection._STOP_TIMEOUT",
-        ):
-            patch.setattr(f"drivers.uvc.{name}", 0.2)
+        patch.setattr("drivers.uvc.camera._TIMING", UVCTiming(0.2, 0.2))
+        patch.setattr("drivers.uvc.camera_connection._STOP_TIMEOUT", 0.2)
         patch.setattr("uvc_camera_machine._SELECT", 0.2)
         yield
 

@@ -24,8 +24,8 @@ def test_the_reference_has_every_package_that_users_import() -> None:
     assert set(PACKAGES) - _INSIDE <= named
 
 
-_INSIDE = {"drivers.x11", "simulator.machines.varispec", "simulator.scene.charts"}
-"""Faces for other packages of the project."""
+_INSIDE = {"labapp.cli", "drivers.x11", "simulator.machines.varispec", "simulator.scene.charts"}
+"""Faces for other packages of the project, and the command line's start."""
 
 
 def test_the_changelog_and_the_citation_name_the_version() -> None:
