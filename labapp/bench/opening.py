@@ -348,7 +348,7 @@ def _surroundings(
     setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
 ) -> Surroundings:
     """Return the clock for some devices of a bench, and the world behind the simulated ones."""
-    # One real device needs real time, and then the simulated ones share its clock.
+    # If any device is real, the simulated ones run in real time, too.
     virtual = all(table.is_simulated for table in tables.values())
     clock: Clock = VirtualClock(speed) if virtual else RealClock()
     # A calibration is knowledge about the devices and doesn't change the virtual world.
