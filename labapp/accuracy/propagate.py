@@ -154,7 +154,7 @@ def smooth_light(plane: Plane) -> SmoothLight:
 
     Two of them are tilted to the ends of the default band of the plane.
     """
-    # At 5.4 widths from its middle a Gaussian has fallen to 2e-13. Plane and band hold that much.
+    # At 5.4 widths from its middle a Gaussian has fallen to 2e-13. Plane and band extend that far.
     extent = 5.4
     half, band = (min(plane.shape) - 1) // 2 * plane.pitch[0], 0.25 / plane.pitch[0]
     wide, narrow = 0.6 * half / extent, extent / (math.pi * 0.75 * band)

@@ -45,6 +45,8 @@ from simulator.clock import VirtualClock
 from simulator.faults import Fault
 from simulator.world import World
 
+__all__ = ["Bench", "BenchFiles", "BenchSetup", "OpenDevice", "open_bench", "open_device"]
+
 log = logging.getLogger(__name__)
 
 DRIVER_GROUP = "labapp.devices"
@@ -56,7 +58,7 @@ class Bench:
 
     A run accepts any object with these attributes, so that a script may pass its own.
 
-    Attributes
+    Parameters
     ----------
     file : BenchFile
         Bench file as read.
@@ -68,8 +70,14 @@ class Bench:
         Time of the devices, real or virtual.
     world : World or None
         Virtual world behind simulated devices; None without one.
-    slm, filter, camera, targets : Device
-        The open devices.
+    slm : SLM
+        The open SLM.
+    filter : SpectralFilter
+        The open filter.
+    camera : Camera
+        The open camera.
+    targets : TargetChanger
+        The open target changer.
     supervised_devices : mapping
         The same devices by name, with the methods that reopen them.
     calibration_warnings : tuple of str
@@ -157,7 +165,7 @@ class Bench:
 class BenchFiles:
     """Files that a bench is opened from.
 
-    Attributes
+    Parameters
     ----------
     bench : Path
         Bench file.
@@ -204,14 +212,16 @@ class BenchFiles:
 class BenchSetup:
     """Contents of the files of a bench, from the files themselves or from the record of a run.
 
-    Attributes
+    Parameters
     ----------
     bench : BenchFile
         Bench file.
     scene : SceneFile or None
         Scene of simulated devices; its pictures have absolute paths.
-    source, scene_source : str
-        Names of both files in error messages.
+    source : str
+        Name of the bench file in error messages.
+    scene_source : str
+        Name of the scene file in error messages.
     faults : tuple of Fault
         Faults of simulated devices.
     """
@@ -279,7 +289,15 @@ def open_bench(
 
 @dataclass(frozen=True)
 class OpenDevice:
-    """A device of a bench that was opened alone, and its clock."""
+    """A device of a bench that was opened alone, and its clock.
+
+    Parameters
+    ----------
+    clock : Clock
+        Time of the device, real or virtual.
+    device : Device
+        The open device.
+    """
 
     clock: Clock
     device: Any
@@ -289,7 +307,26 @@ class OpenDevice:
 def open_device(files_or_setup: BenchFiles | BenchSetup, role: str) -> Iterator[OpenDevice]:
     """Open one device of a bench alone, whether or not the others are there.
 
-    It raises the errors of `open_bench`. The device is made safe and closed however the block ends.
+    The device is made safe and closed however the block ends.
+
+    Parameters
+    ----------
+    files_or_setup : BenchFiles or BenchSetup
+        Files to read, or their contents.
+    role : str
+        Name of the device on the bench, such as "camera".
+
+    Yields
+    ------
+    OpenDevice
+        The device and its clock.
+
+    Raises
+    ------
+    UserError
+        If a file is wrong, the bench has no such device, or another application uses it.
+    DeviceError
+        If the device doesn't open.
     """
     setup = files_or_setup.read() if isinstance(files_or_setup, BenchFiles) else files_or_setup
     tables = setup.bench.devices.tables
@@ -311,7 +348,7 @@ def _surroundings(
     setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
 ) -> Surroundings:
     """Return the clock for some devices of a bench, and the world behind the simulated ones."""
-    # One real device needs real time, and then the simulated ones share its clock.
+    # If any device is real, the simulated ones run in real time, too.
     virtual = all(table.is_simulated for table in tables.values())
     clock: Clock = VirtualClock(speed) if virtual else RealClock()
     # A calibration is knowledge about the devices and doesn't change the virtual world.

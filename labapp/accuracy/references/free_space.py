@@ -168,8 +168,8 @@ def _quadrature_rule(
 
 def _node_counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> list[int]:
     """Return the number of nodes in each of the parts into which every piece is cut."""
-    # A part holds at most 6 cycles on 24 nodes, or on 4 and more where it is the only one. The
-    # remainder of 24 nodes is (e pi 6 / 96)^48, 1e-14.
+    # A part holds at most 6 cycles and has 24 nodes, whose remainder is (e pi 6 / 96)^48, 1e-14.
+    # A piece of a single part may have fewer nodes, but at least 4.
     max_cycles, full_count, least_count = 6.0, 24, 4
     pieces = light.smooth_pieces(axis)
     seen = (places.y, places.x)[axis]

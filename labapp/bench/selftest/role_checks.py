@@ -166,7 +166,7 @@ def _presentation_summary(device: Any) -> str:
 
 def _camera_checks(device: Any, clock: Clock) -> list[Check]:
     shortest, longest = device.exposure_range
-    # Exposures are tried up to 0.2 s, so that the self-test stays short.
+    # Exposures are tried up to 0.2 s, or the shortest one that the camera has.
     tried = np.geomspace(shortest, max(shortest, min(longest, 0.2)), 4)
     numbers: list[int] = []
 

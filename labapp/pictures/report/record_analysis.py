@@ -24,6 +24,8 @@ from labapp.runs.state import State
 from optics.deconvolution.method_names import RESTORATIONS
 from optics.progress import Progress
 
+__all__ = ["RecordAnalysis", "analyse_record"]
+
 
 @dataclass
 class RecordAnalysis:
@@ -31,7 +33,7 @@ class RecordAnalysis:
 
     Without a [reconstruct] table in the plan there are no restored pictures, images and scores.
 
-    Attributes
+    Parameters
     ----------
     title : str
         Title of the plan.
@@ -79,7 +81,22 @@ class RecordAnalysis:
 def analyse_record(path: Path, progress: Progress | None = None) -> RecordAnalysis:
     """Merge every bracket of a record; with a [reconstruct] table, also restore the photograph.
 
-    Raises UserError if frames that the reconstruction needs are missing.
+    Parameters
+    ----------
+    path : Path
+        Record of a run.
+    progress : Progress or None
+        Receives the progress, and may cancel.
+
+    Returns
+    -------
+    RecordAnalysis
+        Merged pictures, PSF, restored photographs and scores.
+
+    Raises
+    ------
+    UserError
+        If frames that the reconstruction needs are missing.
     """
     progress, watch = progress or Progress(), Stopwatch()
     with Record(path) as record:
