@@ -1,0 +1,120 @@
+"""The command lines of README and guide are run, page by page, with the files that they name."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
+import cv2
+import forked
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [
+    ROOT / "README.md",
+    *(p for p in sorted((ROOT / "labapp/docs").glob("*.md")) if not p.stem.startswith("extend-")),
+]
+
+NOT_RUN = {
+    "labapp gui": "opens a window: tests/window does that",
+    "labapp devices screens": "asks an X server: tests/drivers does that",
+    "labapp virtual-bench serve": "serves until Ctrl-C: test_virtual_bench.py does that",
+    "labapp explain bricks --tol 1e-3 --audit": "takes more memory than a test may",
+    "labapp accuracy simulate": "takes gigabytes: test_simulate_accuracy.py does it, smaller",
+    "labapp calibrate --bench mine.toml --star-um 70 --star-m 2 --out calibration": "takes minutes",
+    "labapp calibrate --bench mine.toml --wavelength-nm 452": "takes minutes",
+    "labapp study psf-stability reference=60": "takes minutes",
+    "make": "make run, make test and make figures are what runs this, or take an hour",
+    "PYTHONPATH=tests": "takes an hour",
+}
+"""Beginnings of lines that aren't run, and why."""
+
+SHORTER = {"labapp study ": ["--quick"]}
+"""What is added to long ones, where their help offers it."""
+
+
+def command_lines(page: Path) -> list[str]:
+    blocks = re.findall(r"^ *```(?:console|sh)\n(.*?)^ *```", page.read_text(), re.S | re.M)
+    return [line.strip() for block in blocks for line in block.splitlines() if line.strip()]
+
+
+def is_run(line: str) -> bool:
+    return not any(line.startswith(beginning) for beginning in NOT_RUN)
+
+
+@pytest.fixture(scope="module")
+def first_light(tmp_path_factory) -> Path:
+    """The demo's folder, which most pages start from."""
+    folder = tmp_path_factory.mktemp("demo") / "first-light"
+    run_line(f"labapp demo --out {folder}", folder.parent)
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path, first_light, page) -> Path:
+    """What a reader has by the time a page is read: records, benches, plans, pictures."""
+    text = page.read_text()
+    if "--out first-light" not in text:
+        shutil.copytree(first_light, tmp_path / "first-light")
+    if "--out run.h5" not in text:
+        shutil.copy(first_light / "run.h5", tmp_path / "run.h5")
+    if "--pattern cubic.png" in text:
+        run_line("labapp pattern cubic strength_rad=80 --out cubic.png", tmp_path)
+    (tmp_path / "labapp").mkdir()
+    (tmp_path / "labapp/data").symlink_to(ROOT / "labapp/data")
+    for name, source in {
+        "bench.toml": "bench.toml", "mine.toml": "bench.toml", "faults.toml": "faults.toml",
+        "plan.toml": "plans/photon-transfer.toml",
+    }.items():  # fmt: skip
+        shutil.copy(ROOT / "labapp/data" / source, tmp_path / name)
+    if "--psf psf.png" in text:
+        write_pictures(tmp_path)
+    return tmp_path
+
+
+def write_pictures(folder: Path) -> None:
+    """A reader's own photograph and PSF."""
+    chance = np.random.default_rng(0)
+    photograph = cv2.GaussianBlur(chance.integers(0, 255, (96, 128, 3), np.uint8), (0, 0), 3)
+    cv2.imwrite(str(folder / "mine.jpg"), photograph)
+    spot = np.zeros((15, 15), np.uint8)
+    cv2.circle(spot, (7, 7), 3, 255, -1)
+    cv2.imwrite(str(folder / "psf.png"), spot)
+
+
+def run_line(line: str, folder: Path) -> None:
+    words = shlex.split(line)
+    assert words[0] == "labapp"
+    for beginning, more in SHORTER.items():
+        if line.startswith(beginning) and "list" not in words and more[0] not in words:
+            words += more
+    command = [sys.executable, "-m", "labapp", *words[1:]]
+    done = forked.run(command, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, f"{' '.join(words)}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+
+
+def test_only_lines_that_are_there_are_left_out():
+    lines = [line for page in PAGES for line in command_lines(page)]
+    unused = [one for one in NOT_RUN if not any(line.startswith(one) for line in lines)]
+    assert not unused
+
+
+@pytest.mark.sweep
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if any(map(is_run, command_lines(page)))], ids=lambda p: p.stem
+)
+def test_the_commands_of_a_page_work_as_they_stand(page, folder):
+    done: set[str] = set()
+    for line in filter(is_run, command_lines(page)):
+        # A page may show a result's making twice; its files are replaced on purpose then.
+        out = re.search(r"--out (\S+)", line)
+        if out and out[1] in done:
+            line += " --force"
+        if out:
+            done.add(out[1])
+        run_line(line, folder)
