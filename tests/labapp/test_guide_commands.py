@@ -25,6 +25,7 @@ NOT_RUN = {
     "labapp virtual-bench serve": "serves until Ctrl-C: test_virtual_bench.py does that",
     "labapp explain bricks --tol 1e-3 --audit": "takes more memory than a test may",
     "labapp accuracy simulate": "takes gigabytes: test_simulate_accuracy.py does it, smaller",
+    "labapp simulate labapp/data/scenes/bricks.toml": "takes gigabytes: the bricks at full size",
     "labapp calibrate --bench mine.toml --star-um 70 --star-m 2 --out calibration": "takes minutes",
     "labapp calibrate --bench mine.toml --wavelength-nm 452": "takes minutes",
     "labapp study psf-stability reference=60": "takes minutes",
