@@ -28,7 +28,11 @@ NOT_RUN = {
     "labapp simulate labapp/data/scenes/bricks.toml": "takes gigabytes: the bricks at full size",
     "labapp calibrate --bench mine.toml --star-um 70 --star-m 2 --out calibration": "takes minutes",
     "labapp calibrate --bench mine.toml --wavelength-nm 452": "takes minutes",
-    "labapp study psf-stability reference=60": "takes minutes",
+    "labapp calibrate --out calibration": "takes two minutes: test_calibration.py does it, smaller",
+    "labapp study psf-stability": "takes minutes: test_studies.py does it, smaller",
+    "labapp study refocus": "takes half a minute: test_studies.py does it, smaller",
+    "labapp study cubic-edof": "takes half a minute: test_edof_studies.py does its parts",
+    "labapp study deconvolution": "takes half a minute: test_edof_studies.py does its parts",
     "make": "make run, make test and make figures are what runs this, or take an hour",
     "PYTHONPATH=tests": "takes an hour",
 }
