@@ -7,12 +7,10 @@ from importlib.metadata import version as installed_version
 project = "labapp"
 version = release = installed_version("labapp")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
 exclude_patterns = ["__pycache__"]
 
-# Pages show the README's own structure on GitHub, in terminal and window: links among them are
-# files, and those to files beside the guide stay as they are.
-myst_all_links_external = False
+# Links to files beside the guide, such as the measured results, lead out of the site.
 suppress_warnings = ["myst.xref_missing"]
 
 autodoc_typehints = "none"

@@ -12,12 +12,10 @@ import cv2
 import forked
 import numpy as np
 import pytest
+import test_readme
 
-ROOT = Path(__file__).parents[2]
-PAGES = [
-    ROOT / "README.md",
-    *(p for p in sorted((ROOT / "labapp/docs").glob("*.md")) if not p.stem.startswith("extend-")),
-]
+ROOT = test_readme.ROOT
+PAGES = [page for page in test_readme.PAGES if page.name in test_readme.TEXTS]
 
 NOT_RUN = {
     "labapp gui": "opens a window: tests/window does that",
@@ -43,7 +41,7 @@ SHORTER = {"labapp study ": ["--quick"]}
 
 
 def command_lines(page: Path) -> list[str]:
-    blocks = re.findall(r"^ *```(?:console|sh)\n(.*?)^ *```", page.read_text(), re.S | re.M)
+    blocks = test_readme.code_blocks(page.read_text(), "console", "sh")
     return [line.strip() for block in blocks for line in block.splitlines() if line.strip()]
 
 

@@ -30,13 +30,18 @@ TEXTS = {path.name: path.read_text() for path in PAGES if not path.stem.startswi
 GUIDE = {path.stem: path.read_text() for path in PAGES[1:]}
 
 
+def code_blocks(text: str, *languages: str) -> list[str]:
+    """The code of a page in some languages, in its order."""
+    fence = rf"^ *```(?:{'|'.join(languages)})\n(.*?)^ *```"
+    return re.findall(fence, text, re.DOTALL | re.MULTILINE)
+
+
 def blocks(*languages: str) -> list[ParameterSet]:
     """Code of all pages, as parameters that are named after the page."""
-    fence = re.compile(rf"^ *```(?:{'|'.join(languages)})\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
     return [
         pytest.param(code, id=f"{name}-{number}")
         for name, text in TEXTS.items()
-        for number, code in enumerate(fence.findall(text), 1)
+        for number, code in enumerate(code_blocks(text, *languages), 1)
     ]
 
 
