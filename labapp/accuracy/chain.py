@@ -18,7 +18,7 @@ from labapp.accuracy.work_precision import Candidate, Row, candidates_by_toleran
 from labapp.common.console import terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
-from labapp.light.lens_options import LensCase, read_panel
+from labapp.prediction.lens_options import LensCase, read_panel
 from optics.accuracy import Budget
 from optics.camera import Camera, Panel
 from optics.psf import PSFOperator

@@ -30,7 +30,7 @@ from labapp.accuracy.row_output import (
 from labapp.accuracy.work_precision import MeasurementSet, Row, measure, time_calls
 from labapp.common.console import err, out, terminal_progress
 from labapp.common.speed import machine_speed
-from labapp.light.lens_options import LensCase
+from labapp.prediction.lens_options import LensCase
 from optics.accuracy import Budget
 from optics.progress import Progress
 from optics.threads import single_threaded

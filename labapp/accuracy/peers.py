@@ -3,7 +3,7 @@
 A package that has adapters declares them as entry points in the group `labapp.peers`. The name of
 the entry point is that of the operation:
 
-    psf         adapter(case) -> Candidates for a `labapp.light.lens_options.LensCase`
+    psf         adapter(case) -> Candidates for a `labapp.prediction.lens_options.LensCase`
     propagate   adapter(case, seen) -> Candidates for a `labapp.accuracy.propagate.FieldCase`; their
                 calls give seen(answer)
     deconvolve  adapter(case) -> (name, iterations, call) for a

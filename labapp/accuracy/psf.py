@@ -12,7 +12,7 @@ import torch
 from labapp.accuracy.references.lens_integral import lens_psf
 from labapp.accuracy.references.round_lens import Picture, round_lens_psf
 from labapp.accuracy.work_precision import Candidate, Row
-from labapp.light.lens_options import LensCase
+from labapp.prediction.lens_options import LensCase
 from optics.accuracy import Budget
 from optics.fourier import FourierGeometry, plan_transform, valid_transforms
 from optics.plane import Plane

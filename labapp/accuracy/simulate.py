@@ -6,18 +6,18 @@ from dataclasses import dataclass
 
 from labapp.accuracy.row_output import Columns, print_rows
 from labapp.common.console import terminal_progress
-from labapp.light.simulating.all_effects import (
+from labapp.prediction.simulating.all_effects import (
     Deviation,
     RenderedPicture,
     render_all_effects,
     render_by_plan,
 )
-from labapp.light.simulating.picture_request import (
+from labapp.prediction.simulating.picture_request import (
     PictureRequest,
     prepare_bench_scene,
     prepare_scene,
 )
-from labapp.light.simulating.small_bench import small_bench_setup
+from labapp.prediction.simulating.small_bench import small_bench_setup
 from optics.progress import Progress
 from optics.threads import single_threaded
 from simulator.situation import Situation

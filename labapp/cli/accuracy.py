@@ -127,7 +127,7 @@ def accuracy_propagate_(
     **labapp accuracy propagate --distance 0.05 --size 192**
     """
     from labapp.accuracy.option_validation import require_pitch, require_propagation
-    from labapp.light.lens_options import read_window
+    from labapp.prediction.lens_options import read_window
 
     target_size = size if target_size is None else target_size
     target_pitch_um = pitch_um if target_pitch_um is None else target_pitch_um
@@ -192,7 +192,7 @@ def accuracy_chain_(
     **labapp accuracy chain --size 16 --panel 48x64x8**
     """
     from labapp.accuracy.option_validation import require_pattern
-    from labapp.light.lens_options import read_field, read_panel
+    from labapp.prediction.lens_options import read_field, read_panel
 
     off_axis = read_field(field)
     require_pattern(pattern)

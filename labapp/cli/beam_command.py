@@ -42,11 +42,11 @@ def beam(
     **labapp beam --distance 2 --out beam.png**
     """
     from labapp.files.output_paths import beam_output_path
-    from labapp.light.lens_options import read_field
+    from labapp.prediction.lens_options import read_field
 
     off_axis, place = read_field(field), beam_output_path(out, force=force)
     from labapp.files.bench_file import read_camera
-    from labapp.light.beam_picture import BeamRequest, draw_beam
+    from labapp.prediction.beam_picture import BeamRequest, draw_beam
 
     asked = BeamRequest(
         read_camera(camera), pattern, distance, wavelength_nm * 1e-9, off_axis, slices

@@ -71,7 +71,12 @@ class LensOptions:
 
     def build_case(self) -> Any:
         """Build lens, object and window from the options; UserError names a wrong option."""
-        from labapp.light.lens_options import LensCase, read_aberrations, read_stop, read_window
+        from labapp.prediction.lens_options import (
+            LensCase,
+            read_aberrations,
+            read_stop,
+            read_window,
+        )
 
         aberrations = read_aberrations(self.zernike or [])
         stop = read_stop(self.blades, self.obscuration, self.rectangle)
@@ -95,7 +100,7 @@ def build_lens_case(context: typer.Context) -> Any:
     if camera is None:
         return options.build_case()
     from labapp.files.bench_file import read_camera_file
-    from labapp.light.lens_options import lens_option_defaults, with_panel_in_front
+    from labapp.prediction.lens_options import lens_option_defaults, with_panel_in_front
 
     chosen = _options_on_command_line(context)
     file = read_camera_file(camera)

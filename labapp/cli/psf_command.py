@@ -61,12 +61,12 @@ def psf(
     **labapp psf --focal-length 0.1 --f-number 5.6 --distance 2 --tol 1e-6 --out psf.npy**
     """
     from labapp.files.output_paths import psf_output_paths
-    from labapp.light.lens_options import read_field
+    from labapp.prediction.lens_options import read_field
 
     off_axis, places = read_field(field), psf_output_paths(out, force=force)
     use_one_thread()
     described = build_lens_case(context)
-    from labapp.light.psf_prediction import PSFRequest, predict_psf
+    from labapp.prediction.psf_prediction import PSFRequest, predict_psf
 
     memory = memory_mb * 1_000_000
     asked = PSFRequest(described, tol, points, method, memory, pattern, off_axis, sphere)

@@ -17,7 +17,7 @@ from labapp.common.threads import use_one_thread
 if TYPE_CHECKING:
     from labapp.bench.opening import BenchFiles
     from labapp.files.pattern_table import StillPattern
-    from labapp.light.simulating.picture_request import PictureRequest
+    from labapp.prediction.simulating.picture_request import PictureRequest
     from labapp.runs.run_commands import ExecutionOptions
 
 
@@ -261,7 +261,10 @@ class PictureOptions:
         `effect_options` decide what is left out, or the scene if they are None. `everything`
         requests all effects at their finest.
         """
-        from labapp.light.simulating.picture_request import PictureRequest, parse_forced_effects
+        from labapp.prediction.simulating.picture_request import (
+            PictureRequest,
+            parse_forced_effects,
+        )
 
         effect_options = effect_options or EffectOptions()
         return PictureRequest(

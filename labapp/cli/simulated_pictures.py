@@ -39,7 +39,7 @@ def explain(
 
     **labapp explain bricks --tol 1e-3 --audit**
     """
-    from labapp.light.simulating.effect_explanation import explain_effects as explained
+    from labapp.prediction.simulating.effect_explanation import explain_effects as explained
 
     asked = get_option_group(context, PictureOptions).picture_request(
         bench, get_option_group(context, EffectOptions)
@@ -72,7 +72,7 @@ def simulate(
     from labapp.files.output_paths import frames_output_path
 
     place, kind = frames_output_path(out, frames, force=force)
-    from labapp.light.simulating.simulated_frames import simulate_frames as simulated
+    from labapp.prediction.simulating.simulated_frames import simulate_frames as simulated
 
     decided = get_option_group(context, EffectOptions)
     asked = get_option_group(context, PictureOptions).picture_request(

@@ -12,7 +12,7 @@ import torch
 
 from labapp.files.bench_file import BenchFile
 from labapp.files.design_file import DesignContents, Grid
-from labapp.light.pattern_psf import predicted_psf
+from labapp.prediction.pattern_psf import predicted_psf
 from labapp.refining.psf_measurement import MeasuredPSF
 from labapp.refining.refinement_request import RefinementRequest
 from labapp.refining.sensor_view import SensorView

@@ -15,9 +15,9 @@ from optics.chain.lens_grid import LensGridSearch
 from optics.chain.low_light import LowLightCorrection
 from optics.chain.thin_camera import collapse_to_thin_camera
 from optics.plane import Plane
-from optics.point.engine import PSFEngine
-from optics.point.panel_engine import PanelEngine
-from optics.point.request import PSFRequest
+from optics.psf_engines.engine import PSFEngine
+from optics.psf_engines.panel_engine import PanelEngine
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import (
     MIN_RAY_MATRIX_B_SHARE,
     numeric_camera,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.chain.edge_scatter import window_frequencies
-from optics.point.request import PSFRequest
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import vergence_error
 
 Array = NDArray[np.float64]

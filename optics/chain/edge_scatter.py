@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from optics.camera import Camera
 from optics.chain.propagator_axes import stop_extent
 from optics.fourier import unit_phasor
-from optics.point.request import PSFRequest
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import open_area, pupil_phase
 
 Array = NDArray[np.float64]

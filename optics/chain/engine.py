@@ -14,8 +14,8 @@ from optics.camera import Camera
 from optics.chain.lens_grid import LensGridSearch
 from optics.chain.low_light import LowLightCorrection
 from optics.chain.panel_to_lens import PropagatorVariables
-from optics.point.engine import PSFEngine
-from optics.point.request import PSFRequest
+from optics.psf_engines.engine import PSFEngine
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import Scalar, numeric_camera, open_area
 from optics.validation import as_number, needs_gradient
 

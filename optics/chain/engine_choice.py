@@ -12,9 +12,9 @@ from optics.chain.edge_scatter import StopEdgeScatter
 from optics.chain.grid import GridEngine
 from optics.chain.lens_grid import LensGridSearch
 from optics.chain.quadrature_engine import QuadratureEngine
-from optics.point.engine import PSFEngine
-from optics.point.panel_engine import PANEL_METHODS
-from optics.point.request import PSFRequest
+from optics.psf_engines.engine import PSFEngine
+from optics.psf_engines.panel_engine import PANEL_METHODS
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import numeric_camera, require_open_pupil
 
 CHAIN_METHODS = (CollapsedEngine.name, GridEngine.name, QuadratureEngine.name)

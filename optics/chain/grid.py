@@ -25,7 +25,7 @@ from optics.chain.propagator_axes import lens_plane, plan_propagator_axes
 from optics.chain.stop_mask import BlockwiseStopMask
 from optics.fourier import FourierGeometry, unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
-from optics.point.request import PSFRequest
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import defocus_curvature, pupil_phase
 from optics.stop.coverage import coverage
 

@@ -13,7 +13,7 @@ from optics.accuracy import unreachable_tolerance_error
 from optics.camera import Camera
 from optics.chain.edge_scatter import StopEdgeScatter, is_in_band
 from optics.chain.propagator_axes import BandTaper, LensGrid
-from optics.point.request import PSFRequest
+from optics.psf_engines.request import PSFRequest
 
 Array = NDArray[np.float64]
 

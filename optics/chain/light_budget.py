@@ -19,7 +19,7 @@ from optics.chain.propagator_axes import (
     stop_extent,
 )
 from optics.chain.stop_mask import BlockwiseStopMask
-from optics.point.request import PSFRequest
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import numeric_camera, open_area, pupil_amplitude
 
 

@@ -12,7 +12,7 @@ from optics.accuracy import ToleranceError
 from optics.camera import Camera
 from optics.chain.panel_to_lens import PropagatorAxis, TaperedBand, fast_fft_length
 from optics.plane import Plane
-from optics.point.request import PSFRequest
+from optics.psf_engines.request import PSFRequest
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,8 @@ from optics.fourier.nonuniform import (
 )
 from optics.fourier.transform import apply_function
 from optics.plane import Plane
-from optics.point.engine import wrap_phase
-from optics.point.request import PSFRequest
+from optics.psf_engines.engine import wrap_phase
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import pupil_phase
 from optics.stop.quadrature import (
     PhaseSlopeBound,

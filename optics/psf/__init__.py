@@ -2,17 +2,17 @@
 
 A PSFOperator selects the cheapest engine that keeps its tolerance: `axial` for round lenses,
 `scattered_nodes` for any smooth wave in any stop, `sampled` for large tolerances, and
-`optics.point.panel_engine` behind a modulator. If the modulator stands apart from the lens, the
-engines are those of optics.chain.
+`optics.psf_engines.panel_engine` behind a modulator. If the modulator stands apart from the lens,
+the engines are those of optics.chain.
 """
 
 from optics.chain import CHAIN_METHODS
-from optics.point.panel_engine import PANEL_METHODS
 from optics.psf.behind_modulator import modulated_psf
 from optics.psf.engine_choice import METHODS
 from optics.psf.operator import PSFOperator, nyquist_samples_per_pixel, psf
 from optics.psf.polychromatic import PolychromaticPSF
 from optics.psf.stack import PSFStack
+from optics.psf_engines.panel_engine import PANEL_METHODS
 
 __all__ = [
     "CHAIN_METHODS",

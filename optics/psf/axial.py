@@ -11,10 +11,10 @@ import scipy.special
 import torch
 
 from optics.accuracy import ErrorEstimate, MachineSpeed, unreachable_tolerance_error
-from optics.point.engine import CachedPupilWave, PSFEngine, double_precision_error
-from optics.point.request import PSFRequest
 from optics.psf.reference_probe import ERROR_MARGIN
 from optics.psf.rim_integral import rim_field, rim_node_count
+from optics.psf_engines.engine import CachedPupilWave, PSFEngine, double_precision_error
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import pupil_phase
 from optics.stop.quadrature import line_rule, line_rule_node_count
 

@@ -15,13 +15,13 @@ from optics.accuracy import (
 )
 from optics.camera import Camera
 from optics.chain import CHAIN_METHODS, chain_engines
-from optics.point.engine import PSFEngine
-from optics.point.panel_engine import PANEL_METHODS, PanelEngine
-from optics.point.request import PSFRequest
 from optics.psf.axial import AxialEngine
 from optics.psf.reference_probe import ReferenceProbe
 from optics.psf.sampled import SampledEngine
 from optics.psf.scattered_nodes import ScatteredNodesEngine
+from optics.psf_engines.engine import PSFEngine
+from optics.psf_engines.panel_engine import PANEL_METHODS, PanelEngine
+from optics.psf_engines.request import PSFRequest
 from optics.validation import rounded_up
 
 METHODS = ("axial", "scattered", "sampled")

@@ -21,15 +21,15 @@ from optics.accuracy import (
 from optics.camera import Camera, Lens
 from optics.chain import GridEngine, LightBudget, compute_light_budget
 from optics.plane import Plane
-from optics.point.engine import PSFEngine
-from optics.point.request import PSFRequest
-from optics.point.spherical_wave import SphericalWaveCorrection
 from optics.psf.engine_choice import (
     fallback_engines,
     prepare_cheapest_engine,
     require_method,
     tolerance_error_with_advice,
 )
+from optics.psf_engines.engine import PSFEngine
+from optics.psf_engines.request import PSFRequest
+from optics.psf_engines.spherical_wave import SphericalWaveCorrection
 from optics.pupil import (
     Scalar,
     cutoff_frequency,

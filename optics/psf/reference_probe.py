@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.accuracy import ErrorEstimate
-from optics.point.request import PSFRequest
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import pupil_phase
 from optics.stop.quadrature import PhaseSlopeBound, QuadratureNodes, count_nodes, stop_rule_blocks
 

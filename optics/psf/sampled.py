@@ -10,9 +10,9 @@ import torch
 from optics.accuracy import FLOAT32_ARITHMETIC, MachineSpeed, unreachable_tolerance_error
 from optics.fourier import FourierGeometry, plan_transform
 from optics.plane import Plane
-from optics.point.engine import CachedPupilWave, PSFEngine, wrap_phase
-from optics.point.request import PSFRequest
 from optics.psf.reference_probe import ReferenceProbe
+from optics.psf_engines.engine import CachedPupilWave, PSFEngine, wrap_phase
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import pupil_phase
 from optics.stop.coverage import coverage
 

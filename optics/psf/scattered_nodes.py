@@ -14,9 +14,9 @@ from optics.fourier.nonuniform import (
     nonuniform_bytes,
     nonuniform_seconds,
 )
-from optics.point.engine import CachedPupilWave, PSFEngine, double_precision_error
-from optics.point.request import PSFRequest
 from optics.psf.reference_probe import ReferenceProbe
+from optics.psf_engines.engine import CachedPupilWave, PSFEngine, double_precision_error
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import pupil_phase
 from optics.stop.quadrature import QuadratureNodes, count_nodes, stop_rule, stop_rule_blocks
 

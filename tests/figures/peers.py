@@ -12,7 +12,7 @@ from figures import Figure
 from labapp.accuracy.psf import candidates, exact_psf
 from labapp.accuracy.work_precision import Row, measure
 from labapp.common.speed import machine_speed
-from labapp.light.lens_options import LensCase
+from labapp.prediction.lens_options import LensCase
 from optics.accuracy import Budget
 from optics.camera import Lens
 from optics.plane import Plane

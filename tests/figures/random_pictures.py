@@ -14,7 +14,7 @@ import numpy as np
 from figures.problems import log_uniform
 from figures.random_benches import random_bench
 from figures.random_targets import Chance
-from labapp.light.simulating.all_effects import REFERENCE_TOL, Deviation
+from labapp.prediction.simulating.all_effects import REFERENCE_TOL, Deviation
 from optics.accuracy import ToleranceError
 from optics.pupil import pupil_amplitude
 from simulator.effects.electron_bounds import without_clipping

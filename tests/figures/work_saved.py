@@ -12,9 +12,13 @@ from figures import Figure
 from labapp.common.console import print_message
 from labapp.files.file_lookup import bundled_scenes
 from labapp.files.reading import bundled_path
-from labapp.light.simulating.all_effects import finest_levels, render_all_effects, render_by_plan
-from labapp.light.simulating.picture_request import PictureRequest, prepare_bench_scene
-from labapp.light.simulating.small_bench import modified_bench_setup
+from labapp.prediction.simulating.all_effects import (
+    finest_levels,
+    render_all_effects,
+    render_by_plan,
+)
+from labapp.prediction.simulating.picture_request import PictureRequest, prepare_bench_scene
+from labapp.prediction.simulating.small_bench import modified_bench_setup
 from optics.light import Band
 from optics.progress import Progress
 from optics.threads import single_threaded

@@ -17,7 +17,7 @@ import torch
 from figures.effects import TOLERANCES, audited, judged, swept
 from figures.random_pictures import Case, TooLong, cases, everything, random_situation
 
-from labapp.light.simulating.all_effects import Deviation
+from labapp.prediction.simulating.all_effects import Deviation
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import PictureMoments
 

@@ -10,7 +10,7 @@ import pytest
 from judges import View, by_lines
 
 from labapp.common.errors import UserError
-from labapp.light.lens_options import (
+from labapp.prediction.lens_options import (
     LensCase,
     read_aberrations,
     read_centre,

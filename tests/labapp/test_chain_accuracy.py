@@ -17,7 +17,7 @@ from labapp.accuracy.references.chain_integral import chain_density, chain_field
 from labapp.accuracy.references.panel_integral import ImagingChain
 from labapp.accuracy.work_precision import CallTimingSettings, Row
 from labapp.common.errors import UserError
-from labapp.light.lens_options import LensCase
+from labapp.prediction.lens_options import LensCase
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
 from optics.stop.aperture import Circle, Stop, rectangle

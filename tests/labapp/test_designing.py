@@ -15,7 +15,7 @@ from labapp.bench.opening import open_bench
 from labapp.files.bench_file import BenchFile
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
-from labapp.light.pattern_psf import predicted_psf
+from labapp.prediction.pattern_psf import predicted_psf
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from optics import patterns

@@ -14,7 +14,7 @@ from labapp_peers.psf import candidates as peer_candidates
 
 from labapp.accuracy.psf import exact_psf
 from labapp.accuracy.work_precision import Row, measure
-from labapp.light.lens_options import LensCase
+from labapp.prediction.lens_options import LensCase
 from optics.camera import Lens
 from optics.plane import Plane
 from optics.progress import Progress

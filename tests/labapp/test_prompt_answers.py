@@ -162,7 +162,10 @@ def test_a_chain_that_takes_too_long_is_refused_before_anything_is_planned(labap
 
 
 def test_a_pattern_of_another_panel_is_refused_before_a_psf_is_planned(labapp, never, tmp_path):
-    never("labapp.light.psf_prediction.machine_speed", "labapp.light.psf_prediction.PSFOperator")
+    never(
+        "labapp.prediction.psf_prediction.machine_speed",
+        "labapp.prediction.psf_prediction.PSFOperator",
+    )
     pattern = tmp_path / "pattern.png"
     cv2.imwrite(str(pattern), np.zeros((8, 8), np.uint8))
     code, _, said = labapp("psf", "--pattern", pattern, "--out", tmp_path / "psf.npy")
@@ -183,7 +186,7 @@ def test_a_pattern_of_another_panel_is_refused_before_a_psf_is_planned(labapp, n
 def test_a_bad_picture_is_refused_before_a_bench_is_opened(
     labapp, never, tmp_path, words, complaint
 ):
-    never("labapp.light.simulating.picture_request.open_bench")
+    never("labapp.prediction.simulating.picture_request.open_bench")
     for command in (["explain"], ["simulate", "--out", tmp_path / "new.png"]):
         code, _, said = labapp(*command, *words)
         assert (code, complaint in said) == (1, True)

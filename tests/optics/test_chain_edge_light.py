@@ -12,7 +12,7 @@ from optics.accuracy import Budget
 from optics.camera import Camera, Lens, Panel
 from optics.chain.edge_scatter import StopEdgeScatter, _normal_distance_steps, window_frequencies
 from optics.plane import Plane
-from optics.point.request import PSFRequest
+from optics.psf_engines.request import PSFRequest
 from optics.stop.aperture import Circle, Stop
 
 WAVELENGTH = 550e-9

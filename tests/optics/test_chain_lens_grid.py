@@ -19,7 +19,7 @@ from optics.chain.lens_grid import (
 )
 from optics.chain.propagator_axes import BandTaper
 from optics.plane import Plane
-from optics.point.request import PSFRequest
+from optics.psf_engines.request import PSFRequest
 
 TOL = 3e-3
 CAMERA = Camera(Panel((60, 80), 8e-6), Lens(0.05, 0.05 / 0.4e-3, 2.0), separation=5e-3)

@@ -16,9 +16,9 @@ from judges import View, by_lines, relative
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.plane import Plane
-from optics.point.request import PSFRequest
 from optics.psf import PolychromaticPSF, PSFOperator
 from optics.psf.rim_integral import rim_field
+from optics.psf_engines.request import PSFRequest
 from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 WAVELENGTH = 520e-9

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from labapp.files.design_file import Grid
 from labapp.files.pattern_table import PSFPattern, StillPattern
 from labapp.files.phase_table import PhasePattern
-from labapp.light.pattern_psf import predicted_psf
 from labapp.patterns.grey_levels import (
     PatternContext,
     PhaseFrame,
@@ -26,6 +25,7 @@ from labapp.patterns.grey_levels import (
     retrieve_psf,
     retrieved_frames,
 )
+from labapp.prediction.pattern_psf import predicted_psf
 from optics.camera import Camera
 from optics.plane import centred_pad
 

@@ -16,8 +16,8 @@ from labapp.files.phase_table import RingPattern
 from labapp.files.plan_file import Reconstruction
 from labapp.files.scene_file import StarTable
 from labapp.files.target_table import LogoTarget
-from labapp.light.pattern_psf import mean_psf
 from labapp.pictures.analysis.brackets import Bracket, Picture, find_bracket
+from labapp.prediction.pattern_psf import mean_psf
 from labapp.runs.record.reader import Record
 from optics import metrics
 from optics.camera import Camera

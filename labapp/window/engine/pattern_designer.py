@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.light.pattern_psf import predicted_psf
 from labapp.patterns.grey_levels import compute_pattern
+from labapp.prediction.pattern_psf import predicted_psf
 from labapp.window.engine.plan_building import validate_pattern
 from labapp.window.messages import PatternPreview, PatternTable
 from optics.camera import Camera

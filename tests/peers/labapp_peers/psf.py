@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.accuracy.work_precision import Candidate, Row, raise_refusal
-from labapp.light.lens_options import LensCase
+from labapp.prediction.lens_options import LensCase
 from labapp_peers.library import (
     COMPLEX,
     MOST_BYTES,

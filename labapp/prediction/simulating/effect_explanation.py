@@ -11,7 +11,7 @@ import torch
 
 from labapp.common.console import out, print_json, print_table, terminal_progress
 from labapp.common.errors import UserError
-from labapp.light.simulating.picture_request import PictureRequest, prepare_scene
+from labapp.prediction.simulating.picture_request import PictureRequest, prepare_scene
 from simulator.effects.electron_bounds import without_clipping
 from simulator.effects.registry import EFFECTS
 from simulator.planning import EffectPlan

@@ -31,9 +31,9 @@ from optics.fourier import (
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.gauss_legendre import gauss_legendre
 from optics.plane import RectilinearGrid
-from optics.point.curved_pixels import CurvedPixelTransform
-from optics.point.engine import CachedPupilWave, PSFEngine, wrap_phase
-from optics.point.request import PSFRequest
+from optics.psf_engines.curved_pixels import CurvedPixelTransform
+from optics.psf_engines.engine import CachedPupilWave, PSFEngine, wrap_phase
+from optics.psf_engines.request import PSFRequest
 from optics.pupil import (
     defocus_curvature,
     panel_half_diagonal,

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from labapp.common.console import out, print_message, terminal_progress
 from labapp.common.errors import UserError
 from labapp.files.writing import encode_image, write_atomically
-from labapp.light.simulating.effect_explanation import describe_plan
-from labapp.light.simulating.picture_request import PictureRequest, prepare_scene
+from labapp.prediction.simulating.effect_explanation import describe_plan
+from labapp.prediction.simulating.picture_request import PictureRequest, prepare_scene
 from optics.progress import Progress
 from simulator.imaging import PictureMoments
 from simulator.planning import EffectPlan

@@ -19,7 +19,7 @@ from labapp.common.speed import machine_speed
 from labapp.files.bench_file import read_camera
 from labapp.files.grey_table import read_grey_pattern
 from labapp.files.writing import encode_image, write_atomically
-from labapp.light.lens_options import LensCase
+from labapp.prediction.lens_options import LensCase
 from optics.accuracy import Account, Budget, MachineSpeed, account_as_dict
 from optics.camera import Camera
 from optics.psf import PSFOperator

@@ -12,7 +12,7 @@ import torch
 from optics.accuracy import Budget
 from optics.camera import Lens
 from optics.plane import Plane
-from optics.point.spherical_wave import SphericalWaveCorrection
+from optics.psf_engines.spherical_wave import SphericalWaveCorrection
 from optics.pupil import Scalar, phase_slope_bound, require_valid_source
 from optics.stop.quadrature import PhaseSlopeBound
 from optics.validation import (

@@ -12,7 +12,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from optics.accuracy import FLOAT32_ARITHMETIC, FLOAT64_ARITHMETIC, CandidateMethod, ErrorEstimate
-from optics.point.request import PSFRequest
+from optics.psf_engines.request import PSFRequest
 from optics.validation import require_finite, rounded_up
 
 

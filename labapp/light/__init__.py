@@ -1,1 +1,0 @@
-"""Compute PSFs, beams along the axis, and simulated pictures for the command line."""
