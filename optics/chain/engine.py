@@ -125,7 +125,7 @@ class ChainEngine(PSFEngine):
         return PropagatorVariables(bend * one, stretch * one, (shift[0] * one, shift[1] * one))
 
     def _open_pixel_area(self) -> Scalar:
-        """Return the panel pixels' open area in m², if the chain's panel and stop shared a plane."""
+        """Return the open area of panel pixels in m², if the chain's panel stood at the stop."""
         fill = self._camera.panel.fill_factor
         area, radius = open_area(self._camera) * fill, self._request.radius
         if not needs_gradient(radius):

@@ -54,7 +54,10 @@ class AxialEngine(CachedPupilWave, PSFEngine):
 
     @staticmethod
     def can_serve(request: PSFRequest) -> bool:
-        """Tell whether the lens is rotationally symmetric, and no derivative moves the PSF."""
+        """Tell whether the PSF is that of a round lens, and no derivative moves it.
+
+        The lens must be rotationally symmetric.
+        """
         lens = request.lens
         round_ = all(m == 0 for _, m, _ in lens.aberrations)
         return (
@@ -93,13 +96,17 @@ class AxialEngine(CachedPupilWave, PSFEngine):
             raise unreachable_tolerance_error(q.tol, 1.2 * self.error.value + self.arithmetic)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the points of the pupil along one radius; a phase there holds for all angles."""
+        """Return the points along one pupil radius at which the round PSF takes a phase.
+
+        A phase there holds for all angles.
+        """
         if self._along_rim:
             empty = torch.zeros(0, dtype=torch.float64)
             return empty, empty
         return torch.zeros_like(self._pupil_radii), self._pupil_radii * self._request.numeric.radius
 
     def _compute_pupil_wave(self) -> torch.Tensor:
+        """Compute the wave along a pupil radius of the round lens whose PSF is wanted."""
         q = self._request
         phase = pupil_phase(
             q.lens, q.distance, q.wavelength, torch.zeros_like(self._pupil_radii), self._pupil_radii
@@ -125,12 +132,15 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         )
 
     def _sum_over_pupil_radii(self, wave: torch.Tensor) -> torch.Tensor:
-        """Sum a wave (..., pupil radii) to the field at the sensor radii, (..., radii, 2)."""
+        """Sum a wave over the pupil radii of a round lens to the PSF's field at sensor radii.
+
+        The wave has the shape (..., pupil radii), the result (..., radii, 2).
+        """
         matrix = self._hankel_matrix.to(wave.device)
         return (torch.view_as_real(wave).mT @ matrix.mT).mT
 
     def _intensity_on_radii(self, parts: torch.Tensor) -> torch.Tensor:
-        """Interpolate the intensity at every radius of the samples.
+        """Interpolate the round PSF's intensity at every radius of the samples.
 
         parts: real and imaginary part of the field, (..., radii, 2).
         """
@@ -139,7 +149,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         return near[..., 0] ** 2 + near[..., 1] ** 2
 
     def _measure_error(self, radius: torch.Tensor) -> ErrorEstimate:
-        """Measure the PSF's error at some radii, against more nodes and no interpolation."""
+        """Measure the round PSF's error at some radii, against more nodes and no interpolation."""
         q = self._request.numeric
         times = torch.bincount(
             self._radius_index[q.window_slices].ravel(), minlength=radius.numel()
@@ -176,12 +186,17 @@ class AxialEngine(CachedPupilWave, PSFEngine):
 
 
 def _radians_per_metre(q: PSFRequest) -> float:
-    """Return the kernel's phase in radians, per metre on the sensor and stop radius."""
+    """Return the phase of the round PSF's kernel, in radians per metre and stop radius.
+
+    It is that per metre on the sensor and per stop radius in the pupil.
+    """
     return 2 * math.pi * q.radius / q.scale
 
 
 def _radial_rule(q: PSFRequest, finer: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return radii in the pupil, in stop radii, and the weights of an integral over the open area.
+    """Return radii and weights of the integral over a round lens' pupil for its PSF.
+
+    The radii are in stop radii; the integral is over the open area.
 
     finer: factor on the phase's slope for which the nodes are chosen.
     """
@@ -198,7 +213,7 @@ def _radial_phase_slope(q: PSFRequest) -> float:
 
 
 def _interpolation(position: np.ndarray, reach: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the radii from which the field at each position is interpolated, and their weights.
+    """Return the radii and weights that interpolate the round PSF's field at each position.
 
     The field is even in the radius, so that negative radii count as positive ones.
     """
@@ -258,13 +273,19 @@ class _HankelCost:
 
 
 def _prefers_rim(q: PSFRequest, size: _HankelCost) -> bool:
-    """Tell whether the rim integral takes far fewer nodes than a rule along the stop's radius."""
+    """Tell whether the rim integral of a round PSF takes far fewer nodes than a radial rule.
+
+    The radial rule is one along the stop's radius.
+    """
     if not q.lens.has_quadratic_phase:
         return False
     return size.nodes * size.field_radii > _CHUNK and size.nodes > 2 * rim_node_count(q, q.tol)
 
 
 def _interpolation_reach(tol: float) -> int:
-    """Return the samples on either side that the interpolation needs, by Kaiser's formula in dB."""
+    """Return the samples on either side for a round PSF's interpolation, by Kaiser's formula.
+
+    Kaiser's formula is used in dB.
+    """
     attenuation = 40 - 20 * math.log10(tol)
     return math.ceil((attenuation - 8) / (2 * 2.285 * 2 * math.pi * (1 - 1 / _OVERSAMPLING))) + 2
