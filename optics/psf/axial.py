@@ -285,7 +285,7 @@ def _prefers_rim(q: PSFRequest, size: _HankelCost) -> bool:
 def _interpolation_reach(tol: float) -> int:
     """Return the samples on either side for a round PSF's interpolation, by Kaiser's formula.
 
-    Kaiser's formula is used in dB.
+    The attenuation in Kaiser's formula is in dB.
     """
     attenuation = 40 - 20 * math.log10(tol)
     return math.ceil((attenuation - 8) / (2 * 2.285 * 2 * math.pi * (1 - 1 / _OVERSAMPLING))) + 2
