@@ -300,7 +300,10 @@ class StopEdgeScatter:
 
     @property
     def share_per_frequency_area(self) -> float:
-        """The share of light that a chain's evenly lit panel sends to a frequency area, m²."""
+        """The share of light that a chain's even panel sends to a unit of frequency area, m².
+
+        The panel is evenly lit.
+        """
         return self.direct_area * self._camera.panel.active_side**2 / open_area(self._camera)
 
     @property
@@ -403,7 +406,7 @@ class StopEdgeScatter:
         return np.asarray(self._normal[:, None, None] * self._normal_distances[:, None, :, None])
 
     def relative_error(self, lost_light: float) -> float:
-        """Return the relative L2 error of the chain's PSF if its field lacks so much light."""
+        """Return the relative L2 error of the chain's PSF if its field lacks `lost_light`."""
         if not self.direct_area > 0:
             return math.inf
         return (
@@ -520,7 +523,7 @@ def _normal_distance_steps(low: float, high: float, pieces: int) -> Array:
 
 
 def is_in_band(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """Tell which panel frequencies (..., 2) lie in a band that the chain keeps.
+    """Tell which panel frequencies (..., 2) lie in a band of the chain.
 
     low and high are (2,), for y and x.
     """

@@ -140,7 +140,7 @@ class ChainEngine(PSFEngine):
         return area + growth * (radius / as_number(radius) - 1)
 
     def intensity_scale(self) -> Scalar:
-        """Return the factor from |sum over the chain's lens samples|² to PSF values.
+        """Return the factor from ``|sum over the chain's lens samples|²`` to PSF values.
 
         The sum is in stop radii.
         """

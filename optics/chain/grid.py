@@ -111,7 +111,7 @@ class GridEngine(ChainEngine):
     def use_shared_spectrum(
         self, lengths: Sequence[int], frequency_ranges: Sequence[tuple[float, float]]
     ) -> None:
-        """Use panel spectra that the chain's other engines use; call it before `prepare`.
+        """Use spectra of the chain's panel that other engines use; call it before `prepare`.
 
         Parameters
         ----------

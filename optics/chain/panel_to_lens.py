@@ -471,5 +471,5 @@ def _row_count(rows: slice) -> int:
 
 
 def fast_fft_length(least: float) -> int:
-    """Return the shortest fast FFT length for the chain's panel that is at least `least`."""
+    """Return the shortest fast FFT length for the chain that is at least `least`."""
     return int(scipy.fft.next_fast_len(max(1, math.ceil(least - 1e-9))))

@@ -36,9 +36,8 @@ from optics.propagation.transfer_function import PlaneWaveRays
 def edge_exponent(epsilon: float) -> float:
     """Return the exponent L at which the propagation band's edges together cost `epsilon`.
 
-    They are all edges of the frequency band.
-
-    It is 1 at least, because the estimate holds from there on.
+    All edges of the frequency band count. The exponent is 1 at least, because the estimate holds
+    from there on.
     """
     # Four edges and a circle count twice: for light that is removed, and for light from replicas.
     edges = 10
@@ -82,9 +81,7 @@ class FrequencyTaper:
     def end(self) -> float:
         """Return where the propagation taper's step has fallen to a twentieth of epsilon.
 
-        The result is a frequency.
-
-        It follows from erfc(t) ~ exp(-t²) / (t sqrt(pi)).
+        The result is a frequency. It follows from erfc(t) ~ exp(-t²) / (t sqrt(pi)).
         """
         return self.centre + math.sqrt(2 * math.log(2 / self.epsilon)) * self.sigma
 

@@ -278,7 +278,7 @@ def envelope_error(turn: float, nodes: int) -> float:
 
 
 def envelope_node_count(turn: float, error: float, most: int) -> int:
-    """Return the fewest envelope nodes that keep a propagation error; 0 for over `most`.
+    """Return the fewest envelope nodes that keep a propagator's error, or 0.
 
     0 means that more than `most` are needed.
     """

@@ -321,10 +321,9 @@ class FreeSpace:
     ) -> ToleranceError:
         """Return a ToleranceError for propagation to a dim target, naming the least tolerance.
 
-        It is the least tolerance that can be kept.
-
-        It follows from the floor of all plans, or from the tolerance that the last plan kept. It
-        isn't known where the result is no larger than the plan's error.
+        The least tolerance that can be kept follows from the floor of all plans, or from the
+        tolerance that the last plan kept. It isn't known where the result is no larger than the
+        plan's error.
         """
         planned = last.span.tol if why.floor is None else why.floor
         found = math.sqrt(share) > 2 * (last.error.value + last.arithmetic)

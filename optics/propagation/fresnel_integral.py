@@ -83,7 +83,7 @@ def _mean_chirps(place: _Reals, width: float) -> _Complexes:
 
 
 def _mean_by_quadrature(t: _Reals, width: float) -> _Complexes:
-    """Compute mean_chirp() of short Fresnel intervals by Gauss-Legendre quadrature."""
+    """Compute mean_chirp() of short propagation intervals by Gauss-Legendre quadrature."""
     total = np.zeros(t.size, dtype=np.complex128)
     for node, weight in zip(_NODES * width / 2, _WEIGHTS / 2, strict=True):
         total += weight * np.exp(1j * math.pi * node * (node + 2 * t))
@@ -91,7 +91,7 @@ def _mean_by_quadrature(t: _Reals, width: float) -> _Complexes:
 
 
 def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
-    """Compute mean_chirp() of long Fresnel intervals from the integrals beyond both ends.
+    """Compute mean_chirp() of long propagation intervals from the integrals beyond both ends.
 
     For t < width / 2, the near end of the interval is on the other side of the chirp's centre.
     """
@@ -119,7 +119,7 @@ def _phasor(half_turns: _Reals) -> _Complexes:
 
 
 def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
-    """Return a cell's paraxially propagated field along one axis, over a point's.
+    """Return a cell's paraxially propagated field along an axis, relative to a point's.
 
     The point is at the cell's centre.
 

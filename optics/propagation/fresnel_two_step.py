@@ -228,7 +228,10 @@ class _IntermediateLight:
         self.window = self._find_window()
 
     def _smooth_light_interval(self, part: float) -> Interval | None:
-        """Return where a smooth field propagates by a part of the distance; None for cells."""
+        """Return where a smooth field's light is after propagation by a part of the distance.
+
+        The result is None for cells.
+        """
         span, axis = self._span, self._axis
         if span.cells is not None:
             return None

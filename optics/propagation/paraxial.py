@@ -16,10 +16,9 @@ from optics.propagation.transfer_function import paraxial_phase_error
 def paraxial_model_error(span: FreeSpaceSpan, frequency: float) -> float:
     """Return the error of paraxial propagation for frequencies up to `frequency`, cycles/m.
 
-    It is the error of the paraxial model.
-
-    It is 0 for a span whose declared model is paraxial. Raises ToleranceError where the paraxial
-    phase error of a scalar wave exceeds its share of the tolerance.
+    The error of the paraxial model is 0 for a span whose declared model is paraxial. Raises
+    ToleranceError where the paraxial phase error of a scalar wave exceeds its share of the
+    tolerance.
     """
     n = span.numeric
     if n.paraxial:
@@ -68,9 +67,6 @@ def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
 
 
 def kernel_turns(span: FreeSpaceSpan) -> float:
-    """Return the phase in turns of the paraxial propagation kernel between far points.
-
-    They are the two most distant points.
-    """
+    """Return the paraxial propagation kernel's phase between the two farthest points, in turns."""
     ways = (max(map(abs, span.lateral_range(axis))) for axis in (0, 1))
     return max(way**2 for way in ways) / (2 * abs(span.numeric.scale))

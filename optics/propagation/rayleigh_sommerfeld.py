@@ -116,9 +116,8 @@ class DirectQuadrature(Propagator):
     def _factor(self, axis: int) -> int:
         """Return the number of points per source sample along an axis in direct propagation.
 
-        They replace one sample of the source.
-
-        They are nodes of a cell, or finer samples of a smooth field.
+        The points replace one sample of the source. They are nodes of a cell, or finer samples of a
+        smooth field.
         """
         n, error = self.span.numeric, TOLERANCE_SHARES.direct * self.span.tol
         most = _SETTINGS.max_points

@@ -103,10 +103,8 @@ def _ray_frequency(
 def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: int) -> int:
     """Return the oversampling of a smooth field for propagation as a sum over samples.
 
-    It is the factor by which the field must be oversampled.
-
-    It is 0 if it would exceed `most`. Replicas at frequencies beyond 1 / wavelength are evanescent,
-    so they may miss the target by decay as well.
+    The field must be oversampled by this factor. It is 0 if it would exceed `most`. Replicas at
+    frequencies beyond 1 / wavelength are evanescent, so they may miss the target by decay as well.
     """
     n = span.numeric
     band, reach, pitch = (

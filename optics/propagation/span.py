@@ -135,9 +135,7 @@ class FreeSpaceSpan:
     def half_bandwidths(self) -> tuple[float, float]:
         """Return the propagated field's bandwidth on either side of its carrier, cycles/m.
 
-        It is given along (y, x).
-
-        It is infinite for cells, whose edges are sharp.
+        The result is along (y, x). It is infinite for cells, whose edges are sharp.
         """
         if self.cells is not None:
             return (math.inf, math.inf)
@@ -243,7 +241,10 @@ class FreeSpaceSpan:
 
     @cached_property
     def has_tensor_lengths(self) -> bool:
-        """Return whether a propagation length is a tensor, which may change after planning."""
+        """Return whether a length of the propagation is a tensor, which may still change.
+
+        The tensor may change after the propagation was planned.
+        """
         return not all(isinstance(one, (int, float)) for one in self._scalars)
 
     @property

@@ -49,9 +49,7 @@ def axial_frequency(
 ) -> torch.Tensor:
     """Return the axial frequency of plane waves in free space, cycles/m, float64.
 
-    The waves have the frequencies (y, x).
-
-    It is 0 for evanescent waves.
+    The waves have the frequencies (y, x). The result is 0 for evanescent waves.
     """
     f2 = y**2 + x**2
     if paraxial:
@@ -92,7 +90,7 @@ class PlaneWaveRays:
         return sine / math.sqrt(cosine2) if cosine2 > 0 else math.copysign(math.inf, sine)
 
     def frequency(self, tangent: float, across: float = 0.0) -> float:
-        """Return the frequency of the plane wave that propagates at a given tangent."""
+        """Return the frequency of the plane wave that propagates with a given tangent."""
         if self.paraxial:
             return tangent / self.wavelength
         cosine2 = max(1 - (self.wavelength * across) ** 2, 0.0)
@@ -117,9 +115,8 @@ class PlaneWaveRays:
 def paraxial_phase_error(wavelength: float, distance: float, frequency: float) -> float:
     """Return the phase error of paraxial propagation at a frequency, in radians.
 
-    It is that of the paraxial transfer function.
-
-    It is the next term of the series, pi / 4 wavelength³ |distance| f⁴ (section 4.2.1 of Goodman).
-    If it is small, it is also the relative error of the field.
+    The error is that of the paraxial transfer function. It is the next term of the series, pi / 4
+    wavelength³ |distance| f⁴ (section 4.2.1 of Goodman). If it is small, it is also the relative
+    error of the field.
     """
     return math.pi / 4 * wavelength**3 * abs(distance) * frequency**4

@@ -96,7 +96,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
             raise unreachable_tolerance_error(q.tol, 1.2 * self.error.value + self.arithmetic)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the points along one pupil radius at which the round PSF takes a phase.
+        """Return the points along one pupil radius at which the symmetric PSF takes a phase.
 
         A phase there holds for all angles.
         """
@@ -140,7 +140,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         return (torch.view_as_real(wave).mT @ matrix.mT).mT
 
     def _intensity_on_radii(self, parts: torch.Tensor) -> torch.Tensor:
-        """Interpolate the round PSF's intensity at every radius of the samples.
+        """Interpolate the symmetric PSF's intensity at every radius of the samples.
 
         parts: real and imaginary part of the field, (..., radii, 2).
         """
@@ -149,7 +149,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         return near[..., 0] ** 2 + near[..., 1] ** 2
 
     def _measure_error(self, radius: torch.Tensor) -> ErrorEstimate:
-        """Measure the round PSF's error at some radii, against more nodes and no interpolation."""
+        """Measure the symmetric PSF's error at radii, against more nodes without interpolation."""
         q = self._request.numeric
         times = torch.bincount(
             self._radius_index[q.window_slices].ravel(), minlength=radius.numel()
@@ -186,7 +186,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
 
 
 def _radians_per_metre(q: PSFRequest) -> float:
-    """Return the phase of the round PSF's kernel, in radians per metre and stop radius.
+    """Return the phase of the symmetric PSF's kernel, in radians per metre and stop radius.
 
     It is that per metre on the sensor and per stop radius in the pupil.
     """
@@ -213,7 +213,7 @@ def _radial_phase_slope(q: PSFRequest) -> float:
 
 
 def _interpolation(position: np.ndarray, reach: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the radii and weights that interpolate the round PSF's field at each position.
+    """Return the radii and weights that interpolate the symmetric PSF's field at each position.
 
     The field is even in the radius, so that negative radii count as positive ones.
     """
@@ -273,7 +273,7 @@ class _HankelCost:
 
 
 def _prefers_rim(q: PSFRequest, size: _HankelCost) -> bool:
-    """Tell whether the rim integral of a round PSF takes far fewer nodes than a radial rule.
+    """Tell whether the rim integral of a symmetric PSF takes far fewer nodes than a radial rule.
 
     The radial rule is one along the stop's radius.
     """
@@ -283,7 +283,7 @@ def _prefers_rim(q: PSFRequest, size: _HankelCost) -> bool:
 
 
 def _interpolation_reach(tol: float) -> int:
-    """Return the samples on either side for a round PSF's interpolation, by Kaiser's formula.
+    """Return the samples on either side for a symmetric PSF's interpolation, by Kaiser's formula.
 
     The attenuation in Kaiser's formula is in dB.
     """

@@ -14,7 +14,7 @@ _CHUNK = 1 << 21
 
 
 def rim_node_count(q: PSFRequest, tol: float, refinement: float = 1.0) -> int:
-    """Return the number of nodes around the rim of a round PSF's stop.
+    """Return the number of nodes around the rim of a symmetric PSF's stop.
 
     They are evenly spaced and suffice for the farthest sample.
     """
@@ -34,7 +34,7 @@ def _edge_defocus(q: PSFRequest) -> float:
 def rim_field(
     q: PSFRequest, sensor: NDArray[np.float64], refinement: float = 1.0
 ) -> NDArray[np.complex128]:
-    """Compute the round PSF's field at radii on the sensor, in square stop radii, complex128.
+    """Compute the symmetric PSF's field at radii on the sensor, in square stop radii, complex128.
 
     sensor: radii in metres. The phase is quadratic, c |r - p|², around the point p of the stop that
     is imaged geometrically onto the sample. Green's theorem turns the integral over the stop into
@@ -72,7 +72,7 @@ def rim_field(
 
 
 def _g(a: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return the factor (exp(i a) - 1) / (i a) of the rim integral of a round PSF.
+    """Return the factor (exp(i a) - 1) / (i a) of the rim integral of a symmetric PSF.
 
     It is computed as exp(i a / 2) sinc(a / 2).
     """

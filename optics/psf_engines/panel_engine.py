@@ -256,7 +256,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return torch.polar(_repeat_per_node(amplitude, k) * shares, wrap_phase(phase))
 
     def _intensity_scale(self) -> torch.Tensor | float:
-        """Return the PSF engine's factor from |sum over panel pixels|² to light per sample.
+        """Return the PSF engine's factor from ``|sum over panel pixels|²`` to light per sample.
 
         The light per sample is a share.
         """

@@ -71,9 +71,8 @@ class SphericalWaveCorrection:
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the spherical wave's phase slope for the PSF engine along y and x, cycles/m.
 
-        It is that of wave_factor().
-
-        It is the difference over `spacing` metres around each position.
+        The phase is that of wave_factor(). The slope is the difference over `spacing` metres around
+        each position.
         """
         ends = [
             (

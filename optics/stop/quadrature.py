@@ -75,10 +75,9 @@ def _unit_interval_rule(count: int) -> tuple[Array, Array]:
 def gauss_node_count(length: float, slope: float, tol: float) -> int:
     """Return the number of Gauss-Legendre nodes along a line in the stop.
 
-    The phase changes by slope x length at most.
-
-    The number is half a node per radian of half the change, plus nodes for the transition to convergence
-    (Trefethen 2008), plus nodes for the tolerance.
+    The phase changes by slope x length at most. The number is half a node per radian of half the
+    change, plus nodes for the transition to convergence (Trefethen 2008), plus nodes for the
+    tolerance.
     """
     turn = length * slope / 2
     return math.ceil(turn / 2 + 2.5 * turn ** (1 / 3) - 1.5 * math.log10(tol)) + 8
@@ -242,9 +241,7 @@ def _circle_node_count(r: float, slope_bound: PhaseSlopeBound, tol: float) -> in
 def _harmonic_count(turn: float, tol: float) -> int:
     """Return the number of harmonics in the stop above a tolerance.
 
-    They are those of exp(i turn sin(angle)).
-
-    Their amplitudes are Bessel functions.
+    The harmonics are those of exp(i turn sin(angle)). Their amplitudes are Bessel functions.
     """
     return math.ceil(turn + 4.0 * turn ** (1 / 3) - 2.0 * math.log10(tol)) + 6
 
