@@ -88,7 +88,9 @@ class Bandwidth(BlurEffect):
 
 
 def _node_count_errors(s: Situation) -> tuple[float, ...]:
-    """Return the L2 error in electrons of each number of wavelength nodes.
+    """Return the filter bandwidth effect's L2 errors in electrons, by the number of nodes.
+
+    The nodes are wavelengths.
 
     The list begins with 1 node and ends where the error has converged. A coarser level never has a
     smaller error than a finer one.
@@ -100,7 +102,7 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
 
 
 def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
-    """Return the L2 errors of each number of wavelength nodes, in electrons per second.
+    """Return the filter bandwidth effect's L2 errors by the number of nodes, electrons per second.
 
     They are computed at a sample of the picture's frequencies.
     """
@@ -131,7 +133,9 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
 
 
 def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -> float:
-    """Return the largest sum of squares of a transfer function's quadrature errors.
+    """Return the sum of squares by which few wavelengths misstate the filter bandwidth's effect.
+
+    It is the largest sum of squares of a transfer function's quadrature errors.
 
     transfer: (frequencies, nodes). wrong: errors of the nodes' weights, (weights, nodes); the sum
     is the largest over the weights. power: the picture's, (frequencies,).
@@ -142,7 +146,9 @@ def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -
 def _possible_transfers(
     s: Situation, some: SampledFrequencies, nodes: Array
 ) -> list[NDArray[np.complex128]]:
-    """Return the transfer functions (frequencies, nodes) that the light may have over the band.
+    """Return the transfer functions over the band that bound the filter bandwidth's effect.
+
+    They are those (frequencies, nodes) that the light may have.
 
     A PSF grows with λ, so that its transfer function shrinks; the pattern's phase and the lens'
     aberrations go with 1/λ. Parts of the pattern may differ in phase by half of the phase's span to
@@ -157,7 +163,9 @@ def _possible_transfers(
 
 
 def _off_axis_factor(s: Situation) -> float:
-    """Return how much larger an error may be off the axis, where another part of the panel is lit.
+    """Return how much larger the error of a filter's effect may be off the lens' axis.
+
+    There, another part of the panel is lit.
 
     Amplitudes add.
     """
@@ -165,7 +173,7 @@ def _off_axis_factor(s: Situation) -> float:
 
 
 def _phase_span(s: Situation) -> float:
-    """Return the radians that the phases of pattern and lens span."""
+    """Return the phase span that bounds the bandwidth's effect: pattern's and lens', radians."""
     shown = max(float(one.max() - one.min()) for one in s.pattern_probe.phases)
     bent = max(
         float(one.max() - one.min())

@@ -73,7 +73,7 @@ class CrystalResponse(OnOffBlurEffect):
 
 
 def _psf_change(s: Situation) -> float:
-    """Return an upper bound of the ‖Δh‖₁ that the liquid crystal's response causes.
+    """Bound the effect of the liquid crystal's slow response on a PSF, as ‖Δh‖₁.
 
     The mean over time of |p|², less |q|² of the settled field q, is the power of the difference of
     the fields, and twice its mean times q (Cauchy-Schwarz).
@@ -111,12 +111,17 @@ def _psf_change(s: Situation) -> float:
 
 
 def _has_uneven_timing(s: Situation) -> bool:
-    """Whether a rolling shutter or a flickering lamp may weigh parts of a frame unequally."""
+    """Whether the crystal response's effect may weigh parts of a frame unequally.
+
+    A rolling shutter or a flickering lamp does so.
+    """
     return s.camera.sensor.shutter == "rolling" or is_lamp_flickering(s)
 
 
 def _parts(s: Situation) -> dict[int, list[tuple[float, float, float]]]:
-    """Return the parts (begin, end, share) that an exposure sees of each of a video's frames.
+    """Return the parts of each video frame in which the crystal response's effect is seen.
+
+    Each is (begin, end, share), of what an exposure sees.
 
     With a rolling shutter or a flickering lamp, these are the eighths of each frame. If there are
     too many frames to tell apart, key -1 has the whole frame.

@@ -48,7 +48,10 @@ class DepthLayers(Effect):
         return sensor_error_bound(s, change * max_lamp_seconds(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations of the PSFs of further distances, without other effects'."""
+        """Return the operations that the effect of depth layers adds, without other effects'.
+
+        They are those of the PSFs of further distances.
+        """
         bare = {**dict.fromkeys(ATTRIBUTION_ORDER, 0), self.name: levels[self.name]}
         return rendering_operations(s, bare) - rendering_operations(s, {**bare, self.name: 0})
 
@@ -58,14 +61,14 @@ class DepthLayers(Effect):
         return f"from {near:.3g} to {far:.3g} m the blur changes by {blur:.3g} pixels"
 
     def _change(self, s: Situation, level: int) -> float:
-        """Return an upper bound of the L2 error of a level's depth nodes, electrons per second."""
+        """Bound the depth-layer effect's L2 error with a level's nodes, electrons per second."""
         distances = s.picture_probe.distances
         nodes = depth_nodes(distances, LEVELS.depths[level])
         return s.picture_probe.change_bound([_gain(s.camera, d, nodes[d]) for d in distances])
 
 
 def _gain(camera: Camera, distance: float, nodes: list[tuple[float, float]]) -> Gain:
-    """Return the bound of the error of a depth layer's transfer function, by frequency.
+    """Bound the depth-layer effect's error of a layer's transfer function, by frequency.
 
     nodes: the distances whose PSFs' weighted mean stands for the layer's, and their weights. Light
     from the pupil's rim lands elsewhere by ρ. Between two nodes the mean is linear in the defocus;
@@ -87,7 +90,9 @@ def _gain(camera: Camera, distance: float, nodes: list[tuple[float, float]]) -> 
 
 
 def _displacement(camera: Camera, one: float, other: float) -> float:
-    """Return how far light from the pupil's rim moves on the sensor between two object distances.
+    """Return how far the effect of depth moves rim light on the sensor between two distances.
+
+    The light is from the pupil's rim, the distances are those of objects.
 
     The rim is that of the panel, or of the stop's shadow on it. Metres on the sensor.
     """
@@ -99,7 +104,10 @@ def _displacement(camera: Camera, one: float, other: float) -> float:
 
 
 def _wave_curvature(camera: Camera, distance: float) -> float:
-    """Return the curvature of a point's wave over the panel that the lens leaves, 1/m."""
+    """Return the curvature of a point's wave that causes the depth effect's defocus, 1/m.
+
+    It is that over the panel which the lens leaves.
+    """
     spread = 1 + as_number(camera.separation) / distance
     vergence = 1 / object_to_lens_distance(camera, distance) - 1 / as_number(
         camera.lens.focus_distance
@@ -110,12 +118,15 @@ def _wave_curvature(camera: Camera, distance: float) -> float:
 
 
 def _shadow(camera: Camera, distance: float) -> float:
-    """Return the radius of the stop's shadow on the panel in metres."""
+    """Return the radius of the stop's shadow on the panel for the depth-layer effect, metres."""
     return as_number(camera.lens.stop_diameter) / 2 / (1 + as_number(camera.separation) / distance)
 
 
 def _shadow_change_share(camera: Camera, one: float, other: float) -> float:
-    """Return the largest share of the light that moves as the stop's shadow changes its size."""
+    """Bound the depth-layer effect's share of light that moves as the stop's shadow grows.
+
+    It is the largest share that moves as the shadow changes its size.
+    """
     if as_number(camera.separation) == 0:
         return 0.0
     panel = camera.panel

@@ -65,33 +65,33 @@ class PixelwiseEffect(OnOffEffect):
 
 
 def pixel_count(s: Situation) -> int:
-    """Return the number of the sensor's pixels."""
+    """Return the number of the sensor's pixels over which effects' bounds are summed."""
     rows, columns = s.camera.sensor.shape
     return rows * columns
 
 
 def sqrt_pixel_count(s: Situation) -> float:
-    """Return the square root of the number of the sensor's pixels."""
+    """Return the square root of the pixel count, which effects' L2 bounds are multiplied by."""
     return math.sqrt(pixel_count(s))
 
 
 def is_lamp_flickering(s: Situation) -> bool:
-    """Whether the lamp's light changes with time."""
+    """Whether the lamp's light changes with time, so that effects of time occur."""
     return s.target.lamp is not None and not s.target.lamp.is_constant
 
 
 def lamp_ripple(s: Situation) -> float:
-    """Return the largest relative deviation of the lamp's light from its mean."""
+    """Return the lamp's largest relative ripple, which bounds the effects of its flicker."""
     return s.target.lamp.ripple if s.target.lamp is not None else 0.0
 
 
 def max_lamp_seconds(s: Situation) -> float:
-    """Return the most seconds of the lamp's mean light that a pixel may see in an exposure."""
+    """Return the most seconds of mean lamp light in an exposure, for bounds on effects."""
     return s.exposure * (1 + lamp_ripple(s))
 
 
 def sharp_norm_bound(s: Situation) -> float:
-    """Return an upper bound of the L2 norm of the picture's electrons, for any blur.
+    """Bound the L2 norm of the picture's electrons that any blur effect leaves.
 
     No blur adds light (Young).
     """
@@ -99,13 +99,13 @@ def sharp_norm_bound(s: Situation) -> float:
 
 
 def total_electrons(s: Situation) -> float:
-    """Return the electrons of the unblurred picture on the frame and its margin."""
+    """Return the unblurred picture's electrons that effects' bounds count, margin included."""
     return s.picture_probe.total_with_margin * max_lamp_seconds(s)
 
 
 @cached_per_situation
 def _peak_light_electrons(s: Situation) -> float:
-    """Return an upper bound of the electrons of light on a pixel of the blurred picture.
+    """Bound the electrons of light on any blurred pixel, for bounds on the sensor's effects.
 
     Three bounds are compared: by Young, by the PSF's peak, and by frequency.
     """
@@ -122,13 +122,13 @@ def _peak_light_electrons(s: Situation) -> float:
 
 
 def off_plane_star_electrons(s: Situation) -> float:
-    """Return the electrons of stars outside the part of the picture that is examined."""
+    """Return the electrons of stars that bounds on effects add from outside the examined part."""
     return s.picture_probe.off_plane_star_rate * max_lamp_seconds(s)
 
 
 @cached_per_situation
 def light_norm_bound(s: Situation) -> float:
-    """Return an upper bound of the L2 norm of the blurred picture's electrons.
+    """Bound the L2 norm of the blurred picture's electrons, which an effect may change.
 
     Three bounds are compared: by Young; by the brightest pixel and the sum of all; and by frequency
     (Parseval).
@@ -143,12 +143,12 @@ def light_norm_bound(s: Situation) -> float:
 
 
 def dark_current_electrons(s: Situation) -> float:
-    """Return the electrons of dark current on a pixel that isn't hot."""
+    """Return a pixel's electrons of dark current for effects' bounds, if it isn't hot."""
     return s.camera.sensor.dark_current * s.exposure
 
 
 def hot_pixel_norm(s: Situation) -> float:
-    """Return an upper bound of the L2 norm of the hot pixels' electrons.
+    """Bound the L2 norm of the hot pixels' electrons, which effects' bounds include.
 
     The number of hot pixels is taken five standard deviations above its mean.
     """
@@ -161,7 +161,7 @@ def hot_pixel_norm(s: Situation) -> float:
 
 
 def affected_pixel_bound(share: float, count: int) -> float:
-    """Return how many of `count` pixels are affected if each is with a probability `share`.
+    """Bound how many of `count` pixels an effect reaches, each with the probability `share`.
 
     The number is taken five standard deviations above its mean.
     """
@@ -170,7 +170,7 @@ def affected_pixel_bound(share: float, count: int) -> float:
 
 
 def peak_electrons(s: Situation) -> float:
-    """Return an upper bound of the brightest pixel's electrons, hot pixels included."""
+    """Bound the brightest pixel's electrons for effects of the sensor, hot pixels included."""
     sensor = s.camera.sensor
     lit = _peak_light_electrons(s) * (1 + MAX_PIXEL_SIGMAS * sensor.prnu)
     return (
@@ -179,7 +179,7 @@ def peak_electrons(s: Situation) -> float:
 
 
 def electron_norm_bound(s: Situation) -> float:
-    """Return an upper bound of the L2 norm of all electrons on the pixels."""
+    """Bound the L2 norm of all pixels' electrons, which effects of the sensor may change."""
     gain = 1 + MAX_PIXEL_SIGMAS * s.camera.sensor.prnu
     return (
         light_norm_bound(s) * gain
@@ -189,20 +189,25 @@ def electron_norm_bound(s: Situation) -> float:
 
 
 def clipping_onset(sensor: Sensor) -> float:
-    """Return the electrons at which full well or converter begin to clip, without shot noise."""
+    """Return the electrons from which the clipping effect occurs, without shot noise.
+
+    There, full well or converter begin to clip.
+    """
     spread = 7 * sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu
     top = (2**sensor.bits - 1 - sensor.black_level) * sensor.gain
     return max(min(sensor.full_well, top - spread), 0.0)
 
 
 def can_clip(s: Situation) -> bool:
-    """Whether any pixel can come within seven standard deviations of clipping."""
+    """Whether the clipping effect can occur, within seven standard deviations of any pixel."""
     most = peak_electrons(s)
     return most + 7 * math.sqrt(most) + 20 > clipping_onset(s.camera.sensor)
 
 
 def without_clipping(s: Situation, recipe: Recipe) -> Recipe:
-    """Return the recipe with unlimited full wells and converter, if any pixel may clip.
+    """Return the recipe without the clipping effect, if any pixel may clip.
+
+    Full wells and converter are unlimited then.
 
     Errors are counted before a full well clips them (see simulator.effects.picture_norms).
     """
@@ -210,7 +215,10 @@ def without_clipping(s: Situation, recipe: Recipe) -> Recipe:
 
 
 def unclipped_light(s: Situation) -> float:
-    """Return the electrons of light that surely don't clip, within seven standard deviations."""
+    """Return the electrons of light that the clipping effect surely leaves alone.
+
+    Seven standard deviations are allowed for.
+    """
     free = max(clipping_onset(s.camera.sensor) - 20 - dark_current_electrons(s), 0.0)
     # Solves x + 7 √x = free for x.
     root = max(math.sqrt(free + 12.25) - 3.5, 0.0)
@@ -231,7 +239,7 @@ class FullWells:
 
 @cached_per_situation
 def full_well_bounds(s: Situation) -> FullWells:
-    """Return bounds of the pixels whose wells may be full.
+    """Bound the pixels whose wells may be full, for the effects of clipping and shot noise.
 
     A blurred picture m has no more of (m - θ)₊, and of its square, than the sharp picture, for any
     θ (Jensen: a blur is a mean). Where m is above W > θ, m is at most W / (W - θ) times m - θ.
@@ -254,13 +262,16 @@ def full_well_bounds(s: Situation) -> FullWells:
 
 
 def can_clip_at_zero(sensor: Sensor) -> bool:
-    """Whether noise and offset of a dark pixel can reach the converter's lower end."""
+    """Whether the clipping effect can occur at the converter's lower end, in dark pixels.
+
+    Noise and offset of a dark pixel reach that end then.
+    """
     room = sensor.black_level * sensor.gain - MAX_PIXEL_SIGMAS * sensor.dsnu
     return room < 8 * sensor.read_noise + sensor.gain
 
 
 def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: bool = True) -> Bound:
-    """Return the bound of mean, variance and σ of the frame for a change of the electrons.
+    """Bound what an effect's change of electrons does to the frame's mean, variance and σ.
 
     change: L2 norm of the change of the picture's electrons over the exposure. Mean and variance
     change by the change times their steepest slope, at any number of electrons up to the brightest
@@ -287,7 +298,9 @@ def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: boo
 def proportional_error_bound(
     s: Situation, change: float, how: str, dim_pixel_margin: float = _SETTINGS.dim_pixel_margin
 ) -> Bound:
-    """Return sensor_error_bound() of a change that is proportional to each pixel's light.
+    """Bound the frame's error by an effect that changes each pixel's light in proportion.
+
+    It is sensor_error_bound() of such a change.
 
     A dim pixel's relative change is at most `dim_pixel_margin` times that of the whole picture.
     Where m changes by a share ε of it, √(m + r²) changes by at most ε √m / 2, for any read noise r:
@@ -307,7 +320,7 @@ def proportional_error_bound(
 
 
 def _dim_pixel_electrons(s: Situation) -> float:
-    """Return the fewest electrons on pixels where a change of the light counts.
+    """Return the fewest electrons on pixels where an effect's change of the light counts.
 
     These are half of those in the dim tenth of the sharp picture, since it may be dimmer once it is
     blurred.
@@ -316,7 +329,10 @@ def _dim_pixel_electrons(s: Situation) -> float:
 
 
 def _next_power_of_two(electrons: float) -> float:
-    """Return the least power of two that is at least a number of electrons, and at least 64."""
+    """Return a power of two above an effect's electrons, at least 64.
+
+    It is the least power of two that is at least the number of electrons.
+    """
     return 2.0 ** math.ceil(math.log2(max(electrons, 64.0)))
 
 
@@ -324,7 +340,9 @@ def _next_power_of_two(electrons: float) -> float:
 def _steepest_slopes(
     sensor: Sensor, most: float, unclipped_electrons: float
 ) -> tuple[float, float, float]:
-    """Return the largest slopes of mean and variance by electrons, and the least σ with read noise.
+    """Return the slopes by which an effect's electrons change mean and variance, and the least σ.
+
+    They are the largest slopes by electrons. The least σ is that with read noise.
 
     unclipped_electrons: number up to which the upper end clips nothing. Without clipping, the
     converter's steps of g electrons make the slopes oscillate by exp(-2 π² m / g²) at m electrons

@@ -45,7 +45,9 @@ class ColourFilters(OnOffEffect):
         return f"in this light a pixel's electrons differ by {self._largest(s):.2g} of the most"
 
     def _largest(self, s: Situation) -> float:
-        """Return the largest difference of a filter's electrons from the mean pixel's.
+        """Return the largest effect of a colour filter on a pixel's electrons.
+
+        It is the largest difference of a filter's electrons from the mean pixel's.
 
         It is the largest over all parts and filters, relative to the electrons of the best channel.
         """
@@ -64,7 +66,7 @@ class ColourFilters(OnOffEffect):
 
 
 def _differences(s: Situation) -> Iterator[Spectrum]:
-    """Yield the absolute difference of each colour filter's curve from the mean pixel's."""
+    """Yield each colour filter's effect: its curve's absolute difference from the mean pixel's."""
     colour = s.camera.sensor.colour
     if colour is None:
         return
@@ -80,7 +82,7 @@ def _differences(s: Situation) -> Iterator[Spectrum]:
 
 
 def _nodes(colour: Mosaic) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return the wavelengths at which any colour filter's curve bends or ends.
+    """Return the wavelengths at which the colour filters' effect bends or ends.
 
     Both sides of the ends are included.
     """

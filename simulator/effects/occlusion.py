@@ -32,7 +32,10 @@ class Occlusion(OnOffEffect):
         )
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Return the relative error of the sharp picture if all layers are transparent."""
+        """Estimate the occlusion effect by the sharp picture with all layers transparent.
+
+        The result is the relative error.
+        """
         whole = s.picture_probe.norm_bound
         if not whole:
             return 0.0
@@ -44,7 +47,7 @@ class Occlusion(OnOffEffect):
         return sensor_error_bound(s, max_lamp_seconds(s) * self._hidden_light_bound(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations of occlusion, beyond those of layers whose light is added.
+        """Return the operations that the occlusion effect adds to layers whose light is summed.
 
         For every wavelength, each layer's transfer function is transformed, for its light and its
         cover, and so are the pictures of both.
@@ -70,7 +73,7 @@ class Occlusion(OnOffEffect):
         return f"near things hide what is behind them along {edges:.3g} pixels of edges"
 
     def _hidden_light_bound(self, s: Situation) -> float:
-        """Return an upper bound of the L2 norm of the light that should be hidden.
+        """Bound the L2 norm of the light that the occlusion effect should hide.
 
         In electrons per second.
 
@@ -83,7 +86,7 @@ class Occlusion(OnOffEffect):
         return min(self._hidden_light_within(s, share) for share in shares)
 
     def _hidden_light_within(self, s: Situation, share: float) -> float:
-        """Return the bound of the hidden light if `share` of a PSF is beyond its reach."""
+        """Bound the light that occlusion's effect hides if `share` of a PSF is beyond its reach."""
         reach = s.pattern_probe.reach_of_share(share)
         pixels = math.ceil(reach / s.camera.sensor.pitch)
         beyond = min(share + self._side_order_share(s), 1.0)
@@ -99,7 +102,7 @@ class Occlusion(OnOffEffect):
         return total
 
     def _side_order_share(self, s: Situation) -> float:
-        """Return the share of a PSF's light in side orders that may fall on the frame."""
+        """Return the share of a PSF's side orders on the frame that the occlusion effect counts."""
         far = max(
             n * p
             for n, p in zip(s.picture_probe.plane.shape, s.picture_probe.plane.pitch, strict=True)
@@ -108,7 +111,10 @@ class Occlusion(OnOffEffect):
 
 
 def _dilate_mask(mask: torch.Tensor, pixels: int) -> torch.Tensor:
-    """Return a mask that is grown by a square of so many pixels to each side."""
+    """Return the mask of the occlusion effect's covers, grown by `pixels` to each side.
+
+    The mask grows by a square.
+    """
     values = mask.numpy()
     for axis, n in enumerate(values.shape):
         values = maximum_filter1d(values, min(2 * pixels + 1, 2 * n + 1), axis, mode="constant")

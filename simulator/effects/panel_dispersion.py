@@ -43,12 +43,12 @@ class PanelDispersion(OnOffBlurEffect):
 
 
 def _total_psf_change(s: Situation) -> float:
-    """Return an upper bound of ‖Δh‖₁ from dispersion over the band and the leak."""
+    """Bound the panel dispersion effect on a PSF over band and leak, as ‖Δh‖₁."""
     return _change(s, "band") + (_change(s, "leak") if s.band.leak else 0.0)
 
 
 def _change(s: Situation, which: Literal["band", "leak"]) -> float:
-    """Return an upper bound of ‖Δh‖₁ from dispersion, averaged over the band or the leak.
+    """Bound the panel dispersion effect on a PSF, ‖Δh‖₁ averaged over the band or the leak.
 
     Each wavelength is weighted by its share of the brightest channel's electrons, or by the largest
     share that it has in any part and channel. The leak counts by its share of the light.
@@ -66,7 +66,7 @@ def _change(s: Situation, which: Literal["band", "leak"]) -> float:
 
 
 def _at(s: Situation, wavelength: float) -> float:
-    """Return an upper bound of ‖Δh‖₁ from dispersion at one wavelength."""
+    """Bound the panel dispersion effect on a PSF at one wavelength, as ‖Δh‖₁."""
     pixels, panel = sample_pixels(s), s.camera.panel
     there = modulator_at(panel, wavelength)
     # A response that varies over the panel has to be evaluated on all pixels.

@@ -41,7 +41,7 @@ class PanelEffect(OnOffBlurEffect):
 
     @abstractmethod
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """Return an upper bound of ‖Δh‖₁ with the effect against without it, and how it is known.
+        """Bound a panel effect by ‖Δh‖₁ of the PSFs with it and without it, and say how it's known.
 
         It holds whatever other effects are on.
         """
@@ -70,7 +70,7 @@ class RedirectedLight(PanelEffect):
 
     @abstractmethod
     def redirected_share(self, s: Situation) -> float:
-        """Return the largest share of the light that the panel redirects."""
+        """Return the largest share of the light that a panel effect redirects."""
 
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
         return 2 * self.redirected_share(s), "proved: light that moves counts twice"
@@ -132,7 +132,10 @@ class PanelResponse(PanelEffect):
 
 
 def phase_error_gain(panel: Panel) -> float:
-    """Return the factor by which coupling and illumination may enlarge a panel's phase error."""
+    """Return by how much coupling and illumination may enlarge a panel effect's phase error.
+
+    The result is a factor.
+    """
     lit = 1.0
     if panel.illumination is not None:
         light = panel.illumination.at_pixels(panel)
@@ -168,7 +171,9 @@ class Coupling(PanelEffect):
 def _blocks(
     phase: torch.Tensor, aperture_share: torch.Tensor
 ) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    """Return squares of neighbouring pixels from all over the panel, or the whole of a small one.
+    """Return squares of pixels on which the panel's coupling effect is bounded.
+
+    They are neighbouring pixels from all over the panel, or the whole of a small one.
 
     There are 4 x 4 squares of 64 x 64 pixels.
     """
@@ -193,7 +198,7 @@ class Flicker(PanelEffect):
     source = "thesis §3.4"
 
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """Return an upper bound of ‖Δh‖₁ from flicker, and how it is known.
+        """Bound the panel flicker's effect on a PSF as ‖Δh‖₁, and say how it is known.
 
         The ripple's first order averages out. What is left is the loss of the mean field, 1 - J₀,
         which interferes, and the power of the ripple, 2 (1 - J₀).
@@ -229,7 +234,10 @@ class Jitter(RedirectedLight):
 
 
 def _gap_power(panel: Panel) -> float:
-    """Return the panel's largest power relative to that of its pixels, with light from the gaps."""
+    """Return the power by which gap light may enlarge a panel effect.
+
+    It is the panel's largest power relative to that of its pixels, with light from the gaps.
+    """
     return (1 + gap_amplitude(panel)) ** 2
 
 

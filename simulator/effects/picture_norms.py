@@ -28,7 +28,9 @@ _SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
 
 
 def minimum_norms(s: Situation) -> MinimumNorms:
-    """Return lower bounds of the norms of mean, variance and σ, in electrons.
+    """Return lower bounds of the picture's norms, which effects' errors are relative to.
+
+    They are those of mean, variance and σ, in electrons.
 
     The norms are over the sensor's pixels. That of the mean is the largest of three bounds. First,
     a pixel has at least the light of the darkest place within the reach of its PSF. Second, the
@@ -56,7 +58,7 @@ def minimum_norms(s: Situation) -> MinimumNorms:
 
 
 def _min_light(s: Situation) -> tuple[float, float]:
-    """Return lower bounds of sum and norm of the picture's light, electrons per second."""
+    """Return the least sum and norm of light that all effects leave, electrons per second."""
     # The factor 0.8 is from audits: it allows for effects that blur the picture further.
     attenuated, spread = 0.8 * _min_attenuation(s), _min_light_by_area(s)
     total = max((one for one, _ in spread), default=0.0)
@@ -67,7 +69,9 @@ def _min_light(s: Situation) -> tuple[float, float]:
 
 
 def _min_attenuation(s: Situation) -> float:
-    """Return the least share of the light that vignetting and colour filters leave.
+    """Return the least share of the light that the effects of vignetting and filters leave.
+
+    The filters are the colour filters.
 
     The colour filters' share is relative to the light of the best channel.
     """
@@ -76,7 +80,9 @@ def _min_attenuation(s: Situation) -> float:
 
 
 def _min_channel_share(s: Situation) -> float:
-    """Return the least share of electrons that a colour mosaic's mean pixel has of any part.
+    """Return the least share of electrons that the colour filters' effect leaves on average.
+
+    It is the share that a colour mosaic's mean pixel has of any part.
 
     It is relative to the electrons of the part's best channel.
     """
@@ -95,7 +101,10 @@ def _min_channel_share(s: Situation) -> float:
 
 
 def _min_lamp_light(s: Situation) -> float:
-    """Return the least mean light of the lamp that any row sees, relative to its mean."""
+    """Return the least mean light that the lamp flicker's effect leaves any row.
+
+    It is relative to the lamp's mean.
+    """
     lamp = s.target.lamp
     if lamp is None or lamp.is_constant:
         return 1.0
@@ -104,7 +113,7 @@ def _min_lamp_light(s: Situation) -> float:
 
 
 def _blur_margin(s: Situation, share: float) -> int:
-    """Return the pixels from a point's image beyond which less than a share of its light falls.
+    """Return the pixels beyond which blur effects send less than a share of a point's light.
 
     The image's motion is added. The result is rounded up to one of four values per octave, so that
     other patterns can use the same results of the picture.
@@ -117,7 +126,10 @@ def _blur_margin(s: Situation, share: float) -> int:
 
 
 def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int], T]) -> T:
-    """Return a result that depends on the sharp picture alone, computed once for each edge."""
+    """Return a sharp-picture result for effects' minimum norms, computed once for each edge.
+
+    The result depends on the sharp picture alone.
+    """
     causes = (what, edge, s.camera.sensor.shape)
     if causes not in s.picture_probe.results:
         s.picture_probe.results[causes] = find(edge)
@@ -126,7 +138,7 @@ def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int],
 
 
 def _inner(s: Situation, edge: int) -> torch.Tensor:
-    """Return the sharp picture within the frame, without an edge, in electrons per second.
+    """Return the sharp frame without an edge that blur effects may empty, electrons per second.
 
     edge: pixels of the frame that are set to zero on each side.
     """
@@ -141,7 +153,10 @@ def _inner(s: Situation, edge: int) -> torch.Tensor:
 
 
 def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
-    """Return pairs of light and area: electrons per second that surely fall on so many pixels."""
+    """Return pairs of light and area: what blur effects surely leave on so many pixels.
+
+    The light is in electrons per second.
+    """
     found = []
     for share in _SHARES:
         edge = _blur_margin(s, share)
@@ -158,7 +173,7 @@ def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
 
 
 def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
-    """Return the sum of a picture, and how many rows and columns its light covers."""
+    """Return a sharp picture's sum and the rows and columns of its light, for minimum norms."""
     rows, columns = (light > 0).any(1).nonzero(), (light > 0).any(0).nonzero()
     if not len(rows):
         return 0.0, (0, 0)
@@ -167,7 +182,9 @@ def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
 
 
 def _norm_by_neighbourhood(s: Situation) -> float:
-    """Return the picture's norm if each pixel had the least light within its PSF's reach.
+    """Return the norm that blur effects surely leave if each pixel had its neighbours' least.
+
+    It is the picture's norm if each pixel had the least light within its PSF's reach.
 
     In electrons per second.
     """
@@ -189,7 +206,10 @@ def _norm_by_neighbourhood(s: Situation) -> float:
 
 
 def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
-    """Return the norm of the frame if each pixel had the least light up to `edge` pixels away."""
+    """Return the norm that blur effects leave a frame of its neighbourhoods' least light.
+
+    Each pixel has the least light up to `edge` pixels away.
+    """
     least = s.picture_probe.sharp_picture.clamp(min=0).numpy()
     for axis in (0, 1):
         least = minimum_filter1d(least, 2 * edge + 1, axis, mode="constant")
@@ -198,7 +218,7 @@ def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
 
 
 def _norm_by_frequency(s: Situation) -> float:
-    """Return the norm in electrons per second that the transfer function leaves at least."""
+    """Return the norm that blur effects' transfer function leaves at least, electrons/s."""
     if s.target.is_moving or has_occlusion(s):
         return 0.0
     transfer, best = s.pattern_probe.transfer_bounds, 0.0
@@ -217,7 +237,7 @@ def _norm_by_frequency(s: Situation) -> float:
 
 
 def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:
-    """Return the radial power spectrum of a picture; None without light."""
+    """Return a picture's radial power spectrum for effects' minimum norms; None without light."""
     return (
         RadialProfile.of(spectrum_of_samples(light), s.picture_probe.plane) if light.any() else None
     )

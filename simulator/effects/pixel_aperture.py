@@ -62,7 +62,7 @@ class PixelAperture(PixelwiseEffect):
         return f"pixels of {pitch * 1e6:g} µm would take {share:.2g} of the sharp picture"
 
     def _resolved_loss(self, s: Situation) -> float:
-        """Return what the pixel aperture takes of the frequencies that the pixels resolve.
+        """Return what the pixel aperture effect takes of the frequencies that the pixels resolve.
 
         L2 norm in electrons per second.
         """
@@ -72,7 +72,10 @@ class PixelAperture(PixelwiseEffect):
         )
 
     def _aliases(self, s: Situation) -> float:
-        """Return the root of how many of the light's frequencies alias to one on the pixels."""
+        """Return the root of how many frequencies alias to one, for the pixel aperture effect.
+
+        They are frequencies of the light that alias to one on the pixels.
+        """
         lens = s.camera.lens
         finest = 2 * lens.image_numerical_aperture / s.band.support[0]
         return max(math.ceil(2 * finest * s.camera.sensor.pitch), 1.0)

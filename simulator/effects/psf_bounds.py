@@ -48,18 +48,21 @@ _SETTINGS = PSFBoundSettings()
 
 
 def has_known_psf(s: Situation) -> bool:
-    """Whether all light has PSFs like the ones that are examined: those of one distance."""
+    """Whether effects' bounds may rely on the probed PSFs: those of all light, of one distance."""
     return len(set(s.picture_probe.distances)) == 1 and not has_occlusion(s)
 
 
 def has_occlusion(s: Situation) -> bool:
-    """Whether any layer of the target hides another."""
+    """Whether the occlusion effect can occur: any layer of the target hides another."""
     return any(layer.cover is not None for layer in s.target.layers)
 
 
 @cached_per_situation
 def peak_pixel_share(s: Situation) -> float:
-    """Return the largest share of a point's light on one pixel; 1 if the PSF isn't known."""
+    """Bound a point's light on one pixel, whichever effects are on; 1 if the PSF isn't known.
+
+    The result is a share of the light.
+    """
     if not has_known_psf(s):
         return 1.0
     return _on_pixel(s, s.pattern_probe.peak)
@@ -67,7 +70,7 @@ def peak_pixel_share(s: Situation) -> float:
 
 @cached_per_situation
 def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
-    """Return the largest sum over pixels of the squared shares that a PSF gives them.
+    """Bound a PSF's sum of squared shares on pixels, whichever effects are on.
 
     beyond: if given, only the light beyond a square of so many metres to each side counts.
     """
@@ -82,7 +85,9 @@ def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
 
 
 def _on_pixel(s: Situation, density: float) -> float:
-    """Return a PSF's density in the middle of band and field, 1/m², as a share on a pixel.
+    """Bound a PSF's share on a pixel, whichever effects are on, by its density at the centre.
+
+    The density, 1/m², is that in the middle of band and field.
 
     The result is an upper bound over band and field.
     """
@@ -95,14 +100,14 @@ def _on_pixel(s: Situation, density: float) -> float:
 
 
 def zeroth_order_share(s: Situation) -> float:
-    """Return the largest share of a point's light that doesn't go to orders off the sensor."""
+    """Bound the share of light that the panel orders' effect doesn't send off the sensor."""
     if can_orders_reach_sensor(s) or is_uniform_scene(s):
         return 1.0
     return min(1.05 * s.pattern_probe.zeroth_order_share, 1.0)
 
 
 def can_orders_reach_sensor(s: Situation) -> bool:
-    """Whether side orders of any light can reach a pixel.
+    """Whether the effect of panel orders can occur: side orders of any light reach a pixel.
 
     The first order begins half a period from the light's image.
     """
@@ -112,12 +117,12 @@ def can_orders_reach_sensor(s: Situation) -> bool:
 
 
 def _brighter(s: Situation) -> float:
-    """Return how much denser a PSF may be at the band's short end than at its centre."""
+    """Return how much denser band effects may make a PSF at the short end than at the centre."""
     return _SETTINGS.margin * s.band.centre**2 / s.band.support[0] ** 2
 
 
 def mtf_bound(s: Situation, frequency: Array) -> Array:
-    """Return an upper bound of the MTF |H| of any PSF, at cycles per metre on the sensor."""
+    """Bound the MTF |H| of any PSF, whichever effects are on, at cycles per metre on the sensor."""
     if not has_known_psf(s):
         return np.ones_like(frequency)
     spread = _SETTINGS.frequency_factor * s.band.support[1] / s.band.support[0]
@@ -131,7 +136,9 @@ def mtf_bound(s: Situation, frequency: Array) -> Array:
 
 
 def illuminated_area_change(s: Situation) -> float:
-    """Return the panel's area that is lit from only one of the axis and a corner of the field.
+    """Return the panel's area that only one of axis and corner lights, for off-axis effects.
+
+    The corner is one of the field.
 
     It is relative to the area that is lit from the axis. A shadow that moves by v changes v times
     its width on either side.
@@ -147,7 +154,7 @@ def illuminated_area_change(s: Situation) -> float:
 
 @cached_per_situation
 def max_vignetting_change(s: Situation) -> float:
-    """Return the largest share of a point's light that is lost or gained off the axis.
+    """Return the largest effect of vignetting: a point's share of light lost or gained off axis.
 
     It is computed at a few places of the frame and its margin, the corners included.
     """
@@ -158,7 +165,7 @@ def max_vignetting_change(s: Situation) -> float:
 def vignetting_samples(
     s: Situation, shape: Sequence[int], distances: Collection[float]
 ) -> torch.Tensor:
-    """Return the share of the light that vignetting leaves, for each distance.
+    """Return samples of the vignetting effect: the share of the light left, for each distance.
 
     It is computed at 9 x 9 places from corner to corner of `shape` pixels.
     """
@@ -171,7 +178,10 @@ def vignetting_samples(
 
 
 def is_uniform_scene(s: Situation) -> bool:
-    """Whether all light is uniform and endless, and no layer hides another."""
+    """Whether blur effects change nothing: all light is uniform, endless and not hidden.
+
+    No layer hides another then.
+    """
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return (
         bool(parts) and all(isinstance(one, UniformLight) for one in parts) and not has_occlusion(s)
@@ -179,7 +189,7 @@ def is_uniform_scene(s: Situation) -> bool:
 
 
 def blur_sensitivity(s: Situation) -> float:
-    """Return the largest share of the light that a change of the PSF can change.
+    """Return the largest share of the light that an effect on the PSF can change.
 
     Uniform, endless light stays so, except for what vignetting changes of it.
     """

@@ -37,7 +37,9 @@ class PSFReach(BlurEffect):
     levels = tuple(f"{n} px" for n in LEVELS.windows)
 
     def finest_level(self, s: Situation) -> int:
-        """Return the level whose window holds all of the zeroth order that can reach a pixel.
+        """Return the PSF-reach effect's level whose window holds all of the zeroth order.
+
+        That is all of it that can reach a pixel.
 
         The order is widest at the longest wavelength.
         """
@@ -66,7 +68,9 @@ class PSFReach(BlurEffect):
 
 
 def _waves(s: Situation) -> list[tuple[float, float]]:
-    """Return the largest shares of the light and the longest wavelength, of band and leak.
+    """Return the light's shares and longest wavelengths, of band and leak, for the reach effect.
+
+    The shares are the largest ones.
 
     PSFs are widest at the longest wavelength.
     """
@@ -75,7 +79,9 @@ def _waves(s: Situation) -> list[tuple[float, float]]:
 
 
 def _half(s: Situation, level: int, longest: float) -> float:
-    """Return the metres from a point's image to the side of a PSF's window, at the band's centre.
+    """Return the metres to the side of a PSF's window at a level of the reach effect.
+
+    They are counted from a point's image, at the band's centre.
 
     They are scaled from the longest wavelength to the centre.
     """
@@ -85,7 +91,7 @@ def _half(s: Situation, level: int, longest: float) -> float:
 
 
 def _beyond(s: Situation, level: int) -> float:
-    """Return the share of a point's light outside the PSF's window."""
+    """Return the PSF-reach effect's missing light: a point's share outside the PSF's window."""
     found = (
         share * s.pattern_probe.share_beyond(_half(s, level, longest))
         for share, longest in _waves(s)

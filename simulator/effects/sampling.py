@@ -81,7 +81,7 @@ class LightSampling(BlurEffect):
 
 
 def _aliasing_gain(s: Situation, samples: int) -> Gain:
-    """Return the bound of a picture's aliasing by frequency, for so many samples per pixel.
+    """Bound the light-sampling effect's aliasing by frequency, for so many samples per pixel.
 
     Where a picture has edges, its spectrum falls with 1/k, and the mean over a sample's cell falls
     with another 1/k: aliases from beyond the samples' Nyquist frequency add (k / (n - k))² of the
@@ -107,7 +107,9 @@ def _aliasing_gain(s: Situation, samples: int) -> Gain:
 
 
 def _spectral_decay(s: Situation) -> int:
-    """Return the least power of the frequency with which the pictures' spectra fall.
+    """Return the power with which the pictures' spectra fall, for the light-sampling effect.
+
+    It is the least power of the frequency.
 
     It is that at the pixels' Nyquist frequency.
     """
@@ -121,6 +123,9 @@ def _spectral_decay(s: Situation) -> int:
 
 
 def _has_exact_spectra(s: Situation) -> bool:
-    """Whether the spectra of all pictures are known by formula, for any samples."""
+    """Whether the light-sampling effect is absent: formulas give all pictures' spectra.
+
+    They do so for any samples.
+    """
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return all(one.has_exact_spectrum for one in parts) and not has_occlusion(s)

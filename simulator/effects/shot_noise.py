@@ -68,7 +68,7 @@ class ShotNoise(Effect):
         )
 
     def _bound_without_noise(self, s: Situation) -> Bound:
-        """Return the bound of leaving shot noise out.
+        """Bound the picture's error without the effect of shot noise.
 
         It is the variance of the number of electrons, with a rounding step and the full well's
         effect.
@@ -91,7 +91,7 @@ class ShotNoise(Effect):
         )
 
     def _gaussian_bound(self, s: Situation) -> Bound:
-        """Return the bound of replacing Poisson's distribution by a normal one.
+        """Bound the shot-noise effect's error with a normal distribution for Poisson's.
 
         Means and variances agree except where full wells and rounding cut the distributions. The
         cumulative distributions differ by 0.068 / √electrons: 1/(6 √(2π)) from Edgeworth's first
@@ -113,7 +113,7 @@ class ShotNoise(Effect):
         )
 
     def _skewed_gaussian_bound(self, s: Situation) -> Bound:
-        """Return the bound of replacing Poisson's distribution by a skewed normal one.
+        """Bound the shot-noise effect's error with a skewed normal distribution for Poisson's.
 
         The skewed one has the right third and fourth moments. The cumulative distributions differ
         by 3e-4 at ten electrons, and by less for more electrons.
@@ -131,7 +131,7 @@ class ShotNoise(Effect):
 
 
 def _sigma(variance: float, sensor: Sensor) -> float:
-    """Return the largest change of a standard deviation for a change of the variance.
+    """Return how much a shot-noise effect's change of the variance changes σ at most.
 
     It is largest where the variance is least: a step of the converter may hide all of it.
     """

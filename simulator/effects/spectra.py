@@ -35,12 +35,14 @@ class SpectralMeasure:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no light frees any electron."""
+        """Whether a filter's effects have no light: none frees any electron."""
         return not self.electrons.size or not self.electrons.any()
 
     @cached_property
     def nodes(self) -> Array:
-        """Return the 49 Chebyshev points of the wavelength range in metres.
+        """Return the 49 Chebyshev points in metres at which band effects sample the wavelengths.
+
+        They are those of the wavelength range.
 
         A transfer function, which is smooth over the range, is interpolated between them.
         """
@@ -50,7 +52,7 @@ class SpectralMeasure:
         return np.asarray((low + high) / 2 - (high - low) / 2 * np.cos(turns))
 
     def weight_errors(self, count: int) -> Array:
-        """Return the errors of the nodes' weights if `count` Gauss nodes replace the spectrum.
+        """Return the weights' errors if a band effect's `count` Gauss nodes replace the spectrum.
 
         The weights are those by which values at `nodes` are integrated. The errors are relative to
         the brightest channel of each part, (channels, parts, nodes).
@@ -59,7 +61,10 @@ class SpectralMeasure:
 
     @cached_property
     def _true(self) -> Array:
-        """Return the weights that integrate values at the nodes over the whole spectrum."""
+        """Return the exact weights of the spectrum's nodes, against which band effects err.
+
+        They integrate values at the nodes over the whole spectrum.
+        """
         return np.asarray(
             self.electrons @ interpolation_weights(self.nodes.tolist(), self.wavelengths).T
         )
@@ -67,7 +72,7 @@ class SpectralMeasure:
 
 @lru_cache(maxsize=256)
 def _wrong(one: SpectralMeasure, count: int) -> Array:
-    """Return the errors of a spectral measure's weights; see SpectralMeasure.weight_errors."""
+    """Return the errors of a band effect's spectral weights; see SpectralMeasure.weight_errors."""
     found, weights = gauss_quadrature(one.wavelengths, one.electrons, count)
     masses = one.electrons.sum(-1).max(0)
     masses = np.where(masses > 0, masses, 1.0)[None, :, None]
@@ -76,7 +81,10 @@ def _wrong(one: SpectralMeasure, count: int) -> Array:
 
 
 def spectral_measure(s: Situation, which: Literal["band", "leak"]) -> SpectralMeasure:
-    """Return the electrons of a situation's light by wavelength, in the band or in the leak."""
+    """Return the electrons by wavelength for the effects of a filter's band or leak.
+
+    They are freed by the situation's light.
+    """
     parts = [part for layer in s.target.for_camera(s.camera).layers for part in layer.parts]
     sensor = s.camera.sensor
     curves = [sensor.spectral_efficiency or Spectrum.flat(sensor.quantum_efficiency)]
@@ -91,7 +99,7 @@ def spectral_measure(s: Situation, which: Literal["band", "leak"]) -> SpectralMe
 def _measure(
     spectra: tuple[Spectrum, ...], curves: tuple[Spectrum, ...], band: Band, leak: bool
 ) -> SpectralMeasure:
-    """Return a spectral measure, cached by the values of light and filter.
+    """Return the spectral measure of a filter's effects, cached by the values of light and filter.
 
     They are the same for every pattern.
     """
@@ -99,7 +107,7 @@ def _measure(
 
 
 def leak_share(s: Situation) -> float:
-    """Return the leak's largest share of the electrons of any part and channel.
+    """Return the leak effect's largest share of the electrons of any part and channel.
 
     It is relative to the electrons of the part's brightest channel.
     """

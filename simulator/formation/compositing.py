@@ -26,19 +26,19 @@ class LightPath(Protocol):
     """
 
     def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Return a layer's light of all wavelengths, one spectrum for each channel."""
+        """Return a layer's rendered light of all wavelengths, one spectrum for each channel."""
         ...
 
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Return a layer's light of one wavelength, one spectrum for each channel."""
+        """Return a layer's rendered light of one wavelength, one spectrum for each channel."""
         ...
 
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor:
-        """Return the spectrum of a layer's blurred cover at one wavelength.
+        """Return the spectrum of a layer's cover, blurred as in image formation, at one wavelength.
 
         The cover is the share of the light behind that the layer hides.
         """
@@ -52,7 +52,7 @@ class ZerothOrderPath:
         self._gathering, self._objects, self._spreading = gathering, objects, spreading
 
     def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Return a layer's light of all wavelengths, one spectrum for each channel.
+        """Render a layer's zeroth-order light of all wavelengths, one spectrum for each channel.
 
         The PSFs of all wavelengths are added before the convolution.
         """
@@ -84,7 +84,7 @@ class ZerothOrderPath:
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Return a layer's light of one wavelength, one spectrum for each channel."""
+        """Render a layer's zeroth-order light of one wavelength, one spectrum for each channel."""
         layer, weights = self._spreading.layers[number], self._spreading.weights(number)
         total = self._gathering.zero_spectra(self._spreading.channels)
         where = self._objects.placement(layer, cell)
@@ -100,7 +100,7 @@ class ZerothOrderPath:
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor:
-        """Return the spectrum of a layer's blurred cover at one wavelength."""
+        """Render the spectrum of a layer's cover at one wavelength, blurred by its PSF."""
         layer = self._spreading.layers[number]
         where = self._objects.placement(layer, cell)
         assert where is not None
@@ -111,7 +111,7 @@ class ZerothOrderPath:
     def _transfers(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Return the transfer functions of a layer at one wavelength, one for each place."""
+        """Return the transfer functions that form a layer's image at one wavelength, by place."""
         return [
             self._gathering.transfers(
                 [self._spreading.psf(number, node, place, cell, count)], _ONE, "occlusion"
@@ -121,7 +121,7 @@ class ZerothOrderPath:
 
 
 def _through(transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor]) -> torch.Tensor:
-    """Return the sum of spectra times their transfer functions."""
+    """Form an image's spectrum: the sum of places' spectra times their transfer functions."""
     total = transfers[0] * spectra[0]
     for transfer, spectrum in zip(transfers[1:], spectra[1:], strict=True):
         total += transfer * spectrum
@@ -138,7 +138,7 @@ class Compositor(ABC):
 
     @abstractmethod
     def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Return the spectra of the light on samples, one for each channel."""
+        """Form the image of all layers: the spectra of light on samples, one for each channel."""
 
 
 class AdditiveCompositor(Compositor):
@@ -168,7 +168,10 @@ class OccludingCompositor(Compositor):
         return [self.gathering.transform_samples(light, "occlusion") for light in total]
 
     def _wavelength_light(self, node: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Return the light of one wavelength on samples, for each channel."""
+        """Form the image of one wavelength, near layers before far ones, for each channel.
+
+        It is the light on samples.
+        """
         samples, layers = self.gathering.samples, self.spreading.layers
         behind: list[torch.Tensor] = []
         for number in reversed(range(len(layers))):
@@ -190,7 +193,9 @@ class OccludingCompositor(Compositor):
 def composite_over(
     behind: torch.Tensor, front: torch.Tensor, cover_share: torch.Tensor
 ) -> torch.Tensor:
-    """Return the light on samples of what lies behind, with a nearer layer before it.
+    """Form the image of what lies behind, with a nearer layer rendered before it.
+
+    It is the light on samples.
 
     behind, front: blurred light of each. cover_share: blurred cover of the nearer layer, 0 to 1:
     the share of the rays to a sample that it stops. These rays are taken to be as bright as the

@@ -41,13 +41,16 @@ class LayerPSFs:
         self._first = self._depths[distances[0]][0][0]
 
     def weights(self, layer: int) -> NDArray[np.float64]:
-        """Return a layer's electrons per second and pixel for white, (channels, parts, nodes)."""
+        """Return the rendered electrons per second and pixel of a white layer.
+
+        They are (channels, parts, nodes).
+        """
         return self._weights[layer]
 
     def psf(
         self, layer: int, node: int, place: Place, cell: ExposureCell, number: int
     ) -> torch.Tensor:
-        """Return a layer's PSF at one wavelength and place."""
+        """Return the PSF with which a layer is rendered at one wavelength and place."""
         wavelength = self.nodes[node]
         order = self._kernels.central(wavelength.metres)
         total: torch.Tensor | None = None
@@ -62,7 +65,10 @@ class LayerPSFs:
     def order_psf(
         self, layer: int, node: int, place: Place, cell: ExposureCell, order: Order
     ) -> torch.Tensor:
-        """Return a layer's PSF in one diffraction order, around the order's centre."""
+        """Return the PSF with which a layer is rendered in one diffraction order.
+
+        It is around the order's centre.
+        """
         total: torch.Tensor | None = None
         for distance, share in self._depths[self.layers[layer].distance]:
             point = PointSource(self.nodes[node].metres, distance, place)
@@ -72,11 +78,14 @@ class LayerPSFs:
         return total
 
     def order_centre(self, node: Wavelength, order: Order) -> Place:
-        """Return (y, x) metres on the sensor from an image to a diffraction order's PSF."""
+        """Return (y, x) metres on the sensor from a rendered image to a diffraction order's PSF."""
         return self._kernels.order_centre(node.metres, order)
 
     def _effect(self, distance: float, node: int, place: Place, number: int) -> str:
-        """Return the effect in the ledger for which a PSF is computed."""
+        """Return the name in the ledger of what a rendered PSF is computed for.
+
+        It is the name of an effect.
+        """
         if self.nodes[node].leak:
             return "out-of-band leak"
         if place != self._places[0]:

@@ -33,7 +33,7 @@ def expected_electrons(
     ledger: Ledger,
     check: Callable[[], None] = lambda: None,
 ) -> torch.Tensor:
-    """Render the mean photo-electrons on each pixel of a situation's picture.
+    """Render the mean photo-electrons on each pixel of a situation's picture: image formation.
 
     The colour filters and the pixel aperture are included; the sensor's other stages come later.
 
@@ -80,7 +80,7 @@ def expected_electrons(
 
 
 def _require(recipe: Recipe) -> None:
-    """Raise ValueError for a recipe with a count that is too small."""
+    """Raise ValueError for a recipe that can't form an image, because a count is too small."""
     for name in ("window", "samples_per_pixel", "wavelengths", "depths", "places", "motion"):
         if getattr(recipe, name) < 1:
             raise ValueError(f"the recipe's {name} is {getattr(recipe, name)}; it is 1 at least")
@@ -121,7 +121,10 @@ class _Rendering:
         self._layered = layered(self._gathering, spreading, ways)
 
     def light(self, cell: ExposureCell, number: int) -> torch.Tensor:
-        """Return the light of an exposure cell, electrons per second, (channels, rows, columns)."""
+        """Return the rendered light of an exposure cell, from the cache if it is there.
+
+        It is in electrons per second, (channels, rows, columns).
+        """
         s, r = self._s, self._recipe
         # The light doesn't depend on the recipe's fields for time, which the cell contains, or for
         # the sensor's later stages: these are set to one value in the cache key.
@@ -138,7 +141,7 @@ class _Rendering:
         return self._cache.get(causes, lambda: self._compute_light(cell, number))
 
     def _compute_light(self, cell: ExposureCell, number: int) -> torch.Tensor:
-        """Render the light of an exposure cell on the sensor's pixels."""
+        """Render the image that an exposure cell forms on the sensor's pixels."""
         aperture = self._recipe.pixel_aperture
         light = []
         for spectrum in self._layered.spectra(cell, number):
@@ -147,7 +150,7 @@ class _Rendering:
         return self._with_glare(torch.stack(light)) if self._recipe.glare else torch.stack(light)
 
     def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
-        """Return the light with veiling glare: a share is spread evenly over the sensor."""
+        """Return the rendered image with veiling glare: a share is spread evenly over it."""
         self._ledger.add("veiling glare", 3.0 * light.numel(), 4 * light.numel())
         mean = light.mean(dim=(-2, -1), keepdim=True, dtype=torch.float64).to(light)
         return torch.lerp(light, mean, self._s.camera.glare)

@@ -44,7 +44,9 @@ class Wavelengths:
 
 
 def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Wavelengths:
-    """Return the Gauss nodes of all light that counts, and each part's weights at them.
+    """Return the wavelengths that an image is formed of, with each part's weights at them.
+
+    They are the Gauss nodes of all light that counts.
 
     A part's weights are those of the interpolating polynomial through the nodes: they add up to all
     of the part's electrons, for any number of nodes. Without light there are no nodes.
@@ -66,7 +68,7 @@ def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Waveleng
 def electrons_by_wavelength(
     spectra: Sequence[Spectrum], curves: Sequence[Spectrum], band: Band, leak: bool
 ) -> tuple[Array, Array]:
-    """Return the electrons by wavelength of light that a filter passes in its band, or leaks.
+    """Return the electrons by wavelength that form an image in a filter's band, or its leak.
 
     The result is points in metres that integrate all spectra, and each point's share of the
     integral in electrons per joule of white light, (curves, spectra, points). There are no points
@@ -82,7 +84,7 @@ def electrons_by_wavelength(
 
 
 def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
-    """Return the electrons per photon of each channel.
+    """Return the electrons per photon of each channel of a rendered image.
 
     If the recipe has no mosaic, the only channel is the mean over the mosaic's pixels.
     """
@@ -94,7 +96,10 @@ def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
 
 
 def mean_curve(colour: Mosaic) -> Spectrum:
-    """Return the electrons per photon of a colour mosaic's mean pixel."""
+    """Return the electrons per photon by which an image without mosaic is rendered.
+
+    They are those of a colour mosaic's mean pixel.
+    """
     letters = "".join(colour.pattern)
     curves = [(colour.efficiencies[name], letters.count(name)) for name in colour.channels]
     nodes = sorted({x for curve, _ in curves for x in curve.wavelengths})
@@ -107,7 +112,10 @@ def mean_curve(colour: Mosaic) -> Spectrum:
 def _seen_range(
     spectra: Sequence[Spectrum], curves: Sequence[Spectrum], low: float, high: float
 ) -> tuple[float, float]:
-    """Return the part of a wavelength range in which light is emitted and detected."""
+    """Return the part of a wavelength range whose light forms the image.
+
+    There, light is emitted and detected.
+    """
     if not spectra:
         return low, low
     low = max(low, min(one.low for one in spectra), min(one.low for one in curves))
@@ -115,7 +123,9 @@ def _seen_range(
 
 
 def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Array, Array]:
-    """Return Gauss-Legendre points and weights between all kinks of the spectra.
+    """Return points and weights that integrate the spectra of an image's light.
+
+    They are Gauss-Legendre points between all kinks of the spectra.
 
     They integrate every spectrum.
     """
@@ -134,14 +144,19 @@ def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Ar
 
 
 def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) -> Array:
-    """Return electrons per metre of wavelength and joule of white light, (curves, spectra, x)."""
+    """Return the electrons that form the image, per metre of wavelength and joule of white light.
+
+    They are (curves, spectra, x).
+    """
     photons = x / (constants.h * constants.c)
     sent = np.stack([one.at(x) for one in spectra])
     return np.stack([one.at(x) for one in curves])[:, None] * (sent * photons)
 
 
 def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
-    """Return the Gauss nodes of the sum of some measures of points x, and each measure's weights.
+    """Return the Gauss nodes at which an image's light is rendered, and each measure's weights.
+
+    They are those of the sum of some measures of points x.
 
     measures: (..., points), not negative. The weights, (..., nodes), integrate polynomials of a
     degree below the number of nodes as the measure does; for the sum of the measures, up to twice
@@ -180,7 +195,9 @@ def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Arra
 
 
 def electrons_per_radiance(camera: Camera, distance: float) -> float:
-    """Return the factor from spectral electrons to electrons per second and pixel, m² sr.
+    """Return the factor that makes spectral electrons a rendered pixel's rate, m² sr.
+
+    The rate is in electrons per second and pixel.
 
     It is the camera equation of optics.throughput.electron_rate without the light.
     """
@@ -188,7 +205,7 @@ def electrons_per_radiance(camera: Camera, distance: float) -> float:
 
 
 def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tuple[float, float]]]:
-    """Return, for each distance, the distances whose PSFs represent it, and their weights.
+    """Return the distances whose PSFs render each distance's image, and their weights.
 
     `count` nodes are evenly spaced in 1/distance from the farthest to the nearest; a single node is
     in the middle. PSFs between two nodes are their weighted mean. If there are as many nodes as
@@ -214,12 +231,14 @@ def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tupl
 
 
 def _distance(vergence: float) -> float:
-    """Return the distance in metres of a vergence, infinite for 0."""
+    """Return the distance in metres of a rendered depth's vergence, infinite for 0."""
     return 1 / vergence if vergence > 0 else math.inf
 
 
 def field_nodes(count: int, half: float) -> list[float]:
-    """Return the Chebyshev points of the second kind along an axis of the field.
+    """Return the places along an axis of the field whose PSFs form the image.
+
+    They are Chebyshev points of the second kind.
 
     They go from -half to half; a single one is in the middle.
     """
@@ -229,7 +248,9 @@ def field_nodes(count: int, half: float) -> list[float]:
 
 
 def interpolation_weights(nodes: Sequence[float], at: Array) -> Array:
-    """Return the weights of values at the nodes in the interpolating polynomial, (nodes, points).
+    """Return the weights by which rendered values at nodes are interpolated, (nodes, points).
+
+    The interpolating polynomial goes through the nodes.
 
     Beyond the outermost nodes, the polynomial's value there is kept.
     """

@@ -41,7 +41,7 @@ class RayOperator:
         self._open = self._stop_transmission()
 
     def _rays(self) -> int:
-        """Return the rays along an axis of a panel pixel, at most 16.
+        """Return the rays along an axis of a panel pixel that form a geometric image, at most 16.
 
         Neighbouring rays land within half a sample of each other, if the limit allows.
         """
@@ -51,7 +51,10 @@ class RayOperator:
         return min(max(1, math.ceil(2 * step / min(self.pixels.pitch))), 16)
 
     def _stop_transmission(self) -> torch.Tensor:
-        """Return the share of each bundle of rays that passes the stop, or its shadow."""
+        """Return the share of each bundle of rays that passes the stop and forms the image.
+
+        The stop may be represented by its shadow.
+        """
         panel, lens = self.camera.panel, self.camera.lens
         radius = as_number(lens.stop_diameter) / 2 / self._spread
         # Bundles are evenly spaced in their pixel, around its centre.
@@ -82,7 +85,7 @@ class RayOperator:
         return self._splat(landed[0], landed[1], weight)
 
     def straight(self, field: torch.Tensor | None = None, *, keep: bool = False) -> torch.Tensor:
-        """Return the geometric PSF of light without a pattern's phase.
+        """Render the geometric PSF of light without a pattern's phase.
 
         keep: has no effect; a PSFOperator has it.
         """
@@ -92,11 +95,17 @@ class RayOperator:
 
     @property
     def _straight(self) -> torch.Tensor:
-        """Return the light of a unit field that leaves the pupil."""
+        """Return the light of a unit field of which the geometric image is formed.
+
+        It leaves the pupil.
+        """
         return pupil_amplitude(replace(self.camera, separation=0.0)).sum()
 
     def _ray_displacement(self, axis: int, at: torch.Tensor) -> torch.Tensor:
-        """Return how far rays land from the geometric image by defocus and aberrations, metres."""
+        """Return how far rendered rays land from the image by defocus and aberrations, metres.
+
+        The image is the geometric one.
+        """
         lens, away = self.camera.lens, object_to_lens_distance(self.camera, self._distance)
         share = 1e-4  # Slopes are differences over this share of the stop's radius.
         z2, radius = lens.image_distance, as_number(lens.stop_diameter) / 2
@@ -118,11 +127,14 @@ class RayOperator:
         return bent * z2
 
     def _other(self, axis: int) -> torch.Tensor:
-        """Return the rays' places in the lens along the other axis, in metres."""
+        """Return the places in the lens of an image's rays along the other axis, in metres."""
         return (self._x if axis == 0 else self._y) * self._spread
 
     def _splat(self, y: torch.Tensor, x: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-        """Divide each ray's light among the four samples around it, by their distances."""
+        """Form the image of rays: divide each ray's light among the four samples around it.
+
+        It is divided by their distances.
+        """
         rows, columns = self.pixels.shape
         py, px = self.pixels.pitch
         y = ((y - self.pixels.centre[0]) / py + rows // 2).expand(weight.shape).reshape(-1)
@@ -141,7 +153,7 @@ class RayOperator:
 
 
 def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
-    """Return the wavefront's slope in radians per pixel, float64.
+    """Return the slope of the wavefront that rendered rays follow, radians per pixel, float64.
 
     It is the mean of the phase steps to both neighbours, modulo a wave.
     """
@@ -155,7 +167,10 @@ def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
 
 
 def _between(slopes: torch.Tensor, k: int) -> torch.Tensor:
-    """Return slopes at k places along each axis of every pixel, linear between pixels' centres."""
+    """Return the slopes of rendered rays at k places along each axis of every pixel.
+
+    They are linear between pixels' centres.
+    """
     if k == 1:
         return slopes
     shape = (slopes.shape[0] * k, slopes.shape[1] * k)

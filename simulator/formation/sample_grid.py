@@ -59,23 +59,26 @@ class SampleGrid:
 
     @property
     def operations(self) -> float:
-        """Return the operations of one Fourier transform of all samples."""
+        """Return the operations of one Fourier transform of all samples of a rendered image."""
         return transform_operations(*self.plane.shape)
 
     def _count(self, effect: str) -> None:
-        """Enter one transform in the ledger."""
+        """Enter one transform of image formation in the ledger."""
         self._check()
         self._ledger.add(effect, self.operations, 8 * math.prod(self.plane.shape))
 
     def zero_spectra(self, count: int) -> list[torch.Tensor]:
-        """Return spectra of no light."""
+        """Return the spectra of a rendered image without light."""
         rows, columns = self.plane.shape
         return [torch.zeros(rows, columns // 2 + 1, dtype=torch.complex64) for _ in range(count)]
 
     def spectrum(
         self, picture: Drawable, magnification: float, shift: tuple[float, float], effect: str
     ) -> torch.Tensor:
-        """Return the spectrum of a picture that is shifted by (y, x) metres on the object."""
+        """Return the spectrum of a picture that is drawn for image formation, with a shift.
+
+        shift: (y, x) metres on the object.
+        """
         if picture.has_exact_spectrum or self._drawn == self.plane:
             self._count(effect)
             return picture.spectrum(self.plane, magnification, shift).to(torch.complex64)
@@ -85,19 +88,21 @@ class SampleGrid:
         return _crop_spectrum(spectrum, self._drawn.shape, self.plane.shape)
 
     def samples(self, spectrum: torch.Tensor, effect: str) -> torch.Tensor:
-        """Return the picture of a spectrum on the samples, (rows, columns)."""
+        """Return the formed image of a spectrum on the samples, (rows, columns)."""
         self._count(effect)
         return origin_to_centre(irfft2(spectrum, self.plane.shape))
 
     def transform_samples(self, samples: torch.Tensor, effect: str) -> torch.Tensor:
-        """Return the spectrum of a picture on the samples."""
+        """Return the spectrum of a picture on the samples of the rendered image."""
         self._count(effect)
         return rfft2(origin_to_corner(samples)).to(torch.complex64)
 
     def transfers(
         self, psfs: Sequence[torch.Tensor], weights: Array, effect: str
     ) -> list[torch.Tensor]:
-        """Return the transfer functions of weighted sums of PSFs; weights: (sums, PSFs).
+        """Return the transfer functions that form an image; weights of summed PSFs: (sums, PSFs).
+
+        They are those of weighted sums of PSFs.
 
         The sums are formed before or after the transform, whichever needs fewer transforms.
         """
@@ -107,12 +112,14 @@ class SampleGrid:
         return [self._transfer(_sum(psfs, row), effect) for row in weights]
 
     def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
-        """Return the transfer function of one PSF."""
+        """Return the transfer function of one PSF, by which an image is formed."""
         self._count(effect)
         return _transform_centred_part(psf.to(torch.float32), self.plane.shape)
 
     def motion_transfer(self, path: tuple[float, float]) -> torch.Tensor | None:
-        """Return the transfer function of a uniform motion along `path`, or None without motion.
+        """Return the transfer function that smears a moving image along `path`; None if it's still.
+
+        The motion is uniform.
 
         path: (y, x) metres on the sensor.
         """
@@ -123,11 +130,13 @@ class SampleGrid:
 
     @cached_property
     def _aperture(self) -> torch.Tensor:
-        """Return the transfer function of the pixel aperture."""
+        """Return the transfer function by which the pixel aperture blurs the rendered image."""
         return pixel_transfer(*self.plane.shape, self.finer).to(torch.float32)
 
     def light_on_pixels(self, spectrum: torch.Tensor, aperture: bool) -> torch.Tensor:
-        """Return the light on the sensor's pixels, (rows, columns).
+        """Return the rendered image on the sensor's pixels, (rows, columns).
+
+        It is the light on them.
 
         aperture: whether it is the mean over each pixel, or the light at its centre.
         """
@@ -140,7 +149,7 @@ class SampleGrid:
 
 
 def _transform_centred_part(part: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Return the rfft2 of a picture that is zero except for a part around its origin.
+    """Transform a rendered PSF that is zero except for a part around its origin, by rfft2.
 
     The origin is at n // 2 of both. Rows without light aren't transformed.
     """
@@ -158,7 +167,10 @@ def _transform_centred_part(part: torch.Tensor, shape: tuple[int, int]) -> torch
 def _crop_spectrum(
     spectrum: torch.Tensor, shape: tuple[int, int], new_shape: tuple[int, int]
 ) -> torch.Tensor:
-    """Return the rfft2 of a picture on fewer samples, without detail finer than they resolve."""
+    """Return the rfft2 of a drawn picture on fewer samples, for image formation.
+
+    Detail finer than they resolve is removed.
+    """
     rows, columns = new_shape
     half = (rows + 1) // 2
     kept = torch.cat([spectrum[:half], spectrum[shape[0] - (rows - half) :]])
@@ -169,7 +181,9 @@ def _crop_spectrum(
 def downsample_spectrum(
     spectrum: torch.Tensor, shape: tuple[int, int], factor: int
 ) -> torch.Tensor:
-    """Return every `factor`th sample of a picture from its rfft2, (rows, columns) of `shape`.
+    """Return every `factor`th sample of a rendered image from its rfft2.
+
+    It is (rows, columns) of `shape`.
 
     The samples begin at the origin, which is in the corner. Frequencies that are aliases of each
     other are added before the transform.
@@ -195,6 +209,6 @@ def downsample_spectrum(
 
 
 def _sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
-    """Return the weighted sum of PSFs or transfer functions."""
+    """Return the weighted sum of PSFs or transfer functions by which an image is formed."""
     first, *others = (float(w) * part for part, w in zip(parts, weights, strict=True))
     return sum(others, first)

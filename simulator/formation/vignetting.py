@@ -13,7 +13,7 @@ from simulator.mount import Mount
 
 
 def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
-    """Return vignetting: the light of each place over that on the axis, float32.
+    """Return the vignetting of a rendered image: each place's light over that on the axis, float32.
 
     The result is (rows, columns) of the plane. camera: in the panel's axes. Vignetting is cos⁴ of
     the angle at which the lens appears from the sensor, times the panel's light that passes the
@@ -29,7 +29,7 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
 
 
 def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
-    """Return the light that passes the stop, relative to that on the axis, on a plane's samples."""
+    """Return the light through the stop at a rendered image's samples, over that on the axis."""
     axis = share_through_stop(camera, distance, (0.0, 0.0))
     if not axis:
         raise ValueError(
@@ -56,7 +56,10 @@ def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> tor
 def _linear(
     values: NDArray[np.float64], at: NDArray[np.float64], nodes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate vignetting linearly along the first axis, between evenly spaced nodes."""
+    """Interpolate a rendered image's vignetting along the first axis, between even nodes.
+
+    The interpolation is linear, the nodes are evenly spaced.
+    """
     step = nodes[1] - nodes[0]
     if not step:
         return np.repeat(values[:1], len(at), axis=0)

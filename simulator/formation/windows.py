@@ -19,7 +19,9 @@ ORDER_FADE_PIXELS = 4.0
 
 
 def light_extent(s: Situation) -> tuple[float, float]:
-    """Return the metres on the sensor, (y, x), from the axis to a scene's outermost light.
+    """Return how far from the axis a scene's light forms an image, (y, x) metres on the sensor.
+
+    The light is the outermost.
 
     They hold for any time of the exposure, and are infinite for endless light.
     """
@@ -28,7 +30,9 @@ def light_extent(s: Situation) -> tuple[float, float]:
 
 
 def max_blur_distance(s: Situation) -> tuple[float, float]:
-    """Return the largest distance from any light's image to any pixel, (y, x).
+    """Return the largest distance over which a rendered blur counts: any image to any pixel.
+
+    It is (y, x), from any light's image.
 
     In metres on the sensor, along each of the panel's axes.
     """
@@ -43,7 +47,7 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
 
 
 def psf_window(s: Situation, window: int) -> tuple[int, int]:
-    """Return the sensor pixels, (rows, columns), of a PSF's window.
+    """Return the sensor pixels, (rows, columns), of the window of a rendered PSF.
 
     window: its side; the result is smaller where no light goes so far.
     """
@@ -55,7 +59,9 @@ def psf_window(s: Situation, window: int) -> tuple[int, int]:
 
 
 def picture_shape(s: Situation, window: int, orders: int) -> tuple[int, int]:
-    """Return the sensor pixels, (rows, columns), of a picture with a margin around the frame.
+    """Return the sensor pixels, (rows, columns), on which an image is formed, with its margin.
+
+    The margin is around the frame.
 
     The margin is so wide that light carried periodically around the edges doesn't reach the sensor.
     orders: side orders of the panel that are rendered. Their light is far from any image, and needs

@@ -57,31 +57,43 @@ class Effect(ABC):
         """Return whether the effect occurs in a situation; otherwise it isn't in its plan."""
 
     def finest_level(self, s: Situation) -> int:
-        """Return the effect's level beyond which the picture doesn't change any more."""
+        """Return the effect's level beyond which a plan can't improve the picture any more.
+
+        The picture doesn't change any more there.
+        """
         return len(self.levels) - 1
 
     @abstractmethod
     def estimated_error(self, s: Situation, level: int) -> float:
-        """Estimate the picture's relative change between an effect's level and its finest level."""
+        """Estimate the picture's relative change between a planned level and the finest level.
+
+        They are levels of the effect.
+        """
 
     def error_bound(self, s: Situation, level: int) -> Bound:
-        """Return the effect's error bound, which decreases with the level to 0 at the finest."""
+        """Return the planned effect's error bound, which falls to 0 at the finest level.
+
+        It decreases with the level.
+        """
         return Bound() if level >= self.finest_level(s) else self.error_bound_below_finest(s, level)
 
     @abstractmethod
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
-        """Return the effect's error bound at a level below the finest."""
+        """Return the planned effect's error bound at a level below the finest."""
 
     @abstractmethod
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations that the effect adds, for the levels of all effects that occur."""
+        """Return the operations that the effect adds to a plan, given all effects' levels.
+
+        They are the levels of all effects that occur.
+        """
 
     @abstractmethod
     def explain(self, s: Situation) -> str:
-        """Describe in words how strong the effect is in a situation."""
+        """Describe for the effect plan, in words, how strong the effect is in a situation."""
 
     def add_to_recipe(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        """Return the recipe with this effect added, at a level above off."""
+        """Return the recipe with this planned effect added, at a level above off."""
         return recipe.with_changes(**{self.recipe_field: self.recipe_values[level]})
 
 
@@ -92,11 +104,11 @@ class OnOffEffect(Effect):
 
     @abstractmethod
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Estimate the relative change of the picture without the effect."""
+        """Estimate the picture's relative change if the plan omits the effect."""
 
     @abstractmethod
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Return the bound of the picture's change without the effect."""
+        """Return the bound of the picture's change if the plan omits the effect."""
 
     def estimated_error(self, s: Situation, level: int) -> float:
         return 0.0 if level else self.estimated_error_if_omitted(s)

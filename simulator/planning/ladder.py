@@ -48,7 +48,7 @@ class LadderStep:
 
     @property
     def rank(self) -> tuple[bool, float, float]:
-        """Return the sort key of a ladder step; the step with the largest key is the best.
+        """Return the sort key of a step down the plan's ladder; the largest key is the best step's.
 
         Steps without error come first, then those that save most work for their error, then those
         with the least error.
@@ -112,11 +112,14 @@ class Ladder:
         self.steps = tuple(self._walk_down())
 
     def work(self, levels: Mapping[str, int]) -> float:
-        """Return the operations of rendering a picture with the given effect levels."""
+        """Return the operations of rendering a picture with a plan's effect levels."""
         return sum(work(levels) for work in self._works.values())
 
     def levels(self, tol: float) -> dict[str, int]:
-        """Return the effect levels after all steps whose bounds together keep a tolerance."""
+        """Return the planned effect levels: those after all steps that keep a tolerance.
+
+        The steps' bounds together keep it.
+        """
         levels, spent = dict(self.finest_levels), Bound()
         for step in self.steps:
             spent = spent.plus(step.bound)
@@ -133,14 +136,14 @@ class Ladder:
         return total
 
     def effect_error_bound(self, effect: str, level: int) -> Bound:
-        """Return the error bound of one effect at a level."""
+        """Return the error bound of one planned effect at a level."""
         return self._bounds[effect][level]
 
     def relative_error(self, bound: Bound) -> float:
         return self._floor.relative_error(bound)
 
     def _walk_down(self) -> Iterator[LadderStep]:
-        """Yield the steps of the ladder from the top down.
+        """Yield the steps of the plan's ladder of effect levels from the top down.
 
         The work is a sum of products, so every step down reduces what other steps save. The savings
         of an effect's steps are therefore upper bounds, and are computed again only when one of the
@@ -169,7 +172,7 @@ class Ladder:
                     known[name] = list(self._steps_of(self._named[name], levels))
 
     def _steps_of(self, one: Effect, levels: dict[str, int]) -> Iterator[LadderStep]:
-        """Yield the possible steps of one effect down the ladder, over one level or several."""
+        """Yield the steps that a plan may take with one effect, over one level or several."""
         name, now = one.name, levels[one.name]
         if name in self.forced_levels or not now:
             return
@@ -186,12 +189,14 @@ class Ladder:
             yield LadderStep(name, to, more, self._floor.relative_error(more), saved, often)
 
     def _is_required(self, name: str, levels: Mapping[str, int]) -> bool:
-        """Return whether an effect that is still on requires the named effect."""
+        """Return whether an effect that the plan still has on requires the named effect."""
         return any(name in one.requires and levels[one.name] for one in self.effects)
 
 
 def _next(steps: Sequence[LadderStep], waited: Mapping[tuple[str, int], float]) -> list[LadderStep]:
-    """Return the next ladder step as the last of a list, after the steps that let it go first.
+    """Return the next step of the plan's ladder as the last of a list, after smaller ones.
+
+    Those before it are the steps that let it go first.
 
     If the step with the best rank were always next, no tolerance below its error would save any
     work. So steps with smaller errors go first, the best rank first, as long as their errors add up

@@ -13,7 +13,7 @@ from optics.pupil import open_area
 
 
 def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
-    """Return the sensor's electrons per photon by wavelength, for each colour channel.
+    """Return the probed sensor's electrons per photon by wavelength, for each colour channel.
 
     None stands for the same efficiency at all wavelengths.
     """
@@ -25,7 +25,9 @@ def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
 def electron_rates(
     spectrum: Spectrum, band: Band, camera: Camera, distance: float, *, leak: bool = True
 ) -> tuple[float, ...]:
-    """Return the electrons per second and square metre of sensor, for each colour channel.
+    """Return the electrons per second and square metre of sensor that a probed spectrum frees.
+
+    There is one rate for each colour channel.
 
     The rate is that near the axis, by the camera equation of optics.throughput.electron_rate(),
     integrated over wavelengths. spectrum: radiance, W / (sr m² m). distance: metres to the panel.
@@ -42,7 +44,10 @@ def electron_rates(
 
 
 def irradiance_per_radiance(camera: Camera, distance: float) -> float:
-    """Return the irradiance on the sensor near the axis over the radiance of the scene, sr."""
+    """Return the probed irradiance near the axis over the radiance of the scene, sr.
+
+    The irradiance is that on the sensor.
+    """
     spread = 1 + camera.separation / distance
     gathered = open_area(camera) * spread**2 / camera.lens.image_distance**2
     return gathered * camera.panel.reflectivity * camera.transmission
@@ -51,13 +56,14 @@ def irradiance_per_radiance(camera: Camera, distance: float) -> float:
 def _efficiency(
     curve: Spectrum | None, nodes: NDArray[np.float64], sensor: Sensor
 ) -> NDArray[np.float64]:
+    """Return a probed sensor's electrons per photon at the given wavelengths."""
     if curve is None:
         return np.full_like(nodes, sensor.quantum_efficiency)
     return curve.at(nodes)
 
 
 def _nodes(spectrum: Spectrum, band: Band, sensor: Sensor, leak: bool) -> NDArray[np.float64]:
-    """Return the wavelengths for the integral over a spectrum behind a filter.
+    """Return the wavelengths at which a spectrum behind a filter is probed and integrated.
 
     They are the nodes of all curves, both sides of every jump, and a fine grid over the band and
     its leak.

@@ -37,7 +37,7 @@ class SampledFrequencies:
 
     @staticmethod
     def of(squared: torch.Tensor, plane: Plane) -> SampledFrequencies:
-        """Sample the frequencies of a picture's power spectrum.
+        """Probe a picture's power spectrum: sample the frequencies that represent it.
 
         squared: |spectrum|² on the plane's rfft2 grid. Around each ring, the power between
         neighbouring samples is the same (systematic sampling, Cochran 1977). So all directions are
@@ -62,7 +62,7 @@ class SampledFrequencies:
         return SampledFrequencies(fy[y, 0], fx[0, x], place, np.concatenate([np.zeros(0), *shares]))
 
     def with_aliases(self, plane: Plane) -> SampledFrequencies:
-        """Return the sampled frequencies with their aliases on the pixel grid.
+        """Return the probed sample of frequencies with their aliases on the pixel grid.
 
         An alias is one sampling frequency away along either axis. Its power is assumed to be the
         same as that of the sampled frequency, apart from the pixel's transfer function.
@@ -81,7 +81,7 @@ class SampledFrequencies:
         )
 
     def represented_power(self, squared: torch.Tensor, plane: Plane) -> Array:
-        """Return the power of a picture's spectrum that each sampled frequency represents.
+        """Return the power of a probed picture's spectrum that each sampled frequency represents.
 
         Without aliases, the powers add up to about the sum of the squares of the picture without
         its mean, over its samples.
@@ -91,7 +91,9 @@ class SampledFrequencies:
 
 
 def _count(radius: float) -> int:
-    """Return the number of sampled frequencies of a ring with a radius relative to the outermost.
+    """Return the number of frequencies at which a ring of a probed spectrum is sampled.
+
+    radius: that of the ring, relative to the outermost.
 
     It grows from 6 for the innermost ring to 64 for the outermost.
     """
@@ -100,7 +102,9 @@ def _count(radius: float) -> int:
 
 @byte_limited_cache(_ORDERS)
 def _around(plane: Plane) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
-    """Sort the entries of a plane's rfft2 grid by ring, and within each ring by direction.
+    """Sort a probed spectrum's entries by ring, and within each ring by direction.
+
+    The entries are those of a plane's rfft2 grid.
 
     Returns the order, and the index at which each ring except that of frequency 0 begins, followed
     by the end of the last ring.
