@@ -91,7 +91,7 @@ def _psf_change(s: Situation) -> float:
     names = s.panel_content.names[-_SETTINGS.max_frames :]
     phases = torch.stack([settled[name] for name in names])
     start = first_start_phase(phases, frame_time, tau)
-    parts, count = _parts(s), _SETTINGS.times
+    parts, count = _seen_frame_parts(s), _SETTINGS.times
     found: list[tuple[float, float]] = []
     for frame, end in enumerate(phases):
         for begin, finish, share in parts.get(
@@ -118,7 +118,7 @@ def _has_uneven_timing(s: Situation) -> bool:
     return s.camera.sensor.shutter == "rolling" or is_lamp_flickering(s)
 
 
-def _parts(s: Situation) -> dict[int, list[tuple[float, float, float]]]:
+def _seen_frame_parts(s: Situation) -> dict[int, list[tuple[float, float, float]]]:
     """Return the parts of each video frame in which the crystal response's effect is seen.
 
     Each is (begin, end, share), of what an exposure sees.

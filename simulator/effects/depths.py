@@ -99,7 +99,7 @@ def _displacement(camera: Camera, one: float, other: float) -> float:
     bent = abs(_wave_curvature(camera, one) - _wave_curvature(camera, other))
     panel = camera.panel
     half = math.hypot(*(n * panel.pitch / 2 for n in panel.shape))
-    radius = min(half, max(_shadow(camera, one), _shadow(camera, other)))
+    radius = min(half, max(_stop_shadow_radius(camera, one), _stop_shadow_radius(camera, other)))
     return as_number(camera.ray_matrix_b) * bent * radius
 
 
@@ -117,7 +117,7 @@ def _wave_curvature(camera: Camera, distance: float) -> float:
     )
 
 
-def _shadow(camera: Camera, distance: float) -> float:
+def _stop_shadow_radius(camera: Camera, distance: float) -> float:
     """Return the radius of the stop's shadow on the panel for the depth-layer effect, metres."""
     return as_number(camera.lens.stop_diameter) / 2 / (1 + as_number(camera.separation) / distance)
 
@@ -131,5 +131,5 @@ def _shadow_change_share(camera: Camera, one: float, other: float) -> float:
         return 0.0
     panel = camera.panel
     half = math.hypot(*(n * panel.pitch / 2 for n in panel.shape))
-    radii = sorted(min(_shadow(camera, d), half) for d in (one, other))
+    radii = sorted(min(_stop_shadow_radius(camera, d), half) for d in (one, other))
     return 2 * math.sqrt(2 * (1 - (radii[0] / radii[1]) ** 2))

@@ -44,10 +44,10 @@ class PanelDispersion(OnOffBlurEffect):
 
 def _total_psf_change(s: Situation) -> float:
     """Bound the panel dispersion effect on a PSF over band and leak, as ‖Δh‖₁."""
-    return _change(s, "band") + (_change(s, "leak") if s.band.leak else 0.0)
+    return _psf_change_over(s, "band") + (_psf_change_over(s, "leak") if s.band.leak else 0.0)
 
 
-def _change(s: Situation, which: Literal["band", "leak"]) -> float:
+def _psf_change_over(s: Situation, which: Literal["band", "leak"]) -> float:
     """Bound the panel dispersion effect on a PSF, ‖Δh‖₁ averaged over the band or the leak.
 
     Each wavelength is weighted by its share of the brightest channel's electrons, or by the largest
@@ -61,11 +61,11 @@ def _change(s: Situation, which: Literal["band", "leak"]) -> float:
     lit = masses > 0
     shares = np.abs(weights[:, lit]) / masses[lit][None, :, None]
     worst = shares.reshape(-1, len(nodes)).max(0)
-    changes = np.array([_at(s, float(node)) for node in nodes])
+    changes = np.array([_psf_change_at(s, float(node)) for node in nodes])
     return float(min((worst * changes).sum(), max(changes) * worst.sum()))
 
 
-def _at(s: Situation, wavelength: float) -> float:
+def _psf_change_at(s: Situation, wavelength: float) -> float:
     """Bound the panel dispersion effect on a PSF at one wavelength, as ‖Δh‖₁."""
     pixels, panel = sample_pixels(s), s.camera.panel
     there = modulator_at(panel, wavelength)

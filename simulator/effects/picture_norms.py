@@ -137,7 +137,7 @@ def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int],
     return found
 
 
-def _inner(s: Situation, edge: int) -> torch.Tensor:
+def _frame_without_edge(s: Situation, edge: int) -> torch.Tensor:
     """Return the sharp frame without an edge that blur effects may empty, electrons per second.
 
     edge: pixels of the frame that are set to zero on each side.
@@ -161,7 +161,7 @@ def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
     for share in _SHARES:
         edge = _blur_margin(s, share)
         total, sides = _cached_for_margin(
-            s, "lit", edge, lambda edge: _sum_and_sides(_inner(s, edge))
+            s, "lit", edge, lambda edge: _sum_and_sides(_frame_without_edge(s, edge))
         )
         if not total:
             continue
@@ -224,7 +224,9 @@ def _norm_by_frequency(s: Situation) -> float:
     transfer, best = s.pattern_probe.transfer_bounds, 0.0
     for share in _SHARES[2:]:
         edge = _blur_margin(s, share)
-        power = _cached_for_margin(s, "power", edge, lambda edge: _power(s, _inner(s, edge)))
+        power = _cached_for_margin(
+            s, "power", edge, lambda edge: _power(s, _frame_without_edge(s, edge))
+        )
         if power is None:
             continue
         least = transfer.least_between(power.low, power.high)

@@ -55,8 +55,8 @@ class PSFReach(BlurEffect):
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         how = f"audited ×{self.audit_margin:g}: Young; light beyond, in the far field"
         missing = sum(
-            share * math.sqrt(psf_energy_bound(s, _half(s, level, longest)))
-            for share, longest in _waves(s)
+            share * math.sqrt(psf_energy_bound(s, _window_half_side(s, level, longest)))
+            for share, longest in _longest_waves(s)
         ) * total_electrons(s)
         outside = self.audit_margin * _beyond(s, level)
         change = min(outside * sharp_norm_bound(s), missing, light_norm_bound(s))
@@ -67,7 +67,7 @@ class PSFReach(BlurEffect):
         return f"{_beyond(s, 0):.2g} of a point's light falls more than {half:.0f} pixels from it"
 
 
-def _waves(s: Situation) -> list[tuple[float, float]]:
+def _longest_waves(s: Situation) -> list[tuple[float, float]]:
     """Return the light's shares and longest wavelengths, of band and leak, for the reach effect.
 
     The shares are the largest ones.
@@ -78,7 +78,7 @@ def _waves(s: Situation) -> list[tuple[float, float]]:
     return [(1.0, s.band.support[1]), *leak]
 
 
-def _half(s: Situation, level: int, longest: float) -> float:
+def _window_half_side(s: Situation, level: int, longest: float) -> float:
     """Return the metres to the side of a PSF's window at a level of the reach effect.
 
     They are counted from a point's image, at the band's centre.
@@ -93,7 +93,7 @@ def _half(s: Situation, level: int, longest: float) -> float:
 def _beyond(s: Situation, level: int) -> float:
     """Return the PSF-reach effect's missing light: a point's share outside the PSF's window."""
     found = (
-        share * s.pattern_probe.share_beyond(_half(s, level, longest))
-        for share, longest in _waves(s)
+        share * s.pattern_probe.share_beyond(_window_half_side(s, level, longest))
+        for share, longest in _longest_waves(s)
     )
     return min(sum(found), 1.0)

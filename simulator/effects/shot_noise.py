@@ -107,7 +107,7 @@ class ShotNoise(Effect):
         return Bound(
             mean * count + 0.2 * wells,
             variance * count + 0.6 * knee * wells,
-            _sigma(variance, sensor) * count + math.sqrt(0.6 * knee) * wells,
+            _max_sigma_change(variance, sensor) * count + math.sqrt(0.6 * knee) * wells,
             0.068 / math.sqrt(FEW_ELECTRONS),
             "audited ×1.5: first term of Edgeworth's series",
         )
@@ -124,13 +124,13 @@ class ShotNoise(Effect):
         return Bound(
             mean * count,
             variance * count,
-            _sigma(variance, sensor) * count,
+            _max_sigma_change(variance, sensor) * count,
             distance,
             "audited ×1.1: against Poisson's distribution, from ten electrons on",
         )
 
 
-def _sigma(variance: float, sensor: Sensor) -> float:
+def _max_sigma_change(variance: float, sensor: Sensor) -> float:
     """Return how much a shot-noise effect's change of the variance changes σ at most.
 
     It is largest where the variance is least: a step of the converter may hide all of it.

@@ -57,10 +57,10 @@ class SpectralMeasure:
         The weights are those by which values at `nodes` are integrated. The errors are relative to
         the brightest channel of each part, (channels, parts, nodes).
         """
-        return _wrong(self, count)
+        return _weight_errors(self, count)
 
     @cached_property
-    def _true(self) -> Array:
+    def _exact_weights(self) -> Array:
         """Return the exact weights of the spectrum's nodes, against which band effects err.
 
         They integrate values at the nodes over the whole spectrum.
@@ -71,12 +71,12 @@ class SpectralMeasure:
 
 
 @lru_cache(maxsize=256)
-def _wrong(one: SpectralMeasure, count: int) -> Array:
+def _weight_errors(one: SpectralMeasure, count: int) -> Array:
     """Return the errors of a band effect's spectral weights; see SpectralMeasure.weight_errors."""
     found, weights = gauss_quadrature(one.wavelengths, one.electrons, count)
     masses = one.electrons.sum(-1).max(0)
     masses = np.where(masses > 0, masses, 1.0)[None, :, None]
-    apart = weights @ interpolation_weights(one.nodes.tolist(), found).T - one._true
+    apart = weights @ interpolation_weights(one.nodes.tolist(), found).T - one._exact_weights
     return np.asarray(apart / masses)
 
 

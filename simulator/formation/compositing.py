@@ -92,7 +92,7 @@ class ZerothOrderPath:
         transfers = self._transfers(number, node, cell, count)
         for part, one in enumerate(layer.parts):
             shining = self._objects.light_spectra(one.picture, layer, where)
-            light = _through(transfers, shining)
+            light = _apply_transfers(transfers, shining)
             for channel in range(self._spreading.channels):
                 total[channel] += float(weights[channel, part, node]) * light
         return total
@@ -106,7 +106,7 @@ class ZerothOrderPath:
         assert where is not None
         assert layer.cover is not None
         covers = self._objects.cover_spectra(layer.cover, where)
-        return _through(self._transfers(number, node, cell, count), covers)
+        return _apply_transfers(self._transfers(number, node, cell, count), covers)
 
     def _transfers(
         self, number: int, node: int, cell: ExposureCell, count: int
@@ -120,7 +120,9 @@ class ZerothOrderPath:
         ]
 
 
-def _through(transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor]) -> torch.Tensor:
+def _apply_transfers(
+    transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor]
+) -> torch.Tensor:
     """Form an image's spectrum: the sum of places' spectra times their transfer functions."""
     total = transfers[0] * spectra[0]
     for transfer, spectrum in zip(transfers[1:], spectra[1:], strict=True):

@@ -61,7 +61,7 @@ def expected_electrons(
     ValueError
         For an exposure that isn't positive, and for a recipe by which nothing can be rendered.
     """
-    _require(recipe)
+    _require_counts(recipe)
     target = s.target.for_camera(s.camera)
     channels = len(channel_efficiencies(s, recipe))
     total = torch.zeros((channels, *s.camera.sensor.shape), dtype=torch.float32)
@@ -79,7 +79,7 @@ def expected_electrons(
     return total[0].clamp(min=0)
 
 
-def _require(recipe: Recipe) -> None:
+def _require_counts(recipe: Recipe) -> None:
     """Raise ValueError for a recipe that can't form an image, because a count is too small."""
     for name in ("window", "samples_per_pixel", "wavelengths", "depths", "places", "motion"):
         if getattr(recipe, name) < 1:

@@ -78,7 +78,7 @@ class RayOperator:
         )
         landed = []
         for axis, at in ((0, self._y), (1, self._x)):
-            slope = _between(_slope(field, axis) / self.camera.panel.pitch, k)
+            slope = _slopes_between_pixels(_slope(field, axis) / self.camera.panel.pitch, k)
             landed.append(slope * lever + self._ray_displacement(axis, at))
         whole = light.repeat_interleave(k, 0).repeat_interleave(k, 1)
         weight = whole * self._open / (k * k * float(self._straight))
@@ -116,7 +116,9 @@ class RayOperator:
             bent = here * (1 / away - 1 / lens.focus_distance)
         else:
             step = share * radius
-            ends = [(here + sign * step) ** 2 + self._other(axis) ** 2 for sign in (1, -1)]
+            ends = [
+                (here + sign * step) ** 2 + self._other_coordinate(axis) ** 2 for sign in (1, -1)
+            ]
             paths = [defocus_path(lens, away, end) for end in ends]
             bent = (paths[0] - paths[1]) / (2 * step)
         for n, m, path in lens.aberrations:
@@ -126,7 +128,7 @@ class RayOperator:
             bent = bent + path * (ahead - behind) / (2 * share * radius)
         return bent * z2
 
-    def _other(self, axis: int) -> torch.Tensor:
+    def _other_coordinate(self, axis: int) -> torch.Tensor:
         """Return the places in the lens of an image's rays along the other axis, in metres."""
         return (self._x if axis == 0 else self._y) * self._spread
 
@@ -166,7 +168,7 @@ def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
     return (torch.cat([first, ahead], axis) + torch.cat([ahead, last], axis)) / 2
 
 
-def _between(slopes: torch.Tensor, k: int) -> torch.Tensor:
+def _slopes_between_pixels(slopes: torch.Tensor, k: int) -> torch.Tensor:
     """Return the slopes of rendered rays at k places along each axis of every pixel.
 
     They are linear between pixels' centres.

@@ -108,8 +108,8 @@ class SampleGrid:
         """
         if len(psfs) <= len(weights):
             known = [self._transfer(psf, effect) for psf in psfs]
-            return [_sum(known, row) for row in weights]
-        return [self._transfer(_sum(psfs, row), effect) for row in weights]
+            return [_weighted_sum(known, row) for row in weights]
+        return [self._transfer(_weighted_sum(psfs, row), effect) for row in weights]
 
     def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
         """Return the transfer function of one PSF, by which an image is formed."""
@@ -208,7 +208,7 @@ def downsample_spectrum(
     return torch.from_numpy(picture)
 
 
-def _sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
+def _weighted_sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
     """Return the weighted sum of PSFs or transfer functions by which an image is formed."""
     first, *others = (float(w) * part for part, w in zip(parts, weights, strict=True))
     return sum(others, first)

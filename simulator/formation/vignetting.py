@@ -24,11 +24,13 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
     z = camera.lens.image_distance
     share = (1 + (y**2 + x**2) / z**2) ** -2
     if camera.separation:
-        share = share * _through(camera, mount, plane, distance)
+        share = share * _relative_stop_transmission(camera, mount, plane, distance)
     return share.to(torch.float32)
 
 
-def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
+def _relative_stop_transmission(
+    camera: Camera, mount: Mount, plane: Plane, distance: float
+) -> torch.Tensor:
     """Return the light through the stop at a rendered image's samples, over that on the axis."""
     axis = share_through_stop(camera, distance, (0.0, 0.0))
     if not axis:
@@ -49,11 +51,11 @@ def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> tor
             for y in grid[0]
         ]
     )
-    down = _linear(known / axis, plane.coordinates(0).numpy(), grid[0])
-    return torch.from_numpy(_linear(down.T, plane.coordinates(1).numpy(), grid[1]).T)
+    down = _interpolate(known / axis, plane.coordinates(0).numpy(), grid[0])
+    return torch.from_numpy(_interpolate(down.T, plane.coordinates(1).numpy(), grid[1]).T)
 
 
-def _linear(
+def _interpolate(
     values: NDArray[np.float64], at: NDArray[np.float64], nodes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Interpolate a rendered image's vignetting along the first axis, between even nodes.

@@ -154,7 +154,7 @@ class Ladder:
         known = {one.name: list(self._steps_of(one, levels)) for one in self.effects}
         fresh, waited = set(known), dict[tuple[str, int], float]()
         while True:
-            taken = _next([step for steps in known.values() for step in steps], waited)
+            taken = _next_steps([step for steps in known.values() for step in steps], waited)
             if not taken:
                 return
             *_, step = taken
@@ -193,7 +193,9 @@ class Ladder:
         return any(name in one.requires and levels[one.name] for one in self.effects)
 
 
-def _next(steps: Sequence[LadderStep], waited: Mapping[tuple[str, int], float]) -> list[LadderStep]:
+def _next_steps(
+    steps: Sequence[LadderStep], waited: Mapping[tuple[str, int], float]
+) -> list[LadderStep]:
     """Return the next step of the plan's ladder as the last of a list, after smaller ones.
 
     Those before it are the steps that let it go first.

@@ -43,7 +43,7 @@ class LensProbe:
 
         The light is a point's.
         """
-        return self._from_cache(self._late, (distance,))
+        return self._from_cache(self._compute_path, (distance,))
 
     def lens_phase(self, distance: float) -> torch.Tensor:
         """Return the phase that the probed lens adds to a point's light on the panel, radians."""
@@ -68,7 +68,7 @@ class LensProbe:
         lens = replace(camera.lens, f_number=camera.lens.f_number * spread)
         return pupil_amplitude(replace(camera, lens=lens, separation=0.0))
 
-    def _late(self, distance: float) -> torch.Tensor:
+    def _compute_path(self, distance: float) -> torch.Tensor:
         camera, lens = self._camera, self._camera.lens
         spread = 1 + as_number(camera.separation) / distance
         vergence = 1 / object_to_lens_distance(camera, distance) - 1 / lens.focus_distance

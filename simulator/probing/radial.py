@@ -70,16 +70,16 @@ class RadialProfile:
         gain: function of cycles per metre, not negative. Within each bin, its largest value at nine
         frequencies is used.
         """
-        return math.sqrt(float((self._largest(gain) ** 2 * self.power).sum()))
+        return math.sqrt(float((self._largest_gain(gain) ** 2 * self.power).sum()))
 
     def filtered_peak_bound(self, gain: Gain) -> float:
         """Bound every sample of the probed picture after a filter, as if frequencies were in phase.
 
         All frequencies are taken to be in phase.
         """
-        return float((self._largest(gain) * np.sqrt(self.count * self.power)).sum())
+        return float((self._largest_gain(gain) * np.sqrt(self.count * self.power)).sum())
 
-    def _largest(self, gain: Gain) -> NDArray[np.float64]:
+    def _largest_gain(self, gain: Gain) -> NDArray[np.float64]:
         steps = np.linspace(0, 1, 9)[:, None]
         return np.asarray(gain(self.low + steps * (self.high - self.low)).max(axis=0))
 

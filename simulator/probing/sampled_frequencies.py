@@ -43,12 +43,12 @@ class SampledFrequencies:
         neighbouring samples is the same (systematic sampling, Cochran 1977). So all directions are
         represented, and the result isn't random.
         """
-        order, starts = _around(plane)
+        order, starts = _sort_by_ring(plane)
         power = (squared.double() * rfft_column_weights(plane.shape[1])).flatten().numpy()
         places, shares = [], []
         high = bins(plane)[2]
         for number, (a, b) in enumerate(itertools.pairwise(starts), 1):
-            ring, count = order[a:b], _count(high[number] / high[-1])
+            ring, count = order[a:b], _frequencies_per_ring(high[number] / high[-1])
             sums = power[ring].cumsum()
             if not len(ring) or not sums[-1] > 0:
                 continue
@@ -90,7 +90,7 @@ class SampledFrequencies:
         return np.asarray(power * self.share / (plane.shape[0] * plane.shape[1]))
 
 
-def _count(radius: float) -> int:
+def _frequencies_per_ring(radius: float) -> int:
     """Return the number of frequencies at which a ring of a probed spectrum is sampled.
 
     radius: that of the ring, relative to the outermost.
@@ -101,7 +101,7 @@ def _count(radius: float) -> int:
 
 
 @byte_limited_cache(_ORDERS)
-def _around(plane: Plane) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
+def _sort_by_ring(plane: Plane) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
     """Sort a probed spectrum's entries by ring, and within each ring by direction.
 
     The entries are those of a plane's rfft2 grid.
