@@ -63,7 +63,7 @@ def transfer_error_bound(s: Situation, gain: Gain, how: str) -> Bound:
 
 
 def relative_light_error(s: Situation, bound: Bound) -> float:
-    """Return the relative change of the blurred picture that an effect's bound allows, about."""
+    """Estimate the relative change of the blurred picture that an effect's bound allows."""
     whole_light = light_norm_bound(s)
     return bound.mean / whole_light if whole_light else 0.0
 

@@ -76,12 +76,12 @@ def sqrt_pixel_count(s: Situation) -> float:
 
 
 def is_lamp_flickering(s: Situation) -> bool:
-    """Whether the lamp's light changes with time, so that effects of time occur."""
+    """Whether the lamp's light changes with time, so that the lamp flicker effect occurs."""
     return s.target.lamp is not None and not s.target.lamp.is_constant
 
 
 def lamp_ripple(s: Situation) -> float:
-    """Return the lamp's largest relative ripple, which bounds the effects of its flicker."""
+    """Return the lamp's largest relative deviation from its mean, for the effect of flicker."""
     return s.target.lamp.ripple if s.target.lamp is not None else 0.0
 
 
@@ -199,7 +199,10 @@ def clipping_onset(sensor: Sensor) -> float:
 
 
 def can_clip(s: Situation) -> bool:
-    """Whether the clipping effect can occur, within seven standard deviations of any pixel."""
+    """Whether the clipping effect can occur: any pixel is within seven σ of it.
+
+    The σ are standard deviations of the pixel.
+    """
     most = peak_electrons(s)
     return most + 7 * math.sqrt(most) + 20 > clipping_onset(s.camera.sensor)
 

@@ -117,7 +117,7 @@ def can_orders_reach_sensor(s: Situation) -> bool:
 
 
 def _brighter(s: Situation) -> float:
-    """Return how much denser band effects may make a PSF at the short end than at the centre."""
+    """Return how much denser the band's effect makes a PSF at the short end than at the centre."""
     return _SETTINGS.margin * s.band.centre**2 / s.band.support[0] ** 2
 
 
@@ -136,7 +136,7 @@ def mtf_bound(s: Situation, frequency: Array) -> Array:
 
 
 def illuminated_area_change(s: Situation) -> float:
-    """Return the panel's area that only one of axis and corner lights, for off-axis effects.
+    """Return the panel's area lit from only one of axis and corner, for off-axis effects' bounds.
 
     The corner is one of the field.
 
@@ -178,9 +178,9 @@ def vignetting_samples(
 
 
 def is_uniform_scene(s: Situation) -> bool:
-    """Whether blur effects change nothing: all light is uniform, endless and not hidden.
+    """Whether blur effects leave the light even: all of it is uniform, endless and not hidden.
 
-    No layer hides another then.
+    No layer of the target hides another then.
     """
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return (

@@ -123,7 +123,7 @@ def _spectral_decay(s: Situation) -> int:
 
 
 def _has_exact_spectra(s: Situation) -> bool:
-    """Whether the light-sampling effect is absent: formulas give all pictures' spectra.
+    """Whether the light-sampling effect makes no error: formulas give all pictures' spectra.
 
     They do so for any samples.
     """

@@ -293,7 +293,9 @@ class Kernels:
 
 
 def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields) -> torch.Tensor:
-    """Render the geometric PSF of a modulator's fields, as modulated_psf() does for waves.
+    """Render a point's image by rays, as modulated_psf() does for waves.
+
+    It is the geometric PSF of a modulator's fields.
 
     The light that jitter scatters goes evenly to all orders, beyond the picture.
     """
@@ -310,7 +312,9 @@ def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields)
 def _interference_psf(
     operator: PSFOperator, modulator: Modulator, parts: WeightedFields, strength: complex
 ) -> torch.Tensor:
-    """Render modulated_psf() with the interference of modulated and unmodulated light.
+    """Render a point's image with the interference of modulated and unmodulated light.
+
+    It is modulated_psf() with that interference.
 
     The interference is Re(strength conj(p) q), of the pattern's field p and the field q of light
     that the panel doesn't modulate (see optics.polarisation.PathEffect). The sensor's field is

@@ -33,7 +33,7 @@ def expected_electrons(
     ledger: Ledger,
     check: Callable[[], None] = lambda: None,
 ) -> torch.Tensor:
-    """Render the mean photo-electrons on each pixel of a situation's picture: image formation.
+    """Form the mean image of a situation: render the photo-electrons on each pixel.
 
     The colour filters and the pixel aperture are included; the sensor's other stages come later.
 

@@ -236,7 +236,7 @@ def _distance(vergence: float) -> float:
 
 
 def field_nodes(count: int, half: float) -> list[float]:
-    """Return the places along an axis of the field whose PSFs form the image.
+    """Return the places along an axis of the field at which an image's PSFs are rendered.
 
     They are Chebyshev points of the second kind.
 

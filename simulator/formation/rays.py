@@ -51,7 +51,7 @@ class RayOperator:
         return min(max(1, math.ceil(2 * step / min(self.pixels.pitch))), 16)
 
     def _stop_transmission(self) -> torch.Tensor:
-        """Return the share of each bundle of rays that passes the stop and forms the image.
+        """Return the share of each rendered bundle of rays that passes the stop.
 
         The stop may be represented by its shadow.
         """
@@ -85,7 +85,7 @@ class RayOperator:
         return self._splat(landed[0], landed[1], weight)
 
     def straight(self, field: torch.Tensor | None = None, *, keep: bool = False) -> torch.Tensor:
-        """Render the geometric PSF of light without a pattern's phase.
+        """Render a point's geometric image by light without a pattern's phase: its PSF.
 
         keep: has no effect; a PSFOperator has it.
         """
@@ -95,10 +95,7 @@ class RayOperator:
 
     @property
     def _straight(self) -> torch.Tensor:
-        """Return the light of a unit field of which the geometric image is formed.
-
-        It leaves the pupil.
-        """
+        """Return a unit field's light from the pupil, which rendered rays' light is relative to."""
         return pupil_amplitude(replace(self.camera, separation=0.0)).sum()
 
     def _ray_displacement(self, axis: int, at: torch.Tensor) -> torch.Tensor:

@@ -112,7 +112,7 @@ class SampleGrid:
         return [self._transfer(_weighted_sum(psfs, row), effect) for row in weights]
 
     def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
-        """Return the transfer function of one PSF, by which an image is formed."""
+        """Return the transfer function of one PSF for image formation."""
         self._count(effect)
         return _transform_centred_part(psf.to(torch.float32), self.plane.shape)
 

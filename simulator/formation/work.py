@@ -11,7 +11,7 @@ _FIELD_OPERATIONS = 60.0
 
 
 def transform_operations(rows: int, columns: int) -> float:
-    """Return the operations of one Fourier transform in image formation, real, two-dimensional."""
+    """Return the operations of a real two-dimensional Fourier transform in image formation."""
     samples = rows * columns
     return 2.5 * samples * math.log2(max(samples, 2))
 

@@ -54,7 +54,7 @@ class Effect(ABC):
 
     @abstractmethod
     def is_present(self, s: Situation) -> bool:
-        """Return whether the effect occurs in a situation; otherwise it isn't in its plan."""
+        """Return whether the effect occurs in a situation, and so has to be planned."""
 
     def finest_level(self, s: Situation) -> int:
         """Return the effect's level beyond which a plan can't improve the picture any more.

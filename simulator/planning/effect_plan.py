@@ -228,7 +228,7 @@ def plan_effects(
 
 
 def require_tolerance(tol: float) -> None:
-    """Raise ValueError for a plan's tolerance that is negative or not finite."""
+    """Raise ValueError for an effect plan's tolerance that is negative or not finite."""
     if not 0 <= tol < math.inf:
         raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
 
