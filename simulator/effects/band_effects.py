@@ -88,9 +88,7 @@ class Bandwidth(BlurEffect):
 
 
 def _node_count_errors(s: Situation) -> tuple[float, ...]:
-    """Return the filter bandwidth effect's L2 errors in electrons, by the number of nodes.
-
-    The nodes are wavelengths.
+    """Return the filter bandwidth effect's L2 errors in electrons, by number of wavelength nodes.
 
     The list begins with 1 node and ends where the error has converged. A coarser level never has a
     smaller error than a finer one.
@@ -102,9 +100,9 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
 
 
 def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
-    """Return the filter bandwidth effect's L2 errors by the number of nodes, electrons per second.
+    """Return the filter bandwidth effect's L2 errors per second, by number of wavelength nodes.
 
-    They are computed at a sample of the picture's frequencies.
+    The errors are in electrons per second, computed at a sample of the picture's frequencies.
     """
     found, plane = spectral_measure(s, "band"), s.picture_probe.plane
     most, some = (
@@ -133,9 +131,9 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
 
 
 def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -> float:
-    """Return the sum of squares by which few wavelengths misstate the filter bandwidth's effect.
+    """Return the power of the filter bandwidth effect's error with few wavelength nodes.
 
-    It is the largest sum of squares of a transfer function's quadrature errors.
+    The error is that of a quadrature of the transfer function over wavelengths.
 
     transfer: (frequencies, nodes). wrong: errors of the nodes' weights, (weights, nodes); the sum
     is the largest over the weights. power: the picture's, (frequencies,).
@@ -146,9 +144,9 @@ def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -
 def _possible_transfers(
     s: Situation, some: SampledFrequencies, nodes: Array
 ) -> list[NDArray[np.complex128]]:
-    """Return the transfer functions over the band that bound the filter bandwidth's effect.
+    """Return transfer functions over the band that cover what the bandwidth effect may meet.
 
-    They are those (frequencies, nodes) that the light may have.
+    Each array has the shape (frequencies, nodes).
 
     A PSF grows with λ, so that its transfer function shrinks; the pattern's phase and the lens'
     aberrations go with 1/λ. Parts of the pattern may differ in phase by half of the phase's span to
@@ -163,17 +161,15 @@ def _possible_transfers(
 
 
 def _off_axis_factor(s: Situation) -> float:
-    """Return how much larger the error of a filter's effect may be off the lens' axis.
+    """Return how much larger the filter bandwidth effect's error may be off the lens' axis.
 
-    There, another part of the panel is lit.
-
-    Amplitudes add.
+    Light from off the axis passes another part of the panel. Amplitudes add.
     """
     return (1 + math.sqrt(illuminated_area_change(s))) ** 2 if s.camera.separation else 1.0
 
 
 def _phase_span(s: Situation) -> float:
-    """Return the phase span that bounds the bandwidth's effect: pattern's and lens', radians."""
+    """Return the radians that pattern and lens phases span, for the filter bandwidth effect."""
     shown = max(float(one.max() - one.min()) for one in s.pattern_probe.phases)
     bent = max(
         float(one.max() - one.min())

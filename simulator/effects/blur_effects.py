@@ -30,7 +30,7 @@ MAX_SINC_LOSS = 1.2173
 
 
 def occlusion_factor(s: Situation) -> float:
-    """Return how often an effect on the PSF counts: twice where layers hide each other."""
+    """Return the factor on a blur effect's error bound: 2 if layers hide each other, else 1."""
     return 2.0 if has_occlusion(s) else 1.0
 
 

@@ -111,20 +111,18 @@ def _psf_change(s: Situation) -> float:
 
 
 def _has_uneven_timing(s: Situation) -> bool:
-    """Whether the crystal response's effect may weigh parts of a frame unequally.
+    """Whether parts of a frame may count unequally for the crystal response effect.
 
-    A rolling shutter or a flickering lamp does so.
+    They do with a rolling shutter or a flickering lamp.
     """
     return s.camera.sensor.shutter == "rolling" or is_lamp_flickering(s)
 
 
 def _seen_frame_parts(s: Situation) -> dict[int, list[tuple[float, float, float]]]:
-    """Return the parts of each video frame in which the crystal response's effect is seen.
+    """Return which parts of each video frame an exposure sees, for the crystal response effect.
 
-    Each is (begin, end, share), of what an exposure sees.
-
-    With a rolling shutter or a flickering lamp, these are the eighths of each frame. If there are
-    too many frames to tell apart, key -1 has the whole frame.
+    Each part is (begin, end, share). With a rolling shutter or a flickering lamp, the parts are the
+    eighths of each frame. If there are too many frames to tell apart, key -1 has the whole frame.
     """
     frame_time, n = s.panel_content.frame_time, len(s.panel_content.names)
     every = (0.0, frame_time, 1.0)

@@ -48,9 +48,9 @@ class DepthLayers(Effect):
         return sensor_error_bound(s, change * max_lamp_seconds(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations that the effect of depth layers adds, without other effects'.
+        """Return the operations that the depth-layer effect adds for the PSFs of more distances.
 
-        They are those of the PSFs of further distances.
+        All other effects are taken at their lowest level.
         """
         bare = {**dict.fromkeys(ATTRIBUTION_ORDER, 0), self.name: levels[self.name]}
         return rendering_operations(s, bare) - rendering_operations(s, {**bare, self.name: 0})
@@ -61,14 +61,14 @@ class DepthLayers(Effect):
         return f"from {near:.3g} to {far:.3g} m the blur changes by {blur:.3g} pixels"
 
     def _change(self, s: Situation, level: int) -> float:
-        """Bound the depth-layer effect's L2 error with a level's nodes, electrons per second."""
+        """Bound the L2 error of the depth-layer effect at a level, in electrons per second."""
         distances = s.picture_probe.distances
         nodes = depth_nodes(distances, LEVELS.depths[level])
         return s.picture_probe.change_bound([_gain(s.camera, d, nodes[d]) for d in distances])
 
 
 def _gain(camera: Camera, distance: float, nodes: list[tuple[float, float]]) -> Gain:
-    """Bound the depth-layer effect's error of a layer's transfer function, by frequency.
+    """Bound the transfer function error of the depth-layer effect for one layer, by frequency.
 
     nodes: the distances whose PSFs' weighted mean stands for the layer's, and their weights. Light
     from the pupil's rim lands elsewhere by ρ. Between two nodes the mean is linear in the defocus;
@@ -90,11 +90,10 @@ def _gain(camera: Camera, distance: float, nodes: list[tuple[float, float]]) -> 
 
 
 def _displacement(camera: Camera, one: float, other: float) -> float:
-    """Return how far the effect of depth moves rim light on the sensor between two distances.
+    """Return how far rim light moves on the sensor between two distances, for the depth effect.
 
-    The light is from the pupil's rim, the distances are those of objects.
-
-    The rim is that of the panel, or of the stop's shadow on it. Metres on the sensor.
+    Rim light comes from the edge of the panel, or of the stop's shadow on it. The distances are
+    object distances; the result is in metres.
     """
     bent = abs(_wave_curvature(camera, one) - _wave_curvature(camera, other))
     panel = camera.panel
@@ -104,9 +103,9 @@ def _displacement(camera: Camera, one: float, other: float) -> float:
 
 
 def _wave_curvature(camera: Camera, distance: float) -> float:
-    """Return the curvature of a point's wave that causes the depth effect's defocus, 1/m.
+    """Return the defocus of a point's wave on the panel, for the depth-layer effect, 1/m.
 
-    It is that over the panel which the lens leaves.
+    The defocus is the wave's curvature that the lens leaves.
     """
     spread = 1 + as_number(camera.separation) / distance
     vergence = 1 / object_to_lens_distance(camera, distance) - 1 / as_number(
@@ -123,9 +122,9 @@ def _stop_shadow_radius(camera: Camera, distance: float) -> float:
 
 
 def _shadow_change_share(camera: Camera, one: float, other: float) -> float:
-    """Bound the depth-layer effect's share of light that moves as the stop's shadow grows.
+    """Bound the light that moves when the stop's shadow resizes, for the depth-layer effect.
 
-    It is the largest share that moves as the shadow changes its size.
+    The result is a share of the layer's light.
     """
     if as_number(camera.separation) == 0:
         return 0.0

@@ -65,13 +65,13 @@ class PixelwiseEffect(OnOffEffect):
 
 
 def pixel_count(s: Situation) -> int:
-    """Return the number of the sensor's pixels over which effects' bounds are summed."""
+    """Return the sensor's number of pixels, over which effects' error bounds are summed."""
     rows, columns = s.camera.sensor.shape
     return rows * columns
 
 
 def sqrt_pixel_count(s: Situation) -> float:
-    """Return the square root of the pixel count, which effects' L2 bounds are multiplied by."""
+    """Return the square root of the pixel count, which turns a pixel's effect into an L2 bound."""
     return math.sqrt(pixel_count(s))
 
 
@@ -81,17 +81,17 @@ def is_lamp_flickering(s: Situation) -> bool:
 
 
 def lamp_ripple(s: Situation) -> float:
-    """Return the lamp's largest relative deviation from its mean, for the effect of flicker."""
+    """Return the lamp flicker effect's ripple: the largest relative deviation from the mean."""
     return s.target.lamp.ripple if s.target.lamp is not None else 0.0
 
 
 def max_lamp_seconds(s: Situation) -> float:
-    """Return the most seconds of mean lamp light in an exposure, for bounds on effects."""
+    """Bound an exposure in seconds of the lamp's mean light, flicker effect included."""
     return s.exposure * (1 + lamp_ripple(s))
 
 
 def sharp_norm_bound(s: Situation) -> float:
-    """Bound the L2 norm of the picture's electrons that any blur effect leaves.
+    """Bound the L2 norm of the picture's electrons under any blur effect.
 
     No blur adds light (Young).
     """
@@ -99,13 +99,13 @@ def sharp_norm_bound(s: Situation) -> float:
 
 
 def total_electrons(s: Situation) -> float:
-    """Return the unblurred picture's electrons that effects' bounds count, margin included."""
+    """Return the unblurred picture's electrons, margin included, for bounds on effects."""
     return s.picture_probe.total_with_margin * max_lamp_seconds(s)
 
 
 @cached_per_situation
 def _peak_light_electrons(s: Situation) -> float:
-    """Bound the electrons of light on any blurred pixel, for bounds on the sensor's effects.
+    """Bound the electrons that light frees in any pixel of a blurred picture, for effects' bounds.
 
     Three bounds are compared: by Young, by the PSF's peak, and by frequency.
     """
@@ -122,13 +122,13 @@ def _peak_light_electrons(s: Situation) -> float:
 
 
 def off_plane_star_electrons(s: Situation) -> float:
-    """Return the electrons of stars that bounds on effects add from outside the examined part."""
+    """Return the electrons of stars outside the probed picture, which effects' bounds add."""
     return s.picture_probe.off_plane_star_rate * max_lamp_seconds(s)
 
 
 @cached_per_situation
 def light_norm_bound(s: Situation) -> float:
-    """Bound the L2 norm of the blurred picture's electrons, which an effect may change.
+    """Bound the L2 norm of the blurred picture's electrons, the base of effects' error bounds.
 
     Three bounds are compared: by Young; by the brightest pixel and the sum of all; and by frequency
     (Parseval).
@@ -143,12 +143,12 @@ def light_norm_bound(s: Situation) -> float:
 
 
 def dark_current_electrons(s: Situation) -> float:
-    """Return a pixel's electrons of dark current for effects' bounds, if it isn't hot."""
+    """Return the dark-current electrons of a pixel that isn't hot, for bounds on sensor effects."""
     return s.camera.sensor.dark_current * s.exposure
 
 
 def hot_pixel_norm(s: Situation) -> float:
-    """Bound the L2 norm of the hot pixels' electrons, which effects' bounds include.
+    """Bound the L2 norm of the hot pixels' electrons, for bounds on sensor effects.
 
     The number of hot pixels is taken five standard deviations above its mean.
     """
@@ -161,7 +161,7 @@ def hot_pixel_norm(s: Situation) -> float:
 
 
 def affected_pixel_bound(share: float, count: int) -> float:
-    """Bound how many of `count` pixels an effect reaches, each with the probability `share`.
+    """Bound how many of `count` pixels an effect occurs in, with probability `share` in each.
 
     The number is taken five standard deviations above its mean.
     """
@@ -170,7 +170,7 @@ def affected_pixel_bound(share: float, count: int) -> float:
 
 
 def peak_electrons(s: Situation) -> float:
-    """Bound the brightest pixel's electrons for effects of the sensor, hot pixels included."""
+    """Bound the brightest pixel's electrons for sensor effects, hot pixels included."""
     sensor = s.camera.sensor
     lit = _peak_light_electrons(s) * (1 + MAX_PIXEL_SIGMAS * sensor.prnu)
     return (
@@ -179,7 +179,7 @@ def peak_electrons(s: Situation) -> float:
 
 
 def electron_norm_bound(s: Situation) -> float:
-    """Bound the L2 norm of all pixels' electrons, which effects of the sensor may change."""
+    """Bound the L2 norm of all pixels' electrons, for bounds on sensor effects."""
     gain = 1 + MAX_PIXEL_SIGMAS * s.camera.sensor.prnu
     return (
         light_norm_bound(s) * gain
@@ -189,9 +189,9 @@ def electron_norm_bound(s: Situation) -> float:
 
 
 def clipping_onset(sensor: Sensor) -> float:
-    """Return the electrons from which the clipping effect occurs, without shot noise.
+    """Return the electrons from which the clipping effect occurs, shot noise not counted.
 
-    There, full well or converter begin to clip.
+    Full well or converter begin to clip there.
     """
     spread = 7 * sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu
     top = (2**sensor.bits - 1 - sensor.black_level) * sensor.gain
@@ -199,18 +199,18 @@ def clipping_onset(sensor: Sensor) -> float:
 
 
 def can_clip(s: Situation) -> bool:
-    """Whether the clipping effect can occur: any pixel is within seven σ of it.
+    """Whether the clipping effect can occur: any pixel can come within 7 σ of clipping.
 
-    The σ are standard deviations of the pixel.
+    σ is the standard deviation of the pixel's electrons.
     """
     most = peak_electrons(s)
     return most + 7 * math.sqrt(most) + 20 > clipping_onset(s.camera.sensor)
 
 
 def without_clipping(s: Situation, recipe: Recipe) -> Recipe:
-    """Return the recipe without the clipping effect, if any pixel may clip.
+    """Return the recipe with the clipping effect switched off, if any pixel may clip.
 
-    Full wells and converter are unlimited then.
+    Without the effect, full wells and converter are unlimited.
 
     Errors are counted before a full well clips them (see simulator.effects.picture_norms).
     """
@@ -218,9 +218,9 @@ def without_clipping(s: Situation, recipe: Recipe) -> Recipe:
 
 
 def unclipped_light(s: Situation) -> float:
-    """Return the electrons of light that the clipping effect surely leaves alone.
+    """Return the electrons of light that surely escape the clipping effect, within 7 σ.
 
-    Seven standard deviations are allowed for.
+    σ is the standard deviation of the pixel's electrons.
     """
     free = max(clipping_onset(s.camera.sensor) - 20 - dark_current_electrons(s), 0.0)
     # Solves x + 7 √x = free for x.
@@ -242,7 +242,7 @@ class FullWells:
 
 @cached_per_situation
 def full_well_bounds(s: Situation) -> FullWells:
-    """Bound the pixels whose wells may be full, for the effects of clipping and shot noise.
+    """Bound the pixels whose wells may be full, for the clipping and shot-noise effects.
 
     A blurred picture m has no more of (m - θ)₊, and of its square, than the sharp picture, for any
     θ (Jensen: a blur is a mean). Where m is above W > θ, m is at most W / (W - θ) times m - θ.
@@ -265,16 +265,16 @@ def full_well_bounds(s: Situation) -> FullWells:
 
 
 def can_clip_at_zero(sensor: Sensor) -> bool:
-    """Whether the clipping effect can occur at the converter's lower end, in dark pixels.
+    """Whether the clipping effect can occur at the converter's lower end.
 
-    Noise and offset of a dark pixel reach that end then.
+    It does if noise and offset of a dark pixel can reach that end.
     """
     room = sensor.black_level * sensor.gain - MAX_PIXEL_SIGMAS * sensor.dsnu
     return room < 8 * sensor.read_noise + sensor.gain
 
 
 def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: bool = True) -> Bound:
-    """Bound what an effect's change of electrons does to the frame's mean, variance and σ.
+    """Bound the error of mean, variance and σ when an effect changes the picture's electrons.
 
     change: L2 norm of the change of the picture's electrons over the exposure. Mean and variance
     change by the change times their steepest slope, at any number of electrons up to the brightest
@@ -301,9 +301,9 @@ def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: boo
 def proportional_error_bound(
     s: Situation, change: float, how: str, dim_pixel_margin: float = _SETTINGS.dim_pixel_margin
 ) -> Bound:
-    """Bound the frame's error by an effect that changes each pixel's light in proportion.
+    """Bound the frame's error when an effect changes each pixel's light in proportion.
 
-    It is sensor_error_bound() of such a change.
+    The bound is sensor_error_bound() with a tighter σ.
 
     A dim pixel's relative change is at most `dim_pixel_margin` times that of the whole picture.
     Where m changes by a share ε of it, √(m + r²) changes by at most ε √m / 2, for any read noise r:
@@ -323,7 +323,7 @@ def proportional_error_bound(
 
 
 def _dim_pixel_electrons(s: Situation) -> float:
-    """Return the fewest electrons on pixels where an effect's change of the light counts.
+    """Return the fewest electrons in pixels whose change by an effect counts.
 
     These are half of those in the dim tenth of the sharp picture, since it may be dimmer once it is
     blurred.
@@ -332,10 +332,7 @@ def _dim_pixel_electrons(s: Situation) -> float:
 
 
 def _next_power_of_two(electrons: float) -> float:
-    """Return a power of two above an effect's electrons, at least 64.
-
-    It is the least power of two that is at least the number of electrons.
-    """
+    """Round a number of electrons for an effect's bound up to a power of two, at least 64."""
     return 2.0 ** math.ceil(math.log2(max(electrons, 64.0)))
 
 
@@ -343,9 +340,10 @@ def _next_power_of_two(electrons: float) -> float:
 def _steepest_slopes(
     sensor: Sensor, most: float, unclipped_electrons: float
 ) -> tuple[float, float, float]:
-    """Return the slopes by which an effect's electrons change mean and variance, and the least σ.
+    """Return slopes of mean and variance by electrons, and the least σ, for bounds on effects.
 
-    They are the largest slopes by electrons. The least σ is that with read noise.
+    The slopes are the largest at any number of electrons up to `most`. The least σ includes read
+    noise.
 
     unclipped_electrons: number up to which the upper end clips nothing. Without clipping, the
     converter's steps of g electrons make the slopes oscillate by exp(-2 π² m / g²) at m electrons

@@ -28,9 +28,9 @@ class VeilingGlare(PixelwiseEffect):
         return s.camera.glare > 0 and not s.picture_probe.is_dark
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Estimate the veiling glare effect: glare times how much the sharp picture varies.
+        """Estimate the veiling glare effect: the glare times the sharp picture's variation.
 
-        It varies by its relative difference from its mean.
+        The variation is the picture's relative difference from its mean.
         """
         if not s.picture_probe.norm_bound:
             return 0.0
@@ -38,7 +38,7 @@ class VeilingGlare(PixelwiseEffect):
         return s.camera.glare * blur_sensitivity(s) * math.sqrt(max(1 - even, 0.0))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Bound the picture's error without the effect of veiling glare.
+        """Bound the picture's error if the veiling glare effect is left out.
 
         A picture differs from its mean by no more than its own norm. Glare gives dark pixels much
         of their light, so that the light of the dim tenth of the picture limits the change of σ in

@@ -33,13 +33,13 @@ class Interference(OnOffBlurEffect):
 def _strength(s: Situation) -> float:
     """Return the strength of the polarisation interference effect.
 
-    Unmodulated light interferes with modulated light.
+    The effect is interference of unmodulated with modulated light.
     """
     return abs(complex(s.path.interference)) if s.path is not None else 0.0
 
 
 def _brightest(s: Situation) -> float:
-    """Bound the power of either field in the interference effect, relative to a uniform one."""
+    """Bound either field's power in the interference effect, relative to a uniform field's."""
     pixels = sample_pixels(s)
     powers = [
         pixels.mean(pixels(field).abs().double() ** 2).real for field in s.pattern_probe.fields

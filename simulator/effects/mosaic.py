@@ -45,11 +45,10 @@ class ColourFilters(OnOffEffect):
         return f"in this light a pixel's electrons differ by {self._difference(s):.2g} of the most"
 
     def _difference(self, s: Situation) -> float:
-        """Return the largest effect of a colour filter on a pixel's electrons.
+        """Return the colour filter effect's largest change of a pixel's electrons.
 
-        It is the largest difference of a filter's electrons from the mean pixel's.
-
-        It is the largest over all parts and filters, relative to the electrons of the best channel.
+        The change is from the mean pixel's electrons. The maximum is over all parts and filters,
+        relative to the electrons of the best channel.
         """
         found = [0.0]
         for layer in s.target.layers:
@@ -66,7 +65,7 @@ class ColourFilters(OnOffEffect):
 
 
 def _curve_differences(s: Situation) -> Iterator[Spectrum]:
-    """Yield each colour filter's effect: its curve's absolute difference from the mean pixel's."""
+    """Yield each colour filter's effect as a curve: its distance from the mean pixel's curve."""
     colour = s.camera.sensor.colour
     if colour is None:
         return
@@ -82,7 +81,7 @@ def _curve_differences(s: Situation) -> Iterator[Spectrum]:
 
 
 def _nodes(colour: Mosaic) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return the wavelengths at which the colour filters' effect bends or ends.
+    """Return the wavelengths at which any curve bends or ends, for the colour filter effect.
 
     Both sides of the ends are included.
     """

@@ -67,19 +67,13 @@ class Motion(Effect):
         return f"it moves by {pixels:.3g} pixels in {s.exposure * 1e3:.3g} ms"
 
     def _paths(self, s: Situation) -> list[float]:
-        """Return the metres by which the motion effect smears each layer on the sensor.
-
-        They are those of the exposure.
-        """
+        """Return the metres by which the motion effect smears each layer on the sensor."""
         speed = math.hypot(*s.target.velocity)
         scales = (s.camera.magnification(layer.distance) for layer in s.target.layers)
         return [speed * s.exposure * scale for scale in scales]
 
     def _parts(self, s: Situation, level: int) -> int:
-        """Return the number of parts into which the motion effect's level divides the motion.
-
-        The motion is that during the frame.
-        """
+        """Return how many parts a level of the motion effect divides the frame's motion into."""
         return 2**level * math.ceil(s.exposure_span / s.exposure) if level else 1
 
     def _change(self, s: Situation, level: int) -> float:
@@ -117,9 +111,7 @@ class Motion(Effect):
 
 
 def transform(s: Situation, levels: Mapping[str, int]) -> float:
-    """Return the operations of one picture's Fourier transform, by which effects' work is counted.
-
-    It is that of all samples of the picture.
+    """Return the operations of a Fourier transform of the whole picture, to count effects' work.
 
     They depend on how far the PSFs reach and how fine the samples are.
     """

@@ -43,12 +43,12 @@ class PanelDispersion(OnOffBlurEffect):
 
 
 def _total_psf_change(s: Situation) -> float:
-    """Bound the panel dispersion effect on a PSF over band and leak, as ‖Δh‖₁."""
+    """Bound the panel dispersion effect's change ‖Δh‖₁ of a PSF, over band and leak."""
     return _psf_change_over(s, "band") + (_psf_change_over(s, "leak") if s.band.leak else 0.0)
 
 
 def _psf_change_over(s: Situation, which: Literal["band", "leak"]) -> float:
-    """Bound the panel dispersion effect on a PSF, ‖Δh‖₁ averaged over the band or the leak.
+    """Bound the panel dispersion effect's mean change ‖Δh‖₁ of a PSF over the band or the leak.
 
     Each wavelength is weighted by its share of the brightest channel's electrons, or by the largest
     share that it has in any part and channel. The leak counts by its share of the light.
@@ -66,7 +66,7 @@ def _psf_change_over(s: Situation, which: Literal["band", "leak"]) -> float:
 
 
 def _psf_change_at(s: Situation, wavelength: float) -> float:
-    """Bound the panel dispersion effect on a PSF at one wavelength, as ‖Δh‖₁."""
+    """Bound the panel dispersion effect's change ‖Δh‖₁ of a PSF at one wavelength."""
     pixels, panel = sample_pixels(s), s.camera.panel
     there = modulator_at(panel, wavelength)
     # A response that varies over the panel has to be evaluated on all pixels.

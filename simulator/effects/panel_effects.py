@@ -41,7 +41,7 @@ class PanelEffect(OnOffBlurEffect):
 
     @abstractmethod
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """Bound a panel effect by ‖Δh‖₁ of the PSFs with it and without it, and say how it's known.
+        """Bound ‖Δh‖₁ of PSFs with the panel effect against without it, and say how it's known.
 
         It holds whatever other effects are on.
         """
@@ -132,10 +132,7 @@ class PanelResponse(PanelEffect):
 
 
 def phase_error_gain(panel: Panel) -> float:
-    """Return by how much coupling and illumination may enlarge a panel effect's phase error.
-
-    The result is a factor.
-    """
+    """Return how many times coupling and illumination may enlarge a panel effect's phase error."""
     lit = 1.0
     if panel.illumination is not None:
         light = panel.illumination.at_pixels(panel)
@@ -171,11 +168,10 @@ class Coupling(PanelEffect):
 def _blocks(
     phase: torch.Tensor, aperture_share: torch.Tensor
 ) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    """Return squares of pixels on which the panel's coupling effect is bounded.
+    """Return blocks of neighbouring pixels on which the panel's coupling effect is bounded.
 
-    They are neighbouring pixels from all over the panel, or the whole of a small one.
-
-    There are 4 x 4 squares of 64 x 64 pixels.
+    These are 4 x 4 squares of 64 x 64 pixels from all over the panel, or the whole of a small
+    panel.
     """
     rows, columns = phase.shape
     count, side = 4, 64
@@ -198,7 +194,7 @@ class Flicker(PanelEffect):
     source = "thesis §3.4"
 
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """Bound the panel flicker's effect on a PSF as ‖Δh‖₁, and say how it is known.
+        """Bound the panel flicker effect's change ‖Δh‖₁ of a PSF, and say how it is known.
 
         The ripple's first order averages out. What is left is the loss of the mean field, 1 - J₀,
         which interferes, and the power of the ripple, 2 (1 - J₀).
@@ -234,9 +230,9 @@ class Jitter(RedirectedLight):
 
 
 def _gap_power(panel: Panel) -> float:
-    """Return the power by which gap light may enlarge a panel effect.
+    """Return the factor by which light from the gaps may enlarge a panel effect's power.
 
-    It is the panel's largest power relative to that of its pixels, with light from the gaps.
+    The factor is the panel's largest power, relative to that of its pixels.
     """
     return (1 + gap_amplitude(panel)) ** 2
 

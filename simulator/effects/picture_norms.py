@@ -28,9 +28,9 @@ _SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
 
 
 def minimum_norms(s: Situation) -> MinimumNorms:
-    """Return lower bounds of the picture's norms, which effects' errors are relative to.
+    """Return lower bounds of the picture's norms, which effects' errors are compared with.
 
-    They are those of mean, variance and σ, in electrons.
+    The norms are those of mean, variance and σ, in electrons.
 
     The norms are over the sensor's pixels. That of the mean is the largest of three bounds. First,
     a pixel has at least the light of the darkest place within the reach of its PSF. Second, the
@@ -58,7 +58,7 @@ def minimum_norms(s: Situation) -> MinimumNorms:
 
 
 def _min_light(s: Situation) -> tuple[float, float]:
-    """Return the least sum and norm of light that all effects leave, electrons per second."""
+    """Bound the sum and norm of light from below, with all effects on, electrons per second."""
     # The factor 0.8 is from audits: it allows for effects that blur the picture further.
     attenuated, spread = 0.8 * _min_attenuation(s), _min_light_by_area(s)
     total = max((one for one, _ in spread), default=0.0)
@@ -69,22 +69,18 @@ def _min_light(s: Situation) -> tuple[float, float]:
 
 
 def _min_attenuation(s: Situation) -> float:
-    """Return the least share of the light that the effects of vignetting and filters leave.
+    """Return the least share of light that vignetting and colour filter effects leave.
 
-    The filters are the colour filters.
-
-    The colour filters' share is relative to the light of the best channel.
+    The share counts relative to the light of the best channel.
     """
     least = vignetting_samples(s, s.camera.sensor.shape, set(s.picture_probe.distances)).min()
     return float(least) * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
 
 
 def _min_channel_share(s: Situation) -> float:
-    """Return the least share of electrons that the colour filters' effect leaves on average.
+    """Return the least share of electrons that the colour filter effect leaves the mean pixel.
 
-    It is the share that a colour mosaic's mean pixel has of any part.
-
-    It is relative to the electrons of the part's best channel.
+    The minimum is over the scene's parts. The share is relative to the part's best channel.
     """
     colour = s.camera.sensor.colour
     if colour is None:
@@ -101,10 +97,7 @@ def _min_channel_share(s: Situation) -> float:
 
 
 def _min_lamp_light(s: Situation) -> float:
-    """Return the least mean light that the lamp flicker's effect leaves any row.
-
-    It is relative to the lamp's mean.
-    """
+    """Return the least mean lamp light of any row, relative to the mean, for the flicker effect."""
     lamp = s.target.lamp
     if lamp is None or lamp.is_constant:
         return 1.0
@@ -113,7 +106,7 @@ def _min_lamp_light(s: Situation) -> float:
 
 
 def _blur_margin(s: Situation, share: float) -> int:
-    """Return the pixels beyond which blur effects send less than a share of a point's light.
+    """Return the pixels beyond which blur effects send less than `share` of a point's light.
 
     The image's motion is added. The result is rounded up to one of four values per octave, so that
     other patterns can use the same results of the picture.
@@ -126,7 +119,7 @@ def _blur_margin(s: Situation, share: float) -> int:
 
 
 def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int], T]) -> T:
-    """Return a sharp-picture result for effects' minimum norms, computed once for each edge.
+    """Return a result for effects' minimum norms, computed once for each edge width.
 
     The result depends on the sharp picture alone.
     """
@@ -138,7 +131,7 @@ def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int],
 
 
 def _frame_without_edge(s: Situation, edge: int) -> torch.Tensor:
-    """Return the sharp frame without an edge that blur effects may empty, electrons per second.
+    """Return the sharp frame with an empty edge, for minimum norms under blur effects.
 
     edge: pixels of the frame that are set to zero on each side.
     """
@@ -153,10 +146,7 @@ def _frame_without_edge(s: Situation, edge: int) -> torch.Tensor:
 
 
 def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
-    """Return pairs of light and area: what blur effects surely leave on so many pixels.
-
-    The light is in electrons per second.
-    """
+    """Return pairs (light, pixels): light that blur effects surely leave on so many pixels."""
     found = []
     for share in _SHARES:
         edge = _blur_margin(s, share)
@@ -173,7 +163,7 @@ def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
 
 
 def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
-    """Return a sharp picture's sum and the rows and columns of its light, for minimum norms."""
+    """Return a picture's sum and its lit rows and columns, for norms that effects leave."""
     rows, columns = (light > 0).any(1).nonzero(), (light > 0).any(0).nonzero()
     if not len(rows):
         return 0.0, (0, 0)
@@ -182,11 +172,9 @@ def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
 
 
 def _norm_by_neighbourhood(s: Situation) -> float:
-    """Return the norm that blur effects surely leave if each pixel had its neighbours' least.
+    """Bound from below the norm that blur effects leave, by the least light near each pixel.
 
-    It is the picture's norm if each pixel had the least light within its PSF's reach.
-
-    In electrons per second.
+    Each pixel gets the least light within its PSF's reach. The norm is in electrons per second.
     """
     if has_occlusion(s):
         return 0.0
@@ -206,9 +194,9 @@ def _norm_by_neighbourhood(s: Situation) -> float:
 
 
 def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
-    """Return the norm that blur effects leave a frame of its neighbourhoods' least light.
+    """Return the frame's norm with the least light near each pixel, to bound blur effects.
 
-    Each pixel has the least light up to `edge` pixels away.
+    "Near" is up to `edge` pixels away, along each axis.
     """
     least = s.picture_probe.sharp_picture.clamp(min=0).numpy()
     for axis in (0, 1):
@@ -218,7 +206,10 @@ def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
 
 
 def _norm_by_frequency(s: Situation) -> float:
-    """Return the norm that blur effects' transfer function leaves at least, electrons/s."""
+    """Bound from below the norm that blur effects leave, by the transfer function.
+
+    The norm is in electrons per second.
+    """
     if s.target.is_moving or has_occlusion(s):
         return 0.0
     transfer, best = s.pattern_probe.transfer_bounds, 0.0
@@ -239,7 +230,7 @@ def _norm_by_frequency(s: Situation) -> float:
 
 
 def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:
-    """Return a picture's radial power spectrum for effects' minimum norms; None without light."""
+    """Return a picture's radial power spectrum for norms that effects leave; None without light."""
     return (
         RadialProfile.of(spectrum_of_samples(light), s.picture_probe.plane) if light.any() else None
     )

@@ -48,7 +48,7 @@ _SETTINGS = PSFBoundSettings()
 
 
 def has_known_psf(s: Situation) -> bool:
-    """Whether effects' bounds may rely on the probed PSFs: those of all light, of one distance."""
+    """Whether effects' bounds may use the probed PSF: one distance and no hidden layers."""
     return len(set(s.picture_probe.distances)) == 1 and not has_occlusion(s)
 
 
@@ -59,10 +59,7 @@ def has_occlusion(s: Situation) -> bool:
 
 @cached_per_situation
 def peak_pixel_share(s: Situation) -> float:
-    """Bound a point's light on one pixel, whichever effects are on; 1 if the PSF isn't known.
-
-    The result is a share of the light.
-    """
+    """Bound the share of a point's light on one pixel under any effects; 1 for an unknown PSF."""
     if not has_known_psf(s):
         return 1.0
     return _on_pixel(s, s.pattern_probe.peak)
@@ -70,7 +67,7 @@ def peak_pixel_share(s: Situation) -> float:
 
 @cached_per_situation
 def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
-    """Bound a PSF's sum of squared shares on pixels, whichever effects are on.
+    """Bound the sum over pixels of a PSF's squared shares, under any effects.
 
     beyond: if given, only the light beyond a square of so many metres to each side counts.
     """
@@ -85,11 +82,10 @@ def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
 
 
 def _on_pixel(s: Situation, density: float) -> float:
-    """Bound a PSF's share on a pixel, whichever effects are on, by its density at the centre.
+    """Bound a PSF's share on one pixel under any effects from its density at the centre.
 
-    The density, 1/m², is that in the middle of band and field.
-
-    The result is an upper bound over band and field.
+    density: the PSF's in 1/m², in the middle of band and field. The bound holds over the whole band
+    and field.
     """
     density *= _brighter(s)
     if s.camera.separation:
@@ -100,14 +96,14 @@ def _on_pixel(s: Situation, density: float) -> float:
 
 
 def zeroth_order_share(s: Situation) -> float:
-    """Bound the share of light that the panel orders' effect doesn't send off the sensor."""
+    """Bound the share of a point's light that the panel orders effect keeps on the sensor."""
     if can_orders_reach_sensor(s) or is_uniform_scene(s):
         return 1.0
     return min(1.05 * s.pattern_probe.zeroth_order_share, 1.0)
 
 
 def can_orders_reach_sensor(s: Situation) -> bool:
-    """Whether the effect of panel orders can occur: side orders of any light reach a pixel.
+    """Whether the panel orders effect can occur: side orders of any light can reach a pixel.
 
     The first order begins half a period from the light's image.
     """
@@ -117,12 +113,15 @@ def can_orders_reach_sensor(s: Situation) -> bool:
 
 
 def _brighter(s: Situation) -> float:
-    """Return how much denser the band's effect makes a PSF at the short end than at the centre."""
+    """Return how much denser PSFs are at the band's short end, for bounds on effects.
+
+    The result is relative to the band's centre.
+    """
     return _SETTINGS.margin * s.band.centre**2 / s.band.support[0] ** 2
 
 
 def mtf_bound(s: Situation, frequency: Array) -> Array:
-    """Bound the MTF |H| of any PSF, whichever effects are on, at cycles per metre on the sensor."""
+    """Bound the MTF ``|H|`` of any PSF under any effects, at cycles per metre on the sensor."""
     if not has_known_psf(s):
         return np.ones_like(frequency)
     spread = _SETTINGS.frequency_factor * s.band.support[1] / s.band.support[0]
@@ -136,12 +135,10 @@ def mtf_bound(s: Situation, frequency: Array) -> Array:
 
 
 def illuminated_area_change(s: Situation) -> float:
-    """Return the panel's area lit from only one of axis and corner, for off-axis effects' bounds.
+    """Return the panel area lit from only one of axis and field corner, for off-axis effects.
 
-    The corner is one of the field.
-
-    It is relative to the area that is lit from the axis. A shadow that moves by v changes v times
-    its width on either side.
+    The area is relative to the one that is lit from the axis. A shadow that moves by v changes v
+    times its width on either side.
     """
     sensor, lens = s.camera.sensor, s.camera.lens
     corner = math.hypot(*(n * sensor.pitch / 2 for n in sensor.shape))
@@ -154,7 +151,7 @@ def illuminated_area_change(s: Situation) -> float:
 
 @cached_per_situation
 def max_vignetting_change(s: Situation) -> float:
-    """Return the largest effect of vignetting: a point's share of light lost or gained off axis.
+    """Return the vignetting effect's largest relative change of a point's light.
 
     It is computed at a few places of the frame and its margin, the corners included.
     """
@@ -165,7 +162,7 @@ def max_vignetting_change(s: Situation) -> float:
 def vignetting_samples(
     s: Situation, shape: Sequence[int], distances: Collection[float]
 ) -> torch.Tensor:
-    """Return samples of the vignetting effect: the share of the light left, for each distance.
+    """Sample the vignetting effect: return the share of the light left, for each distance.
 
     It is computed at 9 x 9 places from corner to corner of `shape` pixels.
     """
@@ -178,10 +175,7 @@ def vignetting_samples(
 
 
 def is_uniform_scene(s: Situation) -> bool:
-    """Whether blur effects leave the light even: all of it is uniform, endless and not hidden.
-
-    No layer of the target hides another then.
-    """
+    """Whether blur has no effect: all light is uniform and endless, and no layer hides another."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return (
         bool(parts) and all(isinstance(one, UniformLight) for one in parts) and not has_occlusion(s)
@@ -189,7 +183,7 @@ def is_uniform_scene(s: Situation) -> bool:
 
 
 def blur_sensitivity(s: Situation) -> float:
-    """Return the largest share of the light that an effect on the PSF can change.
+    """Return the largest share of the light that effects on the PSF can change.
 
     Uniform, endless light stays so, except for what vignetting changes of it.
     """

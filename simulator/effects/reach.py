@@ -37,11 +37,9 @@ class PSFReach(BlurEffect):
     levels = tuple(f"{n} px" for n in LEVELS.windows)
 
     def finest_level(self, s: Situation) -> int:
-        """Return the PSF-reach effect's level whose window holds all of the zeroth order.
+        """Return the PSF reach effect's level whose window holds all useful zeroth-order light.
 
-        That is all of it that can reach a pixel.
-
-        The order is widest at the longest wavelength.
+        Useful light can reach a pixel. The zeroth order is widest at the longest wavelength.
         """
         longest = max(s.band.support[1], s.band.leak_range[1] if s.band.leak else 0.0)
         period = longest * as_number(s.camera.ray_matrix_b) / s.camera.panel.pitch
@@ -68,9 +66,7 @@ class PSFReach(BlurEffect):
 
 
 def _longest_waves(s: Situation) -> list[tuple[float, float]]:
-    """Return the light's shares and longest wavelengths, of band and leak, for the reach effect.
-
-    The shares are the largest ones.
+    """Return (largest share of light, longest wavelength) of band and leak, for the reach effect.
 
     PSFs are widest at the longest wavelength.
     """
@@ -79,11 +75,9 @@ def _longest_waves(s: Situation) -> list[tuple[float, float]]:
 
 
 def _window_half_side(s: Situation, level: int, longest: float) -> float:
-    """Return the metres to the side of a PSF's window at a level of the reach effect.
+    """Return the metres from a PSF window's centre to its side at a level of the reach effect.
 
-    They are counted from a point's image, at the band's centre.
-
-    They are scaled from the longest wavelength to the centre.
+    The metres hold at the band's centre. They are scaled from the longest wavelength to the centre.
     """
     half = (LEVELS.windows[level] / 2 - 1) * s.camera.sensor.pitch
     turned = abs(math.cos(2 * s.mount.rotation)) < 1 - 1e-9
@@ -91,7 +85,7 @@ def _window_half_side(s: Situation, level: int, longest: float) -> float:
 
 
 def _beyond(s: Situation, level: int) -> float:
-    """Return the PSF-reach effect's missing light: a point's share outside the PSF's window."""
+    """Return the share of a point's light that a level of the PSF reach effect cuts off."""
     found = (
         share * s.pattern_probe.share_beyond(_window_half_side(s, level, longest))
         for share, longest in _longest_waves(s)

@@ -81,7 +81,7 @@ class LightSampling(BlurEffect):
 
 
 def _aliasing_gain(s: Situation, samples: int) -> Gain:
-    """Bound the light-sampling effect's aliasing by frequency, for so many samples per pixel.
+    """Bound the light-sampling effect's aliasing by frequency, for `samples` per pixel.
 
     Where a picture has edges, its spectrum falls with 1/k, and the mean over a sample's cell falls
     with another 1/k: aliases from beyond the samples' Nyquist frequency add (k / (n - k))² of the
@@ -107,11 +107,9 @@ def _aliasing_gain(s: Situation, samples: int) -> Gain:
 
 
 def _spectral_decay(s: Situation) -> int:
-    """Return the power with which the pictures' spectra fall, for the light-sampling effect.
+    """Return the slowest decay of the pictures' spectra, for the light-sampling effect.
 
-    It is the least power of the frequency.
-
-    It is that at the pixels' Nyquist frequency.
+    The decay is a power of the frequency, found at the pixels' Nyquist frequency.
     """
     found = []
     for layer in s.target.layers:
@@ -123,9 +121,6 @@ def _spectral_decay(s: Situation) -> int:
 
 
 def _has_exact_spectra(s: Situation) -> bool:
-    """Whether the light-sampling effect makes no error: formulas give all pictures' spectra.
-
-    They do so for any samples.
-    """
+    """Whether light sampling has no effect, because formulas give the pictures' spectra."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return all(one.has_exact_spectrum for one in parts) and not has_occlusion(s)

@@ -233,7 +233,7 @@ class Quantisation(PixelwiseEffect):
         return sensor.gain**2 / 12 / (noise + sensor.gain**2 / 12)
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Bound the picture's error without the effect of quantisation.
+        """Bound the picture's error if the quantisation effect is left out.
 
         Rounding moves a number by at most half a step. So it moves the mean, and, by Minkowski, σ;
         the variance changes by the sum of both σ times that.

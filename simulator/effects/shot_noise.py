@@ -68,10 +68,10 @@ class ShotNoise(Effect):
         )
 
     def _bound_without_noise(self, s: Situation) -> Bound:
-        """Bound the picture's error without the effect of shot noise.
+        """Bound the picture's error if the shot noise effect is left out.
 
-        It is the variance of the number of electrons, with a rounding step and the full well's
-        effect.
+        The bound is the variance of the number of electrons, with a rounding step and the influence
+        of full wells.
         """
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         step = sensor.gain
@@ -91,7 +91,7 @@ class ShotNoise(Effect):
         )
 
     def _gaussian_bound(self, s: Situation) -> Bound:
-        """Bound the shot-noise effect's error with a normal distribution for Poisson's.
+        """Bound the shot noise effect's error if a normal distribution replaces Poisson's.
 
         Means and variances agree except where full wells and rounding cut the distributions. The
         cumulative distributions differ by 0.068 / √electrons: 1/(6 √(2π)) from Edgeworth's first
@@ -113,7 +113,7 @@ class ShotNoise(Effect):
         )
 
     def _skewed_gaussian_bound(self, s: Situation) -> Bound:
-        """Bound the shot-noise effect's error with a skewed normal distribution for Poisson's.
+        """Bound the shot noise effect's error if a skewed normal distribution replaces Poisson's.
 
         The skewed one has the right third and fourth moments. The cumulative distributions differ
         by 3e-4 at ten electrons, and by less for more electrons.
@@ -131,9 +131,10 @@ class ShotNoise(Effect):
 
 
 def _max_sigma_change(variance: float, sensor: Sensor) -> float:
-    """Return how much a shot-noise effect's change of the variance changes σ at most.
+    """Bound the error of σ from an error of the shot noise effect's variance.
 
-    It is largest where the variance is least: a step of the converter may hide all of it.
+    The error of σ is largest where the variance is least: a step of the converter may hide all of
+    it.
     """
     return (
         math.sqrt(variance)

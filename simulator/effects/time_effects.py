@@ -52,17 +52,16 @@ class LampFlicker(OnOffEffect):
         )
 
     def _max_row_deviation(self, s: Situation) -> float:
-        """Return the lamp flicker's largest effect on any row's mean light, as a deviation from 1.
+        """Return the lamp flicker effect's largest deviation of a row's mean light from 1.
 
-        The mean is over the row's exposure.
-
-        Without a rolling shutter, all rows are exposed with the first.
+        The mean is over the row's exposure. Without a rolling shutter, all rows are exposed with
+        the first.
         """
         begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
         return float(np.abs(_lamp(s).mean(begins, begins + s.exposure) - 1).max())
 
     def _mean_deviation(self, s: Situation) -> float:
-        """Bound the lamp flicker's effect within the exposure by the light's mean deviation.
+        """Bound the lamp flicker effect's mean deviation of the light within the exposure.
 
         The panel or a motion may favour bright or dark times. The deviation is computed from exact
         means over 4096 parts of the exposure; a bound of what they can't show is added.
@@ -79,7 +78,7 @@ class LampFlicker(OnOffEffect):
 
 
 def _lamp(s: Situation) -> Waveform:
-    """Return the waveform of the lamp whose flicker has an effect; the target must have one."""
+    """Return the lamp's waveform for the lamp flicker effect; the target must have a lamp."""
     assert s.target.lamp is not None
     return s.target.lamp
 
@@ -112,9 +111,9 @@ class RollingShutter(PixelwiseEffect):
         )
 
     def _row_difference(self, s: Situation) -> float:
-        """Return the rolling shutter's largest effect: a row's share of light unlike the first.
+        """Bound the rolling shutter effect: the largest share of light that sets a row apart.
 
-        It differs from the first row's.
+        The row is compared with the first row.
         """
         begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
         if s.target.is_moving or s.panel_content.is_changing:

@@ -26,19 +26,19 @@ class LightPath(Protocol):
     """
 
     def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Return a layer's rendered light of all wavelengths, one spectrum for each channel."""
+        """Render a layer's light of all wavelengths, as one spectrum for each channel."""
         ...
 
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Return a layer's rendered light of one wavelength, one spectrum for each channel."""
+        """Render a layer's light of one wavelength, as one spectrum for each channel."""
         ...
 
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor:
-        """Return the spectrum of a layer's cover, blurred as in image formation, at one wavelength.
+        """Render a layer's blurred cover at one wavelength, as a spectrum.
 
         The cover is the share of the light behind that the layer hides.
         """
@@ -111,7 +111,7 @@ class ZerothOrderPath:
     def _transfers(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Return the transfer functions that form a layer's image at one wavelength, by place."""
+        """Return a layer's transfer functions for rendering one wavelength, one for each place."""
         return [
             self._gathering.transfers(
                 [self._spreading.psf(number, node, place, cell, count)], _ONE, "occlusion"
@@ -123,7 +123,7 @@ class ZerothOrderPath:
 def _apply_transfers(
     transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor]
 ) -> torch.Tensor:
-    """Form an image's spectrum: the sum of places' spectra times their transfer functions."""
+    """Blur an image in formation: sum the places' spectra times their transfer functions."""
     total = transfers[0] * spectra[0]
     for transfer, spectrum in zip(transfers[1:], spectra[1:], strict=True):
         total += transfer * spectrum
@@ -170,9 +170,9 @@ class OccludingCompositor(Compositor):
         return [self.gathering.transform_samples(light, "occlusion") for light in total]
 
     def _wavelength_light(self, node: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Form the image of one wavelength, near layers before far ones, for each channel.
+        """Render the light of one wavelength, near layers before far ones, for each channel.
 
-        It is the light on samples.
+        The result is light on samples.
         """
         samples, layers = self.gathering.samples, self.spreading.layers
         behind: list[torch.Tensor] = []
@@ -195,9 +195,7 @@ class OccludingCompositor(Compositor):
 def composite_over(
     behind: torch.Tensor, front: torch.Tensor, cover_share: torch.Tensor
 ) -> torch.Tensor:
-    """Form the image of what lies behind, with a nearer layer rendered before it.
-
-    It is the light on samples.
+    """Render a nearer layer before what lies behind it; return the light on samples.
 
     behind, front: blurred light of each. cover_share: blurred cover of the nearer layer, 0 to 1:
     the share of the rays to a sample that it stops. These rays are taken to be as bright as the

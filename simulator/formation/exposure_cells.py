@@ -42,7 +42,7 @@ class ExposureCell:
 def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
     """Divide the exposure of a rendered image into cells with one mean PSF each.
 
-    Each cell also has one path of the object.
+    The object has one path in each cell.
 
     Raises ValueError for an exposure that isn't positive and finite.
     """
@@ -68,9 +68,7 @@ def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
 
 
 def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, float]]:
-    """Yield the begins and ends of the parts in which a moving target's image is rendered.
-
-    A motion divides the exposure into these parts.
+    """Yield begin and end of each part of the exposure that is rendered for a moving target.
 
     The recipe gives the number of parts per exposure time.
     """
@@ -85,7 +83,7 @@ def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, 
 def _shift_and_path(
     s: Situation, recipe: Recipe, begin: float, end: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the target's shift and path, (y, x) metres, in a rendered part of the exposure.
+    """Return a moving target's shift and path, (y, x) metres, while part of an image is formed.
 
     They are (0, 0) if the target doesn't move.
     """
@@ -110,9 +108,7 @@ class _PanelTimes:
     end: float
 
     def still_picture_weights(self) -> list[tuple[PictureShares, Array]]:
-        """Return the weights of the panel's pictures in the image, if the crystal responds at once.
-
-        The pictures are returned with them.
+        """Return panel pictures and their weights in the image if the crystal responds at once.
 
         If all rows see the same, all pictures are in one cell.
         """
@@ -124,10 +120,7 @@ class _PanelTimes:
         return [(PictureShares(shares), np.array([total]))] if present else []
 
     def responding_frame_weights(self) -> list[tuple[FrameSequence, Array]]:
-        """Return the weights of parts of video frames in the image, if the crystal responds slowly.
-
-        The parts are returned with them.
-        """
+        """Return parts of video frames and their weights in the image for a slow crystal."""
         parts = 8  # Rows and lamp weight each eighth of a frame by itself.
         shown, seconds = self.s.panel_content, self.s.panel_content.frame_time / parts
         weights = self._row_weights(parts, lambda part: divmod(part, parts))
@@ -149,7 +142,7 @@ class _PanelTimes:
         return [(FrameSequence(shown.names, shown.frame_time, shares), np.array([total]))]
 
     def _row_weights(self, parts: int, of: Callable[[int], K]) -> dict[K, Array]:
-        """Return the seconds that each rendered row sees of each of a video's items.
+        """Return the seconds for which each row of the rendered image sees each item of a video.
 
         They are seconds of the lamp's mean light.
 
@@ -165,7 +158,7 @@ class _PanelTimes:
         return {key: weight for key, weight in weights.items() if weight.any()}
 
     def _intervals(self, parts: int) -> Iterator[tuple[NDArray[np.int64], Array, Array]]:
-        """Yield the times of all that the panel shows while the image is formed, in batches.
+        """Yield the intervals for which each panel picture is shown during image formation.
 
         Each batch is (index of the part of a frame, begins, ends).
         """
@@ -187,9 +180,9 @@ class _PanelTimes:
             yield index % (parts * len(shown.names)), begins, np.maximum(ends, begins)
 
     def _light_seconds(self, begins: Array, ends: Array) -> Array:
-        """Return the seconds of mean light in which the image's rows form, (rows, intervals).
+        """Return the seconds of mean light that the image's rows collect, (rows, intervals).
 
-        They are what the rows see of intervals.
+        Each row collects light only while it is exposed.
         """
         low = np.maximum(begins, self.starts[:, None])
         high = np.maximum(np.minimum(ends, self.starts[:, None] + self.s.exposure), low)

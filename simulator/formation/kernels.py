@@ -74,9 +74,9 @@ class Kernels:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Return the cache key of the rendered PSFs, without point and panel state.
+        """Return the cache key of rendered PSFs, without point and panel state.
 
-        It has all that they depend on.
+        The key has everything else that the PSFs depend on.
         """
         r = self._recipe
         beats = complex(self._s.path.interference) if self._s.path and r.interference else 0j
@@ -90,7 +90,7 @@ class Kernels:
         effect: str,
         order: Order | None = None,
     ) -> torch.Tensor:
-        """Return the PSF by which a point's image is rendered, from the cache or computed.
+        """Return the PSF that a point is rendered with, from the cache or computed.
 
         effect: the effect in the ledger for which it is computed. order: the diffraction order
         whose cell alone is returned; if None, all light in the window.
@@ -99,7 +99,7 @@ class Kernels:
         return self._cache.get(causes, lambda: self._compute_psf(panel_state, point, effect, order))
 
     def central(self, wavelength: float) -> Order | None:
-        """Return the zeroth order if the rendered PSF's window exceeds its cell, otherwise None."""
+        """Return the zeroth order if the rendered PSF's window exceeds its cell, else None."""
         period, side = self.period(wavelength), max(self.plane.shape) * self.plane.pitch[0]
         wide = side > period - self._fading(period)
         return (0, 0) if wide and self._recipe.diffraction else None
@@ -109,17 +109,11 @@ class Kernels:
         return min(ORDER_FADE_PIXELS * self.camera.sensor.pitch, period / 4)
 
     def period(self, wavelength: float) -> float:
-        """Return the metres on the sensor between the diffraction orders that are rendered.
-
-        The orders are those of the panel.
-        """
+        """Return the metres on the sensor between the panel's orders, for rendering PSFs."""
         return wavelength * as_number(self.camera.ray_matrix_b) / self.camera.panel.pitch
 
     def order_centre(self, wavelength: float, order: Order) -> tuple[float, float]:
-        """Return (y, x) metres on the sensor from a rendered image to an order's PSF.
-
-        The image is that of a point.
-        """
+        """Return (y, x) metres on the sensor from a point's image to a rendered order's PSF."""
         y, x = self._order_offset(wavelength, order)
         mount = self._s.mount
         y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
@@ -144,7 +138,7 @@ class Kernels:
         effect: str,
         order: Order | None,
     ) -> torch.Tensor:
-        """Render the PSF of a point for image formation, in the sensor's axes."""
+        """Render the PSF of a point in the sensor's axes, for image formation."""
         mount, modulator = self._s.mount, modulator_at(self.camera.panel, point.wavelength)
         parts = self._record_fields(seen, modulator, effect, self._window(order).shape)
         if order and any(order):
@@ -188,7 +182,7 @@ class Kernels:
                     raise
 
     def _vignetting_correction(self, point: PointSource) -> float:
-        """Return the factor that gives a rendered off-axis PSF as much light as one on the axis."""
+        """Return the factor that renders an off-axis PSF as bright as one on the axis."""
         if not (self.camera.separation and any(point.place)):
             return 1.0
         here = share_through_stop(
@@ -198,14 +192,14 @@ class Kernels:
         return axis / here if here else 0.0
 
     def _window(self, order: Order | None) -> Plane:
-        """Return the plane of the window in which a PSF is rendered.
+        """Return the window's plane on which a PSF is rendered.
 
         A side order is far from any image, so that all of its square window counts.
         """
         return self._around_orders if order and any(order) else self.plane
 
     def _around(self, point: PointSource, order: Order) -> Plane:
-        """Return the samples on which a PSF is rendered around an order, in the panel's axes."""
+        """Return the samples around an order on which a PSF is rendered, in the panel's axes."""
         plane = self._window(order)
         if not self._s.mount.is_aligned:
             plane = self._s.mount.plane_in_panel_axes(plane)
@@ -245,11 +239,10 @@ class Kernels:
         effect: str,
         shape: tuple[int, int],
     ) -> WeightedFields:
-        """Yield the panel's fields that are rendered for an exposure cell, each in the ledger.
+        """Yield the panel's fields to render for an exposure cell, each with a ledger entry.
 
-        There is a check and a ledger entry for each.
-
-        The caller computes a PSF from each field before it asks for the next.
+        The check is called for each field as well. The caller computes a PSF from each field before
+        it asks for the next.
         """
         count = psf_operations if self._recipe.diffraction else ray_operations
         panel = self.camera.panel
@@ -262,7 +255,7 @@ class Kernels:
     def _fields(
         self, seen: PictureShares | FrameSequence, modulator: Modulator
     ) -> Iterable[tuple[float, torch.Tensor]]:
-        """Return the panel's fields from which an exposure cell's image is formed.
+        """Return the panel's fields from which an exposure cell is rendered.
 
         They are kept if they are needed again, at other depths, places or wavelengths.
         """
@@ -278,7 +271,7 @@ class Kernels:
         )
 
     def _cell(self, plane: Plane, wavelength: float, order: Order) -> torch.Tensor:
-        """Return the share of each rendered sample's light that belongs to a diffraction order.
+        """Return the share of a rendered PSF's samples that belongs to a diffraction order.
 
         It is in the panel's axes. The shares of all orders add up to 1. Where two orders meet, one
         fades out as the other fades in: a PSF that ended abruptly would cause ringing.
@@ -293,9 +286,9 @@ class Kernels:
 
 
 def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields) -> torch.Tensor:
-    """Render a point's image by rays, as modulated_psf() does for waves.
+    """Render a point's geometric PSF from the panel's fields by rays.
 
-    It is the geometric PSF of a modulator's fields.
+    modulated_psf() does the same for waves.
 
     The light that jitter scatters goes evenly to all orders, beyond the picture.
     """
@@ -312,9 +305,9 @@ def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields)
 def _interference_psf(
     operator: PSFOperator, modulator: Modulator, parts: WeightedFields, strength: complex
 ) -> torch.Tensor:
-    """Render a point's image with the interference of modulated and unmodulated light.
+    """Render a point's PSF with interference of modulated and unmodulated light.
 
-    It is modulated_psf() with that interference.
+    The PSF is that of modulated_psf(), plus the interference.
 
     The interference is Re(strength conj(p) q), of the pattern's field p and the field q of light
     that the panel doesn't modulate (see optics.polarisation.PathEffect). The sensor's field is

@@ -41,16 +41,16 @@ class LayerPSFs:
         self._first = self._depths[distances[0]][0][0]
 
     def weights(self, layer: int) -> NDArray[np.float64]:
-        """Return the rendered electrons per second and pixel of a white layer.
+        """Return the electrons per second and pixel with which a white layer is rendered.
 
-        They are (channels, parts, nodes).
+        The shape is (channels, parts, nodes).
         """
         return self._weights[layer]
 
     def psf(
         self, layer: int, node: int, place: Place, cell: ExposureCell, number: int
     ) -> torch.Tensor:
-        """Return the PSF with which a layer is rendered at one wavelength and place."""
+        """Return the PSF that renders a layer at one wavelength and place."""
         wavelength = self.nodes[node]
         order = self._kernels.central(wavelength.metres)
         total: torch.Tensor | None = None
@@ -65,9 +65,9 @@ class LayerPSFs:
     def order_psf(
         self, layer: int, node: int, place: Place, cell: ExposureCell, order: Order
     ) -> torch.Tensor:
-        """Return the PSF with which a layer is rendered in one diffraction order.
+        """Return the PSF that renders a layer in one diffraction order.
 
-        It is around the order's centre.
+        The samples are around the order's centre.
         """
         total: torch.Tensor | None = None
         for distance, share in self._depths[self.layers[layer].distance]:
@@ -82,10 +82,7 @@ class LayerPSFs:
         return self._kernels.order_centre(node.metres, order)
 
     def _effect(self, distance: float, node: int, place: Place, number: int) -> str:
-        """Return the name in the ledger of what a rendered PSF is computed for.
-
-        It is the name of an effect.
-        """
+        """Return the effect to which the ledger ascribes the work of rendering a PSF."""
         if self.nodes[node].leak:
             return "out-of-band leak"
         if place != self._places[0]:

@@ -33,7 +33,7 @@ def expected_electrons(
     ledger: Ledger,
     check: Callable[[], None] = lambda: None,
 ) -> torch.Tensor:
-    """Form the mean image of a situation: render the photo-electrons on each pixel.
+    """Render the mean image of a situation: the mean photo-electrons on each pixel.
 
     The colour filters and the pixel aperture are included; the sensor's other stages come later.
 
@@ -80,7 +80,7 @@ def expected_electrons(
 
 
 def _require_counts(recipe: Recipe) -> None:
-    """Raise ValueError for a recipe that can't form an image, because a count is too small."""
+    """Raise ValueError if a count of the recipe is too small to render any image."""
     for name in ("window", "samples_per_pixel", "wavelengths", "depths", "places", "motion"):
         if getattr(recipe, name) < 1:
             raise ValueError(f"the recipe's {name} is {getattr(recipe, name)}; it is 1 at least")
@@ -121,9 +121,9 @@ class _Rendering:
         self._layered = layered(self._gathering, spreading, ways)
 
     def light(self, cell: ExposureCell, number: int) -> torch.Tensor:
-        """Return the rendered light of an exposure cell, from the cache if it is there.
+        """Render the light of an exposure cell, or take it from the cache.
 
-        It is in electrons per second, (channels, rows, columns).
+        The light is in electrons per second, (channels, rows, columns).
         """
         s, r = self._s, self._recipe
         # The light doesn't depend on the recipe's fields for time, which the cell contains, or for
@@ -150,7 +150,7 @@ class _Rendering:
         return self._with_glare(torch.stack(light)) if self._recipe.glare else torch.stack(light)
 
     def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
-        """Return the rendered image with veiling glare: a share is spread evenly over it."""
+        """Add veiling glare to the rendered image: spread a share of its light evenly."""
         self._ledger.add("veiling glare", 3.0 * light.numel(), 4 * light.numel())
         mean = light.mean(dim=(-2, -1), keepdim=True, dtype=torch.float64).to(light)
         return torch.lerp(light, mean, self._s.camera.glare)

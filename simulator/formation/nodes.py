@@ -44,9 +44,9 @@ class Wavelengths:
 
 
 def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Wavelengths:
-    """Return the wavelengths that an image is formed of, with each part's weights at them.
+    """Return the wavelengths at which an image is rendered, and each part's weights at them.
 
-    They are the Gauss nodes of all light that counts.
+    The wavelengths are the Gauss nodes of all light that counts.
 
     A part's weights are those of the interpolating polynomial through the nodes: they add up to all
     of the part's electrons, for any number of nodes. Without light there are no nodes.
@@ -68,7 +68,7 @@ def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Waveleng
 def electrons_by_wavelength(
     spectra: Sequence[Spectrum], curves: Sequence[Spectrum], band: Band, leak: bool
 ) -> tuple[Array, Array]:
-    """Return the electrons by wavelength that form an image in a filter's band, or its leak.
+    """Return the electrons by wavelength for rendering light in a filter's band, or in its leak.
 
     The result is points in metres that integrate all spectra, and each point's share of the
     integral in electrons per joule of white light, (curves, spectra, points). There are no points
@@ -96,10 +96,7 @@ def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
 
 
 def mean_curve(colour: Mosaic) -> Spectrum:
-    """Return the electrons per photon by which an image without mosaic is rendered.
-
-    They are those of a colour mosaic's mean pixel.
-    """
+    """Return a colour mosaic's mean electrons per photon, to render an image without mosaic."""
     letters = "".join(colour.pattern)
     curves = [(colour.efficiencies[name], letters.count(name)) for name in colour.channels]
     nodes = sorted({x for curve, _ in curves for x in curve.wavelengths})
@@ -112,10 +109,7 @@ def mean_curve(colour: Mosaic) -> Spectrum:
 def _seen_range(
     spectra: Sequence[Spectrum], curves: Sequence[Spectrum], low: float, high: float
 ) -> tuple[float, float]:
-    """Return the part of a wavelength range whose light forms the image.
-
-    There, light is emitted and detected.
-    """
+    """Return the part of a wavelength range that is emitted and detected, to be rendered."""
     if not spectra:
         return low, low
     low = max(low, min(one.low for one in spectra), min(one.low for one in curves))
@@ -123,11 +117,9 @@ def _seen_range(
 
 
 def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Array, Array]:
-    """Return points and weights that integrate the spectra of an image's light.
+    """Return points and weights that integrate all spectra that form an image.
 
-    They are Gauss-Legendre points between all kinks of the spectra.
-
-    They integrate every spectrum.
+    These are Gauss-Legendre points between all kinks of the spectra.
     """
     kinks = {low, high}
     for one in every:
@@ -144,9 +136,9 @@ def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Ar
 
 
 def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) -> Array:
-    """Return the electrons that form the image, per metre of wavelength and joule of white light.
+    """Return the spectral density of the electrons that form an image, (curves, spectra, x).
 
-    They are (curves, spectra, x).
+    The density is in electrons per metre of wavelength and joule of white light.
     """
     photons = x / (constants.h * constants.c)
     sent = np.stack([one.at(x) for one in spectra])
@@ -154,9 +146,9 @@ def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) 
 
 
 def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
-    """Return the Gauss nodes at which an image's light is rendered, and each measure's weights.
+    """Return the Gauss nodes at which light is rendered, and each measure's weights at them.
 
-    They are those of the sum of some measures of points x.
+    The nodes are those of the sum of the measures at points x.
 
     measures: (..., points), not negative. The weights, (..., nodes), integrate polynomials of a
     degree below the number of nodes as the measure does; for the sum of the measures, up to twice
@@ -195,17 +187,15 @@ def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Arra
 
 
 def electrons_per_radiance(camera: Camera, distance: float) -> float:
-    """Return the factor that makes spectral electrons a rendered pixel's rate, m² sr.
+    """Return the factor from spectral electrons to a rendered pixel's electrons per second, m² sr.
 
-    The rate is in electrons per second and pixel.
-
-    It is the camera equation of optics.throughput.electron_rate without the light.
+    The factor is the camera equation of optics.throughput.electron_rate without the light.
     """
     return irradiance_per_radiance(camera, distance) * camera.sensor.pitch**2
 
 
 def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tuple[float, float]]]:
-    """Return the distances whose PSFs render each distance's image, and their weights.
+    """Return the distances whose PSFs render each distance, and their weights.
 
     `count` nodes are evenly spaced in 1/distance from the farthest to the nearest; a single node is
     in the middle. PSFs between two nodes are their weighted mean. If there are as many nodes as
@@ -231,16 +221,14 @@ def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tupl
 
 
 def _distance(vergence: float) -> float:
-    """Return the distance in metres of a rendered depth's vergence, infinite for 0."""
+    """Convert the vergence of a rendered depth to a distance in metres, infinite for 0."""
     return 1 / vergence if vergence > 0 else math.inf
 
 
 def field_nodes(count: int, half: float) -> list[float]:
-    """Return the places along an axis of the field at which an image's PSFs are rendered.
+    """Return the places along an axis of the field for which PSFs are rendered.
 
-    They are Chebyshev points of the second kind.
-
-    They go from -half to half; a single one is in the middle.
+    These are Chebyshev points of the second kind from -half to half; a single one is in the middle.
     """
     if count == 1:
         return [0.0]
@@ -248,9 +236,9 @@ def field_nodes(count: int, half: float) -> list[float]:
 
 
 def interpolation_weights(nodes: Sequence[float], at: Array) -> Array:
-    """Return the weights by which rendered values at nodes are interpolated, (nodes, points).
+    """Return the weights that interpolate between the nodes of a rendering, (nodes, points).
 
-    The interpolating polynomial goes through the nodes.
+    The weights are those of the polynomial through the nodes.
 
     Beyond the outermost nodes, the polynomial's value there is kept.
     """

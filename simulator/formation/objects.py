@@ -59,7 +59,7 @@ class ObjectSpectra:
     def placement(
         self, layer: Layer, cell: ExposureCell, off: Place = (0.0, 0.0)
     ) -> LayerPlacement | None:
-        """Return where a layer's picture is rendered during an exposure cell: its placement.
+        """Return where and how large a layer's picture is rendered during an exposure cell.
 
         off: (y, x) metres on the sensor by which the picture is shifted further. The result is None
         if a layer at infinity would have to be shifted.
@@ -86,10 +86,7 @@ class ObjectSpectra:
     def picture_spectrum(
         self, picture: Drawable, where: LayerPlacement, effect: str
     ) -> torch.Tensor:
-        """Return the object's spectrum of which an image is formed, smeared along its path.
-
-        It is that of a picture.
-        """
+        """Return the spectrum with which a picture is rendered, smeared along its path."""
         return self._cache.get(
             ("object", picture, where, self._plane, self._recipe.picture_samples_per_pixel),
             lambda: self._compute_picture_spectrum(picture, where, effect),
@@ -98,7 +95,7 @@ class ObjectSpectra:
     def _compute_picture_spectrum(
         self, picture: Drawable, where: LayerPlacement, effect: str
     ) -> torch.Tensor:
-        """Compute an object's spectrum for image formation, smeared along its path."""
+        """Compute the spectrum with which a picture is rendered, smeared along its path."""
         spectrum = self._gathering.spectrum(picture, where.magnification, where.shift, effect)
         smear = self._gathering.motion_transfer(where.path)
         return spectrum if smear is None else spectrum * smear
@@ -140,9 +137,9 @@ class ObjectSpectra:
         return isinstance(picture, UniformLight) and not self._recipe.occlusion
 
     def uniform_dc_term(self, picture: Drawable) -> float:
-        """Return the spectrum at frequency 0 of uniform light's image; 0 for any other picture.
+        """Return the rendered spectrum of uniform light at frequency 0; 0 for other pictures.
 
-        The light is blurred.
+        Blur doesn't change this value.
         """
         rows, columns = self._plane.shape
         if not isinstance(picture, UniformLight) or not self.is_uniform(picture):
@@ -150,16 +147,16 @@ class ObjectSpectra:
         return picture.value * rows * columns
 
     def cover_spectra(self, cover: Drawable, where: LayerPlacement) -> list[torch.Tensor]:
-        """Return the spectra of a layer's cover for each place at which it is rendered."""
+        """Return the spectra with which a layer's cover is rendered, one for each place."""
         bare = self.picture_spectrum(cover, where, "occlusion")
         if len(self.places) == 1:
             return [bare]
         return self._weight_by_place(bare, None)
 
     def _attenuation(self, layer: Layer, off: Place) -> torch.Tensor | None:
-        """Return the vignetting of a layer's rendered light on the samples, or None.
+        """Return the vignetting of a layer on the rendered samples.
 
-        It is None if the recipe has no vignetting.
+        The result is None if the recipe has no vignetting.
         """
         if not self._recipe.vignetting:
             return None
@@ -175,7 +172,7 @@ class ObjectSpectra:
     def _weight_by_place(
         self, bare: torch.Tensor, attenuation: torch.Tensor | None, even: bool = False
     ) -> list[torch.Tensor]:
-        """Return the spectra of a picture's image, weighted by vignetting and by field place."""
+        """Weight a rendered picture by vignetting and field place; return the spectra."""
         effect = "vignetting" if len(self.places) == 1 else "field position"
         light = self._gathering.samples(bare, effect)
         if attenuation is not None:

@@ -51,9 +51,9 @@ class RayOperator:
         return min(max(1, math.ceil(2 * step / min(self.pixels.pitch))), 16)
 
     def _stop_transmission(self) -> torch.Tensor:
-        """Return the share of each rendered bundle of rays that passes the stop.
+        """Return the share of each bundle of rays that the stop lets into the rendered PSF.
 
-        The stop may be represented by its shadow.
+        For a panel apart from the lens, the stop's shadow on the panel is used.
         """
         panel, lens = self.camera.panel, self.camera.lens
         radius = as_number(lens.stop_diameter) / 2 / self._spread
@@ -85,7 +85,7 @@ class RayOperator:
         return self._splat(landed[0], landed[1], weight)
 
     def straight(self, field: torch.Tensor | None = None, *, keep: bool = False) -> torch.Tensor:
-        """Render a point's geometric image by light without a pattern's phase: its PSF.
+        """Render a point's geometric PSF for light without a pattern's phase.
 
         keep: has no effect; a PSFOperator has it.
         """
@@ -95,13 +95,13 @@ class RayOperator:
 
     @property
     def _straight(self) -> torch.Tensor:
-        """Return a unit field's light from the pupil, which rendered rays' light is relative to."""
+        """Return the light from the pupil for a unit field, the reference for rendering by rays."""
         return pupil_amplitude(replace(self.camera, separation=0.0)).sum()
 
     def _ray_displacement(self, axis: int, at: torch.Tensor) -> torch.Tensor:
-        """Return how far rendered rays land from the image by defocus and aberrations, metres.
+        """Return how far rendered rays land from the geometric image, in metres.
 
-        The image is the geometric one.
+        Defocus and aberrations displace them.
         """
         lens, away = self.camera.lens, object_to_lens_distance(self.camera, self._distance)
         share = 1e-4  # Slopes are differences over this share of the stop's radius.
@@ -126,13 +126,13 @@ class RayOperator:
         return bent * z2
 
     def _other_coordinate(self, axis: int) -> torch.Tensor:
-        """Return the places in the lens of an image's rays along the other axis, in metres."""
+        """Return where rendered rays meet the lens along the other axis, in metres."""
         return (self._x if axis == 0 else self._y) * self._spread
 
     def _splat(self, y: torch.Tensor, x: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-        """Form the image of rays: divide each ray's light among the four samples around it.
+        """Render rays into an image: share each ray's light among the four samples around it.
 
-        It is divided by their distances.
+        A sample's share falls linearly with its distance from the ray.
         """
         rows, columns = self.pixels.shape
         py, px = self.pixels.pitch
@@ -152,7 +152,7 @@ class RayOperator:
 
 
 def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
-    """Return the slope of the wavefront that rendered rays follow, radians per pixel, float64.
+    """Return the wavefront's slope for rendering by rays, radians per pixel, float64.
 
     It is the mean of the phase steps to both neighbours, modulo a wave.
     """
@@ -166,9 +166,9 @@ def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
 
 
 def _slopes_between_pixels(slopes: torch.Tensor, k: int) -> torch.Tensor:
-    """Return the slopes of rendered rays at k places along each axis of every pixel.
+    """Interpolate the slopes of rendered rays at k places along each axis of every pixel.
 
-    They are linear between pixels' centres.
+    The interpolation is linear between pixels' centres.
     """
     if k == 1:
         return slopes

@@ -59,23 +59,23 @@ class SampleGrid:
 
     @property
     def operations(self) -> float:
-        """Return the operations of one Fourier transform of all samples of a rendered image."""
+        """Return the operations of one Fourier transform of the rendered image's samples."""
         return transform_operations(*self.plane.shape)
 
     def _count(self, effect: str) -> None:
-        """Enter one transform of image formation in the ledger."""
+        """Enter one Fourier transform of image formation in the ledger."""
         self._check()
         self._ledger.add(effect, self.operations, 8 * math.prod(self.plane.shape))
 
     def zero_spectra(self, count: int) -> list[torch.Tensor]:
-        """Return the spectra of a rendered image without light."""
+        """Return `count` spectra of a rendered image without light."""
         rows, columns = self.plane.shape
         return [torch.zeros(rows, columns // 2 + 1, dtype=torch.complex64) for _ in range(count)]
 
     def spectrum(
         self, picture: Drawable, magnification: float, shift: tuple[float, float], effect: str
     ) -> torch.Tensor:
-        """Return the spectrum of a picture that is drawn for image formation, with a shift.
+        """Draw a picture for image formation and return its spectrum.
 
         shift: (y, x) metres on the object.
         """
@@ -88,21 +88,21 @@ class SampleGrid:
         return _crop_spectrum(spectrum, self._drawn.shape, self.plane.shape)
 
     def samples(self, spectrum: torch.Tensor, effect: str) -> torch.Tensor:
-        """Return the formed image of a spectrum on the samples, (rows, columns)."""
+        """Transform a rendered image's spectrum to its samples, (rows, columns)."""
         self._count(effect)
         return origin_to_centre(irfft2(spectrum, self.plane.shape))
 
     def transform_samples(self, samples: torch.Tensor, effect: str) -> torch.Tensor:
-        """Return the spectrum of a picture on the samples of the rendered image."""
+        """Transform a rendered image's samples to their spectrum."""
         self._count(effect)
         return rfft2(origin_to_corner(samples)).to(torch.complex64)
 
     def transfers(
         self, psfs: Sequence[torch.Tensor], weights: Array, effect: str
     ) -> list[torch.Tensor]:
-        """Return the transfer functions that form an image; weights of summed PSFs: (sums, PSFs).
+        """Return transfer functions for rendering, of weighted sums of PSFs.
 
-        They are those of weighted sums of PSFs.
+        weights: (sums, PSFs).
 
         The sums are formed before or after the transform, whichever needs fewer transforms.
         """
@@ -112,14 +112,12 @@ class SampleGrid:
         return [self._transfer(_weighted_sum(psfs, row), effect) for row in weights]
 
     def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
-        """Return the transfer function of one PSF for image formation."""
+        """Return the transfer function that renders the blur of one PSF."""
         self._count(effect)
         return _transform_centred_part(psf.to(torch.float32), self.plane.shape)
 
     def motion_transfer(self, path: tuple[float, float]) -> torch.Tensor | None:
-        """Return the transfer function that smears a moving image along `path`; None if it's still.
-
-        The motion is uniform.
+        """Return the transfer function that renders uniform motion; None without motion.
 
         path: (y, x) metres on the sensor.
         """
@@ -130,13 +128,11 @@ class SampleGrid:
 
     @cached_property
     def _aperture(self) -> torch.Tensor:
-        """Return the transfer function by which the pixel aperture blurs the rendered image."""
+        """Return the transfer function that renders the pixel aperture."""
         return pixel_transfer(*self.plane.shape, self.finer).to(torch.float32)
 
     def light_on_pixels(self, spectrum: torch.Tensor, aperture: bool) -> torch.Tensor:
-        """Return the rendered image on the sensor's pixels, (rows, columns).
-
-        It is the light on them.
+        """Return the rendered light on the sensor's pixels, (rows, columns).
 
         aperture: whether it is the mean over each pixel, or the light at its centre.
         """
@@ -169,7 +165,7 @@ def _crop_spectrum(
 ) -> torch.Tensor:
     """Return the rfft2 of a drawn picture on fewer samples, for image formation.
 
-    Detail finer than they resolve is removed.
+    Detail finer than the new samples resolve is removed.
     """
     rows, columns = new_shape
     half = (rows + 1) // 2
@@ -181,9 +177,7 @@ def _crop_spectrum(
 def downsample_spectrum(
     spectrum: torch.Tensor, shape: tuple[int, int], factor: int
 ) -> torch.Tensor:
-    """Return every `factor`th sample of a rendered image from its rfft2.
-
-    It is (rows, columns) of `shape`.
+    """Transform a rendered image's rfft2 to every `factor`th sample, (rows, columns) of `shape`.
 
     The samples begin at the origin, which is in the corner. Frequencies that are aliases of each
     other are added before the transform.
@@ -209,6 +203,6 @@ def downsample_spectrum(
 
 
 def _weighted_sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
-    """Return the weighted sum of PSFs or transfer functions by which an image is formed."""
+    """Return the weighted sum of PSFs or transfer functions with which an image is rendered."""
     first, *others = (float(w) * part for part, w in zip(parts, weights, strict=True))
     return sum(others, first)

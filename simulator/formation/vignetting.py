@@ -13,7 +13,7 @@ from simulator.mount import Mount
 
 
 def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
-    """Return the vignetting of a rendered image: each place's light over that on the axis, float32.
+    """Return a rendered image's vignetting: each place's light over that on the axis, float32.
 
     The result is (rows, columns) of the plane. camera: in the panel's axes. Vignetting is cos⁴ of
     the angle at which the lens appears from the sensor, times the panel's light that passes the
@@ -31,7 +31,7 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
 def _relative_stop_transmission(
     camera: Camera, mount: Mount, plane: Plane, distance: float
 ) -> torch.Tensor:
-    """Return the light through the stop at a rendered image's samples, over that on the axis."""
+    """Return the stop's vignetting of a rendered image: each sample's light over the axis'."""
     axis = share_through_stop(camera, distance, (0.0, 0.0))
     if not axis:
         raise ValueError(
@@ -58,9 +58,9 @@ def _relative_stop_transmission(
 def _interpolate(
     values: NDArray[np.float64], at: NDArray[np.float64], nodes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate a rendered image's vignetting along the first axis, between even nodes.
+    """Interpolate a rendered image's vignetting linearly along the first axis.
 
-    The interpolation is linear, the nodes are evenly spaced.
+    nodes: evenly spaced.
     """
     step = nodes[1] - nodes[0]
     if not step:

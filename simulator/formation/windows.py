@@ -19,11 +19,9 @@ ORDER_FADE_PIXELS = 4.0
 
 
 def light_extent(s: Situation) -> tuple[float, float]:
-    """Return how far from the axis a scene's light forms an image, (y, x) metres on the sensor.
+    """Return how far from the axis a scene's rendered light reaches, (y, x) metres on the sensor.
 
-    The light is the outermost.
-
-    They hold for any time of the exposure, and are infinite for endless light.
+    The metres hold for any time of the exposure, and are infinite for endless light.
     """
     y, x = (side + s.image_motion for side in s.picture_probe.extent)
     return y, x
@@ -47,7 +45,7 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
 
 
 def psf_window(s: Situation, window: int) -> tuple[int, int]:
-    """Return the sensor pixels, (rows, columns), of the window of a rendered PSF.
+    """Return the window of a rendered PSF in sensor pixels, (rows, columns).
 
     window: its side; the result is smaller where no light goes so far.
     """
@@ -59,9 +57,7 @@ def psf_window(s: Situation, window: int) -> tuple[int, int]:
 
 
 def picture_shape(s: Situation, window: int, orders: int) -> tuple[int, int]:
-    """Return the sensor pixels, (rows, columns), on which an image is formed, with its margin.
-
-    The margin is around the frame.
+    """Return the size of a rendered picture with its margin, (rows, columns) of sensor pixels.
 
     The margin is so wide that light carried periodically around the edges doesn't reach the sensor.
     orders: side orders of the panel that are rendered. Their light is far from any image, and needs

@@ -11,7 +11,7 @@ _FIELD_OPERATIONS = 60.0
 
 
 def transform_operations(rows: int, columns: int) -> float:
-    """Return the operations of a real two-dimensional Fourier transform in image formation."""
+    """Return the operations of one real two-dimensional Fourier transform in image formation."""
     samples = rows * columns
     return 2.5 * samples * math.log2(max(samples, 2))
 
@@ -19,7 +19,7 @@ def transform_operations(rows: int, columns: int) -> float:
 def psf_operations(panel: Panel, down: int, across: int) -> float:
     """Return the operations of rendering one PSF on `down` x `across` samples.
 
-    They are those of chirped Fourier transforms of the panel along both axes.
+    The PSF takes chirped Fourier transforms of the panel along both axes.
     """
     rows, columns = panel.shape
     along = rows * (columns + across) * math.log2(columns + across)
