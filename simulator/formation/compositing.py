@@ -140,7 +140,7 @@ class Compositor(ABC):
 
     @abstractmethod
     def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Form the image of all layers: the spectra of light on samples, one for each channel."""
+        """Render all layers into one image, as spectra of the light on samples for each channel."""
 
 
 class AdditiveCompositor(Compositor):

@@ -41,7 +41,7 @@ class LayerPSFs:
         self._first = self._depths[distances[0]][0][0]
 
     def weights(self, layer: int) -> NDArray[np.float64]:
-        """Return the electrons per second and pixel with which a white layer is rendered.
+        """Return the electrons per second and pixel of a rendered layer at picture value 1.
 
         The shape is (channels, parts, nodes).
         """

@@ -73,7 +73,7 @@ class ObjectSpectra:
         return LayerPlacement(scale, shift, (cell.path[0] * scale, cell.path[1] * scale))
 
     def is_off_plane(self, picture: Drawable, layer: Layer, cell: ExposureCell, off: Place) -> bool:
-        """Whether a picture shifted by `off` lies wholly outside the rendered image's samples."""
+        """Whether a picture shifted by `off` is wholly outside the rendered image's samples."""
         scale = self._s.camera.magnification(layer.distance)
         ends = picture.extent(scale, cell.shift)
         plane = self._plane
@@ -128,9 +128,7 @@ class ObjectSpectra:
         return self._cache.get(causes, weighted_spectra)
 
     def is_uniform(self, picture: Drawable) -> bool:
-        """Whether a picture's image stays uniform: it is uniform and endless, and nothing hides it.
-
-        Nothing stands before it then.
+        """Whether a picture renders as uniform light: it is endless, and nothing hides it.
 
         Such light stays uniform however it is blurred, and whatever share goes to side orders.
         """

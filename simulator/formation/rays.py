@@ -41,7 +41,7 @@ class RayOperator:
         self._open = self._stop_transmission()
 
     def _rays(self) -> int:
-        """Return the rays along an axis of a panel pixel that form a geometric image, at most 16.
+        """Return the rays along an axis of a panel pixel for rendering a PSF, at most 16.
 
         Neighbouring rays land within half a sample of each other, if the limit allows.
         """
@@ -132,7 +132,7 @@ class RayOperator:
     def _splat(self, y: torch.Tensor, x: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
         """Render rays into an image: share each ray's light among the four samples around it.
 
-        A sample's share falls linearly with its distance from the ray.
+        The shares are bilinear in the ray's place.
         """
         rows, columns = self.pixels.shape
         py, px = self.pixels.pitch

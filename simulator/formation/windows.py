@@ -28,11 +28,9 @@ def light_extent(s: Situation) -> tuple[float, float]:
 
 
 def max_blur_distance(s: Situation) -> tuple[float, float]:
-    """Return the largest distance over which a rendered blur counts: any image to any pixel.
+    """Return the largest distance of rendered blur: from any light's image to any pixel.
 
-    It is (y, x), from any light's image.
-
-    In metres on the sensor, along each of the panel's axes.
+    The distances (y, x) are in metres on the sensor, along the panel's axes.
     """
     sensor = s.camera.sensor
     y, x = (

@@ -257,5 +257,5 @@ def _decision(
 
 
 def _finite(value: float) -> float | None:
-    """Return a number of the effect plan's data, None if it isn't finite."""
+    """Return a number for the effect plan's data, or None if it isn't finite."""
     return value if math.isfinite(value) else None

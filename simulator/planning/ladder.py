@@ -48,7 +48,7 @@ class LadderStep:
 
     @property
     def rank(self) -> tuple[bool, float, float]:
-        """Return the sort key of a step down the plan's ladder; the largest key is the best step's.
+        """Return the sort key of a step in planning effect levels; the best step has the largest.
 
         Steps without error come first, then those that save most work for their error, then those
         with the least error.
@@ -112,13 +112,13 @@ class Ladder:
         self.steps = tuple(self._walk_down())
 
     def work(self, levels: Mapping[str, int]) -> float:
-        """Return the operations of rendering a picture with a plan's effect levels."""
+        """Return the operations of rendering a picture at a plan's effect levels."""
         return sum(work(levels) for work in self._works.values())
 
     def levels(self, tol: float) -> dict[str, int]:
-        """Return the planned effect levels: those after all steps that keep a tolerance.
+        """Return the coarsest planned effect levels on the ladder that keep a tolerance.
 
-        The steps' bounds together keep it.
+        The steps down to these levels keep it with their summed bounds.
         """
         levels, spent = dict(self.finest_levels), Bound()
         for step in self.steps:
@@ -143,7 +143,7 @@ class Ladder:
         return self._floor.relative_error(bound)
 
     def _walk_down(self) -> Iterator[LadderStep]:
-        """Yield the steps of the plan's ladder of effect levels from the top down.
+        """Yield the plan's steps to coarser effect levels, from the top of the ladder down.
 
         The work is a sum of products, so every step down reduces what other steps save. The savings
         of an effect's steps are therefore upper bounds, and are computed again only when one of the
@@ -172,7 +172,7 @@ class Ladder:
                     known[name] = list(self._steps_of(self._named[name], levels))
 
     def _steps_of(self, one: Effect, levels: dict[str, int]) -> Iterator[LadderStep]:
-        """Yield the steps that a plan may take with one effect, over one level or several."""
+        """Yield the steps down that a plan may take with one effect, over one or several levels."""
         name, now = one.name, levels[one.name]
         if name in self.forced_levels or not now:
             return
@@ -189,16 +189,14 @@ class Ladder:
             yield LadderStep(name, to, more, self._floor.relative_error(more), saved, often)
 
     def _is_required(self, name: str, levels: Mapping[str, int]) -> bool:
-        """Return whether an effect that the plan still has on requires the named effect."""
+        """Return whether an effect that is still on in the plan requires the named effect."""
         return any(name in one.requires and levels[one.name] for one in self.effects)
 
 
 def _next_steps(
     steps: Sequence[LadderStep], waited: Mapping[tuple[str, int], float]
 ) -> list[LadderStep]:
-    """Return the next step of the plan's ladder as the last of a list, after smaller ones.
-
-    Those before it are the steps that let it go first.
+    """Return the plan's next step down the ladder last in a list, after those to let it go first.
 
     If the step with the best rank were always next, no tolerance below its error would save any
     work. So steps with smaller errors go first, the best rank first, as long as their errors add up

@@ -32,16 +32,16 @@ class LensProbe:
 
     @property
     def aperture_share(self) -> torch.Tensor:
-        """Return the probed share of each panel pixel that the stop leaves open.
+        """Return the share of each panel pixel that the probed lens' stop leaves open.
 
-        It is (rows, columns).
+        The shape is (rows, columns).
         """
         return self._from_cache(self._compute_aperture_share, ())
 
     def path(self, distance: float) -> torch.Tensor:
         """Return the optical path that the probed lens adds to light on the panel, metres.
 
-        The light is a point's.
+        The light comes from a point at `distance`.
         """
         return self._from_cache(self._compute_path, (distance,))
 
@@ -50,7 +50,7 @@ class LensProbe:
         return 2 * math.pi / self._wavelength * self.path(distance)
 
     def field(self, distance: float) -> torch.Tensor:
-        """Return the probed field of uniform light behind lens and stop on the panel, complex64."""
+        """Return uniform light's field on the panel behind the probed lens and stop, complex64."""
         return self._from_cache(self._compute_field, (distance, self._wavelength))
 
     def unmodulated_far_field(self, distance: float) -> FarField:

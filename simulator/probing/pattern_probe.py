@@ -55,7 +55,7 @@ _SETTINGS = PatternProbeSettings()
 
 
 def panel_without_effects(panel: Panel) -> Panel:
-    """Return the panel without any of the simulator's effects, for probing a pattern."""
+    """Return the panel as the pattern probe sees it without any of the simulator's effects."""
     return replace(
         panel,
         response=None,
@@ -107,9 +107,9 @@ class PatternProbe:
 
     @cached_property
     def greys(self) -> list[torch.Tensor]:
-        """Return the panel's pictures that are probed, (rows, columns) uint8; some of many.
+        """Return the probed pictures on the panel, (rows, columns) uint8.
 
-        They are different ones.
+        All pictures differ; if there are many, only some are probed.
         """
         names = sorted(self.panel_content.pictures)
         step = max(1, math.ceil(len(names) / _SETTINGS.max_pictures))
@@ -119,7 +119,7 @@ class PatternProbe:
 
     @cached_property
     def phases(self) -> list[torch.Tensor]:
-        """Return the settled phase of each probed picture on the panel, radians, float64."""
+        """Return the settled panel phase of each probed picture, radians, float64."""
         return [torch.as_tensor(self.modulator.phase(grey)) for grey in self.greys]
 
     @cached_property
@@ -129,12 +129,15 @@ class PatternProbe:
 
     @cached_property
     def fields(self) -> list[torch.Tensor]:
-        """Return the probed field behind the panel for each of its pictures, complex64."""
+        """Return the field behind the panel for each probed picture, complex64."""
         return [self.modulator.modulation(one.to(torch.float32)) for one in self.phases]
 
     @cached_property
     def _ideal_fields(self) -> list[torch.Tensor]:
-        """Return the probed fields behind an ideal panel; none if the panel itself is ideal."""
+        """Return each probed picture's field behind an ideal panel.
+
+        The list is empty if the panel itself is ideal.
+        """
         bare = replace(panel_without_effects(self.panel), unmodulated=self.panel.unmodulated)
         if bare == self.panel:
             return []
@@ -144,15 +147,12 @@ class PatternProbe:
 
     @property
     def aperture_share(self) -> torch.Tensor:
-        """Return the probed share of each panel pixel in the stop's opening, float64.
-
-        It is the share that the stop's shadow leaves open.
-        """
+        """Return the share of each probed panel pixel that the stop leaves open, float64."""
         return self._lens.aperture_share
 
     @cached_property
     def min_relative_power(self) -> float:
-        """Return the least power behind the panel of any probed picture, over uniform pixels'.
+        """Return the least power of a probed picture behind the panel, over uniform pixels' power.
 
         The pixels for comparison have an amplitude of 1. A phase that is blurred within pixels
         makes the power less.
@@ -163,7 +163,7 @@ class PatternProbe:
 
     @property
     def period(self) -> float:
-        """Return the distance of the probed panel's diffraction orders on the sensor, metres."""
+        """Return the metres on the sensor between the probed panel's diffraction orders."""
         return self.wavelength * as_number(self.camera.ray_matrix_b) / self.panel.pitch
 
     def lens_phase(self, distance: float) -> torch.Tensor:
@@ -171,27 +171,28 @@ class PatternProbe:
         return self._lens.lens_phase(distance)
 
     def _far(self, field: torch.Tensor, distance: float) -> FarField:
-        # A neutral pattern has the far field of unmodulated light.
         """Return the probed far field of a field behind the panel, with the lens' phase."""
+        # A neutral pattern has the far field of unmodulated light.
         if bool((field == field[0, 0]).all()):
             return self._lens.unmodulated_far_field(distance)
         return FarField(self._lens.field(distance) * field, math.sqrt(self.panel.fill_factor))
 
     @cached_property
     def _pattern_far_fields(self) -> list[list[FarField]]:
-        """Return the probed far field of every picture at each distance."""
+        """Return the far fields of every probed picture, for each distance."""
         return [[self._far(field, d) for field in self.fields] for d in self.distances]
 
     @cached_property
     def _unmodulated_far_fields(self) -> list[FarField]:
-        """Return the probed far field of unmodulated light at each distance."""
+        """Return the probed far field of unmodulated light for each distance."""
         return [self._lens.unmodulated_far_field(d) for d in self.distances]
 
     @cached_property
     def _possible_far_fields(self) -> list[FarField]:
         """Return the probed far fields of all light that may reach the sensor.
 
-        They are those with all effects of the panel, with none of them, and of unmodulated light.
+        These are the far fields with all effects of the panel, with none of them, and of
+        unmodulated light.
         """
         fields, distances = self._ideal_fields, self.distances
         bare = [self._far(field, d) for d in distances for field in fields]
@@ -204,26 +205,24 @@ class PatternProbe:
 
     @cached_property
     def side_order_share(self) -> float:
-        """Bound the probed pattern's share of the light outside the zeroth diffraction order."""
+        """Bound the share of a probed pattern's light outside the zeroth diffraction order."""
         return self.beyond_orders(0)
 
     @cached_property
     def zeroth_order_share(self) -> float:
-        """Bound the probed pattern's share of the light in the zeroth diffraction order."""
+        """Bound the share of a probed pattern's light in the zeroth diffraction order."""
         return max(one.order_share(0) for one in self._possible_far_fields)
 
     def beyond_orders(self, most: int) -> float:
-        """Bound the probed pattern's share of the light in orders beyond `most` on each side."""
+        """Bound the share of a probed pattern's light in orders beyond `most` on each side."""
         return max(0.0, 1 - min(one.order_share(most) for one in self._possible_far_fields))
 
     @cached_property
     def mean_ray_displacement(self) -> float:
-        """Return the probed pattern's mean distance from an image to its rays, metres.
+        """Return the mean distance from a point's image to a probed pattern's rays, metres.
 
-        It is the distance on the sensor from a point's image.
-
-        It is the largest of all pictures, unmodulated light and distances, computed along some
-        lines of the panel.
+        The distance is measured on the sensor. It is the largest of all pictures, unmodulated light
+        and object distances, computed along some lines of the panel.
         """
         worst = 0.0
         straight = torch.ones(self.panel.shape, dtype=torch.complex64)
@@ -236,7 +235,7 @@ class PatternProbe:
         return worst / (2 * math.pi * self.panel.pitch) * lever
 
     def _mean_step(self, field: torch.Tensor, wave: torch.Tensor, axis: int) -> float:
-        """Return the mean phase step between the probed panel's pixels along an axis, radians."""
+        """Return the mean phase step between neighbouring pixels of the probed panel, radians."""
         every = max(1, field.shape[1 - axis] // _SETTINGS.lines)
         field, wave, opened = (
             one[:, ::every] if axis == 0 else one[::every]
@@ -250,7 +249,7 @@ class PatternProbe:
 
     @cached_property
     def _ensquared_share(self) -> Array:
-        """Return the least probed share of the zeroth order's light in squares, as in FarField."""
+        """Return the least share of the probed zeroth order's light in squares, as in FarField."""
         curve = np.min([one.ensquared_share for one in self._possible_far_fields], axis=0)
         half = np.linspace(0, 1, len(curve))
         # Jitter spreads its share evenly over the period.
@@ -259,7 +258,7 @@ class PatternProbe:
         )
 
     def _index(self, half_side: float) -> int:
-        """Return the index of the largest square that is probed within a half side, in metres.
+        """Return the index of the largest probed square within a half side in metres.
 
         Half a step is subtracted, because the light of a sample may be anywhere within it.
         """
@@ -267,9 +266,7 @@ class PatternProbe:
         return math.floor(half_side / (self.period / 2) * steps - 0.5)
 
     def share_beyond(self, half_side: float) -> float:
-        """Bound the probed zeroth order's share of light outside a square, by its half side.
-
-        The half side is in metres.
+        """Bound the share of the probed zeroth order's light outside a square; half side in metres.
 
         The bound holds for any picture, any distance, and for unmodulated light.
         """
@@ -279,9 +276,9 @@ class PatternProbe:
         return 1.0 if index < 0 else float(max(0.0, 1 - self._ensquared_share[index]))
 
     def reach_of_share(self, share: float) -> float:
-        """Return the half side of a square that misses `share` of the probed light at most.
+        """Return the half side of a square that misses at most `share` of the probed light.
 
-        It is in metres.
+        The half side is in metres.
         """
         if not 0 < share <= 1:
             raise ValueError(f"share is {share:g}; give one above 0, up to 1")
@@ -300,7 +297,7 @@ class PatternProbe:
 
     @cached_property
     def squared_density(self) -> float:
-        """Bound the integral of the probed pattern's squared PSF over the sensor, 1/m²."""
+        """Bound the integral of the probed squared PSF over the sensor, 1/m²."""
         return max(one.energy for one in self._possible_far_fields) / self.period**2
 
     def squared_density_beyond(self, half_side: float) -> float:
@@ -318,10 +315,7 @@ class PatternProbe:
 
     @cached_property
     def transfer_bounds(self) -> TransferBounds:
-        """Return the bounds of the probed PSF's transfer function over pictures and distances.
-
-        They hold for all of them.
-        """
+        """Bound the probed PSF's transfer function, for all pictures and distances."""
         shape = (2 * self.panel.shape[0], 2 * self.panel.shape[1])
         bins = rings(shape)
         held, share = 1 - self.modulator.jitter_scatter_share, self.modulator.unmodulated_share
@@ -349,9 +343,7 @@ class PatternProbe:
     def transfers_at(
         self, ky: Array, kx: Array, half: tuple[float, float]
     ) -> list[NDArray[np.complex128]]:
-        """Return the probed zeroth order's transfer functions at (ky, kx), cycles per metre.
-
-        (ky, kx) are the frequencies.
+        """Return the probed zeroth order's transfer functions at frequencies (ky, kx), cycles/m.
 
         There is one for every picture at each distance, and one for unmodulated light where its PSF
         is wider. half: half sides (y, x) in metres of the part of the PSF that is transformed. The
@@ -369,7 +361,7 @@ class PatternProbe:
 def _transfer_at(
     light: NDArray[np.float32], period: float, ky: Array, kx: Array, half: tuple[float, float]
 ) -> NDArray[np.complex128]:
-    """Return the transfer function of a probed far field's light at some frequencies."""
+    """Return the transfer function of a probed far field's light at frequencies (ky, kx)."""
     pitch = period / light.shape[0], period / light.shape[1]
     kept = [
         math.ceil(min(far / step + 1, n // 2))

@@ -47,22 +47,19 @@ class PictureProbe:
 
     @property
     def distances(self) -> tuple[float, ...]:
-        """Return the distance of each probed target layer from the panel, metres, nearest first."""
+        """Return the distance in metres of each probed layer from the panel, nearest first."""
         return tuple(layer.distance for layer in self.target.layers)
 
     @cached_property
     def plane(self) -> Plane:
-        """Return the probed picture's sample plane: the sensor's pixels with a margin.
-
-        The margin is around them.
-        """
+        """Return the probed picture's sample plane: the sensor's pixels with a margin around."""
         sensor = self.camera.sensor
         rows, columns = sensor.shape
         return Plane((rows + 2 * MARGIN, columns + 2 * MARGIN), sensor.plane.pitch)
 
     @cached_property
     def rates(self) -> tuple[tuple[float, ...], ...]:
-        """Return a probed pixel's electrons per second at picture value 1, by layer and part."""
+        """Return a pixel's electrons per second at probed picture value 1, by layer and part."""
         area = self.camera.sensor.pitch**2
         return tuple(
             tuple(
@@ -74,7 +71,7 @@ class PictureProbe:
 
     @cached_property
     def lights(self) -> tuple[torch.Tensor, ...]:
-        """Return each probed layer's light in electrons per second, hidden parts included.
+        """Return the light of each probed layer in electrons per second, hidden parts included.
 
         The arrays are (rows, columns) of the plane.
         """
@@ -83,7 +80,7 @@ class PictureProbe:
 
     @cached_property
     def covers(self) -> tuple[torch.Tensor | None, ...]:
-        """Return the share of each probed pixel in which a layer hides what is behind it.
+        """Return the share of each pixel in which a probed layer hides what is behind it.
 
         None stands for a layer that hides nothing, such as the farthest one.
         """
@@ -94,7 +91,7 @@ class PictureProbe:
     def sharp_picture(self) -> torch.Tensor:
         """Return the probed sharp picture of all layers, near layers in front of far ones.
 
-        It is (rows, columns) of the plane, in electrons per second.
+        The array is (rows, columns) of the plane, in electrons per second.
         """
         seen = self.lights[-1]
         for light, cover in zip(self.lights[-2::-1], self.covers[-2::-1], strict=True):
@@ -103,7 +100,7 @@ class PictureProbe:
 
     @cached_property
     def extent(self) -> tuple[float, float]:
-        """Return the farthest light of the probed target from the axis, (y, x) in metres."""
+        """Return how far the probed target's light reaches from the axis, (y, x) in metres."""
         sides = [(0.0, 0.0)]
         for layer, rates in zip(self.target.layers, self.rates, strict=True):
             scale = self._scale(layer)
@@ -120,9 +117,7 @@ class PictureProbe:
         return max(float(torch.quantile(inside[::every, ::every].flatten(), 0.1)), 0.0)
 
     def excess_over(self, level: float) -> tuple[float, float]:
-        """Return the probed sharp picture's excess over a level, and that of its squares.
-
-        Both are sums.
+        """Sum the probed sharp picture's excess over a level, and the excess squared.
 
         level: electrons per second. The sums are over frame and margin.
         """
@@ -147,7 +142,7 @@ class PictureProbe:
         return self.brightest_behind(0) + self.off_plane_star_rate
 
     def brightest_behind(self, first: int) -> float:
-        """Bound any probed pixel's electrons per second from the layers `first` and behind.
+        """Bound any pixel's electrons per second from the probed layers `first` and behind.
 
         0 is the nearest layer. The shares of a pixel that it gets from covering layers add up to
         one at most, because the covers are blurred like the light. Each share is at most as bright
@@ -182,7 +177,7 @@ class PictureProbe:
 
     @property
     def _uniform_norm(self) -> float:
-        """Return the L2 norm of a frame whose pixels all have the probed picture's largest rate."""
+        """Return the frame's L2 norm if all pixels had the probed picture's largest rate."""
         return self.brightest * math.sqrt(math.prod(self.camera.sensor.shape))
 
     @cached_property
@@ -202,7 +197,7 @@ class PictureProbe:
 
     @cached_property
     def powers_by_spectrum(self) -> list[tuple[list[int], torch.Tensor]]:
-        """Return the probed target's power spectrum for each different spectrum of light.
+        """Return the probed target's power spectrum, separately for each spectrum of light.
 
         Each entry has the numbers of the parts with that spectrum, counted through all layers, and
         the squared modulus of their picture's Fourier transform, hidden parts included, in
@@ -235,7 +230,7 @@ class PictureProbe:
         return tuple(None if one is None else self._profile(one) for one in self.covers)
 
     def change_bound(self, gains: Sequence[Gain]) -> float:
-        """Bound the probed picture's change for a filter on each layer: L2, electrons per second.
+        """Bound the probed picture's change if each layer is filtered, as L2 norm in electrons/s.
 
         gains: for each layer, the relative change of its light and cover by frequency. A layer with
         the light F and the cover a, in front of the light C' behind it, gives C = F + (1 - a) C'.
@@ -252,9 +247,7 @@ class PictureProbe:
 
     @cached_property
     def edge_length(self) -> float:
-        """Return the length of the edges where a probed near layer hides a far one, in metres.
-
-        It is the length on the sensor.
+        """Return the length of edges where probed near layers hide far ones, metres on the sensor.
 
         It is counted along rows and columns, so it is never too short, and at most √2 times too
         long.
@@ -294,7 +287,7 @@ class PictureProbe:
         return self.camera.magnification(layer.distance)
 
     def _covering(self, layer: Layer) -> torch.Tensor | None:
-        """Return the share of each probed pixel that a layer covers; None if it hides nothing."""
+        """Return the share of each pixel that a probed layer covers; None if it hides nothing."""
         if layer.cover is None:
             return None
         return layer.cover.light(self.plane, self._scale(layer), self.shift)

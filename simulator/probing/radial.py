@@ -42,9 +42,9 @@ class RadialProfile:
 
     @staticmethod
     def of(spectrum: torch.Tensor, plane: Plane) -> RadialProfile:
-        """Probe a picture's power by frequency modulus, from its spectrum on the rfft2 grid.
+        """Compute the radial profile of a probed picture's power from its spectrum.
 
-        The grid is the plane's. The result is a radial profile.
+        spectrum: on the plane's rfft2 grid.
         """
         numbers, low, high, count = bins(plane)
         index = numbers.flatten().long()
@@ -73,7 +73,7 @@ class RadialProfile:
         return math.sqrt(float((self._largest_gain(gain) ** 2 * self.power).sum()))
 
     def filtered_peak_bound(self, gain: Gain) -> float:
-        """Bound every sample of the probed picture after a filter, as if frequencies were in phase.
+        """Bound every sample of the probed picture after a filter with the given gain.
 
         All frequencies are taken to be in phase.
         """
@@ -84,7 +84,7 @@ class RadialProfile:
         return np.asarray(gain(self.low + steps * (self.high - self.low)).max(axis=0))
 
     def plus(self, other: RadialProfile) -> RadialProfile:
-        """Add the probed power spectra of two pictures, as if they were uncorrelated."""
+        """Add the power spectra of two probed pictures, as if they were uncorrelated."""
         return RadialProfile(
             self.low, self.high, self.power + other.power, self.least + other.least, self.count
         )
@@ -94,11 +94,10 @@ class RadialProfile:
 def bins(
     plane: Plane,
 ) -> tuple[torch.Tensor, NDArray[np.float64], NDArray[np.float64], torch.Tensor]:
-    """Return the radial bin of each frequency of a probed picture, with the bins' edges and counts.
+    """Return the radial bin of each frequency of a probed picture, with edges and counts.
 
-    The frequencies are the entries of a plane's rfft2 grid.
-
-    The result is (bin numbers as uint8, lower edges, upper edges, numbers of frequencies).
+    The frequencies are the entries of the plane's rfft2 grid. The result is (bin numbers as uint8,
+    lower edges, upper edges, numbers of frequencies).
     """
     fy, fx = rfft2_frequencies(plane)
     # The outer edges have a margin, so that every entry belongs to a bin.

@@ -13,7 +13,9 @@ from optics.pupil import open_area
 
 
 def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
-    """Return the probed sensor's electrons per photon by wavelength, for each colour channel.
+    """Return the sensor's electrons per photon for the picture probe, for each colour channel.
+
+    Each is a function of wavelength.
 
     None stands for the same efficiency at all wavelengths.
     """
@@ -44,10 +46,7 @@ def electron_rates(
 
 
 def irradiance_per_radiance(camera: Camera, distance: float) -> float:
-    """Return the probed irradiance near the axis over the radiance of the scene, sr.
-
-    The irradiance is that on the sensor.
-    """
+    """Return the sensor's irradiance near the axis over a probed scene's radiance, sr."""
     spread = 1 + camera.separation / distance
     gathered = open_area(camera) * spread**2 / camera.lens.image_distance**2
     return gathered * camera.panel.reflectivity * camera.transmission
@@ -56,14 +55,14 @@ def irradiance_per_radiance(camera: Camera, distance: float) -> float:
 def _efficiency(
     curve: Spectrum | None, nodes: NDArray[np.float64], sensor: Sensor
 ) -> NDArray[np.float64]:
-    """Return a probed sensor's electrons per photon at the given wavelengths."""
+    """Return a sensor's electrons per photon at given wavelengths, for the picture probe."""
     if curve is None:
         return np.full_like(nodes, sensor.quantum_efficiency)
     return curve.at(nodes)
 
 
 def _nodes(spectrum: Spectrum, band: Band, sensor: Sensor, leak: bool) -> NDArray[np.float64]:
-    """Return the wavelengths at which a spectrum behind a filter is probed and integrated.
+    """Return the wavelengths at which the picture probe integrates a spectrum behind a filter.
 
     They are the nodes of all curves, both sides of every jump, and a fine grid over the band and
     its leak.

@@ -37,7 +37,7 @@ class SampledFrequencies:
 
     @staticmethod
     def of(squared: torch.Tensor, plane: Plane) -> SampledFrequencies:
-        """Probe a picture's power spectrum: sample the frequencies that represent it.
+        """Sample frequencies that represent the power spectrum of a probed picture.
 
         squared: |spectrum|² on the plane's rfft2 grid. Around each ring, the power between
         neighbouring samples is the same (systematic sampling, Cochran 1977). So all directions are
@@ -62,7 +62,7 @@ class SampledFrequencies:
         return SampledFrequencies(fy[y, 0], fx[0, x], place, np.concatenate([np.zeros(0), *shares]))
 
     def with_aliases(self, plane: Plane) -> SampledFrequencies:
-        """Return the probed sample of frequencies with their aliases on the pixel grid.
+        """Add to a probed picture's sampled frequencies their aliases on the pixel grid.
 
         An alias is one sampling frequency away along either axis. Its power is assumed to be the
         same as that of the sampled frequency, apart from the pixel's transfer function.
@@ -81,7 +81,7 @@ class SampledFrequencies:
         )
 
     def represented_power(self, squared: torch.Tensor, plane: Plane) -> Array:
-        """Return the power of a probed picture's spectrum that each sampled frequency represents.
+        """Return the power of a probed picture that each sampled frequency represents.
 
         Without aliases, the powers add up to about the sum of the squares of the picture without
         its mean, over its samples.
@@ -91,11 +91,10 @@ class SampledFrequencies:
 
 
 def _frequencies_per_ring(radius: float) -> int:
-    """Return the number of frequencies at which a ring of a probed spectrum is sampled.
+    """Return how many frequencies sample a ring of a probed picture's spectrum.
 
-    radius: that of the ring, relative to the outermost.
-
-    It grows from 6 for the innermost ring to 64 for the outermost.
+    radius: the ring's, relative to the outermost. The number grows from 6 for the innermost ring to
+    64 for the outermost.
     """
     return round(6 + (64 - 6) * radius)
 
@@ -104,7 +103,7 @@ def _frequencies_per_ring(radius: float) -> int:
 def _sort_by_ring(plane: Plane) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
     """Sort a probed spectrum's entries by ring, and within each ring by direction.
 
-    The entries are those of a plane's rfft2 grid.
+    The entries are those of the plane's rfft2 grid.
 
     Returns the order, and the index at which each ring except that of frequency 0 begins, followed
     by the end of the last ring.
