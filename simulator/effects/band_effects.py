@@ -100,9 +100,9 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
 
 
 def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
-    """Return the filter bandwidth effect's L2 errors per second, by number of wavelength nodes.
+    """Return the filter bandwidth effect's L2 error rates, by number of wavelength nodes.
 
-    The errors are in electrons per second, computed at a sample of the picture's frequencies.
+    The rates are in electrons per second, computed at a sample of the picture's frequencies.
     """
     found, plane = spectral_measure(s, "band"), s.picture_probe.plane
     most, some = (
@@ -131,12 +131,11 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
 
 
 def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -> float:
-    """Return the power of the filter bandwidth effect's error with few wavelength nodes.
+    """Return the filter bandwidth effect's error with few wavelengths, squared and summed.
 
-    The error is that of a quadrature of the transfer function over wavelengths.
-
-    transfer: (frequencies, nodes). wrong: errors of the nodes' weights, (weights, nodes); the sum
-    is the largest over the weights. power: the picture's, (frequencies,).
+    transfer: (frequencies, nodes). wrong: errors of the nodes' weights, (weights, nodes). power:
+    the picture's, (frequencies,). The sum is over frequencies; the result is the largest sum for
+    any of the weights.
     """
     return float((np.abs(transfer @ wrong.T) ** 2 * power[:, None]).sum(0).max())
 
@@ -144,7 +143,7 @@ def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -
 def _possible_transfers(
     s: Situation, some: SampledFrequencies, nodes: Array
 ) -> list[NDArray[np.complex128]]:
-    """Return transfer functions over the band that cover what the bandwidth effect may meet.
+    """Return the transfer functions that light may have over the band, for the bandwidth effect.
 
     Each array has the shape (frequencies, nodes).
 

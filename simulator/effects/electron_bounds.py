@@ -201,7 +201,7 @@ def clipping_onset(sensor: Sensor) -> float:
 def can_clip(s: Situation) -> bool:
     """Whether the clipping effect can occur: any pixel can come within 7 σ of clipping.
 
-    σ is the standard deviation of the pixel's electrons.
+    σ is the standard deviation of the brightest pixel's shot noise.
     """
     most = peak_electrons(s)
     return most + 7 * math.sqrt(most) + 20 > clipping_onset(s.camera.sensor)
@@ -218,9 +218,9 @@ def without_clipping(s: Situation, recipe: Recipe) -> Recipe:
 
 
 def unclipped_light(s: Situation) -> float:
-    """Return the electrons of light that surely escape the clipping effect, within 7 σ.
+    """Return the electrons of light up to which the clipping effect surely doesn't occur.
 
-    σ is the standard deviation of the pixel's electrons.
+    Seven standard deviations of shot noise are allowed for.
     """
     free = max(clipping_onset(s.camera.sensor) - 20 - dark_current_electrons(s), 0.0)
     # Solves x + 7 √x = free for x.
@@ -325,8 +325,8 @@ def proportional_error_bound(
 def _dim_pixel_electrons(s: Situation) -> float:
     """Return the fewest electrons in pixels whose change by an effect counts.
 
-    These are half of those in the dim tenth of the sharp picture, since it may be dimmer once it is
-    blurred.
+    The result is half the electrons in the dim tenth of the sharp picture, since blur may make it
+    dimmer.
     """
     return 0.5 * s.picture_probe.dim_decile * s.exposure
 

@@ -65,7 +65,7 @@ class ColourFilters(OnOffEffect):
 
 
 def _curve_differences(s: Situation) -> Iterator[Spectrum]:
-    """Yield each colour filter's effect as a curve: its distance from the mean pixel's curve."""
+    """Yield each colour filter's effect: the absolute difference from the mean pixel's curve."""
     colour = s.camera.sensor.colour
     if colour is None:
         return

@@ -113,7 +113,7 @@ class Motion(Effect):
 def transform(s: Situation, levels: Mapping[str, int]) -> float:
     """Return the operations of a Fourier transform of the whole picture, to count effects' work.
 
-    They depend on how far the PSFs reach and how fine the samples are.
+    The number depends on how far the PSFs reach and how fine the samples are.
     """
     shape = picture_shape(s, LEVELS.windows[levels.get(PSF_REACH, 0)], 0)
     rows, columns = (n * s.coarsest_sampling for n in shape)

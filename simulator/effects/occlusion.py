@@ -32,7 +32,10 @@ class Occlusion(OnOffEffect):
         )
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Estimate the occlusion effect: the sharp picture's relative error without covers."""
+        """Estimate the occlusion effect: the sharp picture's relative error without covers.
+
+        Without covers, all layers are transparent.
+        """
         whole = s.picture_probe.norm_bound
         if not whole:
             return 0.0

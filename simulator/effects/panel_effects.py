@@ -43,7 +43,7 @@ class PanelEffect(OnOffBlurEffect):
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
         """Bound ‖Δh‖₁ of PSFs with the panel effect against without it, and say how it's known.
 
-        It holds whatever other effects are on.
+        The bound holds whatever other effects are on.
         """
 
     def is_present(self, s: Situation) -> bool:

@@ -30,15 +30,15 @@ _SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
 def minimum_norms(s: Situation) -> MinimumNorms:
     """Return lower bounds of the picture's norms, which effects' errors are compared with.
 
-    The norms are those of mean, variance and σ, in electrons.
+    The norms are those of mean, variance and σ over the sensor's pixels, in electrons.
 
-    The norms are over the sensor's pixels. That of the mean is the largest of three bounds. First,
-    a pixel has at least the light of the darkest place within the reach of its PSF. Second, the
-    light that surely stays on the sensor has the least norm if it is uniform (Cauchy-Schwarz).
-    Third, the least of the transfer function leaves at least so much of the sharp picture at each
-    frequency. All attenuation counts. The noise is the shot noise of that light, with dark current
-    and read noise. A full well counts with the electrons that it would hold if it were deeper: an
-    overexposed picture is compared as if it weren't clipped.
+    The norm of the mean is the largest of three bounds. First, a pixel has at least the light of
+    the darkest place within the reach of its PSF. Second, the light that surely stays on the sensor
+    has the least norm if it is uniform (Cauchy-Schwarz). Third, the least of the transfer function
+    leaves at least so much of the sharp picture at each frequency. All attenuation counts. The
+    noise is the shot noise of that light, with dark current and read noise. A full well counts with
+    the electrons that it would hold if it were deeper: an overexposed picture is compared as if it
+    weren't clipped.
     """
     sensor = s.camera.sensor
     pixels = sensor.shape[0] * sensor.shape[1]
@@ -71,7 +71,7 @@ def _min_light(s: Situation) -> tuple[float, float]:
 def _min_attenuation(s: Situation) -> float:
     """Return the least share of light that vignetting and colour filter effects leave.
 
-    The share counts relative to the light of the best channel.
+    The colour filters' share is relative to the light of the best channel.
     """
     least = vignetting_samples(s, s.camera.sensor.shape, set(s.picture_probe.distances)).min()
     return float(least) * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
@@ -106,7 +106,7 @@ def _min_lamp_light(s: Situation) -> float:
 
 
 def _blur_margin(s: Situation, share: float) -> int:
-    """Return the pixels beyond which blur effects send less than `share` of a point's light.
+    """Return the distance in pixels beyond which blur effects send less than `share` of the light.
 
     The image's motion is added. The result is rounded up to one of four values per octave, so that
     other patterns can use the same results of the picture.

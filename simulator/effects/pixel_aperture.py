@@ -74,7 +74,8 @@ class PixelAperture(PixelwiseEffect):
     def _aliases(self, s: Situation) -> float:
         """Return the root of how many frequencies alias to one, for the pixel aperture effect.
 
-        The light's frequencies go up to the lens' limit; those above the pixels' are aliased.
+        The light's frequencies go up to the lens' limit; those that the pixels don't resolve are
+        aliased.
         """
         lens = s.camera.lens
         finest = 2 * lens.image_numerical_aperture / s.band.support[0]

@@ -48,7 +48,7 @@ _SETTINGS = PSFBoundSettings()
 
 
 def has_known_psf(s: Situation) -> bool:
-    """Whether effects' bounds may use the probed PSF: one distance and no hidden layers."""
+    """Whether effects' bounds may use the probed PSF: one distance, and no layer hides another."""
     return len(set(s.picture_probe.distances)) == 1 and not has_occlusion(s)
 
 
@@ -153,7 +153,7 @@ def illuminated_area_change(s: Situation) -> float:
 def max_vignetting_change(s: Situation) -> float:
     """Return the vignetting effect's largest relative change of a point's light.
 
-    It is computed at a few places of the frame and its margin, the corners included.
+    The change is computed at a few places of the frame and its margin, the corners included.
     """
     distances = {min(s.picture_probe.distances), max(s.picture_probe.distances)}
     return float((vignetting_samples(s, s.picture_probe.plane.shape, distances) - 1).abs().max())
@@ -164,7 +164,7 @@ def vignetting_samples(
 ) -> torch.Tensor:
     """Sample the vignetting effect: return the share of the light left, for each distance.
 
-    It is computed at 9 x 9 places from corner to corner of `shape` pixels.
+    The share is computed at 9 x 9 places from corner to corner of `shape` pixels.
     """
     camera = s.camera
     if not s.mount.is_aligned:
@@ -185,6 +185,6 @@ def is_uniform_scene(s: Situation) -> bool:
 def blur_sensitivity(s: Situation) -> float:
     """Return the largest share of the light that effects on the PSF can change.
 
-    Uniform, endless light stays so, except for what vignetting changes of it.
+    In uniform, endless light, they change only its vignetting.
     """
     return min(max_vignetting_change(s), 1.0) if is_uniform_scene(s) else 1.0

@@ -70,8 +70,8 @@ class ShotNoise(Effect):
     def _bound_without_noise(self, s: Situation) -> Bound:
         """Bound the picture's error if the shot noise effect is left out.
 
-        The bound is the variance of the number of electrons, with a rounding step and the influence
-        of full wells.
+        The bound follows from the variance of the number of electrons, a rounding step and full
+        wells.
         """
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         step = sensor.gain

@@ -111,9 +111,9 @@ class RollingShutter(PixelwiseEffect):
         )
 
     def _row_difference(self, s: Situation) -> float:
-        """Bound the rolling shutter effect: the largest share of light that sets a row apart.
+        """Bound the rolling shutter effect: how much a row's light differs from the first row's.
 
-        The row is compared with the first row.
+        The result is the largest difference of any row, as a share of the light.
         """
         begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
         if s.target.is_moving or s.panel_content.is_changing:

@@ -123,7 +123,7 @@ class ZerothOrderPath:
 def _apply_transfers(
     transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor]
 ) -> torch.Tensor:
-    """Blur an image in formation: sum the places' spectra times their transfer functions."""
+    """Render blur: sum the places' spectra times their transfer functions."""
     total = transfers[0] * spectra[0]
     for transfer, spectrum in zip(transfers[1:], spectra[1:], strict=True):
         total += transfer * spectrum

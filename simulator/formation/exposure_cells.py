@@ -85,7 +85,7 @@ def _shift_and_path(
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return a moving target's shift and path, (y, x) metres, while part of an image is formed.
 
-    They are (0, 0) if the target doesn't move.
+    Both are (0, 0) if the target doesn't move.
     """
     if not s.target.is_moving:
         return (0.0, 0.0), (0.0, 0.0)
@@ -144,7 +144,7 @@ class _PanelTimes:
     def _row_weights(self, parts: int, of: Callable[[int], K]) -> dict[K, Array]:
         """Return the seconds for which each row of the rendered image sees each item of a video.
 
-        They are seconds of the lamp's mean light.
+        Each second is weighted by the lamp's light, relative to its mean.
 
         of: returns the item, such as a picture's name, of a part of a frame. Items that no row sees
         are left out.
@@ -158,7 +158,7 @@ class _PanelTimes:
         return {key: weight for key, weight in weights.items() if weight.any()}
 
     def _intervals(self, parts: int) -> Iterator[tuple[NDArray[np.int64], Array, Array]]:
-        """Yield the intervals for which each panel picture is shown during image formation.
+        """Yield, in batches, when the panel shows each picture while the image is formed.
 
         Each batch is (index of the part of a frame, begins, ends).
         """

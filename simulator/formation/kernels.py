@@ -257,7 +257,7 @@ class Kernels:
     ) -> Iterable[tuple[float, torch.Tensor]]:
         """Return the panel's fields from which an exposure cell is rendered.
 
-        They are kept if they are needed again, at other depths, places or wavelengths.
+        The fields are kept if they are needed again, at other depths, places or wavelengths.
         """
         r, s = self._recipe, self._s
         panel, pictures, tol = self.camera.panel, s.panel_content.pictures, s.numerics
@@ -271,10 +271,10 @@ class Kernels:
         )
 
     def _cell(self, plane: Plane, wavelength: float, order: Order) -> torch.Tensor:
-        """Return the share of a rendered PSF's samples that belongs to a diffraction order.
+        """Return the share of each rendered sample's light that belongs to a diffraction order.
 
-        It is in the panel's axes. The shares of all orders add up to 1. Where two orders meet, one
-        fades out as the other fades in: a PSF that ended abruptly would cause ringing.
+        The samples are in the panel's axes. The shares of all orders add up to 1. Where two orders
+        meet, one fades out as the other fades in: a PSF that ended abruptly would cause ringing.
         """
         period = self.period(wavelength)
         inside = []

@@ -78,7 +78,7 @@ class LayerPSFs:
         return total
 
     def order_centre(self, node: Wavelength, order: Order) -> Place:
-        """Return (y, x) metres on the sensor from a rendered image to a diffraction order's PSF."""
+        """Return (y, x) metres on the sensor from a point's image to an order's rendered PSF."""
         return self._kernels.order_centre(node.metres, order)
 
     def _effect(self, distance: float, node: int, place: Place, number: int) -> str:

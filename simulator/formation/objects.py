@@ -128,7 +128,7 @@ class ObjectSpectra:
         return self._cache.get(causes, weighted_spectra)
 
     def is_uniform(self, picture: Drawable) -> bool:
-        """Whether a picture renders as uniform light: it is endless, and nothing hides it.
+        """Whether a picture renders as uniform light: uniform, endless and hidden by nothing.
 
         Such light stays uniform however it is blurred, and whatever share goes to side orders.
         """

@@ -87,7 +87,7 @@ class RayOperator:
     def straight(self, field: torch.Tensor | None = None, *, keep: bool = False) -> torch.Tensor:
         """Render a point's geometric PSF for light without a pattern's phase.
 
-        keep: has no effect; a PSFOperator has it.
+        keep: has no effect; it is there because a PSFOperator has it.
         """
         del keep
         one = torch.ones(self.camera.panel.shape, dtype=torch.complex64)
@@ -154,7 +154,7 @@ class RayOperator:
 def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
     """Return the wavefront's slope for rendering by rays, radians per pixel, float64.
 
-    It is the mean of the phase steps to both neighbours, modulo a wave.
+    The slope is the mean of the phase steps to both neighbours, modulo a wave.
     """
     n = field.shape[axis]
     if n == 1:

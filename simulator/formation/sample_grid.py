@@ -134,7 +134,7 @@ class SampleGrid:
     def light_on_pixels(self, spectrum: torch.Tensor, aperture: bool) -> torch.Tensor:
         """Return the rendered light on the sensor's pixels, (rows, columns).
 
-        aperture: whether it is the mean over each pixel, or the light at its centre.
+        aperture: whether the light is averaged over each pixel, or taken at its centre.
         """
         if aperture:
             self._ledger.add("pixel aperture", 2.0 * spectrum.numel(), 4 * spectrum.numel())
@@ -147,7 +147,7 @@ class SampleGrid:
 def _transform_centred_part(part: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
     """Transform a rendered PSF that is zero except for a part around its origin, by rfft2.
 
-    The origin is at n // 2 of both. Rows without light aren't transformed.
+    The part's origin is at n // 2 along both axes. Rows without light aren't transformed.
     """
     (rows, columns), (y, x) = part.shape, (n // 2 for n in part.shape)
     lines = np.zeros((rows, shape[1]), dtype=np.float32)

@@ -31,7 +31,7 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
 def _relative_stop_transmission(
     camera: Camera, mount: Mount, plane: Plane, distance: float
 ) -> torch.Tensor:
-    """Return the stop's vignetting of a rendered image: each sample's light over the axis'."""
+    """Return a rendered image's vignetting by the stop: light through it, relative to the axis."""
     axis = share_through_stop(camera, distance, (0.0, 0.0))
     if not axis:
         raise ValueError(

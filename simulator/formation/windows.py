@@ -21,7 +21,7 @@ ORDER_FADE_PIXELS = 4.0
 def light_extent(s: Situation) -> tuple[float, float]:
     """Return how far from the axis a scene's rendered light reaches, (y, x) metres on the sensor.
 
-    The metres hold for any time of the exposure, and are infinite for endless light.
+    The result holds for any time of the exposure. It is infinite for endless light.
     """
     y, x = (side + s.image_motion for side in s.picture_probe.extent)
     return y, x

@@ -61,7 +61,7 @@ class Bound:
         )
 
     def minus(self, other: Bound) -> Bound:
-        """Return what an effect plan's error bound exceeds another by, 0 at least."""
+        """Return by how much an effect plan's error bound exceeds another, 0 at least."""
         return Bound(
             max(self.mean - other.mean, 0.0),
             max(self.variance - other.variance, 0.0),

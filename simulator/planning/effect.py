@@ -65,10 +65,7 @@ class Effect(ABC):
         """Estimate the picture's relative change between the effect's planned and finest level."""
 
     def error_bound(self, s: Situation, level: int) -> Bound:
-        """Bound the error of the effect at a planned level; the bound falls to 0 at the finest.
-
-        The bound decreases with the level.
-        """
+        """Bound the error of the effect at a planned level; it decreases to 0 at the finest."""
         return Bound() if level >= self.finest_level(s) else self.error_bound_below_finest(s, level)
 
     @abstractmethod

@@ -118,7 +118,7 @@ class Ladder:
     def levels(self, tol: float) -> dict[str, int]:
         """Return the coarsest planned effect levels on the ladder that keep a tolerance.
 
-        The steps down to these levels keep it with their summed bounds.
+        The bounds of all steps down to these levels are summed.
         """
         levels, spent = dict(self.finest_levels), Bound()
         for step in self.steps:
@@ -196,13 +196,13 @@ class Ladder:
 def _next_steps(
     steps: Sequence[LadderStep], waited: Mapping[tuple[str, int], float]
 ) -> list[LadderStep]:
-    """Return the plan's next step down the ladder last in a list, after those to let it go first.
+    """List the steps of the plan's ladder that wait now, and last the step to take next.
 
     If the step with the best rank were always next, no tolerance below its error would save any
     work. So steps with smaller errors go first, the best rank first, as long as their errors add up
     to less than the share _PATIENCE of its error. The same rule applies among them. waited: for
-    each step, the sum of the errors that it has already let go first. The list is empty if there
-    are no steps.
+    each step, the summed errors of the steps that it has already waited for. The list is empty if
+    there are no steps.
     """
     order: list[LadderStep] = []
     limit = math.inf

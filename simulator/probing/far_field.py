@@ -98,7 +98,7 @@ class FarField:
         """Integrate the squared density of a probed zeroth order outside squares around the axis.
 
         The squares are those of ensquared_share. The integral is relative to that of uniform light
-        over the period. It is exact, because the density is sampled at its Nyquist rate.
+        over the period, and exact, because the density is sampled at its Nyquist rate.
         """
         total = self._ensquared_sums(self.zeroth_order_light**2)
         return np.asarray(self.light.size * np.maximum(total[-1] - total, 0.0))

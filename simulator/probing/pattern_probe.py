@@ -55,7 +55,7 @@ _SETTINGS = PatternProbeSettings()
 
 
 def panel_without_effects(panel: Panel) -> Panel:
-    """Return the panel as the pattern probe sees it without any of the simulator's effects."""
+    """Return the panel without any of the simulator's effects, as the pattern probe needs it."""
     return replace(
         panel,
         response=None,
@@ -124,7 +124,10 @@ class PatternProbe:
 
     @cached_property
     def linear_phase_range(self) -> float:
-        """Return the probed panel's phase at the highest grey level if it is linear, radians."""
+        """Return the phase of the probed panel's highest grey level if its response is linear.
+
+        The phase is in radians.
+        """
         return max_phase(self.modulator.panel, self.wavelength)
 
     @cached_property

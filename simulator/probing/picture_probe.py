@@ -59,7 +59,7 @@ class PictureProbe:
 
     @cached_property
     def rates(self) -> tuple[tuple[float, ...], ...]:
-        """Return a pixel's electrons per second at probed picture value 1, by layer and part."""
+        """Return a probed pixel's electrons per second at picture value 1, by layer and part."""
         area = self.camera.sensor.pitch**2
         return tuple(
             tuple(
@@ -249,8 +249,8 @@ class PictureProbe:
     def edge_length(self) -> float:
         """Return the length of edges where probed near layers hide far ones, metres on the sensor.
 
-        It is counted along rows and columns, so it is never too short, and at most √2 times too
-        long.
+        The length is counted along rows and columns, so it is never too short, and at most √2 times
+        too long.
         """
         covers = [one for one in self.covers if one is not None]
         steps = sum(

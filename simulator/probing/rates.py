@@ -64,7 +64,7 @@ def _efficiency(
 def _nodes(spectrum: Spectrum, band: Band, sensor: Sensor, leak: bool) -> NDArray[np.float64]:
     """Return the wavelengths at which the picture probe integrates a spectrum behind a filter.
 
-    They are the nodes of all curves, both sides of every jump, and a fine grid over the band and
+    These are the nodes of all curves, both sides of every jump, and a fine grid over the band and
     its leak.
     """
     ranges = [band.support, *([band.leak_range] if leak and band.leak else [])]
