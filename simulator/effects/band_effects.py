@@ -88,7 +88,7 @@ class Bandwidth(BlurEffect):
 
 
 def _node_count_errors(s: Situation) -> tuple[float, ...]:
-    """Return the L2 error in electrons of each number of wavelength nodes.
+    """Return the filter bandwidth effect's L2 errors in electrons, by number of wavelength nodes.
 
     The list begins with 1 node and ends where the error has converged. A coarser level never has a
     smaller error than a finer one.
@@ -100,9 +100,9 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
 
 
 def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
-    """Return the L2 errors of each number of wavelength nodes, in electrons per second.
+    """Return the filter bandwidth effect's L2 error rates, by number of wavelength nodes.
 
-    They are computed at a sample of the picture's frequencies.
+    The rates are in electrons per second, computed at a sample of the picture's frequencies.
     """
     found, plane = spectral_measure(s, "band"), s.picture_probe.plane
     most, some = (
@@ -131,10 +131,11 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
 
 
 def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -> float:
-    """Return the largest sum of squares of a transfer function's quadrature errors.
+    """Return the filter bandwidth effect's error with few wavelengths, squared and summed.
 
-    transfer: (frequencies, nodes). wrong: errors of the nodes' weights, (weights, nodes); the sum
-    is the largest over the weights. power: the picture's, (frequencies,).
+    transfer: (frequencies, nodes). wrong: errors of the nodes' weights, (weights, nodes). power:
+    the picture's, (frequencies,). The sum is over frequencies; the result is the largest sum for
+    any of the weights.
     """
     return float((np.abs(transfer @ wrong.T) ** 2 * power[:, None]).sum(0).max())
 
@@ -142,7 +143,9 @@ def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -
 def _possible_transfers(
     s: Situation, some: SampledFrequencies, nodes: Array
 ) -> list[NDArray[np.complex128]]:
-    """Return the transfer functions (frequencies, nodes) that the light may have over the band.
+    """Return the transfer functions that light may have over the band, for the bandwidth effect.
+
+    Each array has the shape (frequencies, nodes).
 
     A PSF grows with λ, so that its transfer function shrinks; the pattern's phase and the lens'
     aberrations go with 1/λ. Parts of the pattern may differ in phase by half of the phase's span to
@@ -157,15 +160,15 @@ def _possible_transfers(
 
 
 def _off_axis_factor(s: Situation) -> float:
-    """Return how much larger an error may be off the axis, where another part of the panel is lit.
+    """Return how much larger the filter bandwidth effect's error may be off the lens' axis.
 
-    Amplitudes add.
+    Light from off the axis passes another part of the panel. Amplitudes add.
     """
     return (1 + math.sqrt(illuminated_area_change(s))) ** 2 if s.camera.separation else 1.0
 
 
 def _phase_span(s: Situation) -> float:
-    """Return the radians that the phases of pattern and lens span."""
+    """Return the radians that pattern and lens phases span, for the filter bandwidth effect."""
     shown = max(float(one.max() - one.min()) for one in s.pattern_probe.phases)
     bent = max(
         float(one.max() - one.min())

@@ -30,12 +30,12 @@ MAX_SINC_LOSS = 1.2173
 
 
 def occlusion_factor(s: Situation) -> float:
-    """Return how often a change of the PSF counts: twice where layers hide each other."""
+    """Return the factor on a blur effect's error bound: 2 if layers hide each other, else 1."""
     return 2.0 if has_occlusion(s) else 1.0
 
 
 def psf_error_bound(s: Situation, change: float, how: str, density: float = math.inf) -> Bound:
-    """Return the bound of a picture's error for PSFs that differ by a share of their light.
+    """Bound the error of an effect that changes PSFs by a share of their light.
 
     change: ‖Δh‖₁, at most 2: each PSF loses what the other has instead. density: largest difference
     of the PSFs, in shares per square metre of the sensor: ‖Δh‖₂² is at most the density times ‖Δh‖₁
@@ -49,7 +49,7 @@ def psf_error_bound(s: Situation, change: float, how: str, density: float = math
 
 
 def transfer_error_bound(s: Situation, gain: Gain, how: str) -> Bound:
-    """Return the bound of a picture's error for transfer functions that differ by a gain.
+    """Bound the error of an effect that changes transfer functions by a gain.
 
     gain: largest difference of the transfer functions at cycles per metre.
     """
@@ -63,7 +63,7 @@ def transfer_error_bound(s: Situation, gain: Gain, how: str) -> Bound:
 
 
 def relative_light_error(s: Situation, bound: Bound) -> float:
-    """Return the approximate relative change of the blurred picture that a bound allows."""
+    """Estimate the relative change of the blurred picture that an effect's bound allows."""
     whole_light = light_norm_bound(s)
     return bound.mean / whole_light if whole_light else 0.0
 

@@ -73,7 +73,7 @@ class CrystalResponse(OnOffBlurEffect):
 
 
 def _psf_change(s: Situation) -> float:
-    """Return an upper bound of the ‖Δh‖₁ that the liquid crystal's response causes.
+    """Bound the effect of the liquid crystal's slow response on a PSF, as ‖Δh‖₁.
 
     The mean over time of |p|², less |q|² of the settled field q, is the power of the difference of
     the fields, and twice its mean times q (Cauchy-Schwarz).
@@ -91,7 +91,7 @@ def _psf_change(s: Situation) -> float:
     names = s.panel_content.names[-_SETTINGS.max_frames :]
     phases = torch.stack([settled[name] for name in names])
     start = first_start_phase(phases, frame_time, tau)
-    parts, count = _parts(s), _SETTINGS.times
+    parts, count = _seen_frame_parts(s), _SETTINGS.times
     found: list[tuple[float, float]] = []
     for frame, end in enumerate(phases):
         for begin, finish, share in parts.get(
@@ -111,15 +111,18 @@ def _psf_change(s: Situation) -> float:
 
 
 def _has_uneven_timing(s: Situation) -> bool:
-    """Whether a rolling shutter or a flickering lamp may weigh parts of a frame unequally."""
+    """Whether parts of a frame may count unequally for the crystal response effect.
+
+    They do with a rolling shutter or a flickering lamp.
+    """
     return s.camera.sensor.shutter == "rolling" or is_lamp_flickering(s)
 
 
-def _parts(s: Situation) -> dict[int, list[tuple[float, float, float]]]:
-    """Return the parts (begin, end, share) that an exposure sees of each of a video's frames.
+def _seen_frame_parts(s: Situation) -> dict[int, list[tuple[float, float, float]]]:
+    """Return which parts of each video frame an exposure sees, for the crystal response effect.
 
-    With a rolling shutter or a flickering lamp, these are the eighths of each frame. If there are
-    too many frames to tell apart, key -1 has the whole frame.
+    Each part is (begin, end, share). With a rolling shutter or a flickering lamp, the parts are the
+    eighths of each frame. If there are too many frames to tell apart, key -1 has the whole frame.
     """
     frame_time, n = s.panel_content.frame_time, len(s.panel_content.names)
     every = (0.0, frame_time, 1.0)

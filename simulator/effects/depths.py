@@ -48,7 +48,10 @@ class DepthLayers(Effect):
         return sensor_error_bound(s, change * max_lamp_seconds(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations of the PSFs of further distances, without other effects'."""
+        """Return the operations that the depth-layer effect adds for the PSFs of more distances.
+
+        All other effects are taken at their lowest level.
+        """
         bare = {**dict.fromkeys(ATTRIBUTION_ORDER, 0), self.name: levels[self.name]}
         return rendering_operations(s, bare) - rendering_operations(s, {**bare, self.name: 0})
 
@@ -58,14 +61,14 @@ class DepthLayers(Effect):
         return f"from {near:.3g} to {far:.3g} m the blur changes by {blur:.3g} pixels"
 
     def _change(self, s: Situation, level: int) -> float:
-        """Return an upper bound of the L2 error of a level's depth nodes, electrons per second."""
+        """Bound the L2 error of the depth-layer effect at a level, in electrons per second."""
         distances = s.picture_probe.distances
         nodes = depth_nodes(distances, LEVELS.depths[level])
         return s.picture_probe.change_bound([_gain(s.camera, d, nodes[d]) for d in distances])
 
 
 def _gain(camera: Camera, distance: float, nodes: list[tuple[float, float]]) -> Gain:
-    """Return the bound of the error of a depth layer's transfer function, by frequency.
+    """Bound the transfer function error of the depth-layer effect for one layer, by frequency.
 
     nodes: the distances whose PSFs' weighted mean stands for the layer's, and their weights. Light
     from the pupil's rim lands elsewhere by ρ. Between two nodes the mean is linear in the defocus;
@@ -87,19 +90,23 @@ def _gain(camera: Camera, distance: float, nodes: list[tuple[float, float]]) -> 
 
 
 def _displacement(camera: Camera, one: float, other: float) -> float:
-    """Return how far light from the pupil's rim moves on the sensor between two object distances.
+    """Return how far rim light moves on the sensor between two distances, for the depth effect.
 
-    The rim is that of the panel, or of the stop's shadow on it. Metres on the sensor.
+    Rim light comes from the edge of the panel, or of the stop's shadow on it. The distances are
+    object distances; the result is in metres.
     """
     bent = abs(_wave_curvature(camera, one) - _wave_curvature(camera, other))
     panel = camera.panel
     half = math.hypot(*(n * panel.pitch / 2 for n in panel.shape))
-    radius = min(half, max(_shadow(camera, one), _shadow(camera, other)))
+    radius = min(half, max(_stop_shadow_radius(camera, one), _stop_shadow_radius(camera, other)))
     return as_number(camera.ray_matrix_b) * bent * radius
 
 
 def _wave_curvature(camera: Camera, distance: float) -> float:
-    """Return the curvature of a point's wave over the panel that the lens leaves, 1/m."""
+    """Return the defocus of a point's wave on the panel, for the depth-layer effect, 1/m.
+
+    The defocus is the wave's curvature that the lens leaves.
+    """
     spread = 1 + as_number(camera.separation) / distance
     vergence = 1 / object_to_lens_distance(camera, distance) - 1 / as_number(
         camera.lens.focus_distance
@@ -109,16 +116,19 @@ def _wave_curvature(camera: Camera, distance: float) -> float:
     )
 
 
-def _shadow(camera: Camera, distance: float) -> float:
-    """Return the radius of the stop's shadow on the panel in metres."""
+def _stop_shadow_radius(camera: Camera, distance: float) -> float:
+    """Return the radius of the stop's shadow on the panel for the depth-layer effect, metres."""
     return as_number(camera.lens.stop_diameter) / 2 / (1 + as_number(camera.separation) / distance)
 
 
 def _shadow_change_share(camera: Camera, one: float, other: float) -> float:
-    """Return the largest share of the light that moves as the stop's shadow changes its size."""
+    """Bound the light that moves when the stop's shadow resizes, for the depth-layer effect.
+
+    The result is a share of the layer's light.
+    """
     if as_number(camera.separation) == 0:
         return 0.0
     panel = camera.panel
     half = math.hypot(*(n * panel.pitch / 2 for n in panel.shape))
-    radii = sorted(min(_shadow(camera, d), half) for d in (one, other))
+    radii = sorted(min(_stop_shadow_radius(camera, d), half) for d in (one, other))
     return 2 * math.sqrt(2 * (1 - (radii[0] / radii[1]) ** 2))

@@ -65,33 +65,33 @@ class PixelwiseEffect(OnOffEffect):
 
 
 def pixel_count(s: Situation) -> int:
-    """Return the number of the sensor's pixels."""
+    """Return the sensor's number of pixels, over which effects' error bounds are summed."""
     rows, columns = s.camera.sensor.shape
     return rows * columns
 
 
 def sqrt_pixel_count(s: Situation) -> float:
-    """Return the square root of the number of the sensor's pixels."""
+    """Return the square root of the pixel count, which turns a pixel's effect into an L2 bound."""
     return math.sqrt(pixel_count(s))
 
 
 def is_lamp_flickering(s: Situation) -> bool:
-    """Whether the lamp's light changes with time."""
+    """Whether the lamp's light changes with time, so that the lamp flicker effect occurs."""
     return s.target.lamp is not None and not s.target.lamp.is_constant
 
 
 def lamp_ripple(s: Situation) -> float:
-    """Return the largest relative deviation of the lamp's light from its mean."""
+    """Return the lamp flicker effect's ripple: the largest relative deviation from the mean."""
     return s.target.lamp.ripple if s.target.lamp is not None else 0.0
 
 
 def max_lamp_seconds(s: Situation) -> float:
-    """Return the most seconds of the lamp's mean light that a pixel may see in an exposure."""
+    """Bound an exposure in seconds of the lamp's mean light, flicker effect included."""
     return s.exposure * (1 + lamp_ripple(s))
 
 
 def sharp_norm_bound(s: Situation) -> float:
-    """Return an upper bound of the L2 norm of the picture's electrons, for any blur.
+    """Bound the L2 norm of the picture's electrons under any blur effect.
 
     No blur adds light (Young).
     """
@@ -99,13 +99,13 @@ def sharp_norm_bound(s: Situation) -> float:
 
 
 def total_electrons(s: Situation) -> float:
-    """Return the electrons of the unblurred picture on the frame and its margin."""
+    """Return the unblurred picture's electrons, margin included, for bounds on effects."""
     return s.picture_probe.total_with_margin * max_lamp_seconds(s)
 
 
 @cached_per_situation
 def _peak_light_electrons(s: Situation) -> float:
-    """Return an upper bound of the electrons of light on a pixel of the blurred picture.
+    """Bound the electrons that light frees in any pixel of a blurred picture, for effects' bounds.
 
     Three bounds are compared: by Young, by the PSF's peak, and by frequency.
     """
@@ -122,13 +122,13 @@ def _peak_light_electrons(s: Situation) -> float:
 
 
 def off_plane_star_electrons(s: Situation) -> float:
-    """Return the electrons of stars outside the part of the picture that is examined."""
+    """Return the electrons of stars outside the probed picture, which effects' bounds add."""
     return s.picture_probe.off_plane_star_rate * max_lamp_seconds(s)
 
 
 @cached_per_situation
 def light_norm_bound(s: Situation) -> float:
-    """Return an upper bound of the L2 norm of the blurred picture's electrons.
+    """Bound the L2 norm of the blurred picture's electrons, the base of effects' error bounds.
 
     Three bounds are compared: by Young; by the brightest pixel and the sum of all; and by frequency
     (Parseval).
@@ -143,12 +143,12 @@ def light_norm_bound(s: Situation) -> float:
 
 
 def dark_current_electrons(s: Situation) -> float:
-    """Return the electrons of dark current on a pixel that isn't hot."""
+    """Return the dark-current electrons of a pixel that isn't hot, for bounds on sensor effects."""
     return s.camera.sensor.dark_current * s.exposure
 
 
 def hot_pixel_norm(s: Situation) -> float:
-    """Return an upper bound of the L2 norm of the hot pixels' electrons.
+    """Bound the L2 norm of the hot pixels' electrons, for bounds on sensor effects.
 
     The number of hot pixels is taken five standard deviations above its mean.
     """
@@ -161,7 +161,7 @@ def hot_pixel_norm(s: Situation) -> float:
 
 
 def affected_pixel_bound(share: float, count: int) -> float:
-    """Return how many of `count` pixels are affected if each is with a probability `share`.
+    """Bound how many of `count` pixels an effect occurs in, with probability `share` in each.
 
     The number is taken five standard deviations above its mean.
     """
@@ -170,7 +170,7 @@ def affected_pixel_bound(share: float, count: int) -> float:
 
 
 def peak_electrons(s: Situation) -> float:
-    """Return an upper bound of the brightest pixel's electrons, hot pixels included."""
+    """Bound the brightest pixel's electrons for sensor effects, hot pixels included."""
     sensor = s.camera.sensor
     lit = _peak_light_electrons(s) * (1 + MAX_PIXEL_SIGMAS * sensor.prnu)
     return (
@@ -179,7 +179,7 @@ def peak_electrons(s: Situation) -> float:
 
 
 def electron_norm_bound(s: Situation) -> float:
-    """Return an upper bound of the L2 norm of all electrons on the pixels."""
+    """Bound the L2 norm of all pixels' electrons, for bounds on sensor effects."""
     gain = 1 + MAX_PIXEL_SIGMAS * s.camera.sensor.prnu
     return (
         light_norm_bound(s) * gain
@@ -189,20 +189,28 @@ def electron_norm_bound(s: Situation) -> float:
 
 
 def clipping_onset(sensor: Sensor) -> float:
-    """Return the electrons at which full well or converter begin to clip, without shot noise."""
+    """Return the electrons from which the clipping effect occurs, shot noise not counted.
+
+    Full well or converter begin to clip there.
+    """
     spread = 7 * sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu
     top = (2**sensor.bits - 1 - sensor.black_level) * sensor.gain
     return max(min(sensor.full_well, top - spread), 0.0)
 
 
 def can_clip(s: Situation) -> bool:
-    """Whether any pixel can come within seven standard deviations of clipping."""
+    """Whether the clipping effect can occur: any pixel can come within 7 σ of clipping.
+
+    σ is the standard deviation of the brightest pixel's shot noise.
+    """
     most = peak_electrons(s)
     return most + 7 * math.sqrt(most) + 20 > clipping_onset(s.camera.sensor)
 
 
 def without_clipping(s: Situation, recipe: Recipe) -> Recipe:
-    """Return the recipe with unlimited full wells and converter, if any pixel may clip.
+    """Return the recipe with the clipping effect switched off, if any pixel may clip.
+
+    Without the effect, full wells and converter are unlimited.
 
     Errors are counted before a full well clips them (see simulator.effects.picture_norms).
     """
@@ -210,7 +218,10 @@ def without_clipping(s: Situation, recipe: Recipe) -> Recipe:
 
 
 def unclipped_light(s: Situation) -> float:
-    """Return the electrons of light that surely don't clip, within seven standard deviations."""
+    """Return the electrons of light up to which the clipping effect surely doesn't occur.
+
+    Seven standard deviations of shot noise are allowed for.
+    """
     free = max(clipping_onset(s.camera.sensor) - 20 - dark_current_electrons(s), 0.0)
     # Solves x + 7 √x = free for x.
     root = max(math.sqrt(free + 12.25) - 3.5, 0.0)
@@ -231,7 +242,7 @@ class FullWells:
 
 @cached_per_situation
 def full_well_bounds(s: Situation) -> FullWells:
-    """Return bounds of the pixels whose wells may be full.
+    """Bound the pixels whose wells may be full, for the clipping and shot-noise effects.
 
     A blurred picture m has no more of (m - θ)₊, and of its square, than the sharp picture, for any
     θ (Jensen: a blur is a mean). Where m is above W > θ, m is at most W / (W - θ) times m - θ.
@@ -254,13 +265,16 @@ def full_well_bounds(s: Situation) -> FullWells:
 
 
 def can_clip_at_zero(sensor: Sensor) -> bool:
-    """Whether noise and offset of a dark pixel can reach the converter's lower end."""
+    """Whether the clipping effect can occur at the converter's lower end.
+
+    It does if noise and offset of a dark pixel can reach that end.
+    """
     room = sensor.black_level * sensor.gain - MAX_PIXEL_SIGMAS * sensor.dsnu
     return room < 8 * sensor.read_noise + sensor.gain
 
 
 def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: bool = True) -> Bound:
-    """Return the bound of mean, variance and σ of the frame for a change of the electrons.
+    """Bound the error of mean, variance and σ when an effect changes the picture's electrons.
 
     change: L2 norm of the change of the picture's electrons over the exposure. Mean and variance
     change by the change times their steepest slope, at any number of electrons up to the brightest
@@ -287,7 +301,9 @@ def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: boo
 def proportional_error_bound(
     s: Situation, change: float, how: str, dim_pixel_margin: float = _SETTINGS.dim_pixel_margin
 ) -> Bound:
-    """Return sensor_error_bound() of a change that is proportional to each pixel's light.
+    """Bound the frame's error when an effect changes each pixel's light in proportion.
+
+    The bound is sensor_error_bound() with a tighter σ.
 
     A dim pixel's relative change is at most `dim_pixel_margin` times that of the whole picture.
     Where m changes by a share ε of it, √(m + r²) changes by at most ε √m / 2, for any read noise r:
@@ -307,16 +323,16 @@ def proportional_error_bound(
 
 
 def _dim_pixel_electrons(s: Situation) -> float:
-    """Return the fewest electrons on pixels where a change of the light counts.
+    """Return the fewest electrons in pixels whose change by an effect counts.
 
-    These are half of those in the dim tenth of the sharp picture, since it may be dimmer once it is
-    blurred.
+    The result is half the electrons in the dim tenth of the sharp picture, since blur may make it
+    dimmer.
     """
     return 0.5 * s.picture_probe.dim_decile * s.exposure
 
 
 def _next_power_of_two(electrons: float) -> float:
-    """Return the least power of two that is at least a number of electrons, and at least 64."""
+    """Round a number of electrons for an effect's bound up to a power of two, at least 64."""
     return 2.0 ** math.ceil(math.log2(max(electrons, 64.0)))
 
 
@@ -324,7 +340,10 @@ def _next_power_of_two(electrons: float) -> float:
 def _steepest_slopes(
     sensor: Sensor, most: float, unclipped_electrons: float
 ) -> tuple[float, float, float]:
-    """Return the largest slopes of mean and variance by electrons, and the least σ with read noise.
+    """Return slopes of mean and variance by electrons, and the least σ, for bounds on effects.
+
+    The slopes are the largest at any number of electrons up to `most`. The least σ includes read
+    noise.
 
     unclipped_electrons: number up to which the upper end clips nothing. Without clipping, the
     converter's steps of g electrons make the slopes oscillate by exp(-2 π² m / g²) at m electrons

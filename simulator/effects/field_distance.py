@@ -30,13 +30,13 @@ class PixelSample:
         return values[:: self.rows, :: self.columns].contiguous()
 
     def mean(self, values: torch.Tensor) -> complex:
-        """Return the mean of values over the open area of the sample's pixels."""
+        """Average values over the open area of sampled panel pixels, for panel effects' bounds."""
         weight = self.aperture_share**2
         return complex((values * weight).sum() / weight.sum())
 
 
 def sample_pixels(s: Situation) -> PixelSample:
-    """Return a sample of at most 256 x 256 of the panel's pixels."""
+    """Sample at most 256 x 256 of the panel's pixels, for bounds on panel effects."""
     rows, columns = _steps(s)
     return PixelSample(
         rows, columns, s.pattern_probe.aperture_share[::rows, ::columns].contiguous()
@@ -44,28 +44,28 @@ def sample_pixels(s: Situation) -> PixelSample:
 
 
 def covers_all_pixels(s: Situation) -> bool:
-    """Whether the sample has all of the panel's pixels."""
+    """Whether the pixel sample for panel effects' bounds holds all of the panel's pixels."""
     return _steps(s) == (1, 1)
 
 
 def _steps(s: Situation) -> tuple[int, int]:
-    """Return the steps between a sample's pixels along each axis of the panel."""
+    """Return the steps between sampled panel pixels on each axis, for bounds on panel effects."""
     rows, columns = (max(1, math.ceil(n / 256)) for n in s.camera.panel.shape)
     return rows, columns
 
 
 def margin(s: Situation) -> float:
-    """Return the factor of a bound that was computed from a sample of the panel's pixels."""
+    """Return the safety factor of a panel effect's bound that comes from a sample of pixels."""
     return 1.0 if covers_all_pixels(s) else MARGIN
 
 
 def describe_proof(s: Situation, what: str) -> str:
-    """Return the words for how a bound from a sample of the panel's pixels is known."""
+    """Say in words how a panel effect's bound was established: by proof or by audit."""
     return f"proved: {what}" if covers_all_pixels(s) else f"audited ×{MARGIN:g}: {what}"
 
 
 def psf_distance_bound(pixels: PixelSample, one: torch.Tensor, other: torch.Tensor) -> float:
-    """Return an upper bound of ‖Δh‖₁ for the PSFs of two fields on the same pixels.
+    """Bound an effect's ‖Δh‖₁ of PSFs by the panel's fields with and without it.
 
     |p|² - |q|² is at most (|p| + |q|) |p - q|, whose integral is at most (‖p‖ + ‖q‖) ‖p - q‖
     (Cauchy-Schwarz); the light's power is the same on panel and sensor (Parseval). A phase that all
@@ -78,7 +78,7 @@ def psf_distance_bound(pixels: PixelSample, one: torch.Tensor, other: torch.Tens
 
 
 def phase_error_psf_bound(s: Situation, pixels: PixelSample, error: torch.Tensor) -> float:
-    """Return an upper bound of ‖Δh‖₁ for a phase error in radians, for any field.
+    """Bound ‖Δh‖₁ of PSFs for a panel effect's phase error in radians, for any field.
 
     A phase that all pixels share counts only where other light interferes with theirs: light from
     the gaps between pixels, or light that the panel doesn't modulate.
@@ -92,6 +92,9 @@ def phase_error_psf_bound(s: Situation, pixels: PixelSample, error: torch.Tensor
 
 
 def has_coherent_background(s: Situation) -> bool:
-    """Whether unmodulated light interferes with the light that the pattern modulates."""
+    """Whether light that ignores the pattern interferes and so enlarges panel effects.
+
+    It interferes with the light that the pattern modulates.
+    """
     beats = s.path is not None and abs(complex(s.path.interference)) > 0
     return bool(s.camera.panel.gap_reflection) or beats

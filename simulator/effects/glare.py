@@ -28,14 +28,17 @@ class VeilingGlare(PixelwiseEffect):
         return s.camera.glare > 0 and not s.picture_probe.is_dark
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Return the relative difference of the sharp picture from its mean, times the glare."""
+        """Estimate the veiling glare effect: the glare times the sharp picture's variation.
+
+        The variation is the picture's relative difference from its mean.
+        """
         if not s.picture_probe.norm_bound:
             return 0.0
         even = s.picture_probe.total**2 / pixel_count(s) / s.picture_probe.norm_bound**2
         return s.camera.glare * blur_sensitivity(s) * math.sqrt(max(1 - even, 0.0))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Return the bound of the error without veiling glare.
+        """Bound the picture's error if the veiling glare effect is left out.
 
         A picture differs from its mean by no more than its own norm. Glare gives dark pixels much
         of their light, so that the light of the dim tenth of the picture limits the change of σ in

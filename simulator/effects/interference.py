@@ -31,12 +31,15 @@ class Interference(OnOffBlurEffect):
 
 
 def _strength(s: Situation) -> float:
-    """Return the strength of the interference between unmodulated and modulated light."""
+    """Return the strength of the polarisation interference effect.
+
+    The effect is interference of unmodulated with modulated light.
+    """
     return abs(complex(s.path.interference)) if s.path is not None else 0.0
 
 
 def _brightest(s: Situation) -> float:
-    """Return an upper bound of the power of either field, relative to a uniform one."""
+    """Bound either field's power in the interference effect, relative to a uniform field's."""
     pixels = sample_pixels(s)
     powers = [
         pixels.mean(pixels(field).abs().double() ** 2).real for field in s.pattern_probe.fields

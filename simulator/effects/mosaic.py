@@ -29,11 +29,11 @@ class ColourFilters(OnOffEffect):
         return s.camera.sensor.colour is not None and not s.picture_probe.is_dark
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        return self._largest(s)
+        return self._difference(s)
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         how = "proved: Young; the largest difference of a filter's electrons from the mean pixel's"
-        return proportional_error_bound(s, self._largest(s) * light_norm_bound(s), how)
+        return proportional_error_bound(s, self._difference(s) * light_norm_bound(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         colour = s.camera.sensor.colour
@@ -42,18 +42,19 @@ class ColourFilters(OnOffEffect):
         return float(pixel_count(s) * len(colour.channels))
 
     def explain(self, s: Situation) -> str:
-        return f"in this light a pixel's electrons differ by {self._largest(s):.2g} of the most"
+        return f"in this light a pixel's electrons differ by {self._difference(s):.2g} of the most"
 
-    def _largest(self, s: Situation) -> float:
-        """Return the largest difference of a filter's electrons from the mean pixel's.
+    def _difference(self, s: Situation) -> float:
+        """Return the colour filter effect's largest change of a pixel's electrons.
 
-        It is the largest over all parts and filters, relative to the electrons of the best channel.
+        The change is from the mean pixel's electrons. The maximum is over all parts and filters,
+        relative to the electrons of the best channel.
         """
         found = [0.0]
         for layer in s.target.layers:
             for part in layer.parts:
                 best = max(electron_rates(part.spectrum, s.band, s.camera, layer.distance))
-                for difference in _differences(s):
+                for difference in _curve_differences(s):
                     sensor = replace(s.camera.sensor, colour=None, spectral_efficiency=difference)
                     camera = replace(s.camera, sensor=sensor)
                     rates = electron_rates(part.spectrum, s.band, camera, layer.distance)
@@ -63,8 +64,8 @@ class ColourFilters(OnOffEffect):
         return max(found)
 
 
-def _differences(s: Situation) -> Iterator[Spectrum]:
-    """Yield the absolute difference of each colour filter's curve from the mean pixel's."""
+def _curve_differences(s: Situation) -> Iterator[Spectrum]:
+    """Yield each colour filter's effect: the absolute difference from the mean pixel's curve."""
     colour = s.camera.sensor.colour
     if colour is None:
         return
@@ -80,7 +81,7 @@ def _differences(s: Situation) -> Iterator[Spectrum]:
 
 
 def _nodes(colour: Mosaic) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return the wavelengths at which any colour filter's curve bends or ends.
+    """Return the wavelengths at which any curve bends or ends, for the colour filter effect.
 
     Both sides of the ends are included.
     """

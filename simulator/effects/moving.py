@@ -54,7 +54,7 @@ class Motion(Effect):
         return sensor_error_bound(s, change * max_lamp_seconds(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations of further parts of a motion: each is a picture of its own.
+        """Return the operations that the motion effect adds: each further part is a picture.
 
         All parts use the same PSFs.
         """
@@ -67,21 +67,21 @@ class Motion(Effect):
         return f"it moves by {pixels:.3g} pixels in {s.exposure * 1e3:.3g} ms"
 
     def _paths(self, s: Situation) -> list[float]:
-        """Return the metres that each layer moves on the sensor during the exposure."""
+        """Return the metres by which the motion effect smears each layer on the sensor."""
         speed = math.hypot(*s.target.velocity)
         scales = (s.camera.magnification(layer.distance) for layer in s.target.layers)
         return [speed * s.exposure * scale for scale in scales]
 
     def _parts(self, s: Situation, level: int) -> int:
-        """Return the number of parts into which a level divides a motion during the frame."""
+        """Return how many parts a level of the motion effect divides the frame's motion into."""
         return 2**level * math.ceil(s.exposure_span / s.exposure) if level else 1
 
     def _change(self, s: Situation, level: int) -> float:
-        """Return an upper bound of the L2 error of a level's motion, in electrons per second."""
+        """Bound the L2 error of the motion effect at a level, in electrons per second."""
         return s.picture_probe.change_bound([self._gain(s, path, level) for path in self._paths(s)])
 
     def _gain(self, s: Situation, path: float, level: int) -> Gain:
-        """Return the bound of the error by frequency, for a layer that moves `path` metres.
+        """Bound the motion effect's error by frequency, for a layer that moves `path` metres.
 
         All light of a part of the path, of length ℓ, is spread evenly over the part: its phases 2π
         k x differ from that of the middle by 2π k ℓ/4 on average. They are weighted by the lamp's
@@ -111,9 +111,9 @@ class Motion(Effect):
 
 
 def transform(s: Situation, levels: Mapping[str, int]) -> float:
-    """Return the operations of a Fourier transform of all samples of the picture.
+    """Return the operations of a Fourier transform of the whole picture, to count effects' work.
 
-    They depend on how far the PSFs reach and how fine the samples are.
+    The number depends on how far the PSFs reach and how fine the samples are.
     """
     shape = picture_shape(s, LEVELS.windows[levels.get(PSF_REACH, 0)], 0)
     rows, columns = (n * s.coarsest_sampling for n in shape)

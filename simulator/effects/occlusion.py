@@ -32,7 +32,10 @@ class Occlusion(OnOffEffect):
         )
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Return the relative error of the sharp picture if all layers are transparent."""
+        """Estimate the occlusion effect: the sharp picture's relative error without covers.
+
+        Without covers, all layers are transparent.
+        """
         whole = s.picture_probe.norm_bound
         if not whole:
             return 0.0
@@ -44,7 +47,7 @@ class Occlusion(OnOffEffect):
         return sensor_error_bound(s, max_lamp_seconds(s) * self._hidden_light_bound(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations of occlusion, beyond those of layers whose light is added.
+        """Return the operations that the occlusion effect adds to simply summing the layers' light.
 
         For every wavelength, each layer's transfer function is transformed, for its light and its
         cover, and so are the pictures of both.
@@ -70,20 +73,18 @@ class Occlusion(OnOffEffect):
         return f"near things hide what is behind them along {edges:.3g} pixels of edges"
 
     def _hidden_light_bound(self, s: Situation) -> float:
-        """Return an upper bound of the L2 norm of the light that should be hidden.
+        """Bound the L2 norm of light that the occlusion effect should hide, electrons per second.
 
-        In electrons per second.
-
-        It is a layer's blurred light times the blurred covers before it. It consists of light that
-        starts within twice a PSF's reach of a cover, and of the shares of light and covers that
-        fall beyond the reach.
+        The bound is a layer's blurred light times the blurred covers before it. It consists of
+        light that starts within twice a PSF's reach of a cover, and of the shares of light and
+        covers that fall beyond the reach.
         """
         # Shares of a PSF's light beyond its reach: whichever gives the least bound.
         shares = (1e-1, 1e-2, 1e-3, 1e-4)
         return min(self._hidden_light_within(s, share) for share in shares)
 
     def _hidden_light_within(self, s: Situation, share: float) -> float:
-        """Return the bound of the hidden light if `share` of a PSF is beyond its reach."""
+        """Bound the occlusion effect's hidden light if `share` of a PSF is beyond its reach."""
         reach = s.pattern_probe.reach_of_share(share)
         pixels = math.ceil(reach / s.camera.sensor.pitch)
         beyond = min(share + self._side_order_share(s), 1.0)
@@ -99,7 +100,7 @@ class Occlusion(OnOffEffect):
         return total
 
     def _side_order_share(self, s: Situation) -> float:
-        """Return the share of a PSF's light in side orders that may fall on the frame."""
+        """Bound the PSF's side-order light that reaches the frame, for the occlusion effect."""
         far = max(
             n * p
             for n, p in zip(s.picture_probe.plane.shape, s.picture_probe.plane.pitch, strict=True)
@@ -108,7 +109,7 @@ class Occlusion(OnOffEffect):
 
 
 def _dilate_mask(mask: torch.Tensor, pixels: int) -> torch.Tensor:
-    """Return a mask that is grown by a square of so many pixels to each side."""
+    """Grow the occlusion effect's mask of covers by a square of `pixels` to each side."""
     values = mask.numpy()
     for axis, n in enumerate(values.shape):
         values = maximum_filter1d(values, min(2 * pixels + 1, 2 * n + 1), axis, mode="constant")

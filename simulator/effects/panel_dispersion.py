@@ -43,12 +43,12 @@ class PanelDispersion(OnOffBlurEffect):
 
 
 def _total_psf_change(s: Situation) -> float:
-    """Return an upper bound of ‖Δh‖₁ from dispersion over the band and the leak."""
-    return _change(s, "band") + (_change(s, "leak") if s.band.leak else 0.0)
+    """Bound the panel dispersion effect's change ‖Δh‖₁ of a PSF, over band and leak."""
+    return _psf_change_over(s, "band") + (_psf_change_over(s, "leak") if s.band.leak else 0.0)
 
 
-def _change(s: Situation, which: Literal["band", "leak"]) -> float:
-    """Return an upper bound of ‖Δh‖₁ from dispersion, averaged over the band or the leak.
+def _psf_change_over(s: Situation, which: Literal["band", "leak"]) -> float:
+    """Bound the panel dispersion effect's mean change ‖Δh‖₁ of a PSF over the band or the leak.
 
     Each wavelength is weighted by its share of the brightest channel's electrons, or by the largest
     share that it has in any part and channel. The leak counts by its share of the light.
@@ -61,12 +61,12 @@ def _change(s: Situation, which: Literal["band", "leak"]) -> float:
     lit = masses > 0
     shares = np.abs(weights[:, lit]) / masses[lit][None, :, None]
     worst = shares.reshape(-1, len(nodes)).max(0)
-    changes = np.array([_at(s, float(node)) for node in nodes])
+    changes = np.array([_psf_change_at(s, float(node)) for node in nodes])
     return float(min((worst * changes).sum(), max(changes) * worst.sum()))
 
 
-def _at(s: Situation, wavelength: float) -> float:
-    """Return an upper bound of ‖Δh‖₁ from dispersion at one wavelength."""
+def _psf_change_at(s: Situation, wavelength: float) -> float:
+    """Bound the panel dispersion effect's change ‖Δh‖₁ of a PSF at one wavelength."""
     pixels, panel = sample_pixels(s), s.camera.panel
     there = modulator_at(panel, wavelength)
     # A response that varies over the panel has to be evaluated on all pixels.

@@ -41,9 +41,9 @@ class PanelEffect(OnOffBlurEffect):
 
     @abstractmethod
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """Return an upper bound of ‖Δh‖₁ with the effect against without it, and how it is known.
+        """Bound ‖Δh‖₁ of PSFs with the panel effect against without it, and say how it's known.
 
-        It holds whatever other effects are on.
+        The bound holds whatever other effects are on.
         """
 
     def is_present(self, s: Situation) -> bool:
@@ -70,7 +70,7 @@ class RedirectedLight(PanelEffect):
 
     @abstractmethod
     def redirected_share(self, s: Situation) -> float:
-        """Return the largest share of the light that the panel redirects."""
+        """Return the largest share of the light that a panel effect redirects."""
 
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
         return 2 * self.redirected_share(s), "proved: light that moves counts twice"
@@ -132,7 +132,7 @@ class PanelResponse(PanelEffect):
 
 
 def phase_error_gain(panel: Panel) -> float:
-    """Return the factor by which coupling and illumination may enlarge a panel's phase error."""
+    """Return how many times coupling and illumination may enlarge a panel effect's phase error."""
     lit = 1.0
     if panel.illumination is not None:
         light = panel.illumination.at_pixels(panel)
@@ -168,9 +168,10 @@ class Coupling(PanelEffect):
 def _blocks(
     phase: torch.Tensor, aperture_share: torch.Tensor
 ) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    """Return squares of neighbouring pixels from all over the panel, or the whole of a small one.
+    """Return blocks of neighbouring pixels on which the panel's coupling effect is bounded.
 
-    There are 4 x 4 squares of 64 x 64 pixels.
+    These are 4 x 4 squares of 64 x 64 pixels from all over the panel, or the whole of a small
+    panel.
     """
     rows, columns = phase.shape
     count, side = 4, 64
@@ -193,7 +194,7 @@ class Flicker(PanelEffect):
     source = "thesis §3.4"
 
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """Return an upper bound of ‖Δh‖₁ from flicker, and how it is known.
+        """Bound the panel flicker effect's change ‖Δh‖₁ of a PSF, and say how it is known.
 
         The ripple's first order averages out. What is left is the loss of the mean field, 1 - J₀,
         which interferes, and the power of the ripple, 2 (1 - J₀).
@@ -229,7 +230,10 @@ class Jitter(RedirectedLight):
 
 
 def _gap_power(panel: Panel) -> float:
-    """Return the panel's largest power relative to that of its pixels, with light from the gaps."""
+    """Return the factor by which light from the gaps may enlarge a panel effect's power.
+
+    The factor is the panel's largest power, relative to that of its pixels.
+    """
     return (1 + gap_amplitude(panel)) ** 2
 
 

@@ -28,15 +28,17 @@ _SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
 
 
 def minimum_norms(s: Situation) -> MinimumNorms:
-    """Return lower bounds of the norms of mean, variance and σ, in electrons.
+    """Return lower bounds of the picture's norms, which effects' errors are compared with.
 
-    The norms are over the sensor's pixels. That of the mean is the largest of three bounds. First,
-    a pixel has at least the light of the darkest place within the reach of its PSF. Second, the
-    light that surely stays on the sensor has the least norm if it is uniform (Cauchy-Schwarz).
-    Third, the least of the transfer function leaves at least so much of the sharp picture at each
-    frequency. All attenuation counts. The noise is the shot noise of that light, with dark current
-    and read noise. A full well counts with the electrons that it would hold if it were deeper: an
-    overexposed picture is compared as if it weren't clipped.
+    The norms are those of mean, variance and σ over the sensor's pixels, in electrons.
+
+    The norm of the mean is the largest of three bounds. First, a pixel has at least the light of
+    the darkest place within the reach of its PSF. Second, the light that surely stays on the sensor
+    has the least norm if it is uniform (Cauchy-Schwarz). Third, the least of the transfer function
+    leaves at least so much of the sharp picture at each frequency. All attenuation counts. The
+    noise is the shot noise of that light, with dark current and read noise. A full well counts with
+    the electrons that it would hold if it were deeper: an overexposed picture is compared as if it
+    weren't clipped.
     """
     sensor = s.camera.sensor
     pixels = sensor.shape[0] * sensor.shape[1]
@@ -56,7 +58,7 @@ def minimum_norms(s: Situation) -> MinimumNorms:
 
 
 def _min_light(s: Situation) -> tuple[float, float]:
-    """Return lower bounds of sum and norm of the picture's light, electrons per second."""
+    """Bound the sum and norm of light from below, with all effects on, electrons per second."""
     # The factor 0.8 is from audits: it allows for effects that blur the picture further.
     attenuated, spread = 0.8 * _min_attenuation(s), _min_light_by_area(s)
     total = max((one for one, _ in spread), default=0.0)
@@ -67,7 +69,7 @@ def _min_light(s: Situation) -> tuple[float, float]:
 
 
 def _min_attenuation(s: Situation) -> float:
-    """Return the least share of the light that vignetting and colour filters leave.
+    """Return the least share of light that vignetting and colour filter effects leave.
 
     The colour filters' share is relative to the light of the best channel.
     """
@@ -76,9 +78,9 @@ def _min_attenuation(s: Situation) -> float:
 
 
 def _min_channel_share(s: Situation) -> float:
-    """Return the least share of electrons that a colour mosaic's mean pixel has of any part.
+    """Return the least share of electrons that the colour filter effect leaves the mean pixel.
 
-    It is relative to the electrons of the part's best channel.
+    The minimum is over the scene's parts. The share is relative to the part's best channel.
     """
     colour = s.camera.sensor.colour
     if colour is None:
@@ -95,7 +97,7 @@ def _min_channel_share(s: Situation) -> float:
 
 
 def _min_lamp_light(s: Situation) -> float:
-    """Return the least mean light of the lamp that any row sees, relative to its mean."""
+    """Return the least mean lamp light of any row, relative to the mean, for the flicker effect."""
     lamp = s.target.lamp
     if lamp is None or lamp.is_constant:
         return 1.0
@@ -104,7 +106,7 @@ def _min_lamp_light(s: Situation) -> float:
 
 
 def _blur_margin(s: Situation, share: float) -> int:
-    """Return the pixels from a point's image beyond which less than a share of its light falls.
+    """Return the distance in pixels beyond which blur effects send less than `share` of the light.
 
     The image's motion is added. The result is rounded up to one of four values per octave, so that
     other patterns can use the same results of the picture.
@@ -117,7 +119,10 @@ def _blur_margin(s: Situation, share: float) -> int:
 
 
 def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int], T]) -> T:
-    """Return a result that depends on the sharp picture alone, computed once for each edge."""
+    """Return a result for effects' minimum norms, computed once for each edge width.
+
+    The result depends on the sharp picture alone.
+    """
     causes = (what, edge, s.camera.sensor.shape)
     if causes not in s.picture_probe.results:
         s.picture_probe.results[causes] = find(edge)
@@ -125,8 +130,8 @@ def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int],
     return found
 
 
-def _inner(s: Situation, edge: int) -> torch.Tensor:
-    """Return the sharp picture within the frame, without an edge, in electrons per second.
+def _frame_without_edge(s: Situation, edge: int) -> torch.Tensor:
+    """Return the sharp frame with an empty edge, for minimum norms under blur effects.
 
     edge: pixels of the frame that are set to zero on each side.
     """
@@ -141,12 +146,12 @@ def _inner(s: Situation, edge: int) -> torch.Tensor:
 
 
 def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
-    """Return pairs of light and area: electrons per second that surely fall on so many pixels."""
+    """Return pairs (light, pixels): light that blur effects surely leave on so many pixels."""
     found = []
     for share in _SHARES:
         edge = _blur_margin(s, share)
         total, sides = _cached_for_margin(
-            s, "lit", edge, lambda edge: _sum_and_sides(_inner(s, edge))
+            s, "lit", edge, lambda edge: _sum_and_sides(_frame_without_edge(s, edge))
         )
         if not total:
             continue
@@ -158,7 +163,7 @@ def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
 
 
 def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
-    """Return the sum of a picture, and how many rows and columns its light covers."""
+    """Return a picture's sum and its lit rows and columns, for norms that effects leave."""
     rows, columns = (light > 0).any(1).nonzero(), (light > 0).any(0).nonzero()
     if not len(rows):
         return 0.0, (0, 0)
@@ -167,9 +172,9 @@ def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
 
 
 def _norm_by_neighbourhood(s: Situation) -> float:
-    """Return the picture's norm if each pixel had the least light within its PSF's reach.
+    """Bound from below the norm that blur effects leave, by the least light near each pixel.
 
-    In electrons per second.
+    Each pixel gets the least light within its PSF's reach. The norm is in electrons per second.
     """
     if has_occlusion(s):
         return 0.0
@@ -189,7 +194,10 @@ def _norm_by_neighbourhood(s: Situation) -> float:
 
 
 def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
-    """Return the norm of the frame if each pixel had the least light up to `edge` pixels away."""
+    """Return the frame's norm with the least light near each pixel, to bound blur effects.
+
+    "Near" is up to `edge` pixels away, along each axis.
+    """
     least = s.picture_probe.sharp_picture.clamp(min=0).numpy()
     for axis in (0, 1):
         least = minimum_filter1d(least, 2 * edge + 1, axis, mode="constant")
@@ -198,13 +206,18 @@ def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
 
 
 def _norm_by_frequency(s: Situation) -> float:
-    """Return the norm in electrons per second that the transfer function leaves at least."""
+    """Bound from below the norm that blur effects leave, by the transfer function.
+
+    The norm is in electrons per second.
+    """
     if s.target.is_moving or has_occlusion(s):
         return 0.0
     transfer, best = s.pattern_probe.transfer_bounds, 0.0
     for share in _SHARES[2:]:
         edge = _blur_margin(s, share)
-        power = _cached_for_margin(s, "power", edge, lambda edge: _power(s, _inner(s, edge)))
+        power = _cached_for_margin(
+            s, "power", edge, lambda edge: _power(s, _frame_without_edge(s, edge))
+        )
         if power is None:
             continue
         least = transfer.least_between(power.low, power.high)
@@ -217,7 +230,7 @@ def _norm_by_frequency(s: Situation) -> float:
 
 
 def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:
-    """Return the radial power spectrum of a picture; None without light."""
+    """Return a picture's radial power spectrum for norms that effects leave; None without light."""
     return (
         RadialProfile.of(spectrum_of_samples(light), s.picture_probe.plane) if light.any() else None
     )

@@ -62,9 +62,9 @@ class PixelAperture(PixelwiseEffect):
         return f"pixels of {pitch * 1e6:g} µm would take {share:.2g} of the sharp picture"
 
     def _resolved_loss(self, s: Situation) -> float:
-        """Return what the pixel aperture takes of the frequencies that the pixels resolve.
+        """Return the pixel aperture effect's loss at frequencies that the pixels resolve.
 
-        L2 norm in electrons per second.
+        The loss is an L2 norm in electrons per second.
         """
         pitch = s.camera.sensor.pitch
         return s.picture_probe.power_spectrum.filtered_norm_bound(
@@ -72,7 +72,11 @@ class PixelAperture(PixelwiseEffect):
         )
 
     def _aliases(self, s: Situation) -> float:
-        """Return the root of how many of the light's frequencies alias to one on the pixels."""
+        """Return the root of how many frequencies alias to one, for the pixel aperture effect.
+
+        The light's frequencies go up to the lens' limit; those that the pixels don't resolve are
+        aliased.
+        """
         lens = s.camera.lens
         finest = 2 * lens.image_numerical_aperture / s.band.support[0]
         return max(math.ceil(2 * finest * s.camera.sensor.pitch), 1.0)

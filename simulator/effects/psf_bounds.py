@@ -48,18 +48,18 @@ _SETTINGS = PSFBoundSettings()
 
 
 def has_known_psf(s: Situation) -> bool:
-    """Whether all light has PSFs like the ones that are examined: those of one distance."""
+    """Whether effects' bounds may use the probed PSF: one distance, and no layer hides another."""
     return len(set(s.picture_probe.distances)) == 1 and not has_occlusion(s)
 
 
 def has_occlusion(s: Situation) -> bool:
-    """Whether any layer of the target hides another."""
+    """Whether the occlusion effect can occur: any layer of the target hides another."""
     return any(layer.cover is not None for layer in s.target.layers)
 
 
 @cached_per_situation
 def peak_pixel_share(s: Situation) -> float:
-    """Return the largest share of a point's light on one pixel; 1 if the PSF isn't known."""
+    """Bound the share of a point's light on one pixel under any effects; 1 for an unknown PSF."""
     if not has_known_psf(s):
         return 1.0
     return _on_pixel(s, s.pattern_probe.peak)
@@ -67,7 +67,7 @@ def peak_pixel_share(s: Situation) -> float:
 
 @cached_per_situation
 def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
-    """Return the largest sum over pixels of the squared shares that a PSF gives them.
+    """Bound the sum over pixels of a PSF's squared shares, under any effects.
 
     beyond: if given, only the light beyond a square of so many metres to each side counts.
     """
@@ -82,9 +82,10 @@ def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
 
 
 def _on_pixel(s: Situation, density: float) -> float:
-    """Return a PSF's density in the middle of band and field, 1/m², as a share on a pixel.
+    """Bound a PSF's share on one pixel under any effects from its density at the centre.
 
-    The result is an upper bound over band and field.
+    density: the PSF's in 1/m², in the middle of band and field. The bound holds over the whole band
+    and field.
     """
     density *= _brighter(s)
     if s.camera.separation:
@@ -95,14 +96,14 @@ def _on_pixel(s: Situation, density: float) -> float:
 
 
 def zeroth_order_share(s: Situation) -> float:
-    """Return the largest share of a point's light that doesn't go to orders off the sensor."""
+    """Bound the share of a point's light that the panel orders effect keeps on the sensor."""
     if can_orders_reach_sensor(s) or is_uniform_scene(s):
         return 1.0
     return min(1.05 * s.pattern_probe.zeroth_order_share, 1.0)
 
 
 def can_orders_reach_sensor(s: Situation) -> bool:
-    """Whether side orders of any light can reach a pixel.
+    """Whether the panel orders effect can occur: side orders of any light can reach a pixel.
 
     The first order begins half a period from the light's image.
     """
@@ -112,12 +113,15 @@ def can_orders_reach_sensor(s: Situation) -> bool:
 
 
 def _brighter(s: Situation) -> float:
-    """Return how much denser a PSF may be at the band's short end than at its centre."""
+    """Return how much denser PSFs are at the band's short end, for bounds on effects.
+
+    The result is relative to the band's centre.
+    """
     return _SETTINGS.margin * s.band.centre**2 / s.band.support[0] ** 2
 
 
 def mtf_bound(s: Situation, frequency: Array) -> Array:
-    """Return an upper bound of the MTF |H| of any PSF, at cycles per metre on the sensor."""
+    """Bound the MTF ``|H|`` of any PSF under any effects, at cycles per metre on the sensor."""
     if not has_known_psf(s):
         return np.ones_like(frequency)
     spread = _SETTINGS.frequency_factor * s.band.support[1] / s.band.support[0]
@@ -131,10 +135,10 @@ def mtf_bound(s: Situation, frequency: Array) -> Array:
 
 
 def illuminated_area_change(s: Situation) -> float:
-    """Return the panel's area that is lit from only one of the axis and a corner of the field.
+    """Return the panel area lit from only one of axis and field corner, for off-axis effects.
 
-    It is relative to the area that is lit from the axis. A shadow that moves by v changes v times
-    its width on either side.
+    The area is relative to the one that is lit from the axis. A shadow that moves by v changes v
+    times its width on either side.
     """
     sensor, lens = s.camera.sensor, s.camera.lens
     corner = math.hypot(*(n * sensor.pitch / 2 for n in sensor.shape))
@@ -147,9 +151,9 @@ def illuminated_area_change(s: Situation) -> float:
 
 @cached_per_situation
 def max_vignetting_change(s: Situation) -> float:
-    """Return the largest share of a point's light that is lost or gained off the axis.
+    """Return the vignetting effect's largest relative change of a point's light.
 
-    It is computed at a few places of the frame and its margin, the corners included.
+    The change is computed at a few places of the frame and its margin, the corners included.
     """
     distances = {min(s.picture_probe.distances), max(s.picture_probe.distances)}
     return float((vignetting_samples(s, s.picture_probe.plane.shape, distances) - 1).abs().max())
@@ -158,9 +162,9 @@ def max_vignetting_change(s: Situation) -> float:
 def vignetting_samples(
     s: Situation, shape: Sequence[int], distances: Collection[float]
 ) -> torch.Tensor:
-    """Return the share of the light that vignetting leaves, for each distance.
+    """Sample the vignetting effect: return the share of the light left, for each distance.
 
-    It is computed at 9 x 9 places from corner to corner of `shape` pixels.
+    The share is computed at 9 x 9 places from corner to corner of `shape` pixels.
     """
     camera = s.camera
     if not s.mount.is_aligned:
@@ -171,7 +175,7 @@ def vignetting_samples(
 
 
 def is_uniform_scene(s: Situation) -> bool:
-    """Whether all light is uniform and endless, and no layer hides another."""
+    """Whether blur has no effect: all light is uniform and endless, and no layer hides another."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return (
         bool(parts) and all(isinstance(one, UniformLight) for one in parts) and not has_occlusion(s)
@@ -179,8 +183,8 @@ def is_uniform_scene(s: Situation) -> bool:
 
 
 def blur_sensitivity(s: Situation) -> float:
-    """Return the largest share of the light that a change of the PSF can change.
+    """Return the largest share of the light that effects on the PSF can change.
 
-    Uniform, endless light stays so, except for what vignetting changes of it.
+    In uniform, endless light, they change only its vignetting.
     """
     return min(max_vignetting_change(s), 1.0) if is_uniform_scene(s) else 1.0

@@ -37,9 +37,9 @@ class PSFReach(BlurEffect):
     levels = tuple(f"{n} px" for n in LEVELS.windows)
 
     def finest_level(self, s: Situation) -> int:
-        """Return the level whose window holds all of the zeroth order that can reach a pixel.
+        """Return the PSF reach effect's level whose window holds all useful zeroth-order light.
 
-        The order is widest at the longest wavelength.
+        Useful light can reach a pixel. The zeroth order is widest at the longest wavelength.
         """
         longest = max(s.band.support[1], s.band.leak_range[1] if s.band.leak else 0.0)
         period = longest * as_number(s.camera.ray_matrix_b) / s.camera.panel.pitch
@@ -53,8 +53,8 @@ class PSFReach(BlurEffect):
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         how = f"audited ×{self.audit_margin:g}: Young; light beyond, in the far field"
         missing = sum(
-            share * math.sqrt(psf_energy_bound(s, _half(s, level, longest)))
-            for share, longest in _waves(s)
+            share * math.sqrt(psf_energy_bound(s, _window_half_side(s, level, longest)))
+            for share, longest in _longest_waves(s)
         ) * total_electrons(s)
         outside = self.audit_margin * _beyond(s, level)
         change = min(outside * sharp_norm_bound(s), missing, light_norm_bound(s))
@@ -65,8 +65,8 @@ class PSFReach(BlurEffect):
         return f"{_beyond(s, 0):.2g} of a point's light falls more than {half:.0f} pixels from it"
 
 
-def _waves(s: Situation) -> list[tuple[float, float]]:
-    """Return the largest shares of the light and the longest wavelength, of band and leak.
+def _longest_waves(s: Situation) -> list[tuple[float, float]]:
+    """Return (largest share of light, longest wavelength) of band and leak, for the reach effect.
 
     PSFs are widest at the longest wavelength.
     """
@@ -74,10 +74,10 @@ def _waves(s: Situation) -> list[tuple[float, float]]:
     return [(1.0, s.band.support[1]), *leak]
 
 
-def _half(s: Situation, level: int, longest: float) -> float:
-    """Return the metres from a point's image to the side of a PSF's window, at the band's centre.
+def _window_half_side(s: Situation, level: int, longest: float) -> float:
+    """Return the metres from a PSF window's centre to its side at a level of the reach effect.
 
-    They are scaled from the longest wavelength to the centre.
+    The metres hold at the band's centre. They are scaled from the longest wavelength to the centre.
     """
     half = (LEVELS.windows[level] / 2 - 1) * s.camera.sensor.pitch
     turned = abs(math.cos(2 * s.mount.rotation)) < 1 - 1e-9
@@ -85,9 +85,9 @@ def _half(s: Situation, level: int, longest: float) -> float:
 
 
 def _beyond(s: Situation, level: int) -> float:
-    """Return the share of a point's light outside the PSF's window."""
+    """Return the share of a point's light that a level of the PSF reach effect cuts off."""
     found = (
-        share * s.pattern_probe.share_beyond(_half(s, level, longest))
-        for share, longest in _waves(s)
+        share * s.pattern_probe.share_beyond(_window_half_side(s, level, longest))
+        for share, longest in _longest_waves(s)
     )
     return min(sum(found), 1.0)

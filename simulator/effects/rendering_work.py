@@ -119,7 +119,7 @@ def added_operations(s: Situation, levels: Mapping[str, int], name: str) -> floa
 
 
 def rendering_operations(s: Situation, levels: Mapping[str, int]) -> float:
-    """Return the operations of rendering a picture, without those of the sensor's stages."""
+    """Return the operations of rendering at given effect levels, without the sensor's stages."""
     return _operations(s, tuple(levels.get(one, 0) for one in _RELEVANT_EFFECTS))
 
 
@@ -145,13 +145,13 @@ def _operations(s: Situation, found: tuple[int, ...]) -> float:
 
 
 def _picture_oversampling(s: Situation, levels: Mapping[str, int]) -> float:
-    """Return the samples of a picture when it is drawn, over the samples of the light."""
+    """Return how many drawn samples the light-sampling effect uses per sample of light."""
     along = math.ceil(LEVELS.samples[levels.get(LIGHT_SAMPLING, 0)] / s.coarsest_sampling)
     return float(along**2)
 
 
 def _count_steps(s: Situation, levels: Mapping[str, int]) -> _Counts:
-    """Count the PSFs, transforms and pictures that rendering a picture takes."""
+    """Count the PSFs, transforms and pictures that rendering takes at given effect levels."""
     target = s.target.for_camera(s.camera)
     parts = sum(len(layer.parts) for layer in target.layers)
     distances = {layer.distance for layer in target.layers}
@@ -191,7 +191,7 @@ def _count_steps(s: Situation, levels: Mapping[str, int]) -> _Counts:
 
 
 def _flicker_field_count(s: Situation, levels: Mapping[str, int]) -> int:
-    """Return the number of fields that represent a panel's flickering field."""
+    """Return the number of panel fields that represent the panel flicker effect."""
     if not levels.get("flicker", 0):
         return 1
     reach = max(float(phase.abs().max()) for phase in s.pattern_probe.phases)
@@ -199,7 +199,7 @@ def _flicker_field_count(s: Situation, levels: Mapping[str, int]) -> int:
 
 
 def first_level_reaching(values: tuple[int, ...], least: float) -> int:
-    """Return the level of the first value that is at least `least`, or the last level."""
+    """Return an effect's first level whose value is at least `least`, or its last level."""
     for level, value in enumerate(values):
         if value >= least:
             return level

@@ -15,7 +15,7 @@ P = ParamSpec("P")
 def cached_per_situation(
     find: Callable[Concatenate[Situation, P], T],
 ) -> Callable[Concatenate[Situation, P], T]:
-    """Decorate a function of a situation so that its results are kept with the situation.
+    """Decorate an effect's function of a situation so that the situation keeps its results.
 
     The results are deleted with the situation. A cache of the function's own would keep situations
     alive that nothing else uses any more.
@@ -34,7 +34,7 @@ def cached_per_situation(
 
 
 def cached_across_exposures(s: Situation, what: str, find: Callable[[], T]) -> T:
-    """Return a result that doesn't depend on exposure time and start, computing it once.
+    """Return an effect's result that is computed once for all exposure times and starts.
 
     what: name of the result, and of everything else that it depends on. If the target moves, each
     exposure time has a result of its own.

@@ -81,7 +81,7 @@ class LightSampling(BlurEffect):
 
 
 def _aliasing_gain(s: Situation, samples: int) -> Gain:
-    """Return the bound of a picture's aliasing by frequency, for so many samples per pixel.
+    """Bound the light-sampling effect's aliasing by frequency, for `samples` per pixel.
 
     Where a picture has edges, its spectrum falls with 1/k, and the mean over a sample's cell falls
     with another 1/k: aliases from beyond the samples' Nyquist frequency add (k / (n - k))² of the
@@ -107,9 +107,9 @@ def _aliasing_gain(s: Situation, samples: int) -> Gain:
 
 
 def _spectral_decay(s: Situation) -> int:
-    """Return the least power of the frequency with which the pictures' spectra fall.
+    """Return the slowest decay of the pictures' spectra, for the light-sampling effect.
 
-    It is that at the pixels' Nyquist frequency.
+    The decay is a power of the frequency, found at the pixels' Nyquist frequency.
     """
     found = []
     for layer in s.target.layers:
@@ -121,6 +121,6 @@ def _spectral_decay(s: Situation) -> int:
 
 
 def _has_exact_spectra(s: Situation) -> bool:
-    """Whether the spectra of all pictures are known by formula, for any samples."""
+    """Whether light sampling has no effect, because formulas give the pictures' spectra."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return all(one.has_exact_spectrum for one in parts) and not has_occlusion(s)

@@ -68,10 +68,10 @@ class ShotNoise(Effect):
         )
 
     def _bound_without_noise(self, s: Situation) -> Bound:
-        """Return the bound of leaving shot noise out.
+        """Bound the picture's error if the shot noise effect is left out.
 
-        It is the variance of the number of electrons, with a rounding step and the full well's
-        effect.
+        The bound follows from the variance of the number of electrons, a rounding step and full
+        wells.
         """
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         step = sensor.gain
@@ -91,7 +91,7 @@ class ShotNoise(Effect):
         )
 
     def _gaussian_bound(self, s: Situation) -> Bound:
-        """Return the bound of replacing Poisson's distribution by a normal one.
+        """Bound the shot noise effect's error if a normal distribution replaces Poisson's.
 
         Means and variances agree except where full wells and rounding cut the distributions. The
         cumulative distributions differ by 0.068 / √electrons: 1/(6 √(2π)) from Edgeworth's first
@@ -107,13 +107,13 @@ class ShotNoise(Effect):
         return Bound(
             mean * count + 0.2 * wells,
             variance * count + 0.6 * knee * wells,
-            _sigma(variance, sensor) * count + math.sqrt(0.6 * knee) * wells,
+            _max_sigma_change(variance, sensor) * count + math.sqrt(0.6 * knee) * wells,
             0.068 / math.sqrt(FEW_ELECTRONS),
             "audited ×1.5: first term of Edgeworth's series",
         )
 
     def _skewed_gaussian_bound(self, s: Situation) -> Bound:
-        """Return the bound of replacing Poisson's distribution by a skewed normal one.
+        """Bound the shot noise effect's error if a skewed normal distribution replaces Poisson's.
 
         The skewed one has the right third and fourth moments. The cumulative distributions differ
         by 3e-4 at ten electrons, and by less for more electrons.
@@ -124,16 +124,17 @@ class ShotNoise(Effect):
         return Bound(
             mean * count,
             variance * count,
-            _sigma(variance, sensor) * count,
+            _max_sigma_change(variance, sensor) * count,
             distance,
             "audited ×1.1: against Poisson's distribution, from ten electrons on",
         )
 
 
-def _sigma(variance: float, sensor: Sensor) -> float:
-    """Return the largest change of a standard deviation for a change of the variance.
+def _max_sigma_change(variance: float, sensor: Sensor) -> float:
+    """Bound the error of σ from an error of the shot noise effect's variance.
 
-    It is largest where the variance is least: a step of the converter may hide all of it.
+    The error of σ is largest where the variance is least: a step of the converter may hide all of
+    it.
     """
     return (
         math.sqrt(variance)

@@ -35,12 +35,12 @@ class SpectralMeasure:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no light frees any electron."""
+        """Whether light frees no electrons, so that the band or the leak has no effect."""
         return not self.electrons.size or not self.electrons.any()
 
     @cached_property
     def nodes(self) -> Array:
-        """Return the 49 Chebyshev points of the wavelength range in metres.
+        """Return the 49 Chebyshev wavelengths in metres for the effects of band and leak.
 
         A transfer function, which is smooth over the range, is interpolated between them.
         """
@@ -50,33 +50,39 @@ class SpectralMeasure:
         return np.asarray((low + high) / 2 - (high - low) / 2 * np.cos(turns))
 
     def weight_errors(self, count: int) -> Array:
-        """Return the errors of the nodes' weights if `count` Gauss nodes replace the spectrum.
+        """Return the errors of the weights if an effect's `count` Gauss nodes stand for the light.
 
-        The weights are those by which values at `nodes` are integrated. The errors are relative to
-        the brightest channel of each part, (channels, parts, nodes).
+        The weights integrate values at `nodes` over the spectrum. The errors are relative to the
+        brightest channel of each part, (channels, parts, nodes).
         """
-        return _wrong(self, count)
+        return _weight_errors(self, count)
 
     @cached_property
-    def _true(self) -> Array:
-        """Return the weights that integrate values at the nodes over the whole spectrum."""
+    def _exact_weights(self) -> Array:
+        """Return the nodes' exact weights, from which a level of the bandwidth effect deviates.
+
+        The weights integrate values at the nodes over the whole spectrum.
+        """
         return np.asarray(
             self.electrons @ interpolation_weights(self.nodes.tolist(), self.wavelengths).T
         )
 
 
 @lru_cache(maxsize=256)
-def _wrong(one: SpectralMeasure, count: int) -> Array:
-    """Return the errors of a spectral measure's weights; see SpectralMeasure.weight_errors."""
+def _weight_errors(one: SpectralMeasure, count: int) -> Array:
+    """Return the errors of a band effect's weights; see SpectralMeasure.weight_errors()."""
     found, weights = gauss_quadrature(one.wavelengths, one.electrons, count)
     masses = one.electrons.sum(-1).max(0)
     masses = np.where(masses > 0, masses, 1.0)[None, :, None]
-    apart = weights @ interpolation_weights(one.nodes.tolist(), found).T - one._true
+    apart = weights @ interpolation_weights(one.nodes.tolist(), found).T - one._exact_weights
     return np.asarray(apart / masses)
 
 
 def spectral_measure(s: Situation, which: Literal["band", "leak"]) -> SpectralMeasure:
-    """Return the electrons of a situation's light by wavelength, in the band or in the leak."""
+    """Return the electrons by wavelength for the effects of a filter's band or leak.
+
+    The situation's light frees these electrons.
+    """
     parts = [part for layer in s.target.for_camera(s.camera).layers for part in layer.parts]
     sensor = s.camera.sensor
     curves = [sensor.spectral_efficiency or Spectrum.flat(sensor.quantum_efficiency)]
@@ -91,17 +97,17 @@ def spectral_measure(s: Situation, which: Literal["band", "leak"]) -> SpectralMe
 def _measure(
     spectra: tuple[Spectrum, ...], curves: tuple[Spectrum, ...], band: Band, leak: bool
 ) -> SpectralMeasure:
-    """Return a spectral measure, cached by the values of light and filter.
+    """Return the spectral measure for a filter's effects, cached by the values of light and filter.
 
-    They are the same for every pattern.
+    The measure is the same for every pattern.
     """
     return SpectralMeasure(*electrons_by_wavelength(spectra, curves, band, leak))
 
 
 def leak_share(s: Situation) -> float:
-    """Return the leak's largest share of the electrons of any part and channel.
+    """Return the leak effect's largest share of any part's electrons in a channel.
 
-    It is relative to the electrons of the part's brightest channel.
+    The share is relative to the electrons of the part's brightest channel.
     """
     if not s.band.leak:
         return 0.0

@@ -52,15 +52,16 @@ class LampFlicker(OnOffEffect):
         )
 
     def _max_row_deviation(self, s: Situation) -> float:
-        """Return the largest deviation of the lamp's mean light from 1 over any row's exposure.
+        """Return the lamp flicker effect's largest deviation of a row's mean light from 1.
 
-        Without a rolling shutter, all rows are exposed with the first.
+        The mean is over the row's exposure. Without a rolling shutter, all rows are exposed with
+        the first.
         """
         begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
         return float(np.abs(_lamp(s).mean(begins, begins + s.exposure) - 1).max())
 
     def _mean_deviation(self, s: Situation) -> float:
-        """Return an upper bound of the mean deviation of the lamp's light within the exposure.
+        """Bound the lamp flicker effect's mean deviation of the light within the exposure.
 
         The panel or a motion may favour bright or dark times. The deviation is computed from exact
         means over 4096 parts of the exposure; a bound of what they can't show is added.
@@ -77,7 +78,7 @@ class LampFlicker(OnOffEffect):
 
 
 def _lamp(s: Situation) -> Waveform:
-    """Return the waveform of the target's lamp, which must have one."""
+    """Return the lamp's waveform for the lamp flicker effect; the target must have a lamp."""
     assert s.target.lamp is not None
     return s.target.lamp
 
@@ -110,7 +111,10 @@ class RollingShutter(PixelwiseEffect):
         )
 
     def _row_difference(self, s: Situation) -> float:
-        """Return the largest share of the light that differs between any row and the first."""
+        """Bound the rolling shutter effect: how much a row's light differs from the first row's.
+
+        The result is the largest difference of any row, as a share of the light.
+        """
         begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
         if s.target.is_moving or s.panel_content.is_changing:
             # Each of the two exposures has light of its own for as long as they don't overlap.

@@ -26,19 +26,19 @@ class LightPath(Protocol):
     """
 
     def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Return a layer's light of all wavelengths, one spectrum for each channel."""
+        """Render a layer's light of all wavelengths, as one spectrum for each channel."""
         ...
 
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Return a layer's light of one wavelength, one spectrum for each channel."""
+        """Render a layer's light of one wavelength, as one spectrum for each channel."""
         ...
 
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor:
-        """Return the spectrum of a layer's blurred cover at one wavelength.
+        """Render a layer's blurred cover at one wavelength, as a spectrum.
 
         The cover is the share of the light behind that the layer hides.
         """
@@ -52,7 +52,7 @@ class ZerothOrderPath:
         self._gathering, self._objects, self._spreading = gathering, objects, spreading
 
     def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Return a layer's light of all wavelengths, one spectrum for each channel.
+        """Render a layer's zeroth-order light of all wavelengths, one spectrum for each channel.
 
         The PSFs of all wavelengths are added before the convolution.
         """
@@ -84,7 +84,7 @@ class ZerothOrderPath:
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Return a layer's light of one wavelength, one spectrum for each channel."""
+        """Render a layer's zeroth-order light of one wavelength, one spectrum for each channel."""
         layer, weights = self._spreading.layers[number], self._spreading.weights(number)
         total = self._gathering.zero_spectra(self._spreading.channels)
         where = self._objects.placement(layer, cell)
@@ -92,7 +92,7 @@ class ZerothOrderPath:
         transfers = self._transfers(number, node, cell, count)
         for part, one in enumerate(layer.parts):
             shining = self._objects.light_spectra(one.picture, layer, where)
-            light = _through(transfers, shining)
+            light = _apply_transfers(transfers, shining)
             for channel in range(self._spreading.channels):
                 total[channel] += float(weights[channel, part, node]) * light
         return total
@@ -100,18 +100,18 @@ class ZerothOrderPath:
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor:
-        """Return the spectrum of a layer's blurred cover at one wavelength."""
+        """Render the spectrum of a layer's cover at one wavelength, blurred by its PSF."""
         layer = self._spreading.layers[number]
         where = self._objects.placement(layer, cell)
         assert where is not None
         assert layer.cover is not None
         covers = self._objects.cover_spectra(layer.cover, where)
-        return _through(self._transfers(number, node, cell, count), covers)
+        return _apply_transfers(self._transfers(number, node, cell, count), covers)
 
     def _transfers(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Return the transfer functions of a layer at one wavelength, one for each place."""
+        """Return a layer's transfer functions for rendering one wavelength, one for each place."""
         return [
             self._gathering.transfers(
                 [self._spreading.psf(number, node, place, cell, count)], _ONE, "occlusion"
@@ -120,8 +120,10 @@ class ZerothOrderPath:
         ]
 
 
-def _through(transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor]) -> torch.Tensor:
-    """Return the sum of spectra times their transfer functions."""
+def _apply_transfers(
+    transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor]
+) -> torch.Tensor:
+    """Render blur: sum the places' spectra times their transfer functions."""
     total = transfers[0] * spectra[0]
     for transfer, spectrum in zip(transfers[1:], spectra[1:], strict=True):
         total += transfer * spectrum
@@ -138,7 +140,7 @@ class Compositor(ABC):
 
     @abstractmethod
     def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Return the spectra of the light on samples, one for each channel."""
+        """Render all layers into one image, as spectra of the light on samples for each channel."""
 
 
 class AdditiveCompositor(Compositor):
@@ -168,7 +170,10 @@ class OccludingCompositor(Compositor):
         return [self.gathering.transform_samples(light, "occlusion") for light in total]
 
     def _wavelength_light(self, node: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Return the light of one wavelength on samples, for each channel."""
+        """Render the light of one wavelength, near layers before far ones, for each channel.
+
+        The result is light on samples.
+        """
         samples, layers = self.gathering.samples, self.spreading.layers
         behind: list[torch.Tensor] = []
         for number in reversed(range(len(layers))):
@@ -190,7 +195,7 @@ class OccludingCompositor(Compositor):
 def composite_over(
     behind: torch.Tensor, front: torch.Tensor, cover_share: torch.Tensor
 ) -> torch.Tensor:
-    """Return the light on samples of what lies behind, with a nearer layer before it.
+    """Render a nearer layer before what lies behind it; return the light on samples.
 
     behind, front: blurred light of each. cover_share: blurred cover of the nearer layer, 0 to 1:
     the share of the rays to a sample that it stops. These rays are taken to be as bright as the

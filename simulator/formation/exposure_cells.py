@@ -40,7 +40,9 @@ class ExposureCell:
 
 
 def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
-    """Divide a situation's exposure into cells.
+    """Divide the exposure of a rendered image into cells with one mean PSF each.
+
+    The object has one path in each cell.
 
     Raises ValueError for an exposure that isn't positive and finite.
     """
@@ -66,7 +68,7 @@ def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
 
 
 def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, float]]:
-    """Yield the begins and ends of the parts into which a motion divides the exposure.
+    """Yield begin and end of each part of the exposure that is rendered for a moving target.
 
     The recipe gives the number of parts per exposure time.
     """
@@ -81,7 +83,10 @@ def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, 
 def _shift_and_path(
     s: Situation, recipe: Recipe, begin: float, end: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the moving target's shift and path, (y, x) metres, during a part of an exposure."""
+    """Return a moving target's shift and path, (y, x) metres, while part of an image is formed.
+
+    Both are (0, 0) if the target doesn't move.
+    """
     if not s.target.is_moving:
         return (0.0, 0.0), (0.0, 0.0)
     vy, vx = s.target.velocity
@@ -103,7 +108,7 @@ class _PanelTimes:
     end: float
 
     def still_picture_weights(self) -> list[tuple[PictureShares, Array]]:
-        """Return the pictures and their weights if the crystal responds at once.
+        """Return panel pictures and their weights in the image if the crystal responds at once.
 
         If all rows see the same, all pictures are in one cell.
         """
@@ -115,7 +120,7 @@ class _PanelTimes:
         return [(PictureShares(shares), np.array([total]))] if present else []
 
     def responding_frame_weights(self) -> list[tuple[FrameSequence, Array]]:
-        """Return parts of a video's frames and their weights if the crystal responds slowly."""
+        """Return parts of video frames and their weights in the image for a slow crystal."""
         parts = 8  # Rows and lamp weight each eighth of a frame by itself.
         shown, seconds = self.s.panel_content, self.s.panel_content.frame_time / parts
         weights = self._row_weights(parts, lambda part: divmod(part, parts))
@@ -137,7 +142,9 @@ class _PanelTimes:
         return [(FrameSequence(shown.names, shown.frame_time, shares), np.array([total]))]
 
     def _row_weights(self, parts: int, of: Callable[[int], K]) -> dict[K, Array]:
-        """Return the seconds of mean light that each row sees of each of a video's items.
+        """Return the seconds for which each row of the rendered image sees each item of a video.
+
+        Each second is weighted by the lamp's light, relative to its mean.
 
         of: returns the item, such as a picture's name, of a part of a frame. Items that no row sees
         are left out.
@@ -151,7 +158,10 @@ class _PanelTimes:
         return {key: weight for key, weight in weights.items() if weight.any()}
 
     def _intervals(self, parts: int) -> Iterator[tuple[NDArray[np.int64], Array, Array]]:
-        """Yield (index of the part of a frame, begins, ends) in batches, for all that is shown."""
+        """Yield, in batches, when the panel shows each picture while the image is formed.
+
+        Each batch is (index of the part of a frame, begins, ends).
+        """
         shown = self.s.panel_content
         if not shown.is_changing or math.isinf(shown.frame_time):
             yield np.zeros(1, dtype=np.int64), np.array([self.begin]), np.array([self.end])
@@ -170,7 +180,10 @@ class _PanelTimes:
             yield index % (parts * len(shown.names)), begins, np.maximum(ends, begins)
 
     def _light_seconds(self, begins: Array, ends: Array) -> Array:
-        """Return the seconds of mean light that rows see of intervals, (rows, intervals)."""
+        """Return the seconds of mean light that the image's rows collect, (rows, intervals).
+
+        Each row collects light only while it is exposed.
+        """
         low = np.maximum(begins, self.starts[:, None])
         high = np.maximum(np.minimum(ends, self.starts[:, None] + self.s.exposure), low)
         lamp = self.s.target.lamp

@@ -74,7 +74,10 @@ class Kernels:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Return the cache key of all that PSFs depend on, without point and panel state."""
+        """Return the cache key of rendered PSFs, without point and panel state.
+
+        The key has everything else that the PSFs depend on.
+        """
         r = self._recipe
         beats = complex(self._s.path.interference) if self._s.path and r.interference else 0j
         axes = (self.plane.shape, r.window, r.samples_per_pixel, r.dispersion, beats, r.diffraction)
@@ -87,7 +90,7 @@ class Kernels:
         effect: str,
         order: Order | None = None,
     ) -> torch.Tensor:
-        """Return the PSF of a point, from the cache or computed.
+        """Return the PSF that a point is rendered with, from the cache or computed.
 
         effect: the effect in the ledger for which it is computed. order: the diffraction order
         whose cell alone is returned; if None, all light in the window.
@@ -96,21 +99,21 @@ class Kernels:
         return self._cache.get(causes, lambda: self._compute_psf(panel_state, point, effect, order))
 
     def central(self, wavelength: float) -> Order | None:
-        """Return the zeroth order if the PSF's window holds more than its cell, otherwise None."""
+        """Return the zeroth order if the rendered PSF's window exceeds its cell, else None."""
         period, side = self.period(wavelength), max(self.plane.shape) * self.plane.pitch[0]
         wide = side > period - self._fading(period)
         return (0, 0) if wide and self._recipe.diffraction else None
 
     def _fading(self, period: float) -> float:
-        """Return the metres over which one diffraction order fades into the next."""
+        """Return the metres over which one rendered diffraction order fades into the next."""
         return min(ORDER_FADE_PIXELS * self.camera.sensor.pitch, period / 4)
 
     def period(self, wavelength: float) -> float:
-        """Return the metres on the sensor from one diffraction order of the panel to the next."""
+        """Return the metres on the sensor between the panel's orders, for rendering PSFs."""
         return wavelength * as_number(self.camera.ray_matrix_b) / self.camera.panel.pitch
 
     def order_centre(self, wavelength: float, order: Order) -> tuple[float, float]:
-        """Return (y, x) metres on the sensor from a point's image to an order's PSF."""
+        """Return (y, x) metres on the sensor from a point's image to a rendered order's PSF."""
         y, x = self._order_offset(wavelength, order)
         mount = self._s.mount
         y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
@@ -118,7 +121,7 @@ class Kernels:
         return y * cos + x * sin, x * cos - y * sin
 
     def _order_offset(self, wavelength: float, order: Order) -> tuple[float, float]:
-        """Return an order's offset in the panel's axes, rounded to whole samples.
+        """Return a rendered order's offset in the panel's axes, rounded to whole samples.
 
         The samples of neighbouring orders then coincide where they meet.
         """
@@ -135,7 +138,7 @@ class Kernels:
         effect: str,
         order: Order | None,
     ) -> torch.Tensor:
-        """Compute the PSF of a point, in the sensor's axes."""
+        """Render the PSF of a point in the sensor's axes, for image formation."""
         mount, modulator = self._s.mount, modulator_at(self.camera.panel, point.wavelength)
         parts = self._record_fields(seen, modulator, effect, self._window(order).shape)
         if order and any(order):
@@ -153,7 +156,7 @@ class Kernels:
     def _light(
         self, operator: PSFOperator | RayOperator, modulator: Modulator, parts: WeightedFields
     ) -> torch.Tensor:
-        """Return the PSF of the panel's fields, by waves or rays."""
+        """Render the PSF of the panel's fields, by waves or rays as the recipe says."""
         if isinstance(operator, RayOperator):
             return _ray_psf(operator, modulator, parts)
         if not self._recipe.interference or self._s.path is None:
@@ -163,7 +166,7 @@ class Kernels:
     def _side_order_light(
         self, point: PointSource, order: Order, modulator: Modulator, parts: WeightedFields
     ) -> torch.Tensor:
-        """Return the PSF of a side order.
+        """Render the PSF of a side order for image formation.
 
         Where hardly any light goes, the error may be a large share of it. The tolerance is
         therefore relaxed, up to a relative error of 0.1: such an order hardly counts in the
@@ -179,7 +182,7 @@ class Kernels:
                     raise
 
     def _vignetting_correction(self, point: PointSource) -> float:
-        """Return the factor that gives an off-axis PSF as much light as one on the axis."""
+        """Return the factor that renders an off-axis PSF as bright as one on the axis."""
         if not (self.camera.separation and any(point.place)):
             return 1.0
         here = share_through_stop(
@@ -189,14 +192,14 @@ class Kernels:
         return axis / here if here else 0.0
 
     def _window(self, order: Order | None) -> Plane:
-        """Return the plane of a PSF's window.
+        """Return the window's plane on which a PSF is rendered.
 
         A side order is far from any image, so that all of its square window counts.
         """
         return self._around_orders if order and any(order) else self.plane
 
     def _around(self, point: PointSource, order: Order) -> Plane:
-        """Return the samples of a PSF around an order, in the panel's axes."""
+        """Return the samples around an order on which a PSF is rendered, in the panel's axes."""
         plane = self._window(order)
         if not self._s.mount.is_aligned:
             plane = self._s.mount.plane_in_panel_axes(plane)
@@ -205,7 +208,7 @@ class Kernels:
     def _operator(
         self, point: PointSource, order: Order, tol: float | None = None
     ) -> PSFOperator | RayOperator:
-        """Return the operator that computes a PSF from the panel's field.
+        """Return the wave or ray operator that renders a PSF from the panel's field.
 
         Unmodulated light is left to the modulator.
         """
@@ -236,9 +239,10 @@ class Kernels:
         effect: str,
         shape: tuple[int, int],
     ) -> WeightedFields:
-        """Yield the panel's fields of an exposure cell, with a check and a ledger entry for each.
+        """Yield the panel's fields to render for an exposure cell, each with a ledger entry.
 
-        The caller computes a PSF from each field before it asks for the next.
+        The check is called for each field as well. The caller computes a PSF from each field before
+        it asks for the next.
         """
         count = psf_operations if self._recipe.diffraction else ray_operations
         panel = self.camera.panel
@@ -251,9 +255,9 @@ class Kernels:
     def _fields(
         self, seen: PictureShares | FrameSequence, modulator: Modulator
     ) -> Iterable[tuple[float, torch.Tensor]]:
-        """Return the panel's fields of an exposure cell.
+        """Return the panel's fields from which an exposure cell is rendered.
 
-        They are kept if they are needed again, at other depths, places or wavelengths.
+        The fields are kept if they are needed again, at other depths, places or wavelengths.
         """
         r, s = self._recipe, self._s
         panel, pictures, tol = self.camera.panel, s.panel_content.pictures, s.numerics
@@ -267,10 +271,10 @@ class Kernels:
         )
 
     def _cell(self, plane: Plane, wavelength: float, order: Order) -> torch.Tensor:
-        """Return the share of the light on each sample that belongs to a diffraction order.
+        """Return the share of each rendered sample's light that belongs to a diffraction order.
 
-        It is in the panel's axes. The shares of all orders add up to 1. Where two orders meet, one
-        fades out as the other fades in: a PSF that ended abruptly would cause ringing.
+        The samples are in the panel's axes. The shares of all orders add up to 1. Where two orders
+        meet, one fades out as the other fades in: a PSF that ended abruptly would cause ringing.
         """
         period = self.period(wavelength)
         inside = []
@@ -282,7 +286,9 @@ class Kernels:
 
 
 def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields) -> torch.Tensor:
-    """Return the geometric PSF of a modulator's fields, as modulated_psf() does for waves.
+    """Render a point's geometric PSF from the panel's fields by rays.
+
+    modulated_psf() does the same for waves.
 
     The light that jitter scatters goes evenly to all orders, beyond the picture.
     """
@@ -299,7 +305,9 @@ def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields)
 def _interference_psf(
     operator: PSFOperator, modulator: Modulator, parts: WeightedFields, strength: complex
 ) -> torch.Tensor:
-    """Return modulated_psf() with the interference of modulated and unmodulated light.
+    """Render a point's PSF with interference of modulated and unmodulated light.
+
+    The PSF is that of modulated_psf(), plus the interference.
 
     The interference is Re(strength conj(p) q), of the pattern's field p and the field q of light
     that the panel doesn't modulate (see optics.polarisation.PathEffect). The sensor's field is

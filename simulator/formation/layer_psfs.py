@@ -41,13 +41,16 @@ class LayerPSFs:
         self._first = self._depths[distances[0]][0][0]
 
     def weights(self, layer: int) -> NDArray[np.float64]:
-        """Return a layer's electrons per second and pixel for white, (channels, parts, nodes)."""
+        """Return the electrons per second and pixel of a rendered layer at picture value 1.
+
+        The shape is (channels, parts, nodes).
+        """
         return self._weights[layer]
 
     def psf(
         self, layer: int, node: int, place: Place, cell: ExposureCell, number: int
     ) -> torch.Tensor:
-        """Return a layer's PSF at one wavelength and place."""
+        """Return the PSF that renders a layer at one wavelength and place."""
         wavelength = self.nodes[node]
         order = self._kernels.central(wavelength.metres)
         total: torch.Tensor | None = None
@@ -62,7 +65,10 @@ class LayerPSFs:
     def order_psf(
         self, layer: int, node: int, place: Place, cell: ExposureCell, order: Order
     ) -> torch.Tensor:
-        """Return a layer's PSF in one diffraction order, around the order's centre."""
+        """Return the PSF that renders a layer in one diffraction order.
+
+        The samples are around the order's centre.
+        """
         total: torch.Tensor | None = None
         for distance, share in self._depths[self.layers[layer].distance]:
             point = PointSource(self.nodes[node].metres, distance, place)
@@ -72,11 +78,11 @@ class LayerPSFs:
         return total
 
     def order_centre(self, node: Wavelength, order: Order) -> Place:
-        """Return (y, x) metres on the sensor from an image to a diffraction order's PSF."""
+        """Return (y, x) metres on the sensor from a point's image to an order's rendered PSF."""
         return self._kernels.order_centre(node.metres, order)
 
     def _effect(self, distance: float, node: int, place: Place, number: int) -> str:
-        """Return the effect in the ledger for which a PSF is computed."""
+        """Return the effect to which the ledger ascribes the work of rendering a PSF."""
         if self.nodes[node].leak:
             return "out-of-band leak"
         if place != self._places[0]:

@@ -33,7 +33,7 @@ def expected_electrons(
     ledger: Ledger,
     check: Callable[[], None] = lambda: None,
 ) -> torch.Tensor:
-    """Render the mean photo-electrons on each pixel of a situation's picture.
+    """Render the mean image of a situation: the mean photo-electrons on each pixel.
 
     The colour filters and the pixel aperture are included; the sensor's other stages come later.
 
@@ -61,7 +61,7 @@ def expected_electrons(
     ValueError
         For an exposure that isn't positive, and for a recipe by which nothing can be rendered.
     """
-    _require(recipe)
+    _require_counts(recipe)
     target = s.target.for_camera(s.camera)
     channels = len(channel_efficiencies(s, recipe))
     total = torch.zeros((channels, *s.camera.sensor.shape), dtype=torch.float32)
@@ -79,8 +79,8 @@ def expected_electrons(
     return total[0].clamp(min=0)
 
 
-def _require(recipe: Recipe) -> None:
-    """Raise ValueError for a recipe with a count that is too small."""
+def _require_counts(recipe: Recipe) -> None:
+    """Raise ValueError if a count of the recipe is too small to render any image."""
     for name in ("window", "samples_per_pixel", "wavelengths", "depths", "places", "motion"):
         if getattr(recipe, name) < 1:
             raise ValueError(f"the recipe's {name} is {getattr(recipe, name)}; it is 1 at least")
@@ -121,7 +121,10 @@ class _Rendering:
         self._layered = layered(self._gathering, spreading, ways)
 
     def light(self, cell: ExposureCell, number: int) -> torch.Tensor:
-        """Return the light of an exposure cell, electrons per second, (channels, rows, columns)."""
+        """Render the light of an exposure cell, or take it from the cache.
+
+        The light is in electrons per second, (channels, rows, columns).
+        """
         s, r = self._s, self._recipe
         # The light doesn't depend on the recipe's fields for time, which the cell contains, or for
         # the sensor's later stages: these are set to one value in the cache key.
@@ -138,7 +141,7 @@ class _Rendering:
         return self._cache.get(causes, lambda: self._compute_light(cell, number))
 
     def _compute_light(self, cell: ExposureCell, number: int) -> torch.Tensor:
-        """Render the light of an exposure cell on the sensor's pixels."""
+        """Render the image that an exposure cell forms on the sensor's pixels."""
         aperture = self._recipe.pixel_aperture
         light = []
         for spectrum in self._layered.spectra(cell, number):
@@ -147,7 +150,7 @@ class _Rendering:
         return self._with_glare(torch.stack(light)) if self._recipe.glare else torch.stack(light)
 
     def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
-        """Return the light with veiling glare: a share is spread evenly over the sensor."""
+        """Add veiling glare to the rendered image: spread a share of its light evenly."""
         self._ledger.add("veiling glare", 3.0 * light.numel(), 4 * light.numel())
         mean = light.mean(dim=(-2, -1), keepdim=True, dtype=torch.float64).to(light)
         return torch.lerp(light, mean, self._s.camera.glare)

@@ -44,7 +44,9 @@ class Wavelengths:
 
 
 def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Wavelengths:
-    """Return the Gauss nodes of all light that counts, and each part's weights at them.
+    """Return the wavelengths at which an image is rendered, and each part's weights at them.
+
+    The wavelengths are the Gauss nodes of all light that counts.
 
     A part's weights are those of the interpolating polynomial through the nodes: they add up to all
     of the part's electrons, for any number of nodes. Without light there are no nodes.
@@ -66,7 +68,7 @@ def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Waveleng
 def electrons_by_wavelength(
     spectra: Sequence[Spectrum], curves: Sequence[Spectrum], band: Band, leak: bool
 ) -> tuple[Array, Array]:
-    """Return the electrons by wavelength of light that a filter passes in its band, or leaks.
+    """Return the electrons by wavelength for rendering light in a filter's band, or in its leak.
 
     The result is points in metres that integrate all spectra, and each point's share of the
     integral in electrons per joule of white light, (curves, spectra, points). There are no points
@@ -82,7 +84,7 @@ def electrons_by_wavelength(
 
 
 def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
-    """Return the electrons per photon of each channel.
+    """Return the electrons per photon of each channel of a rendered image.
 
     If the recipe has no mosaic, the only channel is the mean over the mosaic's pixels.
     """
@@ -94,7 +96,7 @@ def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
 
 
 def mean_curve(colour: Mosaic) -> Spectrum:
-    """Return the electrons per photon of a colour mosaic's mean pixel."""
+    """Return a colour mosaic's mean electrons per photon, to render an image without mosaic."""
     letters = "".join(colour.pattern)
     curves = [(colour.efficiencies[name], letters.count(name)) for name in colour.channels]
     nodes = sorted({x for curve, _ in curves for x in curve.wavelengths})
@@ -107,7 +109,7 @@ def mean_curve(colour: Mosaic) -> Spectrum:
 def _seen_range(
     spectra: Sequence[Spectrum], curves: Sequence[Spectrum], low: float, high: float
 ) -> tuple[float, float]:
-    """Return the part of a wavelength range in which light is emitted and detected."""
+    """Return the part of a wavelength range that is emitted and detected, to be rendered."""
     if not spectra:
         return low, low
     low = max(low, min(one.low for one in spectra), min(one.low for one in curves))
@@ -115,9 +117,9 @@ def _seen_range(
 
 
 def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Array, Array]:
-    """Return Gauss-Legendre points and weights between all kinks of the spectra.
+    """Return points and weights that integrate all spectra that form an image.
 
-    They integrate every spectrum.
+    These are Gauss-Legendre points between all kinks of the spectra.
     """
     kinks = {low, high}
     for one in every:
@@ -134,14 +136,19 @@ def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Ar
 
 
 def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) -> Array:
-    """Return electrons per metre of wavelength and joule of white light, (curves, spectra, x)."""
+    """Return the spectral density of the electrons that form an image, (curves, spectra, x).
+
+    The density is in electrons per metre of wavelength and joule of white light.
+    """
     photons = x / (constants.h * constants.c)
     sent = np.stack([one.at(x) for one in spectra])
     return np.stack([one.at(x) for one in curves])[:, None] * (sent * photons)
 
 
 def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
-    """Return the Gauss nodes of the sum of some measures of points x, and each measure's weights.
+    """Return the Gauss nodes at which light is rendered, and each measure's weights at them.
+
+    The nodes are those of the sum of the measures at points x.
 
     measures: (..., points), not negative. The weights, (..., nodes), integrate polynomials of a
     degree below the number of nodes as the measure does; for the sum of the measures, up to twice
@@ -180,15 +187,15 @@ def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Arra
 
 
 def electrons_per_radiance(camera: Camera, distance: float) -> float:
-    """Return the factor from spectral electrons to electrons per second and pixel, m² sr.
+    """Return the factor from spectral electrons to a rendered pixel's electrons per second, m² sr.
 
-    It is the camera equation of optics.throughput.electron_rate without the light.
+    The factor is the camera equation of optics.throughput.electron_rate without the light.
     """
     return irradiance_per_radiance(camera, distance) * camera.sensor.pitch**2
 
 
 def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tuple[float, float]]]:
-    """Return, for each distance, the distances whose PSFs represent it, and their weights.
+    """Return the distances whose PSFs render each distance, and their weights.
 
     `count` nodes are evenly spaced in 1/distance from the farthest to the nearest; a single node is
     in the middle. PSFs between two nodes are their weighted mean. If there are as many nodes as
@@ -214,14 +221,14 @@ def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tupl
 
 
 def _distance(vergence: float) -> float:
-    """Return the distance in metres of a vergence, infinite for 0."""
+    """Convert the vergence of a rendered depth to a distance in metres, infinite for 0."""
     return 1 / vergence if vergence > 0 else math.inf
 
 
 def field_nodes(count: int, half: float) -> list[float]:
-    """Return the Chebyshev points of the second kind along an axis of the field.
+    """Return the places along an axis of the field for which PSFs are rendered.
 
-    They go from -half to half; a single one is in the middle.
+    These are Chebyshev points of the second kind from -half to half; a single one is in the middle.
     """
     if count == 1:
         return [0.0]
@@ -229,7 +236,9 @@ def field_nodes(count: int, half: float) -> list[float]:
 
 
 def interpolation_weights(nodes: Sequence[float], at: Array) -> Array:
-    """Return the weights of values at the nodes in the interpolating polynomial, (nodes, points).
+    """Return the weights that interpolate between the nodes of a rendering, (nodes, points).
+
+    The weights are those of the polynomial through the nodes.
 
     Beyond the outermost nodes, the polynomial's value there is kept.
     """

@@ -59,7 +59,7 @@ class ObjectSpectra:
     def placement(
         self, layer: Layer, cell: ExposureCell, off: Place = (0.0, 0.0)
     ) -> LayerPlacement | None:
-        """Return the placement of a layer's picture during an exposure cell.
+        """Return where and how large a layer's picture is rendered during an exposure cell.
 
         off: (y, x) metres on the sensor by which the picture is shifted further. The result is None
         if a layer at infinity would have to be shifted.
@@ -73,7 +73,7 @@ class ObjectSpectra:
         return LayerPlacement(scale, shift, (cell.path[0] * scale, cell.path[1] * scale))
 
     def is_off_plane(self, picture: Drawable, layer: Layer, cell: ExposureCell, off: Place) -> bool:
-        """Whether a picture that is shifted by `off` lies wholly outside the plane of samples."""
+        """Whether a picture shifted by `off` is wholly outside the rendered image's samples."""
         scale = self._s.camera.magnification(layer.distance)
         ends = picture.extent(scale, cell.shift)
         plane = self._plane
@@ -86,7 +86,7 @@ class ObjectSpectra:
     def picture_spectrum(
         self, picture: Drawable, where: LayerPlacement, effect: str
     ) -> torch.Tensor:
-        """Return the spectrum of a picture, smeared along its path."""
+        """Return the spectrum with which a picture is rendered, smeared along its path."""
         return self._cache.get(
             ("object", picture, where, self._plane, self._recipe.picture_samples_per_pixel),
             lambda: self._compute_picture_spectrum(picture, where, effect),
@@ -95,7 +95,7 @@ class ObjectSpectra:
     def _compute_picture_spectrum(
         self, picture: Drawable, where: LayerPlacement, effect: str
     ) -> torch.Tensor:
-        """Compute the spectrum of a picture, smeared along its path."""
+        """Compute the spectrum with which a picture is rendered, smeared along its path."""
         spectrum = self._gathering.spectrum(picture, where.magnification, where.shift, effect)
         smear = self._gathering.motion_transfer(where.path)
         return spectrum if smear is None else spectrum * smear
@@ -103,7 +103,7 @@ class ObjectSpectra:
     def light_spectra(
         self, picture: Drawable, layer: Layer, where: LayerPlacement, off: Place = (0.0, 0.0)
     ) -> list[torch.Tensor]:
-        """Return the spectra of a picture's light for each place, with vignetting.
+        """Return the spectra of a picture's light for each rendered place, with vignetting.
 
         off: (y, x) metres on the sensor by which the picture was shifted further. For uniform
         light, the spectra are those of the deviation from uniform that vignetting causes, if any:
@@ -128,28 +128,34 @@ class ObjectSpectra:
         return self._cache.get(causes, weighted_spectra)
 
     def is_uniform(self, picture: Drawable) -> bool:
-        """Whether a picture is uniform and endless, and nothing stands before it.
+        """Whether a picture renders as uniform light: uniform, endless and hidden by nothing.
 
         Such light stays uniform however it is blurred, and whatever share goes to side orders.
         """
         return isinstance(picture, UniformLight) and not self._recipe.occlusion
 
     def uniform_dc_term(self, picture: Drawable) -> float:
-        """Return the spectrum at frequency 0 of uniform light, blurred; 0 for any other picture."""
+        """Return the rendered spectrum of uniform light at frequency 0; 0 for other pictures.
+
+        Blur doesn't change this value.
+        """
         rows, columns = self._plane.shape
         if not isinstance(picture, UniformLight) or not self.is_uniform(picture):
             return 0.0
         return picture.value * rows * columns
 
     def cover_spectra(self, cover: Drawable, where: LayerPlacement) -> list[torch.Tensor]:
-        """Return the spectra of a layer's cover for each place."""
+        """Return the spectra with which a layer's cover is rendered, one for each place."""
         bare = self.picture_spectrum(cover, where, "occlusion")
         if len(self.places) == 1:
             return [bare]
         return self._weight_by_place(bare, None)
 
     def _attenuation(self, layer: Layer, off: Place) -> torch.Tensor | None:
-        """Return the vignetting of a layer on the samples, or None if the recipe has none."""
+        """Return the vignetting of a layer on the rendered samples.
+
+        The result is None if the recipe has no vignetting.
+        """
         if not self._recipe.vignetting:
             return None
         camera, mount, plane = self._kernels.camera, self._s.mount, self._plane
@@ -164,7 +170,7 @@ class ObjectSpectra:
     def _weight_by_place(
         self, bare: torch.Tensor, attenuation: torch.Tensor | None, even: bool = False
     ) -> list[torch.Tensor]:
-        """Return a picture's spectra, weighted by vignetting and by each place of the field."""
+        """Weight a rendered picture by vignetting and field place; return the spectra."""
         effect = "vignetting" if len(self.places) == 1 else "field position"
         light = self._gathering.samples(bare, effect)
         if attenuation is not None:

@@ -41,7 +41,7 @@ class RayOperator:
         self._open = self._stop_transmission()
 
     def _rays(self) -> int:
-        """Return the rays along an axis of a panel pixel, at most 16.
+        """Return the rays along an axis of a panel pixel for rendering a PSF, at most 16.
 
         Neighbouring rays land within half a sample of each other, if the limit allows.
         """
@@ -51,7 +51,10 @@ class RayOperator:
         return min(max(1, math.ceil(2 * step / min(self.pixels.pitch))), 16)
 
     def _stop_transmission(self) -> torch.Tensor:
-        """Return the share of each bundle of rays that passes the stop, or its shadow."""
+        """Return the share of each bundle of rays that the stop lets into the rendered PSF.
+
+        For a panel apart from the lens, the stop's shadow on the panel is used.
+        """
         panel, lens = self.camera.panel, self.camera.lens
         radius = as_number(lens.stop_diameter) / 2 / self._spread
         # Bundles are evenly spaced in their pixel, around its centre.
@@ -75,16 +78,16 @@ class RayOperator:
         )
         landed = []
         for axis, at in ((0, self._y), (1, self._x)):
-            slope = _between(_slope(field, axis) / self.camera.panel.pitch, k)
+            slope = _slopes_between_pixels(_slope(field, axis) / self.camera.panel.pitch, k)
             landed.append(slope * lever + self._ray_displacement(axis, at))
         whole = light.repeat_interleave(k, 0).repeat_interleave(k, 1)
         weight = whole * self._open / (k * k * float(self._straight))
         return self._splat(landed[0], landed[1], weight)
 
     def straight(self, field: torch.Tensor | None = None, *, keep: bool = False) -> torch.Tensor:
-        """Return the geometric PSF of light without a pattern's phase.
+        """Render a point's geometric PSF for light without a pattern's phase.
 
-        keep: has no effect; a PSFOperator has it.
+        keep: has no effect; it is there because a PSFOperator has it.
         """
         del keep
         one = torch.ones(self.camera.panel.shape, dtype=torch.complex64)
@@ -92,11 +95,14 @@ class RayOperator:
 
     @property
     def _straight(self) -> torch.Tensor:
-        """Return the light of a unit field that leaves the pupil."""
+        """Return the light from the pupil for a unit field, the reference for rendering by rays."""
         return pupil_amplitude(replace(self.camera, separation=0.0)).sum()
 
     def _ray_displacement(self, axis: int, at: torch.Tensor) -> torch.Tensor:
-        """Return how far rays land from the geometric image by defocus and aberrations, metres."""
+        """Return how far rendered rays land from the geometric image, in metres.
+
+        Defocus and aberrations displace them.
+        """
         lens, away = self.camera.lens, object_to_lens_distance(self.camera, self._distance)
         share = 1e-4  # Slopes are differences over this share of the stop's radius.
         z2, radius = lens.image_distance, as_number(lens.stop_diameter) / 2
@@ -107,7 +113,9 @@ class RayOperator:
             bent = here * (1 / away - 1 / lens.focus_distance)
         else:
             step = share * radius
-            ends = [(here + sign * step) ** 2 + self._other(axis) ** 2 for sign in (1, -1)]
+            ends = [
+                (here + sign * step) ** 2 + self._other_coordinate(axis) ** 2 for sign in (1, -1)
+            ]
             paths = [defocus_path(lens, away, end) for end in ends]
             bent = (paths[0] - paths[1]) / (2 * step)
         for n, m, path in lens.aberrations:
@@ -117,12 +125,15 @@ class RayOperator:
             bent = bent + path * (ahead - behind) / (2 * share * radius)
         return bent * z2
 
-    def _other(self, axis: int) -> torch.Tensor:
-        """Return the rays' places in the lens along the other axis, in metres."""
+    def _other_coordinate(self, axis: int) -> torch.Tensor:
+        """Return where rendered rays meet the lens along the other axis, in metres."""
         return (self._x if axis == 0 else self._y) * self._spread
 
     def _splat(self, y: torch.Tensor, x: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-        """Divide each ray's light among the four samples around it, by their distances."""
+        """Render rays into an image: share each ray's light among the four samples around it.
+
+        The shares are bilinear in the ray's place.
+        """
         rows, columns = self.pixels.shape
         py, px = self.pixels.pitch
         y = ((y - self.pixels.centre[0]) / py + rows // 2).expand(weight.shape).reshape(-1)
@@ -141,9 +152,9 @@ class RayOperator:
 
 
 def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
-    """Return the wavefront's slope in radians per pixel, float64.
+    """Return the wavefront's slope for rendering by rays, radians per pixel, float64.
 
-    It is the mean of the phase steps to both neighbours, modulo a wave.
+    The slope is the mean of the phase steps to both neighbours, modulo a wave.
     """
     n = field.shape[axis]
     if n == 1:
@@ -154,8 +165,11 @@ def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
     return (torch.cat([first, ahead], axis) + torch.cat([ahead, last], axis)) / 2
 
 
-def _between(slopes: torch.Tensor, k: int) -> torch.Tensor:
-    """Return slopes at k places along each axis of every pixel, linear between pixels' centres."""
+def _slopes_between_pixels(slopes: torch.Tensor, k: int) -> torch.Tensor:
+    """Interpolate the slopes of rendered rays at k places along each axis of every pixel.
+
+    The interpolation is linear between pixels' centres.
+    """
     if k == 1:
         return slopes
     shape = (slopes.shape[0] * k, slopes.shape[1] * k)

@@ -59,23 +59,26 @@ class SampleGrid:
 
     @property
     def operations(self) -> float:
-        """Return the operations of one Fourier transform of all samples."""
+        """Return the operations of one Fourier transform of the rendered image's samples."""
         return transform_operations(*self.plane.shape)
 
     def _count(self, effect: str) -> None:
-        """Enter one transform in the ledger."""
+        """Enter one Fourier transform of image formation in the ledger."""
         self._check()
         self._ledger.add(effect, self.operations, 8 * math.prod(self.plane.shape))
 
     def zero_spectra(self, count: int) -> list[torch.Tensor]:
-        """Return spectra of no light."""
+        """Return `count` spectra of a rendered image without light."""
         rows, columns = self.plane.shape
         return [torch.zeros(rows, columns // 2 + 1, dtype=torch.complex64) for _ in range(count)]
 
     def spectrum(
         self, picture: Drawable, magnification: float, shift: tuple[float, float], effect: str
     ) -> torch.Tensor:
-        """Return the spectrum of a picture that is shifted by (y, x) metres on the object."""
+        """Draw a picture for image formation and return its spectrum.
+
+        shift: (y, x) metres on the object.
+        """
         if picture.has_exact_spectrum or self._drawn == self.plane:
             self._count(effect)
             return picture.spectrum(self.plane, magnification, shift).to(torch.complex64)
@@ -85,34 +88,36 @@ class SampleGrid:
         return _crop_spectrum(spectrum, self._drawn.shape, self.plane.shape)
 
     def samples(self, spectrum: torch.Tensor, effect: str) -> torch.Tensor:
-        """Return the picture of a spectrum on the samples, (rows, columns)."""
+        """Transform a rendered image's spectrum to its samples, (rows, columns)."""
         self._count(effect)
         return origin_to_centre(irfft2(spectrum, self.plane.shape))
 
     def transform_samples(self, samples: torch.Tensor, effect: str) -> torch.Tensor:
-        """Return the spectrum of a picture on the samples."""
+        """Transform a rendered image's samples to their spectrum."""
         self._count(effect)
         return rfft2(origin_to_corner(samples)).to(torch.complex64)
 
     def transfers(
         self, psfs: Sequence[torch.Tensor], weights: Array, effect: str
     ) -> list[torch.Tensor]:
-        """Return the transfer functions of weighted sums of PSFs; weights: (sums, PSFs).
+        """Return transfer functions for rendering, of weighted sums of PSFs.
+
+        weights: (sums, PSFs).
 
         The sums are formed before or after the transform, whichever needs fewer transforms.
         """
         if len(psfs) <= len(weights):
             known = [self._transfer(psf, effect) for psf in psfs]
-            return [_sum(known, row) for row in weights]
-        return [self._transfer(_sum(psfs, row), effect) for row in weights]
+            return [_weighted_sum(known, row) for row in weights]
+        return [self._transfer(_weighted_sum(psfs, row), effect) for row in weights]
 
     def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
-        """Return the transfer function of one PSF."""
+        """Return the transfer function that renders the blur of one PSF."""
         self._count(effect)
         return _transform_centred_part(psf.to(torch.float32), self.plane.shape)
 
     def motion_transfer(self, path: tuple[float, float]) -> torch.Tensor | None:
-        """Return the transfer function of a uniform motion along `path`, or None without motion.
+        """Return the transfer function that renders uniform motion; None without motion.
 
         path: (y, x) metres on the sensor.
         """
@@ -123,13 +128,13 @@ class SampleGrid:
 
     @cached_property
     def _aperture(self) -> torch.Tensor:
-        """Return the transfer function of the pixel aperture."""
+        """Return the transfer function that renders the pixel aperture."""
         return pixel_transfer(*self.plane.shape, self.finer).to(torch.float32)
 
     def light_on_pixels(self, spectrum: torch.Tensor, aperture: bool) -> torch.Tensor:
-        """Return the light on the sensor's pixels, (rows, columns).
+        """Return the rendered light on the sensor's pixels, (rows, columns).
 
-        aperture: whether it is the mean over each pixel, or the light at its centre.
+        aperture: whether the light is averaged over each pixel, or taken at its centre.
         """
         if aperture:
             self._ledger.add("pixel aperture", 2.0 * spectrum.numel(), 4 * spectrum.numel())
@@ -140,9 +145,9 @@ class SampleGrid:
 
 
 def _transform_centred_part(part: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Return the rfft2 of a picture that is zero except for a part around its origin.
+    """Transform a rendered PSF that is zero except for a part around its origin, by rfft2.
 
-    The origin is at n // 2 of both. Rows without light aren't transformed.
+    The part's origin is at n // 2 along both axes. Rows without light aren't transformed.
     """
     (rows, columns), (y, x) = part.shape, (n // 2 for n in part.shape)
     lines = np.zeros((rows, shape[1]), dtype=np.float32)
@@ -158,7 +163,10 @@ def _transform_centred_part(part: torch.Tensor, shape: tuple[int, int]) -> torch
 def _crop_spectrum(
     spectrum: torch.Tensor, shape: tuple[int, int], new_shape: tuple[int, int]
 ) -> torch.Tensor:
-    """Return the rfft2 of a picture on fewer samples, without detail finer than they resolve."""
+    """Return the rfft2 of a drawn picture on fewer samples, for image formation.
+
+    Detail finer than the new samples resolve is removed.
+    """
     rows, columns = new_shape
     half = (rows + 1) // 2
     kept = torch.cat([spectrum[:half], spectrum[shape[0] - (rows - half) :]])
@@ -169,7 +177,7 @@ def _crop_spectrum(
 def downsample_spectrum(
     spectrum: torch.Tensor, shape: tuple[int, int], factor: int
 ) -> torch.Tensor:
-    """Return every `factor`th sample of a picture from its rfft2, (rows, columns) of `shape`.
+    """Transform a rendered image's rfft2 to every `factor`th sample, (rows, columns) of `shape`.
 
     The samples begin at the origin, which is in the corner. Frequencies that are aliases of each
     other are added before the transform.
@@ -194,7 +202,7 @@ def downsample_spectrum(
     return torch.from_numpy(picture)
 
 
-def _sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
-    """Return the weighted sum of PSFs or transfer functions."""
+def _weighted_sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
+    """Return the weighted sum of PSFs or transfer functions with which an image is rendered."""
     first, *others = (float(w) * part for part, w in zip(parts, weights, strict=True))
     return sum(others, first)

@@ -30,7 +30,7 @@ class SideOrdersPath:
         self._orders: list[Order] = [(y, x) for y in span for x in span if y or x]
 
     def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Return a layer's light in side orders of all wavelengths; see LightPath."""
+        """Render a layer's light in side orders of all wavelengths; see LightPath."""
         total = self._gathering.zero_spectra(self._spreading.channels)
         for node in range(len(self._spreading.nodes)):
             for channel, light in enumerate(self.wavelength_spectra(number, node, cell, count)):
@@ -40,7 +40,7 @@ class SideOrdersPath:
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Return a layer's light in side orders of one wavelength; see LightPath."""
+        """Render a layer's light in side orders of one wavelength; see LightPath."""
         del count
         layer, weights = self._spreading.layers[number], self._spreading.weights(number)
         total = self._gathering.zero_spectra(self._spreading.channels)
@@ -63,7 +63,7 @@ class SideOrdersPath:
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor:
-        """Return the spectrum of a layer's cover in side orders; see LightPath."""
+        """Render the spectrum of a layer's cover in side orders; see LightPath."""
         del count
         layer = self._spreading.layers[number]
         assert layer.cover is not None
@@ -82,7 +82,7 @@ class SideOrdersPath:
     def _order_spectrum(
         self, number: int, node: int, order: Order, cell: ExposureCell, spectra: list[torch.Tensor]
     ) -> torch.Tensor | None:
-        """Return the spectrum of a picture in one side order; None if none of its light is near."""
+        """Render a picture's spectrum in one side order; None if none of its light is near."""
         if not any(bool(one.any()) for one in spectra):
             return None
         total = self._gathering.zero_spectra(1)[0]

@@ -13,7 +13,7 @@ from simulator.mount import Mount
 
 
 def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
-    """Return vignetting: the light of each place over that on the axis, float32.
+    """Return a rendered image's vignetting: each place's light over that on the axis, float32.
 
     The result is (rows, columns) of the plane. camera: in the panel's axes. Vignetting is cos⁴ of
     the angle at which the lens appears from the sensor, times the panel's light that passes the
@@ -24,12 +24,14 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
     z = camera.lens.image_distance
     share = (1 + (y**2 + x**2) / z**2) ** -2
     if camera.separation:
-        share = share * _through(camera, mount, plane, distance)
+        share = share * _relative_stop_transmission(camera, mount, plane, distance)
     return share.to(torch.float32)
 
 
-def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
-    """Return the light that passes the stop, relative to that on the axis, on a plane's samples."""
+def _relative_stop_transmission(
+    camera: Camera, mount: Mount, plane: Plane, distance: float
+) -> torch.Tensor:
+    """Return a rendered image's vignetting by the stop: light through it, relative to the axis."""
     axis = share_through_stop(camera, distance, (0.0, 0.0))
     if not axis:
         raise ValueError(
@@ -49,14 +51,17 @@ def _through(camera: Camera, mount: Mount, plane: Plane, distance: float) -> tor
             for y in grid[0]
         ]
     )
-    down = _linear(known / axis, plane.coordinates(0).numpy(), grid[0])
-    return torch.from_numpy(_linear(down.T, plane.coordinates(1).numpy(), grid[1]).T)
+    down = _interpolate(known / axis, plane.coordinates(0).numpy(), grid[0])
+    return torch.from_numpy(_interpolate(down.T, plane.coordinates(1).numpy(), grid[1]).T)
 
 
-def _linear(
+def _interpolate(
     values: NDArray[np.float64], at: NDArray[np.float64], nodes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate vignetting linearly along the first axis, between evenly spaced nodes."""
+    """Interpolate a rendered image's vignetting linearly along the first axis.
+
+    nodes: evenly spaced.
+    """
     step = nodes[1] - nodes[0]
     if not step:
         return np.repeat(values[:1], len(at), axis=0)

@@ -19,18 +19,18 @@ ORDER_FADE_PIXELS = 4.0
 
 
 def light_extent(s: Situation) -> tuple[float, float]:
-    """Return the metres on the sensor, (y, x), from the axis to a scene's outermost light.
+    """Return how far from the axis a scene's rendered light reaches, (y, x) metres on the sensor.
 
-    They hold for any time of the exposure, and are infinite for endless light.
+    The result holds for any time of the exposure. It is infinite for endless light.
     """
     y, x = (side + s.image_motion for side in s.picture_probe.extent)
     return y, x
 
 
 def max_blur_distance(s: Situation) -> tuple[float, float]:
-    """Return the largest distance from any light's image to any pixel, (y, x).
+    """Return the largest distance of rendered blur: from any light's image to any pixel.
 
-    In metres on the sensor, along each of the panel's axes.
+    The distances (y, x) are in metres on the sensor, along the panel's axes.
     """
     sensor = s.camera.sensor
     y, x = (
@@ -43,7 +43,7 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
 
 
 def psf_window(s: Situation, window: int) -> tuple[int, int]:
-    """Return the sensor pixels, (rows, columns), of a PSF's window.
+    """Return the window of a rendered PSF in sensor pixels, (rows, columns).
 
     window: its side; the result is smaller where no light goes so far.
     """
@@ -55,7 +55,7 @@ def psf_window(s: Situation, window: int) -> tuple[int, int]:
 
 
 def picture_shape(s: Situation, window: int, orders: int) -> tuple[int, int]:
-    """Return the sensor pixels, (rows, columns), of a picture with a margin around the frame.
+    """Return the size of a rendered picture with its margin, (rows, columns) of sensor pixels.
 
     The margin is so wide that light carried periodically around the edges doesn't reach the sensor.
     orders: side orders of the panel that are rendered. Their light is far from any image, and needs

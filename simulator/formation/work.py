@@ -11,15 +11,15 @@ _FIELD_OPERATIONS = 60.0
 
 
 def transform_operations(rows: int, columns: int) -> float:
-    """Return the operations of one real two-dimensional Fourier transform."""
+    """Return the operations of one real two-dimensional Fourier transform in image formation."""
     samples = rows * columns
     return 2.5 * samples * math.log2(max(samples, 2))
 
 
 def psf_operations(panel: Panel, down: int, across: int) -> float:
-    """Return the operations of one PSF on `down` x `across` samples.
+    """Return the operations of rendering one PSF on `down` x `across` samples.
 
-    They are those of chirped Fourier transforms of the panel along both axes.
+    The PSF takes chirped Fourier transforms of the panel along both axes.
     """
     rows, columns = panel.shape
     along = rows * (columns + across) * math.log2(columns + across)
@@ -28,6 +28,6 @@ def psf_operations(panel: Panel, down: int, across: int) -> float:
 
 
 def ray_operations(panel: Panel, down: int, across: int) -> float:
-    """Return the operations of one geometric PSF on `down` x `across` samples."""
+    """Return the operations of rendering one geometric PSF on `down` x `across` samples."""
     # 80 operations per ray.
     return (80.0 + _FIELD_OPERATIONS) * panel.shape[0] * panel.shape[1] + down * across

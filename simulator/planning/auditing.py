@@ -57,7 +57,7 @@ class AuditResult:
 
     @property
     def measured_over_bound(self) -> float:
-        """Return the largest measured change over its bound; above 1 the bound doesn't hold."""
+        """Return the largest measured change over the plan's bound; the bound fails above 1."""
         allowed = self.bound.plus(self.slack)
         return max(
             ratio(getattr(self, name), getattr(allowed, name))
@@ -173,7 +173,7 @@ class _AuditRenderer:
     def _with_requirements(
         self, coarse: dict[str, int], fine: dict[str, int], names: tuple[str, ...]
     ) -> tuple[dict[str, int], dict[str, int]]:
-        """Complete two sets of effect levels, so that the requirements of all effects are met.
+        """Complete two sets of planned effect levels, so that all effects' requirements are met.
 
         Effects that an effect above off requires are set to their finest level. Effects that
         require one that is off are switched off. Effects that aren't audited get the same level in
@@ -189,6 +189,7 @@ class _AuditRenderer:
         return coarse, fine
 
     def _all_required(self, levels: Levels) -> list[str]:
+        """Return the effects that are off in a plan although its other effects require them."""
         missing: list[str] = []
         queue = [one for name, one in self._effects.items() if levels[name]]
         while queue:
@@ -199,13 +200,14 @@ class _AuditRenderer:
         return missing
 
     def _picture(self, levels: Levels) -> Rendered:
+        """Render the audited plan's picture at given effect levels, as mean and variance maps."""
         recipe = build_recipe(tuple(self._effects.values()), self._s, levels)
         mean, variance = self._kept.get(recipe, lambda: self._render(recipe))
         return mean.to(torch.float64), variance.to(torch.float64)
 
 
 def _rounding_bound(mean: torch.Tensor, variance: torch.Tensor) -> Bound:
-    """Return the bound of the rounding errors of two rendered pictures.
+    """Bound the rounding errors of two pictures that are rendered to audit an effect plan.
 
     The rounding of Fourier transforms is as large in dark pixels as in bright ones, and changes the
     standard deviation most in dark pixels.
@@ -219,4 +221,5 @@ def _rounding_bound(mean: torch.Tensor, variance: torch.Tensor) -> Bound:
 
 
 def _norm(change: torch.Tensor) -> float:
+    """Return the L2 norm of a picture's change, to audit an effect plan."""
     return float(torch.linalg.vector_norm(change))

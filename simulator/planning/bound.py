@@ -51,7 +51,7 @@ class Bound:
                 raise ValueError(f"{name} is {value}; a bound is 0 or more")
 
     def plus(self, other: Bound) -> Bound:
-        """Return the bound of two changes together, which is the sum of both bounds."""
+        """Add two error bounds of an effect plan; the sum bounds both changes together."""
         return Bound(
             self.mean + other.mean,
             self.variance + other.variance,
@@ -61,7 +61,7 @@ class Bound:
         )
 
     def minus(self, other: Bound) -> Bound:
-        """Return the part of this error bound that remains after another one, 0 at least."""
+        """Return by how much an effect plan's error bound exceeds another, 0 at least."""
         return Bound(
             max(self.mean - other.mean, 0.0),
             max(self.variance - other.variance, 0.0),
@@ -95,7 +95,10 @@ class MinimumNorms:
     sigma: float
 
     def relative_error(self, bound: Bound) -> float:
-        """Return the largest relative error of a bound; infinite for a change where a norm is 0."""
+        """Return the largest relative error of a bound in an effect plan.
+
+        The error is infinite for a change where a norm is 0.
+        """
         return max(
             ratio(bound.mean, self.mean),
             ratio(bound.variance, self.variance),
@@ -105,7 +108,7 @@ class MinimumNorms:
 
 
 def ratio(change: float, whole: float) -> float:
-    """Return a picture's change over the norm that it is relative to; infinite for a norm of 0."""
+    """Return a planned effect's change over the picture's norm; infinite for a norm of 0."""
     if change == 0:
         return 0.0
     return change / whole if whole > 0 else math.inf

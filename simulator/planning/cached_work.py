@@ -53,6 +53,7 @@ class CachedWork:
         return found
 
     def _keep(self, seen: list[tuple[str, int]], work: float) -> None:
+        """Store the operations that a planned effect adds in the tree, under the levels it read."""
         if not seen:
             self._kept = work
             return

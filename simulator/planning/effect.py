@@ -54,34 +54,37 @@ class Effect(ABC):
 
     @abstractmethod
     def is_present(self, s: Situation) -> bool:
-        """Return whether the effect occurs in a situation; otherwise it isn't in its plan."""
+        """Return whether the effect occurs in a situation, so that it has to be planned."""
 
     def finest_level(self, s: Situation) -> int:
-        """Return the effect's level beyond which the picture doesn't change any more."""
+        """Return the effect's finest level to plan; beyond it, the picture doesn't change."""
         return len(self.levels) - 1
 
     @abstractmethod
     def estimated_error(self, s: Situation, level: int) -> float:
-        """Estimate the picture's relative change between an effect's level and its finest level."""
+        """Estimate the picture's relative change between the effect's planned and finest level."""
 
     def error_bound(self, s: Situation, level: int) -> Bound:
-        """Return the effect's error bound, which decreases with the level to 0 at the finest."""
+        """Bound the error of the effect at a planned level; it decreases to 0 at the finest."""
         return Bound() if level >= self.finest_level(s) else self.error_bound_below_finest(s, level)
 
     @abstractmethod
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
-        """Return the effect's error bound at a level below the finest."""
+        """Bound the error of the effect at a planned level below the finest."""
 
     @abstractmethod
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations that the effect adds, for the levels of all effects that occur."""
+        """Return the operations that the effect adds to a plan.
+
+        levels: those of all effects that occur.
+        """
 
     @abstractmethod
     def explain(self, s: Situation) -> str:
-        """Describe in words how strong the effect is in a situation."""
+        """Describe in words for the plan how strong the effect is in a situation."""
 
     def add_to_recipe(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        """Return the recipe with this effect added, at a level above off."""
+        """Return the recipe with this effect added at its planned level, above off."""
         return recipe.with_changes(**{self.recipe_field: self.recipe_values[level]})
 
 
@@ -92,11 +95,11 @@ class OnOffEffect(Effect):
 
     @abstractmethod
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Estimate the relative change of the picture without the effect."""
+        """Estimate the picture's relative change if the plan omits the effect."""
 
     @abstractmethod
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Return the bound of the picture's change without the effect."""
+        """Bound the picture's change if the plan omits the effect."""
 
     def estimated_error(self, s: Situation, level: int) -> float:
         return 0.0 if level else self.estimated_error_if_omitted(s)

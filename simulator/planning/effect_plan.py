@@ -159,7 +159,7 @@ class EffectPlan:
 def build_recipe(
     effects: Sequence[Effect], situation: Situation, levels: Mapping[str, int]
 ) -> Recipe:
-    """Build the recipe that renders a situation with the given levels of its effects.
+    """Build the recipe that renders a situation with the planned levels of its effects.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def plan_effects(
 
 
 def require_tolerance(tol: float) -> None:
-    """Raise ValueError for a plan's tolerance that is negative or not finite."""
+    """Raise ValueError for an effect plan's tolerance that is negative or not finite."""
     if not 0 <= tol < math.inf:
         raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
 
@@ -236,6 +236,7 @@ def require_tolerance(tol: float) -> None:
 def _decision(
     one: Effect, s: Situation, ladder: Ladder, levels: dict[str, int], forced: Mapping[str, int]
 ) -> Decision:
+    """Return the plan's decision about one effect, with its bound, work and reasons."""
     level = levels[one.name]
     bound = ladder.effect_error_bound(one.name, level)
     off = {**levels, one.name: 0}
@@ -256,4 +257,5 @@ def _decision(
 
 
 def _finite(value: float) -> float | None:
+    """Return a number for the effect plan's data, or None if it isn't finite."""
     return value if math.isfinite(value) else None

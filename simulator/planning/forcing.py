@@ -9,7 +9,7 @@ from simulator.situation import Situation
 
 
 def forced_level(effects: Sequence[Effect], s: Situation, name: str, request: str | bool) -> int:
-    """Return the level of a forced effect: True is the finest, False is off, or a level's name.
+    """Return the level to plan for a forced effect: finest for True, off for False, or as named.
 
     Raises ValueError for an effect or a level that doesn't exist.
     """
@@ -30,7 +30,7 @@ def forced_level(effects: Sequence[Effect], s: Situation, name: str, request: st
 def resolve_forced_levels(
     effects: Sequence[Effect], forced_levels: Mapping[str, int]
 ) -> dict[str, int]:
-    """Return the levels of forced effects, and of the effects that they switch off.
+    """Return the planned levels of forced effects and of effects that these switch off.
 
     Effects that don't occur are left out. An effect that requires one that is forced off is off as
     well. Raises ValueError if such an effect is forced on.
@@ -50,4 +50,5 @@ def resolve_forced_levels(
 
 
 def _lacks_requirement(one: Effect, found: Mapping[str, int]) -> bool:
+    """Whether a planned effect may be on although an effect that it requires is forced off."""
     return found.get(one.name) != 0 and any(found.get(name) == 0 for name in one.requires)

@@ -48,7 +48,7 @@ class LadderStep:
 
     @property
     def rank(self) -> tuple[bool, float, float]:
-        """Return the sort key of a ladder step; the step with the largest key is the best.
+        """Return the sort key of a step in planning effect levels; the best step has the largest.
 
         Steps without error come first, then those that save most work for their error, then those
         with the least error.
@@ -112,11 +112,14 @@ class Ladder:
         self.steps = tuple(self._walk_down())
 
     def work(self, levels: Mapping[str, int]) -> float:
-        """Return the operations of rendering a picture with the given effect levels."""
+        """Return the operations of rendering a picture at a plan's effect levels."""
         return sum(work(levels) for work in self._works.values())
 
     def levels(self, tol: float) -> dict[str, int]:
-        """Return the effect levels after all steps whose bounds together keep a tolerance."""
+        """Return the coarsest planned effect levels on the ladder that keep a tolerance.
+
+        The bounds of all steps down to these levels are summed.
+        """
         levels, spent = dict(self.finest_levels), Bound()
         for step in self.steps:
             spent = spent.plus(step.bound)
@@ -133,14 +136,14 @@ class Ladder:
         return total
 
     def effect_error_bound(self, effect: str, level: int) -> Bound:
-        """Return the error bound of one effect at a level."""
+        """Return the error bound of one planned effect at a level."""
         return self._bounds[effect][level]
 
     def relative_error(self, bound: Bound) -> float:
         return self._floor.relative_error(bound)
 
     def _walk_down(self) -> Iterator[LadderStep]:
-        """Yield the steps of the ladder from the top down.
+        """Yield the plan's steps to coarser effect levels, from the top of the ladder down.
 
         The work is a sum of products, so every step down reduces what other steps save. The savings
         of an effect's steps are therefore upper bounds, and are computed again only when one of the
@@ -151,7 +154,7 @@ class Ladder:
         known = {one.name: list(self._steps_of(one, levels)) for one in self.effects}
         fresh, waited = set(known), dict[tuple[str, int], float]()
         while True:
-            taken = _next([step for steps in known.values() for step in steps], waited)
+            taken = _next_steps([step for steps in known.values() for step in steps], waited)
             if not taken:
                 return
             *_, step = taken
@@ -169,7 +172,7 @@ class Ladder:
                     known[name] = list(self._steps_of(self._named[name], levels))
 
     def _steps_of(self, one: Effect, levels: dict[str, int]) -> Iterator[LadderStep]:
-        """Yield the possible steps of one effect down the ladder, over one level or several."""
+        """Yield the steps down that a plan may take with one effect, over one or several levels."""
         name, now = one.name, levels[one.name]
         if name in self.forced_levels or not now:
             return
@@ -186,18 +189,20 @@ class Ladder:
             yield LadderStep(name, to, more, self._floor.relative_error(more), saved, often)
 
     def _is_required(self, name: str, levels: Mapping[str, int]) -> bool:
-        """Return whether an effect that is still on requires the named effect."""
+        """Return whether an effect that is still on in the plan requires the named effect."""
         return any(name in one.requires and levels[one.name] for one in self.effects)
 
 
-def _next(steps: Sequence[LadderStep], waited: Mapping[tuple[str, int], float]) -> list[LadderStep]:
-    """Return the next ladder step as the last of a list, after the steps that let it go first.
+def _next_steps(
+    steps: Sequence[LadderStep], waited: Mapping[tuple[str, int], float]
+) -> list[LadderStep]:
+    """List the steps of the plan's ladder that wait now, and last the step to take next.
 
     If the step with the best rank were always next, no tolerance below its error would save any
     work. So steps with smaller errors go first, the best rank first, as long as their errors add up
     to less than the share _PATIENCE of its error. The same rule applies among them. waited: for
-    each step, the sum of the errors that it has already let go first. The list is empty if there
-    are no steps.
+    each step, the summed errors of the steps that it has already waited for. The list is empty if
+    there are no steps.
     """
     order: list[LadderStep] = []
     limit = math.inf

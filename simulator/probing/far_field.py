@@ -37,14 +37,17 @@ class FarField:
 
     @property
     def bytes(self) -> int:
-        """Return the bytes of a far field after all its properties were computed.
+        """Return the bytes of a probed far field with all its properties computed.
 
-        They are those of two arrays of light and of the transfer function.
+        These are two arrays of light and the transfer function.
         """
         return 2 * self.light.nbytes + 16 * _frequency_count(self.light.shape) ** 2
 
     def _envelope(self, axis: int, orders: int = 0) -> Array:
-        """Return the far-field envelope of one pixel along an axis, summed up to an order."""
+        """Return the probed far field's envelope along an axis, from one pixel of the panel.
+
+        The envelope is summed over the orders from -orders to orders.
+        """
         places = np.fft.fftfreq(self.light.shape[axis])
         steps = np.arange(-orders, orders + 1)
         return np.asarray(
@@ -52,25 +55,26 @@ class FarField:
         )
 
     def order_share(self, orders: int) -> float:
-        """Return the share of the far field's light in the orders from -orders to orders."""
+        """Return the share of the probed far field's light in the orders from -orders to orders."""
         along = self.light @ self._envelope(1, orders).astype(np.float32)
         return float(along.astype(np.float64) @ self._envelope(0, orders))
 
     @cached_property
     def peak(self) -> float:
-        """Return the far field's peak irradiance times the area of one period, over all light."""
+        """Return the probed far field's peak irradiance times a period's area, over all light."""
         return float(self._top * self._side**2 * self.light.size)
 
     @cached_property
     def zeroth_order_light(self) -> Light:
-        """Return the light of the zeroth diffraction order."""
+        """Return the light of the probed far field's zeroth diffraction order."""
         down, along = (self._envelope(axis).astype(np.float32) for axis in (0, 1))
         return np.asarray(self.light * down[:, None] * along)
 
     def _ensquared_sums(self, light: Light) -> Array:
-        """Return the sums of the light in squares around the axis with half sides of k + 1/2 steps.
+        """Sum a probed far field's light in squares around the axis, for each size of square.
 
-        A step is the distance of the samples along the shorter axis.
+        The half side of square k is k + 1/2 steps. A step is the distance of the samples along the
+        shorter axis.
         """
         steps = min(light.shape) // 2
         # Folding adds up to four samples, for which single precision suffices. The sums over many
@@ -82,7 +86,7 @@ class FarField:
 
     @cached_property
     def ensquared_share(self) -> Array:
-        """Return the share of the zeroth order's light within squares around the axis.
+        """Return the share of a probed zeroth order's light within squares around the axis.
 
         The half side of square k is k + 1/2 steps, as in _ensquared_sums().
         """
@@ -91,27 +95,27 @@ class FarField:
 
     @cached_property
     def beyond_energy(self) -> Array:
-        """Return the integral of the zeroth order's squared density outside those squares.
+        """Integrate the squared density of a probed zeroth order outside squares around the axis.
 
         The squares are those of ensquared_share. The integral is relative to that of uniform light
-        over the period. It is exact, because the density is sampled at its Nyquist rate.
+        over the period, and exact, because the density is sampled at its Nyquist rate.
         """
         total = self._ensquared_sums(self.zeroth_order_light**2)
         return np.asarray(self.light.size * np.maximum(total[-1] - total, 0.0))
 
     @cached_property
     def energy(self) -> float:
-        """Return the integral of the zeroth order's squared density over the whole period.
+        """Integrate the squared density of a probed zeroth order over the period.
 
-        It is 1 for uniform light.
+        The integral is 1 for uniform light.
         """
         return float(self.light.size * (self.zeroth_order_light.astype(np.float64) ** 2).sum())
 
     @cached_property
     def transfer(self) -> NDArray[np.complex64]:
-        """Return the transfer function of the zeroth order's light, (frequencies y, frequencies x).
+        """Return the transfer function of the probed far field's zeroth order.
 
-        radii() gives the moduli of the frequencies.
+        The shape is (frequencies y, frequencies x); radii() gives the moduli of the frequencies.
         """
         spectrum = scipy.fft.rfft2(self.zeroth_order_light)
         kept = _frequency_count(self.light.shape)
@@ -119,7 +123,7 @@ class FarField:
 
 
 def _peak_intensity(far: NDArray[np.complex64], light: Light) -> float:
-    """Return the peak irradiance of a far field, also between its samples."""
+    """Return the peak irradiance of a probed far field, also between its samples."""
     most = float(light.max())
     # Half a sample away, light may be brighter by a factor of sinc(1/4)^-4, which is below 1.6.
     places = np.argwhere(light > most / 1.6)
@@ -143,22 +147,22 @@ def _peak_intensity(far: NDArray[np.complex64], light: Light) -> float:
 
 
 def _frequency_count(shape: tuple[int, ...]) -> int:
-    """Return the number of frequencies along each axis of a far field's transfer function.
+    """Return how many frequencies the probed transfer function has along each axis.
 
-    They are 0 and more, up to half those of the shorter axis.
+    The frequencies are 0 and more, up to half those of the far field's shorter axis.
     """
     return min(shape) // 2
 
 
 def radii(shape: tuple[int, ...]) -> Array:
-    """Return the frequency moduli of a far field's transfer function, in cycles per period."""
+    """Return the frequency moduli of a probed far field's transfer function, cycles per period."""
     kept = _frequency_count(shape)
     down = np.concatenate([np.arange(kept), np.arange(-kept + 1, 0)])
     return np.hypot(down[:, None], np.arange(kept))
 
 
 def _fold_axis(light: Light, axis: int) -> Light:
-    """Fold both directions of a far field's axis: index k holds the sum of samples k and -k."""
+    """Fold an axis of a probed far field: index k holds the sum of samples k and -k."""
     half = light.shape[axis] // 2
     if axis == 0:
         folded = light[: half + 1].copy()
@@ -171,7 +175,7 @@ def _fold_axis(light: Light, axis: int) -> Light:
 
 @lru_cache(maxsize=16)
 def _ring_starts(samples: int, steps: int) -> NDArray[np.intp]:
-    """Return the index at which each ring begins along a folded axis of a far field.
+    """Return the index at which each ring begins along a folded axis of a probed far field.
 
     Ring k contains distances above k - 1 steps, up to k steps.
     """

@@ -32,26 +32,33 @@ class LensProbe:
 
     @property
     def aperture_share(self) -> torch.Tensor:
-        """Return the share of each panel pixel that the stop leaves open, (rows, columns)."""
+        """Return the share of each panel pixel that the probed lens' stop leaves open.
+
+        The shape is (rows, columns).
+        """
         return self._from_cache(self._compute_aperture_share, ())
 
     def path(self, distance: float) -> torch.Tensor:
-        """Return the optical path that the lens adds to a point's light on the panel, metres."""
-        return self._from_cache(self._late, (distance,))
+        """Return the optical path that the probed lens adds to light on the panel, metres.
+
+        The light comes from a point at `distance`.
+        """
+        return self._from_cache(self._compute_path, (distance,))
 
     def lens_phase(self, distance: float) -> torch.Tensor:
-        """Return the phase that the lens adds to a point's light on the panel, radians."""
+        """Return the phase that the probed lens adds to a point's light on the panel, radians."""
         return 2 * math.pi / self._wavelength * self.path(distance)
 
     def field(self, distance: float) -> torch.Tensor:
-        """Return the field of uniform light behind lens and stop on the panel, complex64."""
+        """Return uniform light's field on the panel behind the probed lens and stop, complex64."""
         return self._from_cache(self._compute_field, (distance, self._wavelength))
 
     def unmodulated_far_field(self, distance: float) -> FarField:
-        """Return the far field of light that the panel's pattern doesn't modulate."""
+        """Return the probed far field of light that the panel's pattern doesn't modulate."""
         return self._from_cache(self._compute_unmodulated_far_field, (distance, self._wavelength))
 
     def _from_cache(self, find: Callable[..., T], of: tuple[float, ...]) -> T:
+        """Return a result of the lens probe from the cache, or compute it."""
         causes = (find.__name__, self._camera, self._nearest, *of)
         return self._cache.get(causes, lambda: find(*of[:1]))
 
@@ -61,7 +68,7 @@ class LensProbe:
         lens = replace(camera.lens, f_number=camera.lens.f_number * spread)
         return pupil_amplitude(replace(camera, lens=lens, separation=0.0))
 
-    def _late(self, distance: float) -> torch.Tensor:
+    def _compute_path(self, distance: float) -> torch.Tensor:
         camera, lens = self._camera, self._camera.lens
         spread = 1 + as_number(camera.separation) / distance
         vergence = 1 / object_to_lens_distance(camera, distance) - 1 / lens.focus_distance

@@ -55,7 +55,7 @@ _SETTINGS = PatternProbeSettings()
 
 
 def panel_without_effects(panel: Panel) -> Panel:
-    """Return the panel without any of the effects that the simulator knows of."""
+    """Return the panel without any of the simulator's effects, as the pattern probe needs it."""
     return replace(
         panel,
         response=None,
@@ -107,7 +107,10 @@ class PatternProbe:
 
     @cached_property
     def greys(self) -> list[torch.Tensor]:
-        """Return the different pictures on the panel, (rows, columns) uint8; some of many."""
+        """Return the probed pictures on the panel, (rows, columns) uint8.
+
+        All pictures differ; if there are many, only some are probed.
+        """
         names = sorted(self.panel_content.pictures)
         step = max(1, math.ceil(len(names) / _SETTINGS.max_pictures))
         return [
@@ -116,22 +119,28 @@ class PatternProbe:
 
     @cached_property
     def phases(self) -> list[torch.Tensor]:
-        """Return the settled phase of each of the panel's pictures, radians, float64."""
+        """Return the settled panel phase of each probed picture, radians, float64."""
         return [torch.as_tensor(self.modulator.phase(grey)) for grey in self.greys]
 
     @cached_property
     def linear_phase_range(self) -> float:
-        """Return the phase of the panel's highest grey level for a linear response, radians."""
+        """Return the phase of the probed panel's highest grey level if its response is linear.
+
+        The phase is in radians.
+        """
         return max_phase(self.modulator.panel, self.wavelength)
 
     @cached_property
     def fields(self) -> list[torch.Tensor]:
-        """Return the field behind the panel for each of its pictures, complex64."""
+        """Return the field behind the panel for each probed picture, complex64."""
         return [self.modulator.modulation(one.to(torch.float32)) for one in self.phases]
 
     @cached_property
     def _ideal_fields(self) -> list[torch.Tensor]:
-        """Return the fields behind an ideal panel; none if the panel itself is ideal."""
+        """Return each probed picture's field behind an ideal panel.
+
+        The list is empty if the panel itself is ideal.
+        """
         bare = replace(panel_without_effects(self.panel), unmodulated=self.panel.unmodulated)
         if bare == self.panel:
             return []
@@ -141,12 +150,12 @@ class PatternProbe:
 
     @property
     def aperture_share(self) -> torch.Tensor:
-        """Return the share of each panel pixel that the stop's shadow leaves open, float64."""
+        """Return the share of each probed panel pixel that the stop leaves open, float64."""
         return self._lens.aperture_share
 
     @cached_property
     def min_relative_power(self) -> float:
-        """Return the least power behind the panel of any picture, relative to uniform pixels.
+        """Return the least power of a probed picture behind the panel, over uniform pixels' power.
 
         The pixels for comparison have an amplitude of 1. A phase that is blurred within pixels
         makes the power less.
@@ -157,14 +166,15 @@ class PatternProbe:
 
     @property
     def period(self) -> float:
-        """Return the distance on the sensor of the panel's diffraction orders, metres."""
+        """Return the metres on the sensor between the probed panel's diffraction orders."""
         return self.wavelength * as_number(self.camera.ray_matrix_b) / self.panel.pitch
 
     def lens_phase(self, distance: float) -> torch.Tensor:
-        """Return the phase that the lens adds to a point's light on the panel, radians."""
+        """Return the phase that the probed lens adds to a point's light on the panel, radians."""
         return self._lens.lens_phase(distance)
 
     def _far(self, field: torch.Tensor, distance: float) -> FarField:
+        """Return the probed far field of a field behind the panel, with the lens' phase."""
         # A neutral pattern has the far field of unmodulated light.
         if bool((field == field[0, 0]).all()):
             return self._lens.unmodulated_far_field(distance)
@@ -172,19 +182,20 @@ class PatternProbe:
 
     @cached_property
     def _pattern_far_fields(self) -> list[list[FarField]]:
-        """Return the far field of every picture at each distance."""
+        """Return the far fields of every probed picture, for each distance."""
         return [[self._far(field, d) for field in self.fields] for d in self.distances]
 
     @cached_property
     def _unmodulated_far_fields(self) -> list[FarField]:
-        """Return the far field of unmodulated light at each distance."""
+        """Return the probed far field of unmodulated light for each distance."""
         return [self._lens.unmodulated_far_field(d) for d in self.distances]
 
     @cached_property
     def _possible_far_fields(self) -> list[FarField]:
-        """Return the far fields of all light that may reach the sensor.
+        """Return the probed far fields of all light that may reach the sensor.
 
-        They are those with all effects of the panel, with none of them, and of unmodulated light.
+        These are the far fields with all effects of the panel, with none of them, and of
+        unmodulated light.
         """
         fields, distances = self._ideal_fields, self.distances
         bare = [self._far(field, d) for d in distances for field in fields]
@@ -197,24 +208,24 @@ class PatternProbe:
 
     @cached_property
     def side_order_share(self) -> float:
-        """Bound the share of the light outside the zeroth diffraction order."""
+        """Bound the share of a probed pattern's light outside the zeroth diffraction order."""
         return self.beyond_orders(0)
 
     @cached_property
     def zeroth_order_share(self) -> float:
-        """Bound the share of the light in the zeroth diffraction order."""
+        """Bound the share of a probed pattern's light in the zeroth diffraction order."""
         return max(one.order_share(0) for one in self._possible_far_fields)
 
     def beyond_orders(self, most: int) -> float:
-        """Bound the share of the light in diffraction orders beyond `most` on each side."""
+        """Bound the share of a probed pattern's light in orders beyond `most` on each side."""
         return max(0.0, 1 - min(one.order_share(most) for one in self._possible_far_fields))
 
     @cached_property
     def mean_ray_displacement(self) -> float:
-        """Return the mean distance on the sensor from a point's image to its rays, metres.
+        """Return the mean distance from a point's image to a probed pattern's rays, metres.
 
-        It is the largest of all pictures, unmodulated light and distances, computed along some
-        lines of the panel.
+        The distance is measured on the sensor. It is the largest of all pictures, unmodulated light
+        and object distances, computed along some lines of the panel.
         """
         worst = 0.0
         straight = torch.ones(self.panel.shape, dtype=torch.complex64)
@@ -227,7 +238,7 @@ class PatternProbe:
         return worst / (2 * math.pi * self.panel.pitch) * lever
 
     def _mean_step(self, field: torch.Tensor, wave: torch.Tensor, axis: int) -> float:
-        """Return the mean phase step from one panel pixel to the next along an axis, radians."""
+        """Return the mean phase step between neighbouring pixels of the probed panel, radians."""
         every = max(1, field.shape[1 - axis] // _SETTINGS.lines)
         field, wave, opened = (
             one[:, ::every] if axis == 0 else one[::every]
@@ -241,7 +252,7 @@ class PatternProbe:
 
     @cached_property
     def _ensquared_share(self) -> Array:
-        """Return the least share of the zeroth order's light within squares, as in FarField."""
+        """Return the least share of the probed zeroth order's light in squares, as in FarField."""
         curve = np.min([one.ensquared_share for one in self._possible_far_fields], axis=0)
         half = np.linspace(0, 1, len(curve))
         # Jitter spreads its share evenly over the period.
@@ -250,7 +261,7 @@ class PatternProbe:
         )
 
     def _index(self, half_side: float) -> int:
-        """Return the index of the largest square with at most the given half side, in metres.
+        """Return the index of the largest probed square within a half side in metres.
 
         Half a step is subtracted, because the light of a sample may be anywhere within it.
         """
@@ -258,7 +269,7 @@ class PatternProbe:
         return math.floor(half_side / (self.period / 2) * steps - 0.5)
 
     def share_beyond(self, half_side: float) -> float:
-        """Bound the share of the zeroth order's light outside a square with a half side in metres.
+        """Bound the share of the probed zeroth order's light outside a square; half side in metres.
 
         The bound holds for any picture, any distance, and for unmodulated light.
         """
@@ -268,7 +279,10 @@ class PatternProbe:
         return 1.0 if index < 0 else float(max(0.0, 1 - self._ensquared_share[index]))
 
     def reach_of_share(self, share: float) -> float:
-        """Return the half side in metres of a square that misses at most `share` of the light."""
+        """Return the half side of a square that misses at most `share` of the probed light.
+
+        The half side is in metres.
+        """
         if not 0 < share <= 1:
             raise ValueError(f"share is {share:g}; give one above 0, up to 1")
         steps = len(self._ensquared_share) - 1
@@ -278,7 +292,7 @@ class PatternProbe:
 
     @cached_property
     def peak(self) -> float:
-        """Bound the PSF's peak as a share of the light per square metre of the sensor.
+        """Bound the probed PSF's peak as a share of the light per square metre of the sensor.
 
         The bound holds for any picture, any distance, and for unmodulated light.
         """
@@ -286,11 +300,11 @@ class PatternProbe:
 
     @cached_property
     def squared_density(self) -> float:
-        """Bound the integral of the squared PSF over the sensor, 1/m²."""
+        """Bound the integral of the probed squared PSF over the sensor, 1/m²."""
         return max(one.energy for one in self._possible_far_fields) / self.period**2
 
     def squared_density_beyond(self, half_side: float) -> float:
-        """Bound the integral of the squared zeroth-order PSF outside a square, 1/m².
+        """Bound the integral of the probed squared zeroth-order PSF outside a square, 1/m².
 
         half_side: metres.
         """
@@ -304,7 +318,7 @@ class PatternProbe:
 
     @cached_property
     def transfer_bounds(self) -> TransferBounds:
-        """Return the bounds of the PSF's transfer function over all pictures and distances."""
+        """Bound the probed PSF's transfer function, for all pictures and distances."""
         shape = (2 * self.panel.shape[0], 2 * self.panel.shape[1])
         bins = rings(shape)
         held, share = 1 - self.modulator.jitter_scatter_share, self.modulator.unmodulated_share
@@ -332,7 +346,7 @@ class PatternProbe:
     def transfers_at(
         self, ky: Array, kx: Array, half: tuple[float, float]
     ) -> list[NDArray[np.complex128]]:
-        """Return the zeroth order's transfer functions at the frequencies (ky, kx), cycles/m.
+        """Return the probed zeroth order's transfer functions at frequencies (ky, kx), cycles/m.
 
         There is one for every picture at each distance, and one for unmodulated light where its PSF
         is wider. half: half sides (y, x) in metres of the part of the PSF that is transformed. The
@@ -350,6 +364,7 @@ class PatternProbe:
 def _transfer_at(
     light: NDArray[np.float32], period: float, ky: Array, kx: Array, half: tuple[float, float]
 ) -> NDArray[np.complex128]:
+    """Return the transfer function of a probed far field's light at frequencies (ky, kx)."""
     pitch = period / light.shape[0], period / light.shape[1]
     kept = [
         math.ceil(min(far / step + 1, n // 2))
@@ -369,4 +384,5 @@ def _transfer_at(
 
 
 def _power(transfer: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """Return the squared modulus of a probed transfer function."""
     return np.asarray(transfer.real**2 + transfer.imag**2)

@@ -47,19 +47,19 @@ class PictureProbe:
 
     @property
     def distances(self) -> tuple[float, ...]:
-        """Return the distance in metres of each target layer from the panel, nearest first."""
+        """Return the distance in metres of each probed layer from the panel, nearest first."""
         return tuple(layer.distance for layer in self.target.layers)
 
     @cached_property
     def plane(self) -> Plane:
-        """Return the sample plane of the picture: the sensor's pixels with a margin around them."""
+        """Return the probed picture's sample plane: the sensor's pixels with a margin around."""
         sensor = self.camera.sensor
         rows, columns = sensor.shape
         return Plane((rows + 2 * MARGIN, columns + 2 * MARGIN), sensor.plane.pitch)
 
     @cached_property
     def rates(self) -> tuple[tuple[float, ...], ...]:
-        """Return the electrons per second of a pixel with picture value 1, by layer and part."""
+        """Return a probed pixel's electrons per second at picture value 1, by layer and part."""
         area = self.camera.sensor.pitch**2
         return tuple(
             tuple(
@@ -71,7 +71,7 @@ class PictureProbe:
 
     @cached_property
     def lights(self) -> tuple[torch.Tensor, ...]:
-        """Return each layer's light in electrons per second, hidden parts included.
+        """Return the light of each probed layer in electrons per second, hidden parts included.
 
         The arrays are (rows, columns) of the plane.
         """
@@ -80,7 +80,7 @@ class PictureProbe:
 
     @cached_property
     def covers(self) -> tuple[torch.Tensor | None, ...]:
-        """Return the share of each pixel in which a layer hides what is behind it.
+        """Return the share of each pixel in which a probed layer hides what is behind it.
 
         None stands for a layer that hides nothing, such as the farthest one.
         """
@@ -89,9 +89,9 @@ class PictureProbe:
 
     @cached_property
     def sharp_picture(self) -> torch.Tensor:
-        """Return the sharp picture of all layers, near layers in front of far ones.
+        """Return the probed sharp picture of all layers, near layers in front of far ones.
 
-        It is (rows, columns) of the plane, in electrons per second.
+        The array is (rows, columns) of the plane, in electrons per second.
         """
         seen = self.lights[-1]
         for light, cover in zip(self.lights[-2::-1], self.covers[-2::-1], strict=True):
@@ -100,7 +100,7 @@ class PictureProbe:
 
     @cached_property
     def extent(self) -> tuple[float, float]:
-        """Return the largest distance from the axis of the target's light, (y, x) in metres."""
+        """Return how far the probed target's light reaches from the axis, (y, x) in metres."""
         sides = [(0.0, 0.0)]
         for layer, rates in zip(self.target.layers, self.rates, strict=True):
             scale = self._scale(layer)
@@ -110,14 +110,14 @@ class PictureProbe:
 
     @cached_property
     def dim_decile(self) -> float:
-        """Return the first decile of the frame's pixels, electrons per second."""
+        """Return the first decile of the probed frame's pixels, electrons per second."""
         inside = self.sharp_picture[MARGIN:-MARGIN, MARGIN:-MARGIN]
         # A subset of about 65,536 pixels is enough.
         every = max(1, math.isqrt(inside.numel() // 65536))
         return max(float(torch.quantile(inside[::every, ::every].flatten(), 0.1)), 0.0)
 
     def excess_over(self, level: float) -> tuple[float, float]:
-        """Return the sum of the sharp picture's excess over a level, and the sum of its squares.
+        """Sum the probed sharp picture's excess over a level, and the excess squared.
 
         level: electrons per second. The sums are over frame and margin.
         """
@@ -126,23 +126,23 @@ class PictureProbe:
 
     @cached_property
     def total_with_margin(self) -> float:
-        """Return the electrons per second on the whole frame and its margin."""
+        """Return the probed picture's electrons per second on the whole frame and its margin."""
         return float(self.sharp_picture.double().sum())
 
     @cached_property
     def total(self) -> float:
-        """Return the electrons per second on the whole frame."""
+        """Return the probed picture's electrons per second on the whole frame."""
         rows, columns = self.camera.sensor.shape
         inside = self.sharp_picture[MARGIN : MARGIN + rows, MARGIN : MARGIN + columns]
         return float(inside.double().sum())
 
     @cached_property
     def brightest(self) -> float:
-        """Bound the electrons per second of any pixel, after any blur."""
+        """Bound the electrons per second of any pixel of the probed picture, after any blur."""
         return self.brightest_behind(0) + self.off_plane_star_rate
 
     def brightest_behind(self, first: int) -> float:
-        """Bound the electrons per second of any pixel from the layers `first` and behind.
+        """Bound any pixel's electrons per second from the probed layers `first` and behind.
 
         0 is the nearest layer. The shares of a pixel that it gets from covering layers add up to
         one at most, because the covers are blurred like the light. Each share is at most as bright
@@ -165,7 +165,7 @@ class PictureProbe:
 
     @cached_property
     def norm_bound(self) -> float:
-        """Bound the L2 norm of the picture over the frame after any blur, electrons per second.
+        """Bound the probed picture's L2 norm over the frame after any blur, electrons per second.
 
         By Young's inequality, a PSF with a sum of one or less doesn't increase the norm.
         """
@@ -177,12 +177,12 @@ class PictureProbe:
 
     @property
     def _uniform_norm(self) -> float:
-        """Return the L2 norm of a frame in which every pixel has the largest possible rate."""
+        """Return the frame's L2 norm if all pixels had the probed picture's largest rate."""
         return self.brightest * math.sqrt(math.prod(self.camera.sensor.shape))
 
     @cached_property
     def power_spectrum(self) -> RadialProfile:
-        """Return the power spectrum of the sharp picture, (electrons per second)² per pixel.
+        """Return the probed sharp picture's power spectrum, (electrons per second)² per pixel.
 
         Frequencies are in cycles per metre on the sensor.
         """
@@ -190,14 +190,14 @@ class PictureProbe:
 
     @cached_property
     def layer_power_spectra(self) -> tuple[RadialProfile, ...]:
-        """Return the power spectrum of each layer's light, hidden parts included."""
+        """Return the power spectrum of each probed layer's light, hidden parts included."""
         if len(self.lights) == 1:
             return (self.power_spectrum,)
         return tuple(self._profile(light) for light in self.lights)
 
     @cached_property
     def powers_by_spectrum(self) -> list[tuple[list[int], torch.Tensor]]:
-        """Return the power spectrum of the target's light for each different spectrum of light.
+        """Return the probed target's power spectrum, separately for each spectrum of light.
 
         Each entry has the numbers of the parts with that spectrum, counted through all layers, and
         the squared modulus of their picture's Fourier transform, hidden parts included, in
@@ -220,17 +220,17 @@ class PictureProbe:
 
     @cached_property
     def sampled_frequencies(self) -> SampledFrequencies:
-        """Return the sampled frequencies that represent all light of the target."""
+        """Return the sampled frequencies that represent all light of the probed target."""
         squared = torch.stack([squared for _, squared in self.powers_by_spectrum]).sum(0)
         return SampledFrequencies.of(squared, self.plane)
 
     @cached_property
     def cover_powers(self) -> tuple[RadialProfile | None, ...]:
-        """Return the power spectrum of each layer's cover, without unit."""
+        """Return the power spectrum of each probed layer's cover, without unit."""
         return tuple(None if one is None else self._profile(one) for one in self.covers)
 
     def change_bound(self, gains: Sequence[Gain]) -> float:
-        """Bound the picture's change for a filter on each layer, L2 norm in electrons per second.
+        """Bound the probed picture's change if each layer is filtered, as L2 norm in electrons/s.
 
         gains: for each layer, the relative change of its light and cover by frequency. A layer with
         the light F and the cover a, in front of the light C' behind it, gives C = F + (1 - a) C'.
@@ -247,10 +247,10 @@ class PictureProbe:
 
     @cached_property
     def edge_length(self) -> float:
-        """Return the length of the edges at which a near layer hides a far one, metres on sensor.
+        """Return the length of edges where probed near layers hide far ones, metres on the sensor.
 
-        It is counted along rows and columns, so it is never too short, and at most √2 times too
-        long.
+        The length is counted along rows and columns, so it is never too short, and at most √2 times
+        too long.
         """
         covers = [one for one in self.covers if one is not None]
         steps = sum(
@@ -262,7 +262,7 @@ class PictureProbe:
 
     @cached_property
     def off_plane_star_rate(self) -> float:
-        """Return the electrons per second of artificial stars outside the plane.
+        """Return the electrons per second of artificial stars outside the probed plane.
 
         Their blurred light may fall on the plane. All of it counts, because one pixel may get it.
         """
@@ -277,7 +277,7 @@ class PictureProbe:
 
     @property
     def is_dark(self) -> bool:
-        """Return whether no light at all comes from the target."""
+        """Return whether no light at all comes from the probed target."""
         return not any(rate for rates in self.rates for rate in rates)
 
     def _profile(self, picture: torch.Tensor) -> RadialProfile:
@@ -287,6 +287,7 @@ class PictureProbe:
         return self.camera.magnification(layer.distance)
 
     def _covering(self, layer: Layer) -> torch.Tensor | None:
+        """Return the share of each pixel that a probed layer covers; None if it hides nothing."""
         if layer.cover is None:
             return None
         return layer.cover.light(self.plane, self._scale(layer), self.shift)

@@ -42,7 +42,10 @@ class RadialProfile:
 
     @staticmethod
     def of(spectrum: torch.Tensor, plane: Plane) -> RadialProfile:
-        """Compute the radial profile of a picture's spectrum on the plane's rfft2 grid."""
+        """Compute the radial profile of a probed picture's power from its spectrum.
+
+        spectrum: on the plane's rfft2 grid.
+        """
         numbers, low, high, count = bins(plane)
         index = numbers.flatten().long()
         # Columns between the first and the last count twice, for their mirror images.
@@ -58,27 +61,30 @@ class RadialProfile:
 
     @property
     def norm(self) -> float:
-        """Return the L2 norm of the picture over its samples."""
+        """Return the L2 norm of the probed picture over its samples."""
         return math.sqrt(float(self.power.sum()))
 
     def filtered_norm_bound(self, gain: Gain) -> float:
-        """Bound the L2 norm of the picture after a filter with the given gain.
+        """Bound the L2 norm of the probed picture after a filter with the given gain.
 
         gain: function of cycles per metre, not negative. Within each bin, its largest value at nine
         frequencies is used.
         """
-        return math.sqrt(float((self._largest(gain) ** 2 * self.power).sum()))
+        return math.sqrt(float((self._largest_gain(gain) ** 2 * self.power).sum()))
 
     def filtered_peak_bound(self, gain: Gain) -> float:
-        """Bound every sample of the picture after a filter, as if all frequencies were in phase."""
-        return float((self._largest(gain) * np.sqrt(self.count * self.power)).sum())
+        """Bound every sample of the probed picture after a filter with the given gain.
 
-    def _largest(self, gain: Gain) -> NDArray[np.float64]:
+        All frequencies are taken to be in phase.
+        """
+        return float((self._largest_gain(gain) * np.sqrt(self.count * self.power)).sum())
+
+    def _largest_gain(self, gain: Gain) -> NDArray[np.float64]:
         steps = np.linspace(0, 1, 9)[:, None]
         return np.asarray(gain(self.low + steps * (self.high - self.low)).max(axis=0))
 
     def plus(self, other: RadialProfile) -> RadialProfile:
-        """Add the power spectra of two pictures, as if they were uncorrelated."""
+        """Add the power spectra of two probed pictures, as if they were uncorrelated."""
         return RadialProfile(
             self.low, self.high, self.power + other.power, self.least + other.least, self.count
         )
@@ -88,9 +94,10 @@ class RadialProfile:
 def bins(
     plane: Plane,
 ) -> tuple[torch.Tensor, NDArray[np.float64], NDArray[np.float64], torch.Tensor]:
-    """Return the radial bin of each entry of a plane's rfft2 grid, with the bins' edges and counts.
+    """Return the radial bin of each frequency of a probed picture, with edges and counts.
 
-    The result is (bin numbers as uint8, lower edges, upper edges, numbers of frequencies).
+    The frequencies are the entries of the plane's rfft2 grid. The result is (bin numbers as uint8,
+    lower edges, upper edges, numbers of frequencies).
     """
     fy, fx = rfft2_frequencies(plane)
     # The outer edges have a margin, so that every entry belongs to a bin.

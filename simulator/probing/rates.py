@@ -13,7 +13,9 @@ from optics.pupil import open_area
 
 
 def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
-    """Return the sensor's electrons per photon by wavelength, for each colour channel.
+    """Return the sensor's electrons per photon for the picture probe, for each colour channel.
+
+    Each is a function of wavelength.
 
     None stands for the same efficiency at all wavelengths.
     """
@@ -25,7 +27,9 @@ def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
 def electron_rates(
     spectrum: Spectrum, band: Band, camera: Camera, distance: float, *, leak: bool = True
 ) -> tuple[float, ...]:
-    """Return the electrons per second and square metre of sensor, for each colour channel.
+    """Return the electrons per second and square metre of sensor that a probed spectrum frees.
+
+    There is one rate for each colour channel.
 
     The rate is that near the axis, by the camera equation of optics.throughput.electron_rate(),
     integrated over wavelengths. spectrum: radiance, W / (sr m² m). distance: metres to the panel.
@@ -42,7 +46,7 @@ def electron_rates(
 
 
 def irradiance_per_radiance(camera: Camera, distance: float) -> float:
-    """Return the irradiance on the sensor near the axis over the radiance of the scene, sr."""
+    """Return the sensor's irradiance near the axis over a probed scene's radiance, sr."""
     spread = 1 + camera.separation / distance
     gathered = open_area(camera) * spread**2 / camera.lens.image_distance**2
     return gathered * camera.panel.reflectivity * camera.transmission
@@ -51,15 +55,16 @@ def irradiance_per_radiance(camera: Camera, distance: float) -> float:
 def _efficiency(
     curve: Spectrum | None, nodes: NDArray[np.float64], sensor: Sensor
 ) -> NDArray[np.float64]:
+    """Return a sensor's electrons per photon at given wavelengths, for the picture probe."""
     if curve is None:
         return np.full_like(nodes, sensor.quantum_efficiency)
     return curve.at(nodes)
 
 
 def _nodes(spectrum: Spectrum, band: Band, sensor: Sensor, leak: bool) -> NDArray[np.float64]:
-    """Return the wavelengths for the integral over a spectrum behind a filter.
+    """Return the wavelengths at which the picture probe integrates a spectrum behind a filter.
 
-    They are the nodes of all curves, both sides of every jump, and a fine grid over the band and
+    These are the nodes of all curves, both sides of every jump, and a fine grid over the band and
     its leak.
     """
     ranges = [band.support, *([band.leak_range] if leak and band.leak else [])]

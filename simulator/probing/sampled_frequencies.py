@@ -37,18 +37,18 @@ class SampledFrequencies:
 
     @staticmethod
     def of(squared: torch.Tensor, plane: Plane) -> SampledFrequencies:
-        """Sample the frequencies of a picture's power spectrum.
+        """Sample frequencies that represent the power spectrum of a probed picture.
 
         squared: |spectrum|² on the plane's rfft2 grid. Around each ring, the power between
         neighbouring samples is the same (systematic sampling, Cochran 1977). So all directions are
         represented, and the result isn't random.
         """
-        order, starts = _around(plane)
+        order, starts = _sort_by_ring(plane)
         power = (squared.double() * rfft_column_weights(plane.shape[1])).flatten().numpy()
         places, shares = [], []
         high = bins(plane)[2]
         for number, (a, b) in enumerate(itertools.pairwise(starts), 1):
-            ring, count = order[a:b], _count(high[number] / high[-1])
+            ring, count = order[a:b], _frequencies_per_ring(high[number] / high[-1])
             sums = power[ring].cumsum()
             if not len(ring) or not sums[-1] > 0:
                 continue
@@ -62,7 +62,7 @@ class SampledFrequencies:
         return SampledFrequencies(fy[y, 0], fx[0, x], place, np.concatenate([np.zeros(0), *shares]))
 
     def with_aliases(self, plane: Plane) -> SampledFrequencies:
-        """Return the sampled frequencies with their aliases on the pixel grid.
+        """Add to a probed picture's sampled frequencies their aliases on the pixel grid.
 
         An alias is one sampling frequency away along either axis. Its power is assumed to be the
         same as that of the sampled frequency, apart from the pixel's transfer function.
@@ -81,7 +81,7 @@ class SampledFrequencies:
         )
 
     def represented_power(self, squared: torch.Tensor, plane: Plane) -> Array:
-        """Return the power of a picture's spectrum that each sampled frequency represents.
+        """Return the power of a probed picture that each sampled frequency represents.
 
         Without aliases, the powers add up to about the sum of the squares of the picture without
         its mean, over its samples.
@@ -90,17 +90,20 @@ class SampledFrequencies:
         return np.asarray(power * self.share / (plane.shape[0] * plane.shape[1]))
 
 
-def _count(radius: float) -> int:
-    """Return the number of sampled frequencies of a ring with a radius relative to the outermost.
+def _frequencies_per_ring(radius: float) -> int:
+    """Return how many frequencies sample a ring of a probed picture's spectrum.
 
-    It grows from 6 for the innermost ring to 64 for the outermost.
+    radius: the ring's, relative to the outermost. The number grows from 6 for the innermost ring to
+    64 for the outermost.
     """
     return round(6 + (64 - 6) * radius)
 
 
 @byte_limited_cache(_ORDERS)
-def _around(plane: Plane) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
-    """Sort the entries of a plane's rfft2 grid by ring, and within each ring by direction.
+def _sort_by_ring(plane: Plane) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
+    """Sort a probed spectrum's entries by ring, and within each ring by direction.
+
+    The entries are those of the plane's rfft2 grid.
 
     Returns the order, and the index at which each ring except that of frequency 0 begins, followed
     by the end of the last ring.

@@ -34,12 +34,17 @@ class TransferBounds:
     max_loss: Array
 
     def loss_bound(self, frequency: Array) -> Array:
-        """Bound |1 - H| at all frequencies up to the given ones; 2 beyond the last bin."""
+        """Bound ``|1 - H|`` of the probed pattern at all frequencies up to the given ones.
+
+        The bound is 2 beyond the last bin.
+        """
         index = np.searchsorted(self.high, frequency)
         return np.append(self.max_loss, 2.0)[index]
 
     def modulus_bound(self, frequency: Array, spread: float = 1.0) -> Array:
-        """Bound |H| near the given frequencies; beyond the last bin, the last value is used.
+        """Bound ``|H|`` of the probed pattern near the given frequencies.
+
+        Beyond the last bin, the last value is used.
 
         spread: factor by which the blur may be wider or narrower.
         """
@@ -53,6 +58,7 @@ class TransferBounds:
         return found
 
     def least_between(self, low: Array, high: Array) -> Array:
+        """Return the least ``|H|`` of the probed pattern's light in each range of frequencies."""
         return _least(self, self.least, low, high)
 
     def mean_square_between(self, low: Array, high: Array) -> Array:
@@ -60,7 +66,7 @@ class TransferBounds:
 
 
 def _least(of: TransferBounds, values: Array, low: Array, high: Array) -> Array:
-    """Return the least value of the transfer bounds' bins that each range touches.
+    """Return the least value of a probed pattern's bins that each frequency range touches.
 
     The neighbouring bins are included. The value is 0 for a range beyond the last bin.
     """
@@ -100,7 +106,9 @@ class Rings:
 
 @byte_limited_cache(_RINGS)
 def rings(shape: tuple[int, int]) -> Rings:
-    """Return the radial bins for the transfer function of a far field with `shape` samples.
+    """Return the radial bins of a probed far field's transfer function.
+
+    shape: samples of the far field.
 
     The edges are in cycles per period. Empty bins are left out, and the first bin is frequency 0.
     """
