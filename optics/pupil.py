@@ -14,9 +14,9 @@ from optics.caching import byte_limited_cache
 from optics.camera import Camera, Lens
 from optics.plane import Plane
 from optics.stop.aperture import Stop
-from optics.stop.coverage import coverage
+from optics.stop.coverage import Coverage, coverage
 from optics.stop.quadrature import PhaseSlopeBound
-from optics.validation import as_number, to_plain_numbers
+from optics.validation import as_number, needs_gradient, require_number, to_plain_numbers
 from optics.zernike import zernike
 
 Scalar = Any
@@ -26,6 +26,9 @@ MIN_RAY_MATRIX_B_SHARE = 2 / 3
 """Smallest ray matrix element B, as a share of the image distance; a smaller one would need
 samples too fine to be worth their cost."""
 
+_LONGEST_WAVELENGTH = 1e-3
+"""Metres; a longer wavelength is a mistake of units."""
+
 _SLOPE_MARGIN = 1.1
 """Factor on sampled phase slopes, which might be steeper between the samples; chosen."""
 
@@ -34,18 +37,26 @@ def pupil_amplitude(camera: Camera) -> torch.Tensor:
     """Compute the pupil amplitude: each panel pixel's share inside the stop, (rows, columns).
 
     Edge pixels get the share of their covered area; with a jagged edge the error would be four
-    times as large. The float64 tensor is cached, so don't write into it.
+    times as large. The float64 tensor is cached, so don't write into it. If the stop's diameter
+    needs a gradient, the result carries its first derivative.
     """
-    lens = camera.lens
-    return _cached_pupil_amplitude(lens.stop, lens.focal_length, lens.f_number, camera.panel.plane)
+    radius, plane = camera.lens.stop_diameter / 2, camera.panel.plane
+    stop, value = camera.lens.stop, as_number(radius)
+    share = _cached_coverage(stop, value, plane)
+    if not needs_gradient(radius):
+        return share
+    return share + _cached_coverage_derivative(stop, value, plane) * (radius - value)
 
 
 # 64 MiB hold three pupils of a panel of 1920 x 1080 pixels, or one of 3840 x 2160.
 @byte_limited_cache(64 << 20)
-def _cached_pupil_amplitude(
-    stop: Stop, focal_length: float, f_number: float, plane: Plane
-) -> torch.Tensor:
-    return coverage(stop, focal_length / f_number / 2, plane)
+def _cached_coverage(stop: Stop, radius: float, plane: Plane) -> torch.Tensor:
+    return coverage(stop, radius, plane)
+
+
+@byte_limited_cache(64 << 20)
+def _cached_coverage_derivative(stop: Stop, radius: float, plane: Plane) -> torch.Tensor:
+    return Coverage(stop, radius, plane).radius_derivative()
 
 
 def open_area(camera: Camera) -> float:
@@ -71,12 +82,20 @@ def require_open_pupil(camera: Camera) -> None:
         )
 
 
-def require_valid_source(distance: float, wavelength: float) -> None:
-    """Raise ValueError for an object distance or a wavelength that isn't positive."""
+def require_valid_source(distance: Scalar, wavelength: Scalar) -> None:
+    """Raise ValueError or TypeError for a bad object distance or wavelength, in metres."""
+    require_number("distance", distance, "m")
+    require_number("wavelength", wavelength, "m")
+    distance, wavelength = as_number(distance), as_number(wavelength)
     if not distance > 0:
         raise ValueError(f"distance is {distance:g} m; the object must be in front of the camera")
     if not 0 < wavelength < math.inf:
         raise ValueError(f"wavelength is {wavelength:g} m; it must be positive")
+    if wavelength > _LONGEST_WAVELENGTH:
+        raise ValueError(
+            f"wavelength is {wavelength:g} m, longer than a millimetre; give metres, for instance "
+            "550e-9 for green light"
+        )
 
 
 def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:

@@ -14,6 +14,7 @@ import torch
 
 def _to_tensor(value: Any) -> Any:
     if isinstance(value, np.ndarray):
+        _require_plain_array(value)
         # Arrays from files may be read-only, reversed or of another byte order. torch can't share
         # the memory of these, so they are copied.
         plain = (
@@ -22,6 +23,18 @@ def _to_tensor(value: Any) -> Any:
         native = value.dtype.newbyteorder("=")
         return torch.from_numpy(value if plain else np.array(value, dtype=native, order="C"))
     return value
+
+
+def _require_plain_array(value: np.ndarray[Any, Any]) -> None:
+    """Raise an error for a numpy array of anything but numbers, or with masked values."""
+    if value.dtype.kind not in "biufc":
+        raise TypeError(f"an array of {value.dtype} was given; give an array of numbers")
+    masked = int(np.ma.count_masked(value)) if isinstance(value, np.ma.MaskedArray) else 0
+    if masked:
+        raise ValueError(
+            f"a masked array with {masked} masked values of {value.size} was given; say what "
+            "stands there, with its method filled()"
+        )
 
 
 def _to_numpy(value: Any) -> Any:
@@ -95,6 +108,35 @@ def require_unchanged_attributes(
                 f"{name} has changed since this {kind} was planned, from {was} to {is_}; plan "
                 "another one for it"
             )
+
+
+def require_number(name: str, value: Any, unit: str = "") -> None:
+    """Raise TypeError for an argument that is neither a real number nor a 0-d tensor of one."""
+    scalar = isinstance(value, (torch.Tensor, np.ndarray)) and value.ndim == 0
+    if isinstance(value, (int, float, np.floating, np.integer)) or scalar:
+        return
+    raise TypeError(
+        f"{name} is {value!r}, a {type(value).__name__}; give one number{unit and ' in '}{unit}, "
+        "or a 0-d tensor"
+    )
+
+
+def require_tensor(name: str, value: Any) -> None:
+    """Raise TypeError for an argument that is neither a tensor nor None."""
+    if value is not None and not isinstance(value, torch.Tensor):
+        raise TypeError(
+            f"{name} is a {type(value).__name__}; give a torch tensor or a numpy array of numbers"
+        )
+
+
+def require_tolerance(tol: Any) -> None:
+    """Raise an error for a tolerance that isn't a number above 0 and at most 1."""
+    require_number("tol", tol)
+    if not 0 < as_number(tol) <= 1:
+        raise ValueError(
+            f"tol is {as_number(tol):g}; it is a relative L2 error: give a number above 0 and up "
+            "to 1, for instance 1e-3"
+        )
 
 
 def require_positive(name: str, value: Any, unit: str) -> None:

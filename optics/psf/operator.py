@@ -40,7 +40,13 @@ from optics.pupil import (
 )
 from optics.sensor import PIXEL_INTEGRATION_ERROR, PixelIntegration
 from optics.threads import in_full_precision
-from optics.validation import accepts_numpy, as_number, to_plain_numbers
+from optics.validation import (
+    accepts_numpy,
+    as_number,
+    require_tensor,
+    require_tolerance,
+    to_plain_numbers,
+)
 
 
 class PSFOperator:
@@ -55,8 +61,7 @@ class PSFOperator:
     Call the operator with a phase and an amplitude to get the PSF; see `__call__`. The result is
     differentiable in phase, in amplitude, and in every length that is a 0-d tensor: distance,
     wavelength, the lens' focal length, f-number, focus distance and aberrations, the separation,
-    the field and the pixels' centre. (A stop at the panel keeps its edges.) Mixed precision
-    (autocast) is switched off inside.
+    the field and the pixels' centre. Mixed precision (autocast) is switched off inside.
 
     Parameters
     ----------
@@ -137,7 +142,8 @@ class PSFOperator:
         self.camera = camera = optics if isinstance(optics, Camera) else None
         lens = optics.lens if isinstance(optics, Camera) else optics
         self.unmodulated = _resolve_unmodulated_share(camera, unmodulated)
-        require_valid_source(as_number(distance), as_number(wavelength))
+        require_valid_source(distance, wavelength)
+        require_tolerance(tol)
         require_method(method, camera)
         self.pixels = pixels
         cutoff = cutoff_frequency(_numeric_optics(optics), as_number(wavelength))
@@ -156,7 +162,7 @@ class PSFOperator:
             margin,
             phase_slope,
             camera.separation if camera else 0.0,
-            _validate_field_position(field),
+            _validate_field_position(field, needed=sphere or bool(camera and camera.separation)),
             _build_spherical_wave(camera, distance, wavelength, field) if sphere else None,
             pixels.pitch if integrate else (0.0, 0.0),
         )
@@ -276,12 +282,14 @@ class PSFOperator:
         torch.Tensor
             The PSF, ``(..., *pixels.shape)``.
         """
-        if self._request.differentiable:
+        require_tensor("phase", phase)
+        require_tensor("amplitude", amplitude)
+        if self._request.has_tensors:
             self._request.require_unchanged()
         light = self._light_on_pixels(phase, amplitude, spectrum)
         if not self.unmodulated or phase is None:
             return light
-        other = self.unmodulated_psf(amplitude, spectrum=unmodulated_spectrum).to(light.device)
+        other = self._unmodulated_light(amplitude, spectrum=unmodulated_spectrum).to(light.device)
         return (1 - self.unmodulated) * light + self.unmodulated * other
 
     def unmodulated_psf(
@@ -306,8 +314,23 @@ class PSFOperator:
         Returns
         -------
         torch.Tensor
-            The PSF, ``(..., *pixels.shape)``.
+            The PSF, ``(..., *pixels.shape)``; a copy that may be written into.
         """
+        require_tensor("amplitude", amplitude)
+        if self._request.has_tensors:
+            self._request.require_unchanged()
+        return self._unmodulated_light(
+            amplitude, cache_result=cache_result, spectrum=spectrum
+        ).clone()
+
+    def _unmodulated_light(
+        self,
+        amplitude: torch.Tensor | None,
+        *,
+        cache_result: bool = False,
+        spectrum: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """Compute the PSF of unmodulated light, or take it from the cache without a copy."""
         if self._request.differentiable or (amplitude is not None and not cache_result):
             return self._light_on_pixels(None, amplitude, spectrum)
         for known, light in self._cached_unmodulated_psfs:
@@ -334,16 +357,17 @@ class PSFOperator:
         spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
         """Compute the PSF on the sensor's pixels."""
-        amplitude, peak = normalise_amplitude(amplitude)
+        amplitude, peak = normalise_amplitude(amplitude, 1 if self.camera is None else 2)
         light = self._intensity_with_fallback(phase, amplitude, spectrum)
         light = self._pixel_integration(light) if self._pixel_integration else light
-        if peak == 1:
+        if peak is None:
             return light
         # Outside this range of amplitudes, their squares may exceed the range of single precision,
         # also in a dim window.
         least = 1e-12
-        wide = light if least < peak < 1 / least else light.to(torch.float64)
-        return wide * peak**2
+        extreme = bool((peak < least).any() or (peak > 1 / least).any())
+        wide = light.to(torch.float64) if extreme else light
+        return wide * (peak**2).to(wide)[..., None, None]
 
     def _intensity_with_fallback(
         self,
@@ -413,11 +437,12 @@ class PSFOperator:
         if self.camera is None:
             raise ValueError("a lens alone has no panel whose light could be told apart")
         window = float(self.evaluate(phase, amplitude).sum())
-        amplitude, peak = normalise_amplitude(amplitude)
+        amplitude, peak = normalise_amplitude(amplitude, 2)
+        strongest = 1.0 if peak is None else float(peak)
         parts = [(1.0, phase)]
         if self.unmodulated and phase is not None:
             parts = [(1 - self.unmodulated, phase), (self.unmodulated, None)]
-        fields = [(peak**2 * share, self._panel_field(one, amplitude)) for share, one in parts]
+        fields = [(strongest**2 * share, self._panel_field(one, amplitude)) for share, one in parts]
         return compute_light_budget(self._request, self.camera, fields, window)
 
     def _panel_field(
@@ -437,20 +462,24 @@ class PSFOperator:
         return factor.detach()
 
 
-def normalise_amplitude(amplitude: torch.Tensor | None) -> tuple[torch.Tensor | None, float]:
-    """Scale a pattern's amplitude to a peak of 1 for its PSF; return it and the old peak."""
-    peak = _peak_amplitude(amplitude)
-    if amplitude is None or peak == 1:
-        return amplitude, 1.0
-    return amplitude / peak, peak
+def normalise_amplitude(
+    amplitude: torch.Tensor | None, sample_axes: int
+) -> tuple[torch.Tensor | None, torch.Tensor | None]:
+    """Scale the amplitude of every pattern in a batch to a peak of 1 for its PSF.
 
-
-def _peak_amplitude(amplitude: torch.Tensor | None) -> float:
-    """Return the largest amplitude for a PSF; 1 if there is none, or it is zero or not finite."""
+    Returns the amplitude and the old peaks, one for each pattern, float64. The peaks are None if
+    they are all 1. A pattern whose amplitude is zero or not finite keeps it, with a peak of 1.
+    sample_axes: number of axes at the end that hold one pattern.
+    """
     if amplitude is None or not amplitude.numel():
-        return 1.0
-    peak = float(amplitude.detach().abs().max())
-    return peak if 0 < peak < math.inf else 1.0
+        return amplitude, None
+    axes = tuple(range(-min(sample_axes, amplitude.ndim), 0))
+    peak = amplitude.detach().abs().amax(axes, keepdim=True).to(torch.float64)
+    peak = torch.where((peak > 0) & peak.isfinite(), peak, 1.0)
+    if bool((peak == 1).all()):
+        return amplitude, None
+    scaled = (amplitude / peak).to(torch.promote_types(amplitude.dtype, torch.float32))
+    return scaled, peak[(..., *(0 for _ in axes))]
 
 
 def _resolve_unmodulated_share(camera: Camera | None, share: float | None) -> float:
@@ -464,9 +493,16 @@ def _resolve_unmodulated_share(camera: Camera | None, share: float | None) -> fl
     return share
 
 
-def _validate_field_position(field: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+def _validate_field_position(
+    field: tuple[Scalar, Scalar], *, needed: bool
+) -> tuple[Scalar, Scalar]:
     if len(field) != 2 or not all(math.isfinite(as_number(place)) for place in field):
         raise ValueError(f"field is {field}; give two finite lengths (y, x) in metres")
+    if not needed and any(as_number(place) for place in field):
+        raise ValueError(
+            f"field is {field}, but the PSF is the same all over the field unless the panel stands "
+            "apart from the lens (Camera.separation) or sphere is True; leave field out"
+        )
     return field[0], field[1]
 
 
@@ -491,11 +527,11 @@ def _numeric_optics(optics: Camera | Lens) -> Camera | Lens:
 
 def psf(
     optics: Camera | Lens,
-    phase: torch.Tensor | None,
+    phase: torch.Tensor | None = None,
+    *,
     distance: Scalar,
     wavelength: Scalar,
     pixels: Plane,
-    *,
     field: tuple[Scalar, Scalar] = (0.0, 0.0),
     sphere: bool = False,
     tol: float = 1e-3,
@@ -508,8 +544,8 @@ def psf(
     ----------
     optics : Camera or Lens
         What forms the image.
-    phase : torch.Tensor or None
-        Radians, (..., rows, columns) of the panel, or (..., points) for a lens; None for none.
+    phase : torch.Tensor or numpy.ndarray, optional
+        Radians, (..., rows, columns) of the panel, or (..., points) for a lens. Zero by default.
     distance : float or 0-d torch.Tensor
         Metres from the object to the panel, or to a lens that stands alone; ``math.inf`` is
         allowed.

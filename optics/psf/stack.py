@@ -205,5 +205,5 @@ class _SharedSpectrum:
             return None
         first = self._engines[0]
         return panel_spectrum(
-            first.propagator, first.panel_field(phase, normalise_amplitude(amplitude)[0])
+            first.propagator, first.panel_field(phase, normalise_amplitude(amplitude, 2)[0])
         )

@@ -231,7 +231,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         The wave is that behind the stop.
         """
         q = self._request
-        amplitude = pupil_amplitude(self._camera)
+        amplitude = self._pupil_amplitude()
         if self._pixel_model == "curved":
             wave = amplitude.to(torch.complex128)
         elif self._pixel_model == "flat":
@@ -244,6 +244,10 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         if q.sphere is not None:
             wave = wave * q.sphere.wave_factor(*self._transform.positions())
         return wave.to(self._dtype)
+
+    def _pupil_amplitude(self) -> torch.Tensor:
+        """Compute the panel pixels' open shares for the PSF, differentiable in the radius."""
+        return pupil_amplitude(replace(self._camera, lens=self._request.lens))
 
     def _wave_on_pixel_nodes(self, amplitude: torch.Tensor) -> torch.Tensor:
         q, k = self._request, self._nodes_per_side
@@ -262,7 +266,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         """
         q, panel = self._request, self._camera.panel
         # A pixel that the stop covers in part passes light by its open area.
-        power = float(pupil_amplitude(self._camera).sum()) * panel.active_side**2
+        power = self._pupil_amplitude().sum() * panel.active_side**2
         area = q.samples.pitch[0] * q.samples.pitch[1]
         return panel.active_side**4 * area / (q.scale**2 * power)
 
@@ -303,17 +307,15 @@ class PanelEngine(CachedPupilWave, PSFEngine):
 
         The light elsewhere is that in one period of the sum over the panel's pixels.
         """
-        if amplitude is not None:
-            total = float((amplitude.detach().abs() ** 2).mean())
-            if total == 0:
-                return False
-        else:
-            total = 1.0
         if not light.numel():
             return False
+        total = torch.ones(())
+        if amplitude is not None:
+            total = (amplitude.detach().abs() ** 2).mean((-2, -1)).to(light.device)
         rows, columns = self._request.window_slices
-        least = float(light.detach()[..., rows, columns].sum(dim=(-2, -1)).min())
-        return 0 < least < _SETTINGS.low_light_share * total * self._window_period_share()
+        in_window = light.detach()[..., rows, columns].sum((-2, -1))
+        least = _SETTINGS.low_light_share * self._window_period_share() * total
+        return bool(((in_window > 0) & (in_window < least)).any())
 
     def _window_period_share(self) -> float:
         """Return the share of a period of the PSF engine's panel sum in the window, 1 at most.

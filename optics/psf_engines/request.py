@@ -54,7 +54,7 @@ class PSFRequest:
     pixel: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        require_valid_source(as_number(self.distance), as_number(self.wavelength))
+        require_valid_source(self.distance, self.wavelength)
 
     @cached_property
     def numeric(self) -> PSFRequest:
@@ -133,6 +133,11 @@ class PSFRequest:
         """Raise ValueError if a tensor of the PSF request has changed since the plan was made."""
         names = ("lens", "distance", "wavelength", "samples", "separation", "field")
         require_unchanged_attributes(names, self.numeric, replace(self).numeric, "PSFOperator")
+
+    @cached_property
+    def has_tensors(self) -> bool:
+        """Whether any length of the PSF request is a tensor, which might change after the plan."""
+        return self.numeric is not self
 
     @property
     def differentiable(self) -> bool:

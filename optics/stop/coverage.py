@@ -39,10 +39,13 @@ class Coverage:
             for loop in stop.loops
             for piece in loop.pieces
         ]
-        row, column, strip, step = (np.concatenate(parts) for parts in zip(*steps, strict=True))
+        row, column, strip, step, sweep = (
+            np.concatenate(part) for part in zip(*steps, strict=True)
+        )
         order = np.argsort(row, kind="stable")
         self._row, self._column = row[order], column[order]
-        self._strip, self._step = strip[order], step[order]
+        self._strip, self._step, self._sweep = strip[order], step[order], sweep[order]
+        self._radius, self._shape = radius, plane.shape
 
     def open_share(self, rows: slice, columns: slice) -> torch.Tensor:
         """Return the share of some cells that the stop leaves open, (rows, columns), float64.
@@ -71,6 +74,18 @@ class Coverage:
         share[share > 1 - least] = 1.0
         return torch.from_numpy(share)
 
+    def radius_derivative(self) -> torch.Tensor:
+        """Return the derivative of every cell's open share in the stop's radius, 1/m, float64.
+
+        A boundary point at b radii from the axis moves by b when the radius grows by one metre.
+        The area that an element of the boundary sweeps is the component of b along the outward
+        normal times the element's length, which is x dy - y dx.
+        """
+        rate = np.zeros(self._shape)
+        here = (self._column >= 0) & (self._column < self._shape[1])
+        np.add.at(rate, (self._row[here], self._column[here]), self._sweep[here])
+        return torch.from_numpy(rate / (self._pitch[0] * self._pitch[1] * self._radius))
+
 
 def _cell_edges(plane: Plane, axis: int) -> Array:
     n, p = plane.shape[axis], plane.pitch[axis]
@@ -79,11 +94,12 @@ def _cell_edges(plane: Plane, axis: int) -> Array:
 
 def _integrate_along_piece(
     piece: Piece, sign: int, lines: list[Array]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array, Array]:
     """Divide a piece of a stop's boundary at the grid's lines and integrate over each step.
 
-    Returns each step's row, its column, the integral of (x - left side of the cell) dy, and the
-    integral of dy. A step beyond the grid's right side has the column after the last.
+    Returns each step's row, its column, the integral of (x - left side of the cell) dy, the
+    integral of dy, and that of x dy - y dx. A step beyond the grid's right side has the column
+    after the last.
     """
     count = [line.size - 1 for line in lines]
     cuts = [piece.crossings(axis, lines[axis]) for axis in (0, 1)]
@@ -96,8 +112,9 @@ def _integrate_along_piece(
     row = np.searchsorted(lines[0], y.mean(axis=1)) - 1
     column = np.searchsorted(lines[1], x.mean(axis=1)) - 1
     on = (row >= 0) & (row < count[0]) & (column >= 0)
-    row, column, half, at, x = row[on], column[on], half[on], at[on], x[on]
-    dy, _ = piece.velocity(at)
+    row, column, half, at, y, x = row[on], column[on], half[on], at[on], y[on], x[on]
+    dy, dx = piece.velocity(at)
     step = sign * half * (dy @ _WEIGHTS)
     strip = sign * half * (((x - lines[1][column][:, None]) * dy) @ _WEIGHTS)
-    return row, column, strip, step
+    sweep = sign * half * ((x * dy - y * dx) @ _WEIGHTS)
+    return row, column, strip, step, sweep

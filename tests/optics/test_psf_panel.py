@@ -45,7 +45,12 @@ def test_a_neutral_rectangle_gives_the_analytic_pattern_on_pixels(small_camera, 
     """sinc² for a full panel, the grating function under sinc² for one with gaps."""
     camera = with_panel(small_camera, shape=shape, fill_factor=fill_factor)
     result = psf(
-        camera, torch.zeros(shape), 2.0, WAVELENGTH, camera.sensor.window_plane((14, 15)), tol=1e-3
+        camera,
+        torch.zeros(shape),
+        distance=2.0,
+        wavelength=WAVELENGTH,
+        pixels=camera.sensor.window_plane((14, 15)),
+        tol=1e-3,
     )
     truth = np.outer(line_on_pixels(camera, shape[0], 14), line_on_pixels(camera, shape[1], 15))
     if fill_factor == 1.0:
@@ -365,7 +370,10 @@ def test_oversampled_points_sum_to_their_pixel(small_camera):
 
 def test_the_account_tells_method_sampling_and_time(small_camera):
     result = psf(
-        small_camera, torch.zeros(24, 32), 2.0, WAVELENGTH, small_camera.sensor.window_plane((8, 8))
+        small_camera,
+        distance=2.0,
+        wavelength=WAVELENGTH,
+        pixels=small_camera.sensor.window_plane((8, 8)),
     )
     assert result.account.cpu_spent is not None
     assert result.account.cpu_spent >= 0
