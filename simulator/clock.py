@@ -23,11 +23,14 @@ class VirtualClock:
         self._lock = threading.Lock()
 
     def now(self) -> float:
-        """Return the virtual time in seconds."""
+        """Return the virtual bench's time in seconds."""
         return self._time
 
     def wait_until(self, time_: float, cancelled: Callable[[], bool]) -> None:
-        """Return when the virtual time is `time_`, or soon after `cancelled()` becomes true."""
+        """Wait until the virtual bench's time is `time_`, or `cancelled()` becomes true.
+
+        A cancellation is noticed soon after it happens.
+        """
         started, at_start = time.monotonic(), self._time
         while self._time < time_ and not cancelled():
             left = (time_ - self._time) / self._speed
@@ -39,6 +42,6 @@ class VirtualClock:
             self._reach(time_ if left == 0 else min(time_, at_start + passed))
 
     def _reach(self, time_: float) -> None:
-        """Advance the virtual time to `time_`, never backwards."""
+        """Advance the virtual bench's time to `time_`, never backwards."""
         with self._lock:
             self._time = max(self._time, time_)

@@ -38,17 +38,19 @@ class Topic:
 
     @property
     def text(self) -> str:
-        """Return the guide page as Markdown."""
+        """Return the page of labapp's common guide as Markdown."""
         return self.path.read_text(encoding="utf-8")
 
 
 def list_topics() -> list[Topic]:
-    """List all pages of the guide in the recommended reading order."""
+    """List all pages of labapp's common guide in the recommended reading order."""
     return sorted(map(_read_topic, PAGES.glob("*.md")), key=lambda one: (_rank(one.name), one.name))
 
 
 def find_topic(name: str) -> Topic:
-    """Find the guide's page on a topic; otherwise UserError suggests the most similar topic.
+    """Find the page of labapp's common guide on a topic, or raise UserError.
+
+    The UserError suggests the most similar topic.
 
     Capitals, blanks and the ending ".md" don't matter.
     """
@@ -65,7 +67,10 @@ def find_topic(name: str) -> Topic:
 
 
 def terminal_text(topic: Topic) -> str:
-    """Return a guide page as Markdown with each link replaced by the command that shows it."""
+    """Return a guide page for the terminal: Markdown with commands in place of links.
+
+    Each command shows the linked page.
+    """
     return _LINK.sub(r"\1 (`labapp help \2`)", topic.text)
 
 
@@ -77,6 +82,6 @@ def _read_topic(path: Path) -> Topic:
 
 
 def _rank(name: str) -> int:
-    """Return a guide page's place in the reading order; unlisted pages come last."""
+    """Return a page's place in the reading order of labapp's common guide; others come last."""
     fits = [k for k, word in enumerate(_ORDER) if name == word or name.startswith(f"{word}-")]
     return fits[0] if fits else len(_ORDER)

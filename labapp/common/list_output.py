@@ -31,7 +31,9 @@ def print_list(
     common_keys: Sequence[Mapping[str, str]] = (),
     example: str,
 ) -> None:
-    """Print a list as JSON with all data, or as text in which common keys appear once.
+    """Print a list in the terminal, as JSON or as text in which common keys appear once.
+
+    The JSON has all data.
 
     common_keys: keys that most entries have. example: a command that uses an entry.
     """

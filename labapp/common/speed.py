@@ -47,7 +47,9 @@ class BenchmarkJob:
 
 
 def machine_speed(progress: Progress | None = None) -> MachineSpeed:
-    """Return this machine's speed from the file; otherwise measure it in a few seconds.
+    """Return this machine's speed that all of labapp has in common, from a file or measured.
+
+    Measuring takes a few seconds.
 
     A speed that was measured on a busy machine is measured again once the load has halved.
     """
@@ -60,18 +62,21 @@ def machine_speed(progress: Progress | None = None) -> MachineSpeed:
 
 
 def _load_per_processor() -> float:
-    """Return the machine's load over the last minute, divided by the number of processors."""
+    """Return this machine's load per processor over the last minute, for the common speed file."""
     return os.getloadavg()[0] / (os.cpu_count() or 1)
 
 
 def speed_file_path() -> Path:
-    """Return the path of the file with the machine speed; $XDG_CACHE_HOME moves it."""
+    """Return the path of labapp's common file of the machine speed; $XDG_CACHE_HOME moves it."""
     cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(cache) / "labapp" / "speed.json"
 
 
 def _machine_fingerprint() -> dict[str, str]:
-    """Identify machine and library versions; a stored speed is invalid after any change."""
+    """Identify machine and libraries for labapp's common speed file.
+
+    A stored speed is invalid after any change of the machine or of a library's version.
+    """
     return {
         "machine": platform.processor() or platform.machine(),
         "node": platform.node(),
@@ -83,7 +88,10 @@ def _machine_fingerprint() -> dict[str, str]:
 
 
 def _read() -> tuple[MachineSpeed, float] | None:
-    """Read the stored machine speed, and the load during its measurement; None without one."""
+    """Read the machine speed from labapp's common file, and the load then; None without one.
+
+    The load is that during the measurement.
+    """
     try:
         found = json.loads(speed_file_path().read_text())
         names = {field.name for field in fields(MachineSpeed)}
@@ -96,7 +104,7 @@ def _read() -> tuple[MachineSpeed, float] | None:
 
 
 def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
-    """Write the machine speed to its file; if that fails, it is measured again next time.
+    """Write the machine speed to labapp's common file; if that fails, it is measured again.
 
     load: load per processor during the measurement.
     """
@@ -110,7 +118,10 @@ def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
 
 
 def benchmark_jobs() -> list[BenchmarkJob]:
-    """Return benchmark jobs of every method at two sizes or more, some milliseconds each."""
+    """Return the benchmark jobs that measure this machine's speed, common to all of labapp.
+
+    They are of every method at two sizes or more, some milliseconds each.
+    """
     found: list[BenchmarkJob] = []
     rng = np.random.default_rng(0)
     for side, window, pitch in ((700, 200, 3e-6), (2000, 300, 2.5e-6), (300, 400, 3e-6)):
@@ -172,7 +183,9 @@ def _axial_jobs() -> list[BenchmarkJob]:
 
 @single_threaded
 def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[BenchmarkJob, float]]:
-    """Time each benchmark job in processor seconds: the minimum over interleaved calls.
+    """Time each benchmark job of this machine's common speed file in processor seconds.
+
+    The time is the minimum over interleaved calls.
 
     Other processes can only add to a time (Chen and Revels, "Robust benchmarking in noisy
     environments", 2016).
@@ -191,7 +204,10 @@ def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[Benchm
 
 
 def fit_speed(timings: list[tuple[BenchmarkJob, float]]) -> MachineSpeed:
-    """Fit non-negative machine speeds to benchmark times, by least squares of relative errors."""
+    """Fit the speeds of labapp's common speed file, non-negative, to benchmark times.
+
+    The fit is by least squares of relative errors.
+    """
     names = [field.name for field in fields(MachineSpeed) if field.name != "double"]
     nothing = replace(MachineSpeed(), **dict.fromkeys(names, 0.0))
     best, least = MachineSpeed(), float("inf")

@@ -6,6 +6,9 @@ import os
 
 
 def use_one_thread() -> None:
-    """Limit OpenMP and BLAS to one thread; call this before they are loaded and read it."""
+    """Limit the process to one OpenMP and BLAS thread, as all of labapp does in common.
+
+    Call this before the libraries are loaded and read it.
+    """
     for library in ("OMP", "OPENBLAS", "MKL", "NUMEXPR"):
         os.environ[f"{library}_NUM_THREADS"] = "1"
