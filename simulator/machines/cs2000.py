@@ -83,14 +83,20 @@ class CS2000Machine(FaultyMachine):
         return self._measuring is not None
 
     def press_escape(self) -> None:
-        """Press the key on the instrument's back: abort a measurement, or else end remote mode."""
+        """Press the escape key of the simulated CS-2000 machine.
+
+        It aborts a measurement, or else ends remote mode.
+        """
         if self._measuring:
             self._measuring = None
         else:
             self.settings.remote = 0
 
     def press_measure(self, t: float) -> list[Reply]:
-        """Press the measuring key, which works if MSWE has enabled it; nothing is sent."""
+        """Press the measuring key of the simulated CS-2000 machine, which MSWE enables.
+
+        Nothing is sent.
+        """
         if not (self.settings.remote and self.settings.single_values["MSWE"]) or self._measuring:
             return []
         return self._start(t, by_key=True)
@@ -129,7 +135,7 @@ class CS2000Machine(FaultyMachine):
         return [Reply(at, b"")]
 
     def _advance(self, t: float) -> list[Reply]:
-        """Finish what is due by time t, and return the replies of the instrument."""
+        """Finish what the simulated CS-2000 machine has to do by time t, and return its replies."""
         replies = self._advance_measurement(t)
         while self._answers and self._answers[0].at <= t:
             answer = self._answers.pop(0)
@@ -176,7 +182,7 @@ class CS2000Machine(FaultyMachine):
         return [Reply(until, b"")]
 
     def _advance_measurement(self, t: float) -> list[Reply]:
-        """Finish the phases of a measurement that end by time t, and return their replies."""
+        """Finish the CS-2000 machine's measuring phases that end by time t; return the replies."""
         replies: list[Reply] = []
         while (going := self._measuring) and going.until <= t:
             if going.in_main_phase and "busy forever" in self._faults:
@@ -189,7 +195,7 @@ class CS2000Machine(FaultyMachine):
         return replies
 
     def _begin_main_phase(self, going: _Measurement) -> list[Reply]:
-        """End the pre-measurement, and report how long the main measurement takes."""
+        """End the CS-2000 machine's pre-measurement, and report how long the main one takes."""
         self._measuring = None
         if "stuck" in self._faults:
             return self._report_measurement("ER81", going)
@@ -212,7 +218,7 @@ class CS2000Machine(FaultyMachine):
         return self._report_measurement("OK00", going)
 
     def _report_measurement(self, text: str, of: _Measurement) -> list[Reply]:
-        """Report the progress of a measurement, unless the measuring key has started it."""
+        """Report the CS-2000 machine's progress unless its measuring key began the measurement."""
         return [] if of.by_key else [Reply(of.until, text.encode() + self._delimiter)]
 
     def _medr(self, given: list[int]) -> str:
@@ -240,7 +246,7 @@ class CS2000Machine(FaultyMachine):
         return ",".join(["OK00", *texts])
 
     def _discard_read_block(self, mode: int, number: int) -> None:
-        """Discard a measurement that was read completely, if the measuring key is enabled."""
+        """Discard the CS-2000 machine's completely read measurement if its key is enabled."""
         self._unread -= {number} if mode == 1 else set()
         if self.settings.single_values["MSWE"] and (mode == 2 or not self._unread):
             self.measured_radiance = None
