@@ -57,6 +57,7 @@ def print_list(
 
 
 def _data(one: ListEntry) -> dict[str, Any]:
+    """Return the data of one entry of a list that is printed in the terminal as JSON."""
     return {"name": one.name, "what": one.what, "keys": list(one.keys), **one.facts}
 
 

@@ -176,6 +176,7 @@ class CS2000Machine(FaultyMachine):
         return self._queue_reply("OK00", t)
 
     def _start(self, t: float, by_key: bool = False) -> list[Reply]:
+        """Begin a measurement of the simulated CS-2000 machine, and return its wake-up call."""
         self.measured_radiance = None
         until = t + min(10.0, max(1.0, self.optics.required_exposure(*self.settings.speed)[0] / 10))
         self._measuring = _Measurement(until, by_key=by_key)
@@ -222,6 +223,7 @@ class CS2000Machine(FaultyMachine):
         return [] if of.by_key else [Reply(of.until, text.encode() + self._delimiter)]
 
     def _medr(self, given: list[int]) -> str:
+        """Answer the command MEDR as the real CS-2000 instrument: read out a measurement."""
         if len(given) != 3:
             return "ER00"
         mode, form, number = given

@@ -12,7 +12,7 @@ from scipy import sparse
 def averaging_matrix(
     pixels: int, side: float, middle: float, edges: NDArray[np.float64]
 ) -> sparse.csr_array[Any, Any]:
-    """Return the matrix (cells, pixels) that averages interpolated pixels over cells.
+    """Return the matrix (cells, pixels) that averages a scene's interpolated pixels over cells.
 
     It holds for one axis and is float32. The values are linear between the middles of the pixels
     and 0 beyond the outermost pixels; their means over cells are exact. pixels: number of pixels
@@ -48,7 +48,9 @@ def window_matrix(
     window: tuple[float, float],
     edges: NDArray[np.float64],
 ) -> sparse.csr_array[Any, Any]:
-    """Return the matrix (cells, pixels) of the share of each cell that a pixel's window lights.
+    """Return the matrix (cells, pixels) of how much of each cell a scene's display lights.
+
+    It holds the share of each cell that a pixel's window lights.
 
     It holds for one axis of a display and is float32. window: its beginning and end within the
     pixel, in sides of a pixel. The other parameters are those of `averaging_matrix`.

@@ -47,7 +47,7 @@ _FORWARDED_CALLS = (
 
 
 def backend_option(path: str | Path) -> str:
-    """Return a driver's option `backend` for the simulated USB bus that is served at a path."""
+    """Return drivers' option `backend` for a simulated USB cable's bus that is served at a path."""
     return f"simulator.wire.usb_remote:backend@{path}"
 
 
@@ -101,13 +101,17 @@ class UsbServer:
     def _serve(self, line: MessageSocket) -> None:
         # Only this thread closes the socket. Until then no other file can get its descriptor, on
         # which this thread may be waiting.
+        """Answer the calls of one process to the simulated USB wire's bus."""
         with contextlib.closing(line), contextlib.suppress(EOFError, OSError):
             while True:
                 request: CallRequest = line.receive()
                 line.send(capture_result(self._call_bus, request.name, *request.arguments))
 
     def _call_bus(self, name: str, *given: Any) -> Any:
-        """Call a USB bus method; raise OSError if it fails, IndexError after the end of a list."""
+        """Call a method of the simulated USB wire's bus; raise OSError if it fails.
+
+        Raises IndexError after the end of a list.
+        """
         if name not in _FORWARDED_CALLS:
             raise AttributeError(f"a backend has no {name!r}")
         try:
@@ -120,7 +124,10 @@ class UsbServer:
 
 
 def _message_socket(connection: Connection) -> MessageSocket:
-    """Return a MessageSocket over an authenticated connection to the USB bus."""
+    """Return a socket that carries a simulated USB wire's calls to another process.
+
+    It is a MessageSocket over an authenticated connection to the USB bus.
+    """
     with connection:
         return MessageSocket(os.dup(connection.fileno()))
 
@@ -158,6 +165,7 @@ class RemoteBackend(SimulatedUsbBackend):
         return taken
 
     def _ask(self, name: str, given: tuple[Any, ...], timeout: int = 0) -> Any:
+        """Call the simulated USB wire's bus in the other process, and return its result."""
         with self._turn:
             try:
                 # If the other process hasn't replied 2 s after the transfer's own timeout, it
@@ -183,11 +191,15 @@ class RemoteBackend(SimulatedUsbBackend):
         return answer
 
     def _drop(self) -> None:
+        """Close the socket to the process that holds the simulated USB wire's bus."""
         line, self._line = self._line, None
         if line is not None:
             line.close()
 
 
 def backend(path: str) -> RemoteBackend:
-    """Return the USB backend of the bus at a path; drivers' option `backend` names it."""
+    """Return the USB backend that reaches a simulated wire's bus at a path.
+
+    Drivers' option `backend` names it.
+    """
     return RemoteBackend(path)

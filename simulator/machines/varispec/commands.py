@@ -103,6 +103,7 @@ def _tune(state: VariSpecState, words: list[str]) -> None:
 
 
 def _choose(state: VariSpecState, words: list[str]) -> None:
+    """Choose an element of the VariSpec machine's palette by a command's argument."""
     if len(words) == 1 and words[0] in _STEPS:
         state.choose_next(_STEPS[words[0]])
     else:

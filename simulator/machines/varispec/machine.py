@@ -179,6 +179,7 @@ class VariSpecMachine(FaultyMachine):
         return replies
 
     def _try(self, work: Callable[[float], list[str]], t: float) -> list[str]:
+        """Do a command's work in the VariSpec machine, and keep the error code if it fails."""
         initialised = self.state.initialised
         if "uninitialised" in self._faults:
             self.state.initialised = False
@@ -192,6 +193,7 @@ class VariSpecMachine(FaultyMachine):
                 self.state.initialised = initialised
 
     def _begin(self, t: float, seconds: float, finish: Callable[[float], list[str]]) -> None:
+        """Let the simulated VariSpec machine be busy for some seconds, and then call `finish`."""
         self._finish, self._done_at = finish, t + seconds
 
     def _start(self, line: bytes, t: float) -> list[str]:
