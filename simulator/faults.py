@@ -94,7 +94,7 @@ class FaultScript:
         """Index of the planned frame that the bench takes now."""
 
     def take_fault(self, role: str, frame: bool) -> Fault | None:
-        """Return the virtual bench's scripted fault that occurs in a device's call, or None.
+        """Return the simulator's scripted fault that occurs in a device's call, or None.
 
         frame: whether the call asks a camera for a frame.
         """
@@ -107,20 +107,26 @@ class FaultScript:
         return None
 
     def put_off(self, fault: Fault) -> None:
-        """Put a scripted fault of the virtual bench off to the next call."""
+        """Put a scripted fault of the simulator off to the next call."""
         next(pending for pending in self._pending if pending.fault is fault).left += 1
 
     @property
     def is_unused(self) -> bool:
-        """Return whether none of the virtual bench's scripted faults has occurred yet."""
+        """Return whether none of the simulator's scripted faults has occurred yet."""
         return all(pending.left == pending.fault.times for pending in self._pending)
 
     def unplug(self, role: str, until: float) -> None:
-        """Disconnect a virtual bench's device by its role, until a time of the bench's clock."""
+        """Disconnect a device in the simulator's fault script, until a time of the bench's clock.
+
+        The device is named by its role.
+        """
         self._away_until[role] = until
 
     def is_away(self, role: str, now: float) -> bool:
-        """Return whether a virtual bench's device is disconnected at a time of its clock."""
+        """Return whether the simulator's fault script has a device disconnected at a time.
+
+        The time is that of the bench's clock.
+        """
         return now < self._away_until.get(role, -_EVER)
 
 
@@ -136,7 +142,7 @@ class FaultInjector:
         self._unplugged = False
 
     def require_plugged(self) -> None:
-        """Raise DeviceError if the virtual bench's fault script has disconnected the device.
+        """Raise DeviceError if the simulator's fault script has disconnected the device.
 
         This is checked when the device is opened.
         """
@@ -144,7 +150,7 @@ class FaultInjector:
             raise self._error("open", "there is no such device", "Plug it in")
 
     def begin(self, command: str, reply_time: float, *, frame: bool = False) -> Fault | None:
-        """Cause the virtual bench's scripted fault of a device's call, if there is one.
+        """Cause the simulator's scripted fault of a device's call, if there is one.
 
         Returns the fault if the call goes on in spite of it. Raises DeviceError if the call fails.
         """
@@ -173,20 +179,23 @@ class FaultInjector:
         raise self._error(command, "the device answers ERROR", "Switch it off and on")
 
     def put_off(self, fault: Fault) -> None:
-        """Put a scripted fault of the virtual bench's device off to its next call."""
+        """Put a scripted fault of the simulator's device off to its next call."""
         self._script.put_off(fault)
 
     def kill(self) -> None:
-        """Mark a virtual bench's device as killed, and end its call that a scripted fault hangs."""
+        """Mark the device with the simulator's scripted faults as killed.
+
+        Its call that hangs is ended.
+        """
         self._killed.set()
 
     @property
     def is_killed(self) -> bool:
-        """Return whether the virtual bench's device was killed."""
+        """Return whether the device with the simulator's scripted faults was killed."""
         return self._killed.is_set()
 
     def require_alive(self, command: str) -> None:
-        """Raise DeviceError if the virtual bench's device was killed.
+        """Raise DeviceError if the device with the simulator's scripted faults was killed.
 
         Nothing waits for the reply of a killed device any more.
         """
@@ -194,5 +203,5 @@ class FaultInjector:
             raise self._error(command, "the device was killed", "Open it again")
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
-        """Return the DeviceError of a scripted fault of the virtual bench."""
+        """Return the DeviceError of a scripted fault of the simulator."""
         return DeviceError(self._model, command, reply, remedy)

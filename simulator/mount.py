@@ -47,21 +47,21 @@ class Mount:
 
     @property
     def is_aligned(self) -> bool:
-        """Return whether the virtual bench's panel isn't mirrored or rotated at the sensor."""
+        """Return whether the simulator's panel isn't mirrored or rotated at the sensor."""
         return not (self.flip_x or self.flip_y or self.rotation % (2 * math.pi))
 
     @property
     def _quarters(self) -> int:
-        """Return the quarter turns nearest to the virtual bench's panel rotation."""
+        """Return the quarter turns nearest to the simulator's panel rotation."""
         return round(self.rotation / (math.pi / 2))
 
     @property
     def _rest(self) -> float:
-        """Return the virtual bench's panel rotation beyond its quarter turns in radians."""
+        """Return the simulator's panel rotation beyond its quarter turns in radians."""
         return self.rotation - self._quarters * math.pi / 2
 
     def lens_in_panel_axes(self, lens: Lens) -> Lens:
-        """Return the virtual bench's lens as seen in the axes of the rotated or mirrored panel.
+        """Return the simulator's lens as seen in the axes of the rotated or mirrored panel.
 
         The lens is aligned with the sensor.
         """
@@ -73,13 +73,13 @@ class Mount:
         return replace(lens, stop=stop, aberrations=self._aberrations(lens))
 
     def _shape(self, shape: Shape) -> Shape:
-        """Transform a shape of the virtual bench's lens stop to the mounted panel's axes."""
+        """Transform a shape of the simulator's lens stop to the mounted panel's axes."""
         if isinstance(shape, Polygon):
             return Polygon(tuple(self._point(corner) for corner in shape.corners))
         return Circle(shape.radius, self._point(shape.centre))
 
     def _point(self, point: Point) -> Point:
-        """Transform a point (y, x) of the virtual bench from the sensor's to the panel's axes.
+        """Transform a point (y, x) of the simulator from the sensor's to the panel's axes.
 
         It is rotated first and then mirrored.
         """
@@ -87,13 +87,13 @@ class Mount:
         return float(y), float(x)
 
     def to_panel_axes(self, y: Array, x: Array) -> tuple[Array, Array]:
-        """Transform the virtual bench's sensor coordinates, or frequencies, to the panel's axes."""
+        """Transform the simulator's sensor coordinates, or frequencies, to the panel's axes."""
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         y, x = y * cos - x * sin, x * cos + y * sin
         return (-y if self.flip_y else y), (-x if self.flip_x else x)
 
     def _aberrations(self, lens: Lens) -> tuple[tuple[int, int, float], ...]:
-        """Return the Zernike coefficients of the virtual bench's lens in the mounted panel's axes.
+        """Return the Zernike coefficients of the simulator's lens in the mounted panel's axes.
 
         Rotation mixes the cosine and sine terms of the same degree and order. The panel's angle t
         is the lens' angle c + s t.
@@ -110,11 +110,11 @@ class Mount:
         return tuple((n, m, path) for (n, m), path in turned.items())
 
     def place_in_panel_axes(self, place: Point) -> Point:
-        """Transform a place (y, x) on the virtual bench's sensor to the mounted panel's axes."""
+        """Transform a place (y, x) on the simulator's sensor to the mounted panel's axes."""
         return self._point(place)
 
     def plane_in_panel_axes(self, plane: Plane) -> Plane:
-        """Return the plane in the virtual bench's panel axes on which a PSF has to be computed.
+        """Return the plane in the simulator's panel axes on which a PSF has to be computed.
 
         plane: the square plane around the axis on which the PSF is needed in the sensor's axes. The
         result has the same number of samples on both sides of the origin.
@@ -142,7 +142,7 @@ class Mount:
 
 
 def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Tensor:
-    """Resample a square PSF for the virtual bench's rotated panel, by its Fourier series."""
+    """Resample a square PSF for the simulator's rotated panel, by its Fourier series."""
     side, pitch = psf.shape[-1], plane.pitch[0]
     fading = _fading(side).to(psf)
     spectrum = origin_to_corner(psf * fading[:, None] * fading).to(torch.complex128)

@@ -10,7 +10,7 @@ from optics.slm.phase_range import max_phase
 
 
 def phase_range_wavelengths(panel: Panel) -> tuple[float, float]:
-    """Return the wavelengths between which the virtual bench's panel table holds.
+    """Return the wavelengths between which the simulator's panel table holds.
 
     They are the shortest and the longest one, in metres.
 
@@ -22,7 +22,7 @@ def phase_range_wavelengths(panel: Panel) -> tuple[float, float]:
 
 
 def panel_at(panel: Panel, wavelength: float) -> Panel:
-    """Return the virtual bench's panel for light of any wavelength.
+    """Return the simulator's panel for light of any wavelength.
 
     Beyond the panel's table, the optical path is that at the table's end. A liquid crystal's
     birefringence, and so the phase, changes by a few per cent there.
@@ -49,5 +49,5 @@ def substitute_panel(
 
 
 def modulator_at(panel: Panel, wavelength: float) -> Modulator:
-    """Return the modulator of the virtual bench's panel for any wavelength in metres."""
+    """Return the modulator of the simulator's panel for any wavelength in metres."""
     return Modulator(panel_at(panel, wavelength), wavelength)

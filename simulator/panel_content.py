@@ -63,7 +63,7 @@ class PanelContent:
 
     @staticmethod
     def of(video: NDArray[np.uint8], frame_time: float) -> PanelContent:
-        """Return the virtual bench's panel content for a video, (frames, rows, columns)."""
+        """Return the simulator's panel content for a video, (frames, rows, columns)."""
         # Names are hashes, computed once per video and not once per exposure.
         names = tuple(picture_name(grey) for grey in video)
         pictures: dict[str, NDArray[np.uint8]] = {}
@@ -75,12 +75,12 @@ class PanelContent:
 
     @property
     def first(self) -> NDArray[np.uint8]:
-        """Return the grey levels of the first frame that the virtual bench's panel shows."""
+        """Return the grey levels of the first frame that the simulator's panel shows."""
         return self.pictures[self.names[0]]
 
     @property
     def is_changing(self) -> bool:
-        """Return whether the virtual bench's panel shows more than one picture."""
+        """Return whether the simulator's panel shows more than one picture."""
         return len(self.pictures) > 1
 
     def _covers_whole_periods(self, seconds: float) -> bool:
@@ -113,7 +113,7 @@ class PanelContent:
         return PictureShares(tuple((name, share / total) for name, share in mixed.items()))
 
     def frame_sequence(self, start: float, seconds: float) -> FrameSequence:
-        """Return the video on the virtual bench's panel and the spans of it that an exposure sees.
+        """Return the video on the simulator's panel and the spans of it that an exposure sees.
 
         The frames and spans are in the video's order.
         """
@@ -136,7 +136,7 @@ def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
     """
 
     def shown_until(time: float) -> NDArray[np.float64]:
-        """Return the time since 0 for which the virtual bench has shown each video frame."""
+        """Return the time since 0 for which the simulator has shown each video frame."""
         rounds, rest = divmod(time, n)
         return rounds + np.clip(rest - np.arange(n), 0, 1)
 
@@ -145,7 +145,7 @@ def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
 
 
 def spans_of_time(n: int, start: float, length: float) -> list[tuple[int, float, float, float]]:
-    """Return the parts of the virtual bench's video of `n` frames that an exposure sees.
+    """Return the parts of the simulator's video of `n` frames that an exposure sees.
 
     The frames are shown in turn for one unit of time each. Each part is (frame, begin, end, share
     of the interval), in the frames' order; the shares add up to one.

@@ -14,7 +14,9 @@ from optics.zernike import zernike
 
 
 def nonlinear_response(levels: int, gamma: float, wiggle: float, highest: float) -> PhaseResponse:
-    """Return the virtual bench's panel response: phase highest (x^gamma + wiggle sin 2πx).
+    """Return a nonlinear phase response for the simulator's panel.
+
+    The phase is `highest` times (x^gamma + wiggle sin 2πx).
 
     x runs from 0 to 1 over the grey levels. highest: share of the panel's highest phase at the
     last level. Raises ValueError for a phase that falls from one level to the next.
@@ -25,7 +27,7 @@ def nonlinear_response(levels: int, gamma: float, wiggle: float, highest: float)
 
 
 def flatness_map(panel: Panel, terms: Iterable[tuple[int, int, float]]) -> PanelMap:
-    """Return the flatness of a virtual bench's panel as a sum of Zernike polynomials.
+    """Return the flatness of the simulator's panel as a sum of Zernike polynomials.
 
     The polynomials are those over the panel's circumscribed circle.
 
@@ -40,7 +42,7 @@ def flatness_map(panel: Panel, terms: Iterable[tuple[int, int, float]]) -> Panel
 
 
 def illumination_map(panel: Panel, radius: float, centre: tuple[float, float]) -> PanelMap:
-    """Return a Gaussian beam's irradiance on a virtual bench's panel, 1 at its centre.
+    """Return a Gaussian beam's irradiance on the simulator's panel, 1 at its centre.
 
     radius: to 1/e² of the peak, in metres. centre: (y, x) in metres.
     """

@@ -65,7 +65,7 @@ class Situation:
 
     @property
     def exposure_span(self) -> float:
-        """Return how long all rows expose in a simulated situation, in seconds.
+        """Return the seconds that the exposures of all rows take in a simulated situation.
 
         It is the time from the start of the first row's exposure to the last row's end.
         """

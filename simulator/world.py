@@ -67,7 +67,7 @@ class World:
         self.force(forced or {})
 
     def force(self, forced: Mapping[str, str | bool]) -> None:
-        """Force effects of the virtual bench on (True), off (False) or to a named level.
+        """Force effects of the simulator on (True), off (False) or to a named level.
 
         They are forced whatever error that makes.
 
@@ -77,12 +77,12 @@ class World:
         self.imaging.force(forced, self.situation())
 
     def forget(self) -> None:
-        """Remove the virtual bench's computed pictures and intermediate results from the caches."""
+        """Remove the simulator's computed pictures and intermediate results from the caches."""
         self.imaging.forget()
 
     @property
     def wavelength(self) -> float:
-        """Return the centre of the band that the virtual bench's filter transmits, in metres."""
+        """Return the centre of the band that the simulator's filter transmits, in metres."""
         return self.band.centre
 
     @wavelength.setter
@@ -91,7 +91,7 @@ class World:
 
     @property
     def bandwidth(self) -> float:
-        """Return the full width at half maximum of the virtual bench's filter band in metres."""
+        """Return the full width at half maximum of the simulator's filter band in metres."""
         return self.band.fwhm
 
     @bandwidth.setter
@@ -101,9 +101,9 @@ class World:
     def begin_frame(
         self, run: int, step: int, frame: int, *, index: int = 0, start_time: float = 0
     ) -> None:
-        """Begin a frame of a run on the virtual bench, with its noise and its time.
+        """Begin a frame of a run on the simulator, with its noise and its time.
 
-        Both depend on these numbers alone.
+        Both depend on the given numbers alone.
 
         index: of the planned frame. start_time: seconds of the plan at which its exposure begins.
         """
@@ -111,14 +111,14 @@ class World:
         self.faults.frame, self._exposure_start = index, start_time
 
     def random_generator(self) -> torch.Generator:
-        """Return the random generator of one picture of the virtual bench, another at each call."""
+        """Return the random generator of one picture of the simulator, another at each call."""
         state = np.random.SeedSequence([*self._seed, self._draws]).generate_state(2)
         self._draws += 1
         return torch.Generator().manual_seed(int(state[0]) << 31 ^ int(state[1]))
 
     @property
     def grey(self) -> NDArray[np.uint8]:
-        """Return the grey levels on the virtual bench's panel, (rows, columns).
+        """Return the grey levels on the simulator's panel, (rows, columns).
 
         Those of a video are those of its first frame.
         """
@@ -129,14 +129,14 @@ class World:
         self.play(grey[None], math.inf)
 
     def play(self, video: NDArray[np.uint8], frame_time: float) -> None:
-        """Show frames (n, rows, columns) on the virtual bench's panel for `frame_time` s each.
+        """Show frames (n, rows, columns) on the simulator's panel for `frame_time` s each.
 
         They are shown in turn; `frame_time` is in seconds.
         """
         self._panel_content = PanelContent.of(video, frame_time)
 
     def situation(self, exposure: float = TYPICAL_EXPOSURE) -> Situation:
-        """Return the situation of a picture that the virtual bench takes now.
+        """Return the situation of a picture that the simulator takes now.
 
         The exposure is in seconds.
 
@@ -163,7 +163,7 @@ class World:
         target: str | None = None,
         bandwidth: float | None = None,
     ) -> EffectPlan:
-        """Return the virtual bench's effect plan for a pattern or video on its panel.
+        """Return the simulator's effect plan for a pattern or video on its panel.
 
         A video is (n, rows, columns).
 
@@ -183,7 +183,7 @@ class World:
         return self.imaging.plan(asked)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the radiance of the virtual bench's target through the filter, W/(sr m² m).
+        """Return the radiance of the simulator's target through the filter, W/(sr m² m).
 
         It is that of a white part of the target.
 
@@ -196,7 +196,7 @@ class World:
     def electron_rates(
         self, exposure: float = TYPICAL_EXPOSURE, check: Callable[[], None] = lambda: None
     ) -> tuple[torch.Tensor, EffectPlan]:
-        """Return the virtual bench's photo-electrons per second on each pixel, and the effect plan.
+        """Return the simulator's photo-electrons per second on each pixel, and the effect plan.
 
         The rates are (rows, columns) float32, means over an exposure in seconds; the exposure
         matters when anything changes with time. check: is called between the steps of a long
@@ -209,14 +209,14 @@ class World:
     def stream(
         self, exposure: float, check: Callable[[], None] = lambda: None
     ) -> tuple[FrameSimulator, EffectPlan]:
-        """Return a frame simulator of the virtual bench's present situation and the effect plan."""
+        """Return a frame simulator of the simulator's present situation and the effect plan."""
         s, plan = self._situation_and_plan(exposure, check)
         return self.imaging.stream(s, plan, check), plan
 
     def _situation_and_plan(
         self, exposure: float, check: Callable[[], None]
     ) -> tuple[Situation, EffectPlan]:
-        """Return the virtual bench's present situation at an exposure, and its effect plan."""
+        """Return the simulator's present situation at an exposure, and its effect plan."""
         s = self.situation(exposure)
         check()
         plan = self.imaging.plan(s)

@@ -6,7 +6,7 @@ import os
 
 
 def use_one_thread() -> None:
-    """Limit the process to one OpenMP and BLAS thread, as all of labapp does in common.
+    """Limit OpenMP and BLAS to one thread, a helper common to all of labapp.
 
     Call this before the libraries are loaded and read it.
     """

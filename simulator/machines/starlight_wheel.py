@@ -50,9 +50,9 @@ class StarlightWheelMachine:
         return b"", self.write(0x01, data, t)
 
     def write(self, endpoint: int, data: bytes, t: float) -> list[InputReport]:
-        """Take two bytes from an endpoint as a real Starlight Xpress wheel would.
+        """Take the two bytes of an output report as the simulated Starlight wheel machine.
 
-        They are an output report, from the control or the output endpoint.
+        They come from the control or the output endpoint.
         """
         if self._stalled or len(data) != 2:
             raise UsbStall

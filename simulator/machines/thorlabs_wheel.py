@@ -115,7 +115,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return [Reply(t, output)]
 
     def _command_output(self, line: bytes, t: float) -> bytes:
-        """Answer a command as a real Thorlabs wheel does, without the prompt."""
+        """Return the simulated Thorlabs wheel machine's reply to a command, without the prompt."""
         if self._switched_on:
             self._switched_on = False
             return b"\0\0" + _NOT_DEFINED

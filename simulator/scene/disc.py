@@ -46,7 +46,7 @@ class Disc(Drawable):
         return torch.from_numpy(polygon_coverage(plane, [corners], [1.0]))
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Return the exact Fourier spectrum of a scene's disc, a jinc if it lies on the plane.
+        """Return the Fourier spectrum of a scene's disc, an exact jinc if it lies on the plane.
 
         A disc that doesn't lie wholly on the plane has a sampled spectrum.
         """

@@ -18,7 +18,7 @@ _HEAD = """\
 def bench_text(
     bench: BenchFile, served: Mapping[str, ServedInstrument], targets: Sequence[str]
 ) -> str:
-    """Return the bench file of a served virtual bench as TOML, for labapp to open.
+    """Return the bench file of a served virtual bench as TOML.
 
     Devices that aren't served keep their tables from `bench`.
     """
