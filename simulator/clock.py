@@ -23,7 +23,7 @@ class VirtualClock:
         self._lock = threading.Lock()
 
     def now(self) -> float:
-        """Return the simulator's time in seconds."""
+        """Return the simulation's virtual time in seconds."""
         return self._time
 
     def wait_until(self, time_: float, cancelled: Callable[[], bool]) -> None:
@@ -42,6 +42,6 @@ class VirtualClock:
             self._reach(time_ if left == 0 else min(time_, at_start + passed))
 
     def _reach(self, time_: float) -> None:
-        """Advance the simulator's time to `time_`, never backwards."""
+        """Advance the simulation's time to `time_`, never backwards."""
         with self._lock:
             self._time = max(self._time, time_)

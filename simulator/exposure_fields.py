@@ -22,7 +22,7 @@ fields' PSFs."""
 def exposure_fields(
     modulator: Modulator, panel_state: PictureShares | FrameSequence, pictures: Pictures, tol: float
 ) -> WeightedFields:
-    """Yield the fields on the simulator's panel during an exposure, with their shares of it.
+    """Yield the fields on the simulator's panel during an exposure, with each field's share of it.
 
     Each field is computed when it is asked for. tol: relative error of averages over time.
     """

@@ -94,7 +94,7 @@ class FaultScript:
         """Index of the planned frame that the bench takes now."""
 
     def take_fault(self, role: str, frame: bool) -> Fault | None:
-        """Return the simulator's scripted fault that occurs in a device's call, or None.
+        """Return the fault that the simulator's script makes occur in a device's call, or None.
 
         frame: whether the call asks a camera for a frame.
         """
@@ -112,20 +112,20 @@ class FaultScript:
 
     @property
     def is_unused(self) -> bool:
-        """Return whether none of the simulator's scripted faults has occurred yet."""
+        """Return whether no fault of the simulator's script has occurred yet."""
         return all(pending.left == pending.fault.times for pending in self._pending)
 
     def unplug(self, role: str, until: float) -> None:
-        """Disconnect a device in the simulator's fault script, until a time of the bench's clock.
+        """Disconnect the device of a role in the simulator's fault script.
 
-        The device is named by its role.
+        until: time of the bench's clock.
         """
         self._away_until[role] = until
 
     def is_away(self, role: str, now: float) -> bool:
-        """Return whether the simulator's fault script has a device disconnected at a time.
+        """Return whether the device of a role is disconnected in the simulator's fault script.
 
-        The time is that of the bench's clock.
+        now: time of the bench's clock.
         """
         return now < self._away_until.get(role, -_EVER)
 
@@ -150,7 +150,7 @@ class FaultInjector:
             raise self._error("open", "there is no such device", "Plug it in")
 
     def begin(self, command: str, reply_time: float, *, frame: bool = False) -> Fault | None:
-        """Cause the simulator's scripted fault of a device's call, if there is one.
+        """Cause the fault that the simulator's script has for a device's call, if it has one.
 
         Returns the fault if the call goes on in spite of it. Raises DeviceError if the call fails.
         """
@@ -179,7 +179,10 @@ class FaultInjector:
         raise self._error(command, "the device answers ERROR", "Switch it off and on")
 
     def put_off(self, fault: Fault) -> None:
-        """Put a scripted fault of the simulator's device off to its next call."""
+        """Put off a fault of the simulator's script to the device's next call.
+
+        This is for a fault that can't occur in the present call.
+        """
         self._script.put_off(fault)
 
     def kill(self) -> None:
@@ -191,11 +194,11 @@ class FaultInjector:
 
     @property
     def is_killed(self) -> bool:
-        """Return whether the device with the simulator's scripted faults was killed."""
+        """Return whether the simulator's device under fault injection was killed."""
         return self._killed.is_set()
 
     def require_alive(self, command: str) -> None:
-        """Raise DeviceError if the device with the simulator's scripted faults was killed.
+        """Raise DeviceError if the simulator's device under fault injection was killed.
 
         Nothing waits for the reply of a killed device any more.
         """
@@ -203,5 +206,5 @@ class FaultInjector:
             raise self._error(command, "the device was killed", "Open it again")
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
-        """Return the DeviceError of a scripted fault of the simulator."""
+        """Return the DeviceError that a fault of the simulator's script raises."""
         return DeviceError(self._model, command, reply, remedy)

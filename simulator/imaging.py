@@ -65,9 +65,9 @@ class Imaging:
         self._pictures, self._patterns = Cache(4), Cache(3)
 
     def with_tolerance(self, tol: float) -> Imaging:
-        """Return the simulator's Imaging with another tolerance and no forced effects.
+        """Copy the simulator's Imaging with another tolerance and no forced effects.
 
-        It shares the caches.
+        The copy shares the caches.
         """
         require_tolerance(tol)
         other = copy.copy(self)
@@ -93,7 +93,7 @@ class Imaging:
         self.forced = dict(forced)
 
     def plan(self, s: Situation) -> EffectPlan:
-        """Return the simulator's effect plan of a situation, from its cache if it is known.
+        """Return the simulator's effect plan of a situation, from the cache if possible.
 
         Raises ValueError for a filter wavelength at which the panel's phase range isn't known.
         """
@@ -109,12 +109,12 @@ class Imaging:
     def _compute_plan(
         self, s: Situation, tol: float, forced: Mapping[str, str | bool]
     ) -> EffectPlan:
-        """Compute the simulator's effect plan of a situation that isn't in the cache."""
+        """Compute the simulator's effect plan of a situation."""
         self._attach_probes(s)
         return plan_effects(EFFECTS, s, minimum_norms(s), tol, forced)
 
     def _attach_probes(self, s: Situation) -> None:
-        """Give a simulated situation the probes of its picture and pattern that are already known.
+        """Attach the probes of picture and pattern that are already known to a simulated situation.
 
         The probes don't depend on the exposure time.
         """
@@ -134,16 +134,13 @@ class Imaging:
     def electrons(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
     ) -> torch.Tensor:
-        """Simulate the mean electrons that light frees on each pixel in a situation.
-
-        The result is (rows, columns).
-        """
+        """Simulate the mean number of electrons that light frees on each pixel, (rows, columns)."""
         return expected_electrons(s, recipe, self._cache, self.ledger, check)
 
     def picture_moments(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
     ) -> PictureMoments:
-        """Return mean and variance of every pixel of a situation's simulated picture."""
+        """Return mean and variance of every pixel in a situation's simulated picture."""
         electrons = self.electrons(s, recipe, check)
         mean, variance = moments(electrons, s.exposure, s.camera.sensor, **asdict(recipe.stages))
         return PictureMoments(electrons, mean, variance)

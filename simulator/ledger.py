@@ -19,9 +19,9 @@ class Ledger:
         self._lock = threading.Lock()
 
     def add(self, effect: str, operations: float, bytes: int = 0) -> None:
-        """Add operations and bytes to the counts that the simulator keeps for an effect.
+        """Add an effect's operations and bytes to the simulator's counts.
 
-        The counts are of floating-point operations, and of the bytes of new arrays.
+        The simulator counts floating-point operations, and the bytes of new arrays.
 
         operations: approximate number. Raises ValueError for numbers that are negative or not
         finite.

@@ -52,12 +52,12 @@ class Mount:
 
     @property
     def _quarters(self) -> int:
-        """Return the quarter turns nearest to the simulator's panel rotation."""
+        """Return the simulator's panel rotation as the nearest number of quarter turns."""
         return round(self.rotation / (math.pi / 2))
 
     @property
     def _rest(self) -> float:
-        """Return the simulator's panel rotation beyond its quarter turns in radians."""
+        """Return the simulator's panel rotation beyond its quarter turns, in radians."""
         return self.rotation - self._quarters * math.pi / 2
 
     def lens_in_panel_axes(self, lens: Lens) -> Lens:
@@ -73,7 +73,7 @@ class Mount:
         return replace(lens, stop=stop, aberrations=self._aberrations(lens))
 
     def _shape(self, shape: Shape) -> Shape:
-        """Transform a shape of the simulator's lens stop to the mounted panel's axes."""
+        """Transform a shape of the lens' stop to the axes of the simulator's mounted panel."""
         if isinstance(shape, Polygon):
             return Polygon(tuple(self._point(corner) for corner in shape.corners))
         return Circle(shape.radius, self._point(shape.centre))
@@ -93,7 +93,7 @@ class Mount:
         return (-y if self.flip_y else y), (-x if self.flip_x else x)
 
     def _aberrations(self, lens: Lens) -> tuple[tuple[int, int, float], ...]:
-        """Return the Zernike coefficients of the simulator's lens in the mounted panel's axes.
+        """Return the lens' Zernike coefficients in the axes of the simulator's mounted panel.
 
         Rotation mixes the cosine and sine terms of the same degree and order. The panel's angle t
         is the lens' angle c + s t.
@@ -110,11 +110,11 @@ class Mount:
         return tuple((n, m, path) for (n, m), path in turned.items())
 
     def place_in_panel_axes(self, place: Point) -> Point:
-        """Transform a place (y, x) on the simulator's sensor to the mounted panel's axes."""
+        """Transform a place (y, x) on the sensor to the axes of the simulator's mounted panel."""
         return self._point(place)
 
     def plane_in_panel_axes(self, plane: Plane) -> Plane:
-        """Return the plane in the simulator's panel axes on which a PSF has to be computed.
+        """Return the plane in the axes of the simulator's panel on which to compute a PSF.
 
         plane: the square plane around the axis on which the PSF is needed in the sensor's axes. The
         result has the same number of samples on both sides of the origin.
@@ -126,11 +126,9 @@ class Mount:
         return replace(plane, shape=(side + 1 - side % 2,) * 2)
 
     def to_sensor_axes(self, psf: torch.Tensor, plane: Plane) -> torch.Tensor:
-        """Resample a simulated PSF from the mounted panel's axes onto a plane in the sensor's.
+        """Resample a simulated PSF from the mounted panel's axes onto a plane in the sensor's axes.
 
-        The result is (rows, columns).
-
-        psf: a PSF on `plane_in_panel_axes(plane)`.
+        psf: a PSF on `plane_in_panel_axes(plane)`. The result is (rows, columns).
         """
         flips = [axis for axis, on in ((-2, self.flip_y), (-1, self.flip_x)) if on]
         psf = psf.flip(flips)
@@ -142,7 +140,7 @@ class Mount:
 
 
 def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Tensor:
-    """Resample a square PSF for the simulator's rotated panel, by its Fourier series."""
+    """Resample a square PSF by its Fourier series, for the simulator's rotated panel."""
     side, pitch = psf.shape[-1], plane.pitch[0]
     fading = _fading(side).to(psf)
     spectrum = origin_to_corner(psf * fading[:, None] * fading).to(torch.complex128)
@@ -164,11 +162,9 @@ def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Te
 
 
 def _fading(side: int) -> torch.Tensor:
-    """Return the window that fades a simulated PSF to 0 at its ends before it is rotated.
+    """Return the window that fades a simulated PSF to 0 at both ends of a side, before rotation.
 
-    The window is 1 inside and falls smoothly at both ends of the PSF's side.
-
-    Its ramps are those of the Vorbis window, whose spectrum decays fast.
+    The window is 1 inside. Its ramps are those of the Vorbis window, whose spectrum decays fast.
     """
     ramp = torch.linspace(0, 1, _FADE_SAMPLES + 1, dtype=torch.float64)
     for _ in range(2):

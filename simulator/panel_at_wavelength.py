@@ -10,9 +10,7 @@ from optics.slm.phase_range import max_phase
 
 
 def phase_range_wavelengths(panel: Panel) -> tuple[float, float]:
-    """Return the wavelengths between which the simulator's panel table holds.
-
-    They are the shortest and the longest one, in metres.
+    """Return the shortest and longest wavelength (m) at which the simulator's panel table holds.
 
     The table of phase ranges is used from 0.9 times its shortest wavelength to 1.15 times its
     longest one.
@@ -37,7 +35,7 @@ def panel_at(panel: Panel, wavelength: float) -> Panel:
 def substitute_panel(
     panel: Panel, known_wavelength: float, wavelength: float, factor: float
 ) -> Panel:
-    """Return a simulator's panel that acts at `wavelength` as this one at `known_wavelength`.
+    """Return a simulator's panel that acts at `wavelength` as this does at `known_wavelength`.
 
     factor: multiplies the phase.
     """

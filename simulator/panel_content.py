@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 def picture_name(grey: NDArray[np.uint8]) -> str:
-    """Return the simulator's name of a pattern, the same for the same grey levels."""
+    """Return a pattern's name in the simulator; the same grey levels have the same name."""
     return hashlib.sha256(grey.tobytes()).hexdigest()
 
 
@@ -86,17 +86,15 @@ class PanelContent:
     def _covers_whole_periods(self, seconds: float) -> bool:
         """Return whether a simulated exposure sees all frames of the panel's video equally.
 
-        An exposure of no time counts as such.
-
-        It may differ from whole periods of the video by 1e-4, as cameras count whole
-        microseconds.
+        An exposure of zero length counts as such. An exposure may differ from whole periods of the
+        video by 1e-4, because cameras count whole microseconds.
         """
         n = len(self.names)
         periods = seconds / (n * self.frame_time)
         return n == 1 or seconds == 0 or abs(periods - round(periods)) <= 1e-4 * round(periods)
 
     def picture_shares(self, start: float, seconds: float) -> PictureShares:
-        """Return the shares of a simulated exposure in which the panel shows each picture, by name.
+        """Return the share of a simulated exposure in which the panel shows each picture, by name.
 
         start, seconds: of the exposure. With no time, the shares are those of a whole period.
         """
@@ -113,7 +111,7 @@ class PanelContent:
         return PictureShares(tuple((name, share / total) for name, share in mixed.items()))
 
     def frame_sequence(self, start: float, seconds: float) -> FrameSequence:
-        """Return the video on the simulator's panel and the spans of it that an exposure sees.
+        """Return the video on the simulator's panel, and the spans of it that an exposure sees.
 
         The frames and spans are in the video's order.
         """

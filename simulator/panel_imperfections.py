@@ -14,7 +14,7 @@ from optics.zernike import zernike
 
 
 def nonlinear_response(levels: int, gamma: float, wiggle: float, highest: float) -> PhaseResponse:
-    """Return a nonlinear phase response for the simulator's panel.
+    """Return a nonlinear phase response of the simulator's panel.
 
     The phase is `highest` times (x^gamma + wiggle sin 2πx).
 
@@ -29,7 +29,7 @@ def nonlinear_response(levels: int, gamma: float, wiggle: float, highest: float)
 def flatness_map(panel: Panel, terms: Iterable[tuple[int, int, float]]) -> PanelMap:
     """Return the flatness of the simulator's panel as a sum of Zernike polynomials.
 
-    The polynomials are those over the panel's circumscribed circle.
+    The polynomials are defined on the panel's circumscribed circle.
 
     terms: (degree n, order m, metres rms) of each polynomial.
     """

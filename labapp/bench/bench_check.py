@@ -18,7 +18,7 @@ Row = tuple[str, bool, str]
 
 
 def check_bench(bench: Path, scene: Path | None, *, open_devices: bool, as_json: bool) -> bool:
-    """Check a bench file and each of its devices, print it, and return whether all is well.
+    """Check a bench file and its devices, print the results, and return whether all is well.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def _check_device(setup: BenchSetup, role: str, open_devices: bool) -> Row:
 
 
 def _describe_device(setup: BenchSetup, role: str, open_devices: bool) -> str:
-    """Say which of the bench's devices was found, or that its driver accepts the options.
+    """Say which device the bench has in a role, or that its driver accepts the options.
 
     Raises UserError or DeviceError for what is wrong.
     """
@@ -80,9 +80,9 @@ def _describe_device(setup: BenchSetup, role: str, open_devices: bool) -> str:
 
 
 def _require_matching_shape(setup: BenchSetup, role: str, opened: OpenDevice) -> None:
-    """Raise UserError if a device's pixels differ from those in the bench file.
+    """Raise UserError if an SLM's or camera's pixel counts differ from the bench file's.
 
-    The device is an SLM or a camera; their number of pixels is compared.
+    Other devices aren't checked.
     """
     camera = setup.bench.build_camera()
     described = {"slm": ("panel", camera.panel.shape), "camera": ("sensor", camera.sensor.shape)}

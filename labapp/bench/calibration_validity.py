@@ -59,7 +59,7 @@ def validity_warnings(
     identities: Mapping[str, Identity],
     now: datetime | None = None,
 ) -> list[str]:
-    """Return why the bench's calibration may no longer hold, each reason with a remedy.
+    """Return the reasons why the bench's calibration may no longer hold, each with a remedy.
 
     Parameters
     ----------
@@ -103,10 +103,7 @@ def _keys_at_default(table: FileModel | None) -> set[str]:
 
 
 def wavelength_warnings(calibration: CalibrationFile, wavelengths: Iterable[float]) -> list[str]:
-    """Return a warning if the bench uses wavelengths too far outside its calibrated ones.
-
-    They are in metres.
-    """
+    """Return a warning if wavelengths in metres lie too far outside the bench's calibrated ones."""
     known = calibration.wavelengths
     if not known:
         return []
@@ -153,6 +150,6 @@ def _settings_warnings(part: str, then: Mapping[str, Any], now: Mapping[str, Any
 
 
 def _short(value: Any) -> str:
-    """Return a value of the bench file as text of 30 characters at most."""
+    """Shorten a value of the bench file to a text of 30 characters at most."""
     text = str(value)
     return text if len(text) <= 30 else f"{text[:27]}..."

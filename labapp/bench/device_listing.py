@@ -97,7 +97,7 @@ _LIMITS: dict[str, Callable[[Any], str]] = {
 
 
 def _load_error(entry: Any) -> str:
-    """Return why a driver for the bench's devices doesn't load, or an empty text.
+    """Return why a driver for bench devices doesn't load, or an empty text if it does.
 
     Every exception is caught, so that a broken driver doesn't prevent the others from being listed.
     """
@@ -109,10 +109,7 @@ def _load_error(entry: Any) -> str:
 
 
 def _ports() -> tuple[list[Port], list[str]]:
-    """Return the ports at which the bench's devices may be.
-
-    Messages say why other ports can't be listed.
-    """
+    """Return the ports where bench devices may be, and messages on ports that can't be listed."""
     ports: list[Port] = []
     trouble = []
     for find in (serial_ports, usb_devices, cameras, screens):

@@ -24,9 +24,7 @@ _ADDRESSES = frozenset(
 
 @contextmanager
 def lock_devices(tables: Mapping[str, DeviceTable]) -> Iterator[None]:
-    """Lock the bench's real devices for this process while the block runs.
-
-    The locks hold on this computer.
+    """Lock the bench's real devices on this computer for this process while the block runs.
 
     Simulated devices need no lock, because each application creates its own. The operating system
     releases the locks of a process that dies.
@@ -75,7 +73,7 @@ def _lock(role: str, table: DeviceTable) -> Iterator[None]:
 
 
 def _open_lock_file(path: Path) -> int:
-    """Open the lock file of a bench's device, which all users of the computer may lock.
+    """Open the lock file of a bench device, which all users of the computer may lock.
 
     The file is never deleted, because a process could delete the lock of its successor.
     """
@@ -91,9 +89,7 @@ def _open_lock_file(path: Path) -> int:
 
 
 def _path(table: DeviceTable) -> Path:
-    """Return the path of the lock file of a bench's device.
-
-    The driver and the address of the device determine it.
+    """Return the path of a bench device's lock file, which its driver and address determine.
 
     Two bench files may describe the same device with different options.
     """

@@ -108,11 +108,11 @@ class Bench:
 
     @property
     def simulated_devices(self) -> list[str]:
-        """Return the names of the bench's devices that are simulated."""
+        """Return the names of the bench's simulated devices."""
         return [name for name, device in self.devices.items() if device.identity.simulated]
 
     def calibration_warnings_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
-        """Return why the bench's calibration may not hold at wavelengths in metres."""
+        """Return the reasons why the bench's calibration may not hold at wavelengths in metres."""
         calibration = self.file.active_calibration
         if calibration is None:
             return ()
@@ -135,7 +135,7 @@ class Bench:
         return failures
 
     def failed_devices(self) -> list[str]:
-        """Return a message for each of the bench's devices that was given up, with the reason."""
+        """Return a message with the reason for each of the bench's devices that was given up."""
         return [
             f"the {role} {one.failure_reason}"
             for role, one in self.supervised_devices.items()
@@ -144,10 +144,7 @@ class Bench:
 
     @contextmanager
     def cancellable_by(self, cancelled: Callable[[], bool]) -> Iterator[None]:
-        """End calls of the bench's devices soon after `cancelled` returns true.
-
-        This holds while the block runs.
-        """
+        """Within the block, end calls to the bench's devices once `cancelled` returns true."""
         for device in self.supervised_devices.values():
             device.cancelled = cancelled
         try:
@@ -157,7 +154,7 @@ class Bench:
                 device.cancelled = lambda: False
 
     def device_error(self, role: str, command: str, reply: str) -> DeviceError:
-        """Return a DeviceError of a bench's device for a command and its reply."""
+        """Build the DeviceError of one of the bench's devices from a command and its reply."""
         device = self.devices[role]
         error = DeviceError(device.identity.model, command, reply, "If it stays, restart it")
         error.role = role
@@ -201,10 +198,7 @@ class BenchFiles:
         return BenchFiles(bench, scene, image, faults)
 
     def read(self) -> BenchSetup:
-        """Read the bench, scene and fault files of a bench.
-
-        UserError names the file and key that is wrong.
-        """
+        """Read a bench's files: bench, scene and faults; UserError names the wrong file and key."""
         bench = read_bench(self.bench)
         faults = read_faults(self.faults) if self.faults else ()
         if not bench.is_virtual:
@@ -241,7 +235,7 @@ class BenchSetup:
 
 @cache
 def installed_drivers() -> dict[str, EntryPoint]:
-    """Return the entry points of the installed drivers for a bench's devices, by name."""
+    """Return the entry points of the installed drivers for bench devices, by name."""
     return {entry.name: entry for entry in entry_points(group=DRIVER_GROUP)}
 
 
@@ -364,7 +358,7 @@ def _surroundings(
 
 
 def _forget(world: World) -> None:
-    """Free the pictures of a closed bench's virtual world, even if it is still referred to."""
+    """Free the pictures of a closed bench's virtual world, even if something refers to it."""
     world.forget()
     give_back_freed_memory()
 
@@ -405,7 +399,7 @@ def _log_calibration(bench: Bench) -> tuple[str, ...]:
 
 
 def read_scene(files: BenchFiles) -> SceneFile:
-    """Read the bench's scene file, with the user's own picture in its photographs if given."""
+    """Read the bench's scene file, and put the user's own picture into its photographs if given."""
     scene = read_file(files.scene, SceneFile)
     if files.image is None:
         return scene.with_files_in(files.scene.resolve().parent)
@@ -414,9 +408,7 @@ def read_scene(files: BenchFiles) -> SceneFile:
 
 
 def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> World:
-    """Build the virtual world of the bench's scene.
-
-    UserError names the scene file if that fails.
+    """Build the virtual world of the bench's scene; UserError names the scene file if that fails.
 
     `camera` is the camera as the bench file describes it. Where the scene states the true
     properties of the devices, only the world has them.
@@ -449,7 +441,7 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
 def device_maker(
     name: str, table: DeviceTable, surroundings: Surroundings, source: str
 ) -> Callable[[], Any]:
-    """Return a function that opens a bench file's device with its driver.
+    """Return a function that opens a device of the bench file with its driver.
 
     Raises UserError at once for an unknown driver, one that doesn't load, or wrong options.
     """
@@ -500,7 +492,7 @@ def _hosted_device_maker(
 
 
 def _with_user_errors(where: str, table: DeviceTable, make: Callable[[], Any]) -> Callable[[], Any]:
-    """Wrap a device's maker, so that its errors about options name the bench file's key."""
+    """Wrap a bench device's maker, so that its errors about options name the bench file's key."""
 
     def make_device() -> Any:
         try:

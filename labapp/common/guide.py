@@ -38,19 +38,19 @@ class Topic:
 
     @property
     def text(self) -> str:
-        """Return the page of labapp's common guide as Markdown."""
+        """Return this page of the user guide, which terminal and window share, as Markdown."""
         return self.path.read_text(encoding="utf-8")
 
 
 def list_topics() -> list[Topic]:
-    """List all pages of labapp's common guide in the recommended reading order."""
+    """List the pages of the user guide, which terminal and window share, in reading order."""
     return sorted(map(_read_topic, PAGES.glob("*.md")), key=lambda one: (_rank(one.name), one.name))
 
 
 def find_topic(name: str) -> Topic:
-    """Find the page of labapp's common guide on a topic, or raise UserError.
+    """Find the page on a topic in the user guide that terminal and window share.
 
-    The UserError suggests the most similar topic.
+    Raises UserError, which suggests a similar topic, if there is no such page.
 
     Capitals, blanks and the ending ".md" don't matter.
     """
@@ -67,9 +67,9 @@ def find_topic(name: str) -> Topic:
 
 
 def terminal_text(topic: Topic) -> str:
-    """Return a guide page for the terminal: Markdown with commands in place of links.
+    """Return a guide page as Markdown for the terminal, with a `labapp help` command per link.
 
-    Each command shows the linked page.
+    The command shows the linked page.
     """
     return _LINK.sub(r"\1 (`labapp help \2`)", topic.text)
 
@@ -82,6 +82,6 @@ def _read_topic(path: Path) -> Topic:
 
 
 def _rank(name: str) -> int:
-    """Return a page's place in the reading order of labapp's common guide; others come last."""
+    """Rank a page in the reading order of the shared user guide; unlisted pages come last."""
     fits = [k for k, word in enumerate(_ORDER) if name == word or name.startswith(f"{word}-")]
     return fits[0] if fits else len(_ORDER)

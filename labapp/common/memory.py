@@ -19,7 +19,7 @@ _KEPT_BYTES = (1 << 31) - 1
 
 
 def keep_freed_memory() -> None:
-    """Have large arrays reuse freed memory of the process, a helper common to all of labapp.
+    """Let the labapp process's new large arrays reuse the memory of freed ones.
 
     By default, glibc returns it to the system, which clears every page of the next array: work on
     pictures of some megapixels was measured to take two to three times as long. Other C libraries

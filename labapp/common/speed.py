@@ -47,11 +47,10 @@ class BenchmarkJob:
 
 
 def machine_speed(progress: Progress | None = None) -> MachineSpeed:
-    """Return this machine's speed that all of labapp has in common, from a file or measured.
+    """Return this machine's speed from the file that labapp's packages share, or measure it.
 
-    Measuring takes a few seconds.
-
-    A speed that was measured on a busy machine is measured again once the load has halved.
+    Measuring takes a few seconds. A speed that was measured on a busy machine is measured again
+    once the load has halved.
     """
     kept, load = _read(), _load_per_processor()
     if kept is not None and not (kept[1] > _BUSY and load < kept[1] / 2):
@@ -62,18 +61,18 @@ def machine_speed(progress: Progress | None = None) -> MachineSpeed:
 
 
 def _load_per_processor() -> float:
-    """Return this machine's load per processor over the last minute, for the common speed file."""
+    """Return this machine's load per processor over the last minute, to judge a measured speed."""
     return os.getloadavg()[0] / (os.cpu_count() or 1)
 
 
 def speed_file_path() -> Path:
-    """Return the path of labapp's common file of the machine speed; $XDG_CACHE_HOME moves it."""
+    """Return the path of labapp's shared file of the machine speed; $XDG_CACHE_HOME moves it."""
     cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(cache) / "labapp" / "speed.json"
 
 
 def _machine_fingerprint() -> dict[str, str]:
-    """Identify machine and libraries for labapp's common speed file.
+    """Identify the machine and its libraries in labapp's shared file of the machine speed.
 
     A stored speed is invalid after any change of the machine or of a library's version.
     """
@@ -88,9 +87,9 @@ def _machine_fingerprint() -> dict[str, str]:
 
 
 def _read() -> tuple[MachineSpeed, float] | None:
-    """Read the machine speed from labapp's common file, and the load then; None without one.
+    """Read the machine speed from labapp's shared file, and the load when it was measured.
 
-    The load is that during the measurement.
+    Returns None without a file, and after any change of the machine or of a library's version.
     """
     try:
         found = json.loads(speed_file_path().read_text())
@@ -104,7 +103,7 @@ def _read() -> tuple[MachineSpeed, float] | None:
 
 
 def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
-    """Write the machine speed to labapp's common file; if that fails, it is measured again.
+    """Write the machine speed to labapp's shared file; if that fails, it is measured again.
 
     load: load per processor during the measurement.
     """
@@ -118,9 +117,9 @@ def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
 
 
 def benchmark_jobs() -> list[BenchmarkJob]:
-    """Return the benchmark jobs that measure this machine's speed, common to all of labapp.
+    """Return the benchmark jobs that measure this machine's speed for all of labapp.
 
-    They are of every method at two sizes or more, some milliseconds each.
+    They cover every method at two sizes or more, and take some milliseconds each.
     """
     found: list[BenchmarkJob] = []
     rng = np.random.default_rng(0)
@@ -183,7 +182,7 @@ def _axial_jobs() -> list[BenchmarkJob]:
 
 @single_threaded
 def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[BenchmarkJob, float]]:
-    """Time each benchmark job of this machine's common speed file in processor seconds.
+    """Time each benchmark job of labapp's shared machine speed in processor seconds.
 
     The time is the minimum over interleaved calls.
 
@@ -204,9 +203,9 @@ def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[Benchm
 
 
 def fit_speed(timings: list[tuple[BenchmarkJob, float]]) -> MachineSpeed:
-    """Fit the speeds of labapp's common speed file, non-negative, to benchmark times.
+    """Fit the non-negative machine speeds that all of labapp shares to benchmark times.
 
-    The fit is by least squares of relative errors.
+    The fit minimises the sum of squares of the relative errors.
     """
     names = [field.name for field in fields(MachineSpeed) if field.name != "double"]
     nothing = replace(MachineSpeed(), **dict.fromkeys(names, 0.0))

@@ -6,9 +6,9 @@ import os
 
 
 def use_one_thread() -> None:
-    """Limit OpenMP and BLAS to one thread, a helper common to all of labapp.
+    """Limit OpenMP and BLAS to one thread in a labapp process.
 
-    Call this before the libraries are loaded and read it.
+    Call this before these libraries are loaded, because they read the limit then.
     """
     for library in ("OMP", "OPENBLAS", "MKL", "NUMEXPR"):
         os.environ[f"{library}_NUM_THREADS"] = "1"

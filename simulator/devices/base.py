@@ -12,7 +12,7 @@ from simulator.world import World
 
 
 def require_duration(name: str, milliseconds: float) -> None:
-    """Raise ValueError if a duration of a simulated device is negative or not finite."""
+    """Raise ValueError if a simulated device's duration is negative or not finite."""
     if not 0 <= milliseconds < math.inf:
         raise ValueError(f"{name} is {milliseconds}; it must be finite and not negative")
 
@@ -43,10 +43,7 @@ class SimulatedDevice:
         return Identity(self.model, "simulated", simulated=True)
 
     def make_safe(self) -> None:
-        """Do nothing, since this simulated device has no safe state.
-
-        Simulated devices that have one override this.
-        """
+        """Do nothing; simulated devices that have a safe state override this."""
 
     def kill(self) -> None:
         """End a call of the simulated device that hangs."""

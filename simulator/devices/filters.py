@@ -94,7 +94,7 @@ class SimulatedFilter(SimulatedDevice):
 
     @property
     def wavelength(self) -> float:
-        """Return the wavelength of the simulated filter, the centre of its band, in metres."""
+        """Return the centre of the simulated filter's band in metres."""
         return self._world.wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
@@ -192,6 +192,6 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
         return Setting(number, number, self._clock.now() + steps * self._step)
 
     def _turn_to(self, number: int) -> None:
-        """Turn the simulated filter wheel to a slot at once, and set the virtual bench's band."""
+        """Turn the simulated filter wheel to a slot at once, and set the virtual world's band."""
         self._slot = number
         self._world.band = self._bands[number - 1]

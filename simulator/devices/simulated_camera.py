@@ -89,7 +89,7 @@ class SimulatedCamera(SimulatedDevice):
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
         """Expose the simulated camera, and return the next frame in the host's queue.
 
-        That is this exposure's frame, unless an earlier frame was late.
+        The next frame is the one of this exposure, unless an earlier frame was late.
         """
         fault = self._faults.begin("capture", self.reply_time, frame=True)
         kind = fault.kind if fault else ""
@@ -108,7 +108,7 @@ class SimulatedCamera(SimulatedDevice):
         return self._last
 
     def _expose(self, cancelled: Callable[[], bool], other: float) -> Frame:
-        """Expose the simulated camera for the set time, or for `other` seconds if that isn't 0."""
+        """Expose a simulated camera's frame for the set time, or for `other` seconds if not 0."""
         began, seconds = self._clock.now(), other or self._exposure
 
         def check() -> None:
@@ -133,7 +133,7 @@ class SimulatedCamera(SimulatedDevice):
         return Frame(image, seconds, gain, began, self._number, checksum(image))
 
     def _wrong_exposure(self) -> float:
-        """Return the wrong exposure time in seconds of a simulated camera's faulty frame."""
+        """Return the exposure time in seconds of a simulated camera's wrongly exposed frame."""
         low, high = self.exposure_range
         return self._exposure * 2 if self._exposure * 2 <= high else max(low, self._exposure / 2)
 

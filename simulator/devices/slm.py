@@ -62,7 +62,7 @@ class SimulatedSLM(SimulatedDevice):
         return self._present(f"show {identifier}", identifier, np.asarray(grey)[None])
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
-        """Show a video of grey levels (frames, rows, columns) on the simulated SLM, repeatedly."""
+        """Show a repeating video of grey levels (frames, rows, columns) on the simulated SLM."""
         if video.ndim != 3 or not len(video):
             reply = f"a video of shape {video.shape}; it needs frames, rows and columns"
             raise self._refuse(f"play {identifier}", reply, "Compute it again")

@@ -31,11 +31,11 @@ class SimulatedTargets(SimulatedDevice):
 
     @property
     def current_target(self) -> str:
-        """Return the target that the simulated target changer has placed before the camera."""
+        """Return the name of the target that the simulated target changer has placed."""
         return self._world.target
 
     def place(self, name: str) -> Setting[str]:
-        """Place a target with the simulated target changer.
+        """Place a target before the camera with the simulated target changer.
 
         Raises DeviceError if the scene has no such target.
         """

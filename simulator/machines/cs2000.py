@@ -93,9 +93,9 @@ class CS2000Machine(FaultyMachine):
             self.settings.remote = 0
 
     def press_measure(self, t: float) -> list[Reply]:
-        """Press the measuring key of the simulated CS-2000 machine, which MSWE enables.
+        """Press the simulated CS-2000's measuring key, which works if MSWE has enabled it.
 
-        Nothing is sent.
+        The instrument sends nothing.
         """
         if not (self.settings.remote and self.settings.single_values["MSWE"]) or self._measuring:
             return []
@@ -176,7 +176,7 @@ class CS2000Machine(FaultyMachine):
         return self._queue_reply("OK00", t)
 
     def _start(self, t: float, by_key: bool = False) -> list[Reply]:
-        """Begin a measurement of the simulated CS-2000 machine, and return its wake-up call."""
+        """Begin a measurement of the simulated CS-2000, and return its wake-up call."""
         self.measured_radiance = None
         until = t + min(10.0, max(1.0, self.optics.required_exposure(*self.settings.speed)[0] / 10))
         self._measuring = _Measurement(until, by_key=by_key)
@@ -196,7 +196,7 @@ class CS2000Machine(FaultyMachine):
         return replies
 
     def _begin_main_phase(self, going: _Measurement) -> list[Reply]:
-        """End the CS-2000 machine's pre-measurement, and report how long the main one takes."""
+        """End the simulated CS-2000's pre-measurement, and report how long the main one takes."""
         self._measuring = None
         if "stuck" in self._faults:
             return self._report_measurement("ER81", going)
@@ -248,7 +248,7 @@ class CS2000Machine(FaultyMachine):
         return ",".join(["OK00", *texts])
 
     def _discard_read_block(self, mode: int, number: int) -> None:
-        """Discard the CS-2000 machine's completely read measurement if its key is enabled."""
+        """Discard the simulated CS-2000's measurement once read out, if its measuring key is on."""
         self._unread -= {number} if mode == 1 else set()
         if self.settings.single_values["MSWE"] and (mode == 2 or not self._unread):
             self.measured_radiance = None

@@ -50,9 +50,9 @@ class StarlightWheelMachine:
         return b"", self.write(0x01, data, t)
 
     def write(self, endpoint: int, data: bytes, t: float) -> list[InputReport]:
-        """Take the two bytes of an output report as the simulated Starlight wheel machine.
+        """Give the simulated Starlight wheel machine the two bytes of an output report.
 
-        They come from the control or the output endpoint.
+        The bytes come from the control or the output endpoint.
         """
         if self._stalled or len(data) != 2:
             raise UsbStall
@@ -78,7 +78,7 @@ class StarlightWheelMachine:
     def _start_counting(self, t: float) -> None:
         """Turn the simulated Starlight wheel machine once around and on to the first slot.
 
-        That takes one to two rotations, by the handbook.
+        This takes one to two rotations, by the handbook.
         """
         count, at = self.wheel.count, self.wheel.slot_at(t)
         around = [(at - 1 + i) % count + 1 for i in range(1, count + 1)]

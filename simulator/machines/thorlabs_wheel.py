@@ -58,7 +58,7 @@ class ThorlabsWheelMachine(FaultyMachine):
 
     @property
     def position(self) -> int:
-        """Return the slot of the simulated Thorlabs wheel machine that is in the light."""
+        """Return the simulated Thorlabs wheel machine's slot that is in the light."""
         return self._state["pos"]
 
     @property
@@ -89,7 +89,7 @@ class ThorlabsWheelMachine(FaultyMachine):
     def _begin(self, line: bytes, t: float) -> list[Reply]:
         """Carry out a command as the Thorlabs wheel machine, and return its wake-up calls.
 
-        These are the times at which it turns and replies.
+        The wake-up calls are at the times when the wheel turns and replies.
         """
         self._path = []
         output = self._command_output(line, t)
@@ -155,10 +155,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return b""
 
     def _turn(self, goal: int, t: float) -> list[tuple[float, int]]:
-        """Return when the Thorlabs wheel machine passes which slots on the shorter way to a slot.
-
-        The result is times and slots.
-        """
+        """List (time, slot) along the Thorlabs wheel machine's shorter way to a slot."""
         way = shorter_path(self.position, goal, self._state["pcount"])
         seconds = self._step[self._state["speed"]]
         return [(t + i * seconds, slot) for i, slot in enumerate(way, 1)]

@@ -34,7 +34,7 @@ class TurningWheel:
     def turn_to(self, slot: int, t: float) -> None:
         """Begin to turn the simulated wheel machine to a slot.
 
-        If it is turning, it starts from its present slot.
+        A wheel that is already turning goes on from its present slot.
         """
         self.turn_through(shorter_path(self.slot_at(t), slot, self.count, self.both_ways), t)
 
@@ -51,7 +51,7 @@ class TurningWheel:
         self._turned(slot)
 
     def slot_at(self, t: float) -> int:
-        """Return the simulated wheel machine's slot that is, or was last, in the light."""
+        """Return the simulated wheel machine's slot that is in the light, or was the last to be."""
         while self._way and not self.stuck and t >= self._since + self.step:
             self._since += self.step
             self._at = self._way.pop(0)
@@ -73,9 +73,9 @@ class TurningWheel:
 
 
 def shorter_path(start: int, end: int, count: int, both_ways: bool = True) -> list[int]:
-    """Return the slots that a simulated wheel machine passes on the shorter way.
+    """Return the slots that a simulated wheel machine passes on its shorter way.
 
-    It turns forward if both ways are equally long.
+    The wheel turns forward if both ways are equally long, or if `both_ways` is false.
     """
     ahead = (end - start) % count
     back = count - ahead

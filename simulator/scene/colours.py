@@ -10,11 +10,9 @@ its linear red, green and blue."""
 
 
 def primaries() -> Basis:
-    """Return a scene's reflectance spectra of red, green and blue.
+    """Return reflectance spectra of red, green and blue for a scene.
 
-    They are linear between three wavelengths.
-
-    The wavelengths are 610, 540 and 450 nm. The spectra don't come from physics, but they are
+    The spectra are linear between 610, 540 and 450 nm. They don't come from physics, but they are
     exact for a picture that was taken at just these wavelengths.
 
     Returns
@@ -32,9 +30,7 @@ def primaries() -> Basis:
 
 
 def basis_of(red: Spectrum, green: Spectrum, blue: Spectrum) -> Basis:
-    """Make a scene's reflectance basis from given spectra of red, green and blue.
-
-    The spectra are measured or published ones.
+    """Make a scene's reflectance basis from measured or published red, green and blue spectra.
 
     Beyond its ends each spectrum continues with its last value.
 
@@ -72,10 +68,7 @@ def basis_of(red: Spectrum, green: Spectrum, blue: Spectrum) -> Basis:
 
 
 def extend_to_silicon_range(table: Spectrum) -> Spectrum:
-    """Extend a scene's reflectance to all wavelengths that silicon detects.
-
-    Its end values continue.
-    """
+    """Extend a scene's reflectance by its end values to all wavelengths that silicon detects."""
     wavelengths, values = list(table.wavelengths), list(table.values)
     if table.low > SHORTEST_WAVELENGTH:
         wavelengths, values = [SHORTEST_WAVELENGTH, *wavelengths], [values[0], *values]

@@ -46,9 +46,9 @@ class Disc(Drawable):
         return torch.from_numpy(polygon_coverage(plane, [corners], [1.0]))
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Return the Fourier spectrum of a scene's disc, an exact jinc if it lies on the plane.
+        """Return the Fourier spectrum of a scene's disc: an exact jinc if the plane holds the disc.
 
-        A disc that doesn't lie wholly on the plane has a sampled spectrum.
+        The spectrum of a disc that reaches beyond the plane is computed from samples.
         """
         size, y, x = self._diameter_and_centre(magnification, shift)
         if not _holds(plane, y, x, size / 2):
@@ -70,9 +70,6 @@ class Disc(Drawable):
 
 
 def _holds(plane: Plane, y: float, x: float, reach: float) -> bool:
-    """Return whether a scene's disc of radius `reach` around (y, x) lies within a plane.
-
-    The plane is on the axis.
-    """
+    """Return whether a plane on the axis holds a scene's disc of radius `reach` around (y, x)."""
     halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
     return all(abs(p) + reach <= half for p, half in zip((y, x), halves, strict=True))

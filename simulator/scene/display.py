@@ -28,7 +28,7 @@ a liquid-crystal display in front of white diodes."""
 
 
 def display_primaries(bands: Sequence[tuple[float, float]] = PEAKS) -> Basis:
-    """Return Gaussian spectra of red, green and blue of a scene's display, peaking at 1.
+    """Return Gaussian spectra of a scene display's red, green and blue, each with a peak of 1.
 
     Parameters
     ----------
@@ -117,9 +117,7 @@ class Windows(Drawable):
 def _visible_pixels(
     image: torch.Tensor, axis: int, plane: Plane, side: float, shift: float
 ) -> tuple[torch.Tensor, float]:
-    """Return the pixels of a scene's display along an axis that overlap the plane.
-
-    Where they begin is returned too.
+    """Return a scene display's pixels along an axis that overlap the plane, and where they begin.
 
     At least one pixel is returned. The beginning is in metres on the plane.
     """

@@ -36,7 +36,7 @@ class Drawable(ABC):
         return math.inf, math.inf
 
     def spectral_decay(self, magnification: float, frequency: float) -> int:
-        """Return the power of frequency with which the spectrum of a scene's picture falls.
+        """Return the power of the frequency with which a scene picture's spectrum falls.
 
         frequency: lowest frequency that counts, cycles per metre on the sensor. The power is 1 for
         a picture with sharp edges.
@@ -45,9 +45,7 @@ class Drawable(ABC):
 
     @abstractmethod
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Return the mean light of a scene's picture over the cell around each sample.
-
-        The samples are those of the sensor plane.
+        """Return a scene picture's mean light over the cell around each sample of the sensor plane.
 
         The result is float32, (rows, columns), from 0 to 1. For one of several parts that add up
         to a target it may be negative.

@@ -17,14 +17,14 @@ from simulator.scene.target import Layer, Part, Target
 
 
 def require_image(image: torch.Tensor, bands: str) -> None:
-    """Raise ValueError unless a scene's picture is finite and (rows, columns, bands)."""
+    """Raise ValueError unless a scene's picture is finite and has shape (rows, columns, bands)."""
     if image.ndim != 3 or image.numel() == 0:
         raise ValueError(f"image is {tuple(image.shape)}; it needs rows, columns and {bands}")
     require_finite("image", image)
 
 
 def covering(shape: tuple[int, ...], cover: float, camera: Camera) -> float:
-    """Return the pixel side on the sensor of a scene's picture that covers the frame, metres.
+    """Return the pixel side on the sensor, in metres, of a scene picture that covers the frame.
 
     shape: (rows, columns) of the picture. cover: side of the picture over side of the frame, along
     the axis where this ratio is smaller.
@@ -72,7 +72,7 @@ class FramedPicture(_Pixels, Target):
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
         """Return reflectances and pictures whose products add up to the scene's target.
 
-        The pictures are (rows, columns).
+        Each picture is (rows, columns).
         """
 
     def for_camera(self, camera: Camera) -> Target:

@@ -44,7 +44,7 @@ class PixelPicture(Drawable):
         return y, x
 
     def spectral_decay(self, magnification: float, frequency: float) -> int:
-        """Return the power with which a scene picture's spectrum falls with frequency: 1 or 2.
+        """Return the power of the frequency with which a scene picture's spectrum falls: 1 or 2.
 
         Because of the linear interpolation it is 2 at frequencies beyond those that the pixels
         resolve, unless the picture has light at its rim, where it ends abruptly.
@@ -80,9 +80,9 @@ class PixelPicture(Drawable):
 
 
 def edges(plane: Plane, axis: int) -> NDArray[np.float64]:
-    """Return the edges of the cells in which a scene is drawn, along an axis, in metres.
+    """Return the cell edges, in metres, along an axis of the plane on which a scene is drawn.
 
-    There is one more edge than there are cells of the plane.
+    There is one more edge than there are cells.
     """
     n, pitch = plane.shape[axis], plane.pitch[axis]
     index = np.arange(n + 1, dtype=np.float64) - n // 2 - 0.5

@@ -96,7 +96,7 @@ def _edge_contributions(
 ) -> NDArray[np.float64]:
     """Return the area that the edges of a scene's polygons add to each cell.
 
-    The sum along the rows follows.
+    The caller then sums the areas along the rows.
 
     starts, ends: (edges, 2), y and x in cells from the plane's corner. The result, flattened, has
     one column more than the plane.
@@ -149,11 +149,9 @@ def _cut(
 def rectangle(
     centre: tuple[float, float], size: tuple[float, float], angle: float = 0.0
 ) -> Corners:
-    """Return the corners of a scene's rectangle, (height, width) around (y, x), in metres.
+    """Return the corners of a rectangle in a scene, in metres.
 
-    (y, x) is its centre.
-
-    angle: rotation from x towards y, radians.
+    centre: (y, x). size: (height, width). angle: rotation from x towards y, radians.
     """
     cos, sin = math.cos(angle), math.sin(angle)
     half_y, half_x = size[0] / 2, size[1] / 2

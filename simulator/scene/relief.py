@@ -23,7 +23,7 @@ def distances_of(
 ) -> NDArray[np.float64]:
     """Return the distances in a scene's relief from the disparity of a stereo pair.
 
-    They are baseline x focal over disparity.
+    Each distance is baseline times focal, divided by the sum of disparity and offset.
 
     Parameters
     ----------
@@ -149,10 +149,7 @@ class Relief(FramedPicture):
 
 
 def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the nearest pixel within a mask for each pixel of a scene's relief.
-
-    The result is rows and columns.
-    """
+    """Return row and column of the nearest pixel in a mask, for each pixel of a scene's relief."""
     rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return rows, columns
 
@@ -165,9 +162,7 @@ def _fill_unknown_depths(depths: NDArray[np.floating]) -> NDArray[np.floating]:
 def _assign_layers(
     depths: NDArray[np.floating], levels: int
 ) -> tuple[NDArray[np.int64], list[float]]:
-    """Assign each pixel of a scene's relief to a depth layer, and return the distances.
-
-    The distances are those of the layers.
+    """Assign a scene relief's pixels to depth layers; return each pixel's layer and the distances.
 
     Layer 0 is the nearest, and no layer is empty. Their steps of vergence are even.
     """

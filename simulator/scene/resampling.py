@@ -50,10 +50,9 @@ def window_matrix(
 ) -> sparse.csr_array[Any, Any]:
     """Return the matrix (cells, pixels) of how much of each cell a scene's display lights.
 
-    It holds the share of each cell that a pixel's window lights.
-
-    It holds for one axis of a display and is float32. window: its beginning and end within the
-    pixel, in sides of a pixel. The other parameters are those of `averaging_matrix`.
+    An element is the share of the cell that the pixel's window lights. The matrix is for one axis
+    of a display, in float32. window: its beginning and end within the pixel, in sides of a pixel.
+    The other parameters are those of `averaging_matrix`.
     """
     start = (np.arange(pixels) + window[0]) * side + middle - pixels * side / 2
     end = start + (window[1] - window[0]) * side

@@ -13,16 +13,13 @@ from simulator.scene.drawable import Drawable
 
 
 def require_radiance(radiance: float) -> None:
-    """Raise ValueError for a radiance in the scene that is negative or not finite."""
+    """Raise ValueError if a radiance in the scene is negative or not finite."""
     if not 0 <= radiance < math.inf:
         raise ValueError(f"radiance is {radiance:g} W/(sr m² m); it must be finite, not negative")
 
 
 def require_distance(distance: float) -> None:
-    """Raise ValueError for a distance in the scene that isn't positive.
-
-    Infinity is allowed.
-    """
+    """Raise ValueError for a distance in the scene that isn't positive; infinity is allowed."""
     if not distance > 0:
         raise ValueError(f"distance is {distance:g} m; it must be positive")
 

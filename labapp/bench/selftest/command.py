@@ -29,9 +29,7 @@ def run_selftest(
     as_json: bool,
     force: bool,
 ) -> bool:
-    """Run the self-test of one of the bench's devices, and return whether all is well.
-
-    The device is opened, tested and closed, and the results are printed.
+    """Run the self-test of a bench device, print the results, and return whether all is well.
 
     `report` is the file for the same results as JSON. A device that doesn't open gives a failed
     check. Raises UserError for a wrong bench file, or a device that another application uses.

@@ -17,8 +17,6 @@ from labapp.common.console import handle_stop_signals, print_message
 def catch_stop_requests() -> Iterator[Callable[[], bool]]:
     """Yield a function that tells whether a signal has asked the served bench to stop.
 
-    It works while the block runs.
-
     A second signal ends the block at once by KeyboardInterrupt.
     """
     asked = False
@@ -36,7 +34,7 @@ def catch_stop_requests() -> Iterator[Callable[[], bool]]:
 def read_commands(
     talk: CommandInterpreter, stop_requested: Callable[[], bool], *, until_eof: bool
 ) -> None:
-    """Execute the lines that people type to a served virtual bench, until it is stopped.
+    """Execute the command lines typed to a served virtual bench until it is stopped.
 
     If `until_eof` is true, the end of standard input stops it as well.
     """

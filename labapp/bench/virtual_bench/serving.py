@@ -67,7 +67,7 @@ class ServeOptions:
     until_eof: bool
 
     def require_valid(self) -> None:
-        """Raise UserError for the first wrong option with which a bench is to be served."""
+        """Raise UserError for the first wrong option for serving a virtual bench."""
         for name, kinds in _KINDS.items():
             value, known = getattr(self, name), (*kinds, "none")
             if value not in known:

@@ -37,9 +37,7 @@ class SharedWorld:
             yield self._world
 
     def render_frame(self, exposure: float, gain_db: float) -> NDArray[np.uint16]:
-        """Render a picture for the served bench's camera; each picture has its own noise.
-
-        The camera is a FakeGigECamera.
+        """Render a picture with its own noise for the served bench's FakeGigECamera.
 
         An error is printed for the user who serves the bench, because the camera's client sees
         only that a frame is missing.
@@ -63,15 +61,15 @@ class SharedWorld:
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the spectral radiance that the served bench's spectroradiometer sees.
 
-        It is that of `World.radiance`.
+        Units and shapes are those of `World.radiance`.
         """
         with self._turn:
             return self._world.radiance(wavelengths)
 
     def place(self, name: str) -> None:
-        """Put a target before the served bench's camera.
+        """Put a target in front of the served bench's camera.
 
-        ValueError lists the targets for an unknown name.
+        Raises ValueError, which lists the targets, for an unknown name.
         """
         with self._turn:
             known = self._world.scene.targets

@@ -101,10 +101,7 @@ class VariSpecState:
         self.tune(self.palette[element])
 
     def choose_next(self, step: int) -> None:
-        """Choose the VariSpec machine's next or previous palette element.
-
-        The last is followed by the first.
-        """
+        """Choose the next or previous element of the VariSpec machine's palette, cyclically."""
         if not self.palette:
             raise CommandError(VariSpecErrorCode.NO_PALETTE)
         first = 0 if step > 0 else len(self.palette) - 1
@@ -120,10 +117,7 @@ class VariSpecState:
 
     @property
     def status(self) -> int:
-        """Return the VariSpec machine's status bits, as to the immediate character `@`.
-
-        They are in table 2 of the manual.
-        """
+        """Return the VariSpec machine's status bits, its reply to `@` (table 2 of the manual)."""
         bits = (
             self.initialised,
             self.exercised,

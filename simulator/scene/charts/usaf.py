@@ -103,11 +103,9 @@ def _bar(group: int, element: int) -> float:
 def _element_layout(
     first: int, last: int
 ) -> tuple[list[tuple[tuple[float, float], float]], tuple[float, float]]:
-    """Return the corners and bar widths of all elements of a scene's chart, and its size.
+    """Place the elements of a scene's USAF chart: return corners, bar widths and total size.
 
-    The corners are the upper left ones; the size is the total one.
-
-    The size is (height, width). All lengths are in metres.
+    The corners are the upper left ones. The size is (height, width). All lengths are in metres.
     """
     placed, x, height = [], 0.0, 0.0
     for group in range(first, last + 1):
@@ -125,9 +123,9 @@ def _element_layout(
 def _bars(
     corner: tuple[float, float], bar: float
 ) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-    """Return centre and size of the bars of a scene's chart element.
+    """Return centre and size of the six bars of an element in a scene's USAF chart.
 
-    It has three level and three upright bars.
+    Three bars are level, and three are upright.
     """
     y, x = corner
     steps = [(2 * k + 0.5) * bar for k in range(3)]
