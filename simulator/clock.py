@@ -27,10 +27,7 @@ class VirtualClock:
         return self._time
 
     def wait_until(self, time_: float, cancelled: Callable[[], bool]) -> None:
-        """Wait until the simulator's time is `time_`, or `cancelled()` becomes true.
-
-        A cancellation is noticed soon after it happens.
-        """
+        """Wait until the simulation's time is `time_`, or soon after `cancelled()` turns true."""
         started, at_start = time.monotonic(), self._time
         while self._time < time_ and not cancelled():
             left = (time_ - self._time) / self._speed

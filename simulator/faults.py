@@ -107,7 +107,10 @@ class FaultScript:
         return None
 
     def put_off(self, fault: Fault) -> None:
-        """Put a scripted fault of the simulator off to the next call."""
+        """Put off a fault of the simulator's script to the next call.
+
+        This is for a fault that can't occur in the present call.
+        """
         next(pending for pending in self._pending if pending.fault is fault).left += 1
 
     @property
@@ -142,10 +145,7 @@ class FaultInjector:
         self._unplugged = False
 
     def require_plugged(self) -> None:
-        """Raise DeviceError if the simulator's fault script has disconnected the device.
-
-        This is checked when the device is opened.
-        """
+        """Raise DeviceError if the simulator's fault script has unplugged the device to open."""
         if self._script.is_away(self._role, self._clock.now()):
             raise self._error("open", "there is no such device", "Plug it in")
 
@@ -186,10 +186,7 @@ class FaultInjector:
         self._script.put_off(fault)
 
     def kill(self) -> None:
-        """Mark the device with the simulator's scripted faults as killed.
-
-        Its call that hangs is ended.
-        """
+        """Mark the simulator's device under fault injection as killed, and end a hanging call."""
         self._killed.set()
 
     @property

@@ -75,10 +75,7 @@ class Imaging:
         return other
 
     def forget(self) -> None:
-        """Remove all of the simulator's pictures and plans from its caches.
-
-        They are computed again when they are needed.
-        """
+        """Empty the simulator's caches of pictures and plans; they are computed again if needed."""
         for cache in (self._cache, self._plans, self._streams, self._pictures, self._patterns):
             cache.clear()
 

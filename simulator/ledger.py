@@ -53,9 +53,6 @@ class Ledger:
             return sum(self._bytes.values())
 
     def operations_of(self, effect: str) -> float:
-        """Return the number of operations that the simulator counted for one effect.
-
-        It is 0 for an effect without any entry.
-        """
+        """Return how many operations the simulator counted for one effect; 0 without an entry."""
         with self._lock:
             return self._operations.get(effect, 0.0)

@@ -47,7 +47,7 @@ class Mount:
 
     @property
     def is_aligned(self) -> bool:
-        """Return whether the simulator's panel isn't mirrored or rotated at the sensor."""
+        """Return whether the simulator's panel is neither mirrored nor rotated to the sensor."""
         return not (self.flip_x or self.flip_y or self.rotation % (2 * math.pi))
 
     @property
@@ -61,10 +61,7 @@ class Mount:
         return self.rotation - self._quarters * math.pi / 2
 
     def lens_in_panel_axes(self, lens: Lens) -> Lens:
-        """Return the simulator's lens as seen in the axes of the rotated or mirrored panel.
-
-        The lens is aligned with the sensor.
-        """
+        """Return the lens, aligned with the sensor, as seen in the simulator's panel axes."""
         stop = replace(
             lens.stop,
             opening=self._shape(lens.stop.opening),
@@ -79,15 +76,15 @@ class Mount:
         return Circle(shape.radius, self._point(shape.centre))
 
     def _point(self, point: Point) -> Point:
-        """Transform a point (y, x) of the simulator from the sensor's to the panel's axes.
+        """Transform a point (y, x) on the sensor to the axes of the simulator's mounted panel.
 
-        It is rotated first and then mirrored.
+        The point is rotated first and then mirrored.
         """
         y, x = self.to_panel_axes(*(np.asarray(one) for one in point))
         return float(y), float(x)
 
     def to_panel_axes(self, y: Array, x: Array) -> tuple[Array, Array]:
-        """Transform the simulator's sensor coordinates, or frequencies, to the panel's axes."""
+        """Transform coordinates or frequencies on the sensor to the simulator's panel axes."""
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         y, x = y * cos - x * sin, x * cos + y * sin
         return (-y if self.flip_y else y), (-x if self.flip_x else x)

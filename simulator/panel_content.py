@@ -86,8 +86,8 @@ class PanelContent:
     def _covers_whole_periods(self, seconds: float) -> bool:
         """Return whether a simulated exposure sees all frames of the panel's video equally.
 
-        An exposure of zero length counts as such. An exposure may differ from whole periods of the
-        video by 1e-4, because cameras count whole microseconds.
+        This also holds for an exposure of zero length. An exposure may differ from whole periods of
+        the video by 1e-4, because cameras count whole microseconds.
         """
         n = len(self.names)
         periods = seconds / (n * self.frame_time)

@@ -65,27 +65,24 @@ class Situation:
 
     @property
     def exposure_span(self) -> float:
-        """Return the seconds that the exposures of all rows take in a simulated situation.
+        """Return the seconds over which the sensor's rows are exposed in a simulated situation.
 
-        It is the time from the start of the first row's exposure to the last row's end.
+        The time runs from the start of the first row's exposure to the end of the last row's.
         """
         return frame_duration(self.camera.sensor, self.exposure)
 
     @property
     def image_motion(self) -> float:
-        """Return how far a moving target's image travels in a simulated situation.
+        """Return how far a moving target's image travels at most in a simulated situation.
 
-        The result is in metres on the sensor, at most.
+        The distance is in metres on the sensor, for the nearest part of the target.
         """
         scale = self.camera.magnification(min(self.picture_probe.distances))
         return math.hypot(*self.target.velocity) * scale * self.exposure_span
 
     @property
     def picture_probe(self) -> PictureProbe:
-        """Return the probe of the target's unblurred picture in a simulated situation.
-
-        It holds what is known of the picture without any blur.
-        """
+        """Return the probe of the target's unblurred picture in a simulated situation."""
         if self.cache.picture_probe is None:
             middle = self.exposure / 2
             shift = (self.target.velocity[0] * middle, self.target.velocity[1] * middle)
@@ -110,10 +107,8 @@ class Situation:
     def coarsest_sampling(self) -> int:
         """Return the fewest samples along a pixel that suffice in a simulated situation.
 
-        They resolve the finest fringe of the light.
-
-        The finest fringe is that of the shortest wavelength; 5 % more samples than it needs are
-        taken.
+        The samples resolve the finest fringe of the light, which is that of the shortest
+        wavelength. 5 % more samples than it needs are taken.
         """
         shortest = self.band.support[0]
         if self.band.leak:

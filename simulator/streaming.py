@@ -117,7 +117,7 @@ def _parts(count: int) -> list[slice]:
 
 
 def _offsets(held: CollectedCharge) -> torch.Tensor | None:
-    """Return the pixels' offsets of a simulated frame in electrons, or None if it has none."""
+    """Return the pixels' own offsets in a simulated frame, in electrons, or None without any."""
     return None if isinstance(held.offset, float) else held.offset.flatten()
 
 
@@ -210,22 +210,19 @@ _Block = _Still | _Normal | _Stepwise
 
 
 def _poisson_limit(stages: Stages) -> float:
-    """Return the electrons from which on the frame simulator doesn't draw Poisson's numbers."""
+    """Return the mean electron number at which the frame simulator stops drawing Poisson noise."""
     return _SETTINGS.min_skewed_electrons if stages.shot == "Poisson" else FEW_ELECTRONS
 
 
 def _shot(stages: Stages) -> Literal["Gaussian", "skewed"]:
-    """Return the distribution that the frame simulator draws for many electrons, not Poisson's."""
+    """Return which distribution the frame simulator draws for many electrons, not Poisson's."""
     return "Gaussian" if stages.shot == "Gaussian" else "skewed"
 
 
 def _block(
     mean: torch.Tensor, offset: torch.Tensor | None, sensor: Sensor, stages: Stages
 ) -> _Block:
-    """Return the frame simulator's fastest way to draw some pixels accurately.
-
-    It is as accurate as drawing every stage.
-    """
+    """Return the frame simulator's fastest way to draw pixels as accurately as by every stage."""
     read = sensor.read_noise if stages.read_noise else 0.0
     chancy = stages.shot != "none"
     if stages.clipping:
@@ -252,7 +249,7 @@ def _block(
 def _can_merge_noises(
     mean: torch.Tensor, reach: torch.Tensor, read: float, sensor: Sensor, stages: Stages
 ) -> torch.Tensor:
-    """Return where the frame simulator may draw a pixel's shot and read noise as one noise.
+    """Return for which pixels the frame simulator may draw shot and read noise as one noise.
 
     These have many electrons, enough read noise to hide their whole numbers, and surely no full
     well.

@@ -69,7 +69,7 @@ class World:
     def force(self, forced: Mapping[str, str | bool]) -> None:
         """Force effects of the simulator on (True), off (False) or to a named level.
 
-        They are forced whatever error that makes.
+        Effects are forced whatever error that causes.
 
         Raises ValueError at once, not with the first picture, for an effect that doesn't exist, for
         a level that it doesn't have, or for an effect that is on and requires one that is off.
@@ -101,9 +101,7 @@ class World:
     def begin_frame(
         self, run: int, step: int, frame: int, *, index: int = 0, start_time: float = 0
     ) -> None:
-        """Begin a frame of a run on the simulator, with its noise and its time.
-
-        Both depend on the given numbers alone.
+        """Begin a frame of a run on the simulator; these numbers alone set its noise and its time.
 
         index: of the planned frame. start_time: seconds of the plan at which its exposure begins.
         """
@@ -111,16 +109,16 @@ class World:
         self.faults.frame, self._exposure_start = index, start_time
 
     def random_generator(self) -> torch.Generator:
-        """Return the random generator of one picture of the simulator, another at each call."""
+        """Return the random generator for one picture of the simulator, a new one at each call."""
         state = np.random.SeedSequence([*self._seed, self._draws]).generate_state(2)
         self._draws += 1
         return torch.Generator().manual_seed(int(state[0]) << 31 ^ int(state[1]))
 
     @property
     def grey(self) -> NDArray[np.uint8]:
-        """Return the grey levels on the simulator's panel, (rows, columns).
+        """Return the grey levels (rows, columns) on the simulator's panel.
 
-        Those of a video are those of its first frame.
+        For a video they are the grey levels of its first frame.
         """
         return self._panel_content.first
 
@@ -129,18 +127,16 @@ class World:
         self.play(grey[None], math.inf)
 
     def play(self, video: NDArray[np.uint8], frame_time: float) -> None:
-        """Show frames (n, rows, columns) on the simulator's panel for `frame_time` s each.
+        """Show frames in turn on the simulator's panel, each for `frame_time` s.
 
-        They are shown in turn; `frame_time` is in seconds.
+        video: (n, rows, columns).
         """
         self._panel_content = PanelContent.of(video, frame_time)
 
     def situation(self, exposure: float = TYPICAL_EXPOSURE) -> Situation:
         """Return the situation of a picture that the simulator takes now.
 
-        The exposure is in seconds.
-
-        Raises ValueError for an exposure that isn't positive and finite.
+        Raises ValueError for an exposure in seconds that isn't positive and finite.
         """
         require_positive("exposure", exposure, "s")
         return Situation(
@@ -165,10 +161,8 @@ class World:
     ) -> EffectPlan:
         """Return the simulator's effect plan for a pattern or video on its panel.
 
-        A video is (n, rows, columns).
-
-        A video is shown at the panel's frame rate. target, bandwidth: the present ones if None.
-        Nothing is rendered.
+        A video is (n, rows, columns) and is shown at the panel's frame rate. target, bandwidth: the
+        present ones if None. Nothing is rendered.
         """
         frames = pattern if pattern.ndim == 3 else pattern[None]
         video = PanelContent.of(
@@ -183,9 +177,7 @@ class World:
         return self.imaging.plan(asked)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the radiance of the simulator's target through the filter, W/(sr m² m).
-
-        It is that of a white part of the target.
+        """Return the radiance of white in the simulator's target through the filter, W/(sr m² m).
 
         wavelengths: metres, (n,). The filter's transmission is 1 at its peak.
         """
@@ -209,7 +201,7 @@ class World:
     def stream(
         self, exposure: float, check: Callable[[], None] = lambda: None
     ) -> tuple[FrameSimulator, EffectPlan]:
-        """Return a frame simulator of the simulator's present situation and the effect plan."""
+        """Return a frame simulator for the simulator's present situation, and the effect plan."""
         s, plan = self._situation_and_plan(exposure, check)
         return self.imaging.stream(s, plan, check), plan
 

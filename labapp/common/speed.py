@@ -182,7 +182,7 @@ def _axial_jobs() -> list[BenchmarkJob]:
 
 @single_threaded
 def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[BenchmarkJob, float]]:
-    """Time each benchmark job of labapp's shared machine speed in processor seconds.
+    """Time the benchmark jobs of labapp's shared machine speed, in processor seconds.
 
     The time is the minimum over interleaved calls.
 

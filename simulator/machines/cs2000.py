@@ -83,10 +83,7 @@ class CS2000Machine(FaultyMachine):
         return self._measuring is not None
 
     def press_escape(self) -> None:
-        """Press the escape key of the simulated CS-2000 machine.
-
-        It aborts a measurement, or else ends remote mode.
-        """
+        """Press the simulated CS-2000's escape key: abort a measurement, else end remote mode."""
         if self._measuring:
             self._measuring = None
         else:
@@ -183,7 +180,7 @@ class CS2000Machine(FaultyMachine):
         return [Reply(until, b"")]
 
     def _advance_measurement(self, t: float) -> list[Reply]:
-        """Finish the CS-2000 machine's measuring phases that end by time t; return the replies."""
+        """Finish measuring phases of the simulated CS-2000 that end by time t; return replies."""
         replies: list[Reply] = []
         while (going := self._measuring) and going.until <= t:
             if going.in_main_phase and "busy forever" in self._faults:
@@ -219,7 +216,7 @@ class CS2000Machine(FaultyMachine):
         return self._report_measurement("OK00", going)
 
     def _report_measurement(self, text: str, of: _Measurement) -> list[Reply]:
-        """Report the CS-2000 machine's progress unless its measuring key began the measurement."""
+        """Report the simulated CS-2000's progress, unless its measuring key started it."""
         return [] if of.by_key else [Reply(of.until, text.encode() + self._delimiter)]
 
     def _medr(self, given: list[int]) -> str:

@@ -65,7 +65,7 @@ class CS2000Optics:
         return self._signal(integration, nd) > 1.001 * _SATURATION
 
     def required_exposure(self, mode: int, given: int, nd: int) -> tuple[float, int]:
-        """Return the CS-2000 machine's integration time in s and internal filter by speed mode."""
+        """Return the simulated CS-2000's integration time (s) and internal filter by speed mode."""
         if mode == 3:
             return given * 1e-6, nd
         if nd == 2:

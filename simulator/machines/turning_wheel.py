@@ -64,10 +64,7 @@ class TurningWheel:
         return 0 if self._way and not self.stuck else at
 
     def reported_slot(self, t: float) -> int:
-        """Return the slot that the simulated wheel machine reports.
-
-        It is 0 while the machine reports that it turns.
-        """
+        """Return the slot that the simulated wheel machine reports; 0 if it says that it turns."""
         at = self.resting_slot(t)
         return 0 if self.never_arrives else at
 

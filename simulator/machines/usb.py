@@ -85,12 +85,9 @@ class UsbMachine(Protocol):
         ...
 
     def power_up(self, t: float) -> None:
-        """Power the simulated USB instrument up at time t.
-
-        It keeps nothing that it stored before.
-        """
+        """Power the simulated USB instrument up at time t, with nothing stored from before."""
         ...
 
     def set_fault(self, kind: str | None) -> None:
-        """Begin one of the simulated USB machine's `own_faults`, or end all if `kind` is None."""
+        """Begin one of a simulated USB instrument's `own_faults`, or end all if `kind` is None."""
         ...

@@ -128,9 +128,6 @@ class Target(_Stands):
         return self
 
     def reflected_radiance(self, reflectance: Spectrum | None = None) -> Spectrum:
-        """Return the radiance of a matt surface in the scene's light, white by default.
-
-        The light is that of this target.
-        """
+        """Return the radiance of a matt surface (white by default) in a scene target's light."""
         lamp = (self.light or Spectrum.flat(1.0)).with_scale(self.radiance)
         return lamp if reflectance is None else lamp.times(reflectance)

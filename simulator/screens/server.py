@@ -160,9 +160,7 @@ def running_server(command: list[str]) -> Iterator[XServer]:
 
 @contextmanager
 def xvfb(columns: int, rows: int, display: str = "") -> Iterator[XServer]:
-    """Run an X server with one virtual screen of 24 bits while the block lasts.
-
-    The screen is invisible.
+    """Run an X server with one invisible virtual screen of 24 bits while the block lasts.
 
     Parameters
     ----------

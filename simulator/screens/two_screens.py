@@ -47,8 +47,6 @@ EndSection
 def xorg(folder: Path) -> Iterator[XServer]:
     """Run an X server with two virtual screens while the block lasts.
 
-    They are the operator's and the panel's.
-
     DUMMY0, 1280x1024, is the operator's screen; DUMMY1, 1920x1080 at 60 Hz, is the panel's, at its
     right.
 
@@ -83,7 +81,7 @@ def xorg(folder: Path) -> Iterator[XServer]:
 
 
 def lay_out(server: XServer) -> None:
-    """Lay out the two virtual screens of an X server as on a bench, whatever their layout was.
+    """Lay out an X server's two virtual screens as on a bench, whatever their layout was before.
 
     Parameters
     ----------

@@ -11,9 +11,9 @@ _HEADER = struct.Struct(">25I")
 
 
 def pixels_of(dump: bytes) -> NDArray[np.uint8]:
-    """Return the pixels of an xwd screenshot of a virtual screen, blue, green, red.
+    """Return the pixels of a virtual screen from its xwd screenshot: blue, green, red.
 
-    The screenshot is of 24 bits, and the pixels are (rows, columns, 3).
+    The screenshot has 24 bits per pixel. The result is (rows, columns, 3).
     """
     header = _HEADER.unpack_from(dump)
     # Header fields: [0] its own size, [4] columns, [5] rows, [11] bits per pixel, [12] bytes per

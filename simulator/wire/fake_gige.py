@@ -143,10 +143,7 @@ class FakeGigECamera:
         self._process.close()
 
     def mark_scene_changed(self) -> None:
-        """Tell the GigE camera on the simulated wire that the scene has changed.
-
-        It then renders new pictures.
-        """
+        """Tell the GigE camera on the simulated wire to render new pictures of a changed scene."""
         with self._counting:
             count = int.from_bytes(self._memory[:8], "little") + 1
             self._memory[:8] = count.to_bytes(8, "little")
@@ -194,7 +191,7 @@ class FakeGigECamera:
                 self._send_request("set_fault", kind)
 
     def _send_request(self, name: str, *given: Any) -> None:
-        """Send a request to the process of the GigE camera on the simulated wire, and wait.
+        """Send a request to the GigE camera's process on the simulated wire, and await a reply.
 
         The thread that receives the replies doesn't wait, because it would wait for itself.
         """
@@ -226,7 +223,7 @@ class FakeGigECamera:
     def _render_pictures(self, request: dict[str, Any]) -> None:
         """Render the pictures that the GigE camera will send over the simulated wire.
 
-        They go into the set of memory places that isn't being sent.
+        The pictures go into the set of memory places that isn't being sent.
         """
         self._set ^= 1
         places = [(self._set * self._cycle + number) * self._slot for number in range(self._cycle)]
@@ -262,10 +259,7 @@ def _crop_and_bin(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[n
 
 
 def _await_free(address: str) -> None:
-    """Wait until no other simulated GigE wire uses the port; raise OSError after 20 s.
-
-    The port is that of a simulated camera.
-    """
+    """Wait until the simulated GigE wire's port is free of other cameras; OSError after 20 s."""
     # GigE Vision has a fixed port.
     port = 3956
     late = time.monotonic() + 20.0

@@ -12,7 +12,7 @@ from simulator.world import World
 
 
 def frame_renderer(world: World) -> Callable[[float, float], NDArray[np.uint16]]:
-    """Return the `render` function by which a GigE camera on the wire sees the virtual bench.
+    """Return the `render` function that shows the virtual bench to a camera on the wire.
 
     The camera is a `FakeGigECamera`.
 

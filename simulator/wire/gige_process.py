@@ -156,7 +156,7 @@ class GigEMachine:
     def _serve_triggers(self) -> None:
         """Turn each trigger on the simulated GigE wire into a frame after the exposure time.
 
-        They are served one after the other.
+        Triggers are served one after the other.
         """
         while True:
             time.sleep(0.001)
@@ -193,7 +193,7 @@ class GigEMachine:
         return running and self._register(GigERegister.STREAM_PORT) == stream
 
     def _start_exposure(self) -> int:
-        """Begin the next exposure of the camera on the GigE wire, and return its microseconds."""
+        """Begin an exposure of the camera on the GigE wire; return its length in microseconds."""
         exposure = GigERegister.EXPOSURE
         if self.fault == "wrong exposure":
             self._write(exposure, 2 * self._register(exposure))
@@ -203,13 +203,13 @@ class GigEMachine:
     def _effective_exposure_us(self) -> int:
         """Return the exposure that the camera on the simulated GigE wire obeys now.
 
-        Its latency in frames counts.
+        The exposure is in microseconds, and depends on the camera's latency in frames.
         """
         late = 3 if self.fault == "stale frame" else self.latency
         return self._exposure_history[max(0, len(self._exposure_history) - 1 - late)]
 
     def _request_pictures(self, us: int, patience: float) -> list[int] | None:
-        """Request the pictures of an exposure that go over the simulated GigE wire.
+        """Request pictures of an exposure for the simulated GigE wire.
 
         Returns their memory places, or None after a timeout.
         """
@@ -234,7 +234,7 @@ class GigEMachine:
     def receive_pictures(self, places: list[int], request: dict[str, Any]) -> None:
         """Take rendered pictures to be sent over the simulated GigE wire.
 
-        They are dropped if a later request has replaced theirs.
+        Pictures for an outdated request are dropped.
         """
         with self._arrived:
             if request != self._request:
@@ -247,10 +247,7 @@ class GigEMachine:
         return places[self._turn % len(places)]
 
     def _fill_buffer(self, buffer: Any, data: Any, us: int, gain: int, code: int) -> None:
-        """Copy a picture into the frame that is about to go over the simulated GigE wire.
-
-        Aravis' fake camera sends it.
-        """
+        """Copy a picture into the frame that Aravis is about to send over the simulated wire."""
         fake, server = self._fake, self._server
         if fake is None or server is None:
             return
@@ -286,11 +283,10 @@ class GigEMachine:
 
 
 def main(line: MessageSocket, given: dict[str, Any]) -> None:
-    """Run the process of the GigE camera on the simulated wire, and serve requests.
+    """Run the process of the GigE camera on the simulated wire.
 
-    It first reports whether the camera runs.
-
-    A request has the name of the method of `GigEMachine` that it calls.
+    The process reports whether the camera runs, and then serves requests. A request has the name of
+    the method of `GigEMachine` that it calls.
     """
     import gi
 

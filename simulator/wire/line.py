@@ -64,9 +64,9 @@ class SimulatedLine:
                 heapq.heappush(self._going, (self._free_there, next(self._count), byte))
 
     def receive(self, t: float) -> bytes:
-        """Return the bytes that the simulated wire has brought to the host by time t.
+        """Return the bytes that reached the host over the simulated wire since the last call.
 
-        They are those since the last call.
+        t: the present time.
         """
         with self._lock:
             self._advance(t)
@@ -76,19 +76,16 @@ class SimulatedLine:
             return bytes(arrived)
 
     def next_event_time(self) -> float:
-        """Return when something may happen next on the simulated wire.
-
-        The time is infinite if nothing is pending.
-        """
+        """Return when something may happen next on the simulated wire; infinite if nothing will."""
         with self._lock:
             return min(
                 _first_time(self._going), _first_time(self._leaving), _first_time(self._coming)
             )
 
     def inject(self, fault: WireFault) -> None:
-        """Add a fault on the simulated wire; raise ValueError for an unknown kind.
+        """Add a fault on the simulated wire.
 
-        A kind is known to the wire or to the machine.
+        Raises ValueError if neither the wire nor its machine knows this kind.
         """
         known = (*WIRE_FAULT_KINDS, *self.machine.own_faults)
         if fault.kind not in known:
@@ -148,7 +145,7 @@ class SimulatedLine:
         self._feed(bytes([self._with_bit_flips(byte, t)]), t)
 
     def _feed(self, data: bytes, t: float) -> None:
-        """Give the machine on the simulated wire its bytes, and take its replies."""
+        """Pass bytes from the simulated wire to its machine, and take the machine's replies."""
         self._update_machine_faults(t)
         for reply in self.machine.feed(data, t):
             echo = bool(data) and reply == Reply(t, data)
@@ -166,10 +163,7 @@ class SimulatedLine:
             self.machine.set_fault(kind)
 
     def _transmit_reply(self, data: bytes, t: float, echo: bool) -> None:
-        """Send the machine's bytes over the simulated wire at time t, as faults change them.
-
-        They go to the host.
-        """
+        """Send the machine's bytes over the simulated wire to the host, as faults change them."""
         if any(self._active_fault(kind, t) for kind in ("silence", "mute", "disconnect")):
             return
         late = 0.0
@@ -204,7 +198,7 @@ class SimulatedLine:
         return next((f for f in faults if f.is_active(t)), None) if faults else None
 
     def _drawn_fault(self, kind: str, t: float) -> WireFault | None:
-        """Return the wire's fault if it is active at time t and a random draw selects it."""
+        """Return a fault of the wire if it is active at time t and a random draw picks it."""
         fault = self._active_fault(kind, t)
         return fault if fault and self._rng.random() < fault.probability else None
 

@@ -23,7 +23,7 @@ _buses: dict[str, UsbBus] = {}
 
 
 def register_bus(name: str, bus: UsbBus) -> str:
-    """Register a simulated USB cable's bus in this process; return drivers' option `backend`."""
+    """Register a bus of simulated USB cables in this process; return drivers' option `backend`."""
     _buses[name] = bus
     return f"simulator.wire.usb_backend:bus@{name}"
 
@@ -33,7 +33,7 @@ def unregister_bus(name: str) -> None:
 
 
 def bus(name: str) -> UsbBus:
-    """Return the simulated USB bus, to which cables lead, by its name, or raise LookupError."""
+    """Return the bus of simulated USB cables that has this name, or raise LookupError."""
     if name not in _buses:
         raise LookupError(f"no simulated USB bus {name!r} is in this process")
     return _buses[name]
@@ -100,9 +100,9 @@ class UsbBus(SimulatedUsbBackend):
         self._plugs: dict[int, Plug] = {}
 
     def plug_in(self, machine: UsbMachine) -> Plug:
-        """Plug a machine's simulated USB cable into the next free port, and return the plug.
+        """Plug a machine's simulated USB cable into the next free port.
 
-        The plug controls the machine's faults.
+        Returns the plug, which controls the machine's faults.
         """
         port = len(self._plugs) + 1
         plug = Plug(machine, self._clock, self._seed * 1000 + port)
@@ -217,9 +217,9 @@ class UsbBus(SimulatedUsbBackend):
 
 
 def _first_only(index: Any, value: int) -> int:
-    """Return a descriptor's value of the simulated USB wire for index 0, or raise IndexError.
+    """Return a descriptor's value on the simulated USB wire if the index is 0.
 
-    That error ends pyusb's lists.
+    Any other index raises IndexError, which ends pyusb's lists.
     """
     if index:
         raise IndexError
@@ -227,6 +227,6 @@ def _first_only(index: Any, value: int) -> int:
 
 
 def _copy_into(buffer: array.array[int], data: bytes) -> int:
-    """Copy bytes of the simulated USB wire into pyusb's buffer, and return their number."""
+    """Copy bytes from the simulated USB wire into pyusb's buffer, and return their number."""
     buffer[: len(data)] = array.array(buffer.typecode, data)
     return len(data)

@@ -27,10 +27,7 @@ class PacketFaults:
         self._before = b""
 
     def deliver_to_device(self, data: bytes, faults: Iterable[WireFault]) -> bytes | None:
-        """Return the host's bytes as faults on the USB wire bring them to the device.
-
-        None if none arrive.
-        """
+        """Return the bytes that reach the device over the faulty USB wire, or None."""
         for fault in faults:
             if fault.kind == "silence" and self._is_drawn(fault):
                 return None
@@ -39,7 +36,7 @@ class PacketFaults:
         return data
 
     def deliver_to_host(self, packet: Packet, faults: Iterable[WireFault]) -> list[Packet]:
-        """Return the packets that faults on the USB wire make of one that the device sends."""
+        """Return the packets that reach the host over the faulty USB wire for one that was sent."""
         original = packet.data
         packets = [packet]
         for fault in faults:

@@ -20,10 +20,7 @@ T = TypeVar("T")
 
 
 def usb_error(code: int) -> Exception:
-    """Return the error that pyusb's libusb backend raises, for the simulated USB wire.
-
-    It belongs to an errno.
-    """
+    """Return the error that pyusb's libusb backend raises for an errno on the simulated wire."""
     libusb = {errno.ENODEV: -4, errno.EPIPE: -9, errno.EACCES: -3, errno.EBUSY: -6}
     if code == errno.ETIMEDOUT:
         return usb.core.USBTimeoutError("Operation timed out", -7, code)
@@ -74,7 +71,7 @@ class Plug:
             self.update_presence()
 
     def update_presence(self) -> bool:
-        """Unplug the simulated USB cable and begin its faults when due; return whether it is in."""
+        """Apply the simulated USB cable's due unplugging and faults; return whether it is in."""
         with self._turn:
             now = self._clock.now()
             begun = [f for f in self._faults if f.kind == "disconnect" and f.at <= now]
@@ -139,7 +136,7 @@ class Plug:
             return len(data)
 
     def _deliver(self, data: bytes, late: float, handler: Callable[[bytes], T]) -> T:
-        """Bring bytes over the USB cable to the device, as faults change them.
+        """Bring bytes over the simulated USB cable to the device, as faults change them.
 
         Returns the handler's result.
         """
@@ -194,7 +191,7 @@ class Plug:
 def _descriptor(description: UsbDescription, value: int) -> bytes:
     """Return a string descriptor of the device on the simulated USB wire.
 
-    It is packed by the USB specification.
+    The bytes are packed as the USB specification says.
     """
     kind, index = value >> 8, value & 0xFF
     if kind != 3:
@@ -211,7 +208,7 @@ def _descriptor(description: UsbDescription, value: int) -> bytes:
 def device_descriptor(description: UsbDescription, port: int, address: int) -> SimpleNamespace:
     """Return the descriptor of a device on the simulated USB wire, as pyusb reads it.
 
-    Its fields are named as in libusb.
+    The fields are named as in libusb.
     """
     strings = (description.maker, description.name, description.serial)
     indices = [index if said else 0 for index, said in enumerate(strings, start=1)]

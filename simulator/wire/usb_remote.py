@@ -47,7 +47,10 @@ _FORWARDED_CALLS = (
 
 
 def backend_option(path: str | Path) -> str:
-    """Return drivers' option `backend` for a simulated USB cable's bus that is served at a path."""
+    """Return the drivers' option `backend` for a served bus of simulated USB cables.
+
+    path: where the bus is served.
+    """
     return f"simulator.wire.usb_remote:backend@{path}"
 
 
@@ -99,18 +102,18 @@ class UsbServer:
             threading.Thread(target=self._serve, args=(line,), name="USB host", daemon=True).start()
 
     def _serve(self, line: MessageSocket) -> None:
+        """Answer the calls of one process to the bus of simulated USB cables."""
         # Only this thread closes the socket. Until then no other file can get its descriptor, on
         # which this thread may be waiting.
-        """Answer the calls of one process to the simulated USB wire's bus."""
         with contextlib.closing(line), contextlib.suppress(EOFError, OSError):
             while True:
                 request: CallRequest = line.receive()
                 line.send(capture_result(self._call_bus, request.name, *request.arguments))
 
     def _call_bus(self, name: str, *given: Any) -> Any:
-        """Call a method of the simulated USB wire's bus; raise OSError if it fails.
+        """Call a method of the bus of simulated USB cables.
 
-        Raises IndexError after the end of a list.
+        Raises OSError if the call fails, and IndexError after the end of a list.
         """
         if name not in _FORWARDED_CALLS:
             raise AttributeError(f"a backend has no {name!r}")
@@ -124,10 +127,7 @@ class UsbServer:
 
 
 def _message_socket(connection: Connection) -> MessageSocket:
-    """Return a socket that carries a simulated USB wire's calls to another process.
-
-    It is a MessageSocket over an authenticated connection to the USB bus.
-    """
+    """Return a MessageSocket over an authenticated connection to the simulated USB wire's bus."""
     with connection:
         return MessageSocket(os.dup(connection.fileno()))
 
@@ -198,8 +198,8 @@ class RemoteBackend(SimulatedUsbBackend):
 
 
 def backend(path: str) -> RemoteBackend:
-    """Return the USB backend that reaches a simulated wire's bus at a path.
+    """Return the USB backend that reaches the bus of simulated USB cables at a path.
 
-    Drivers' option `backend` names it.
+    The drivers' option `backend` names this function.
     """
     return RemoteBackend(path)

@@ -70,10 +70,7 @@ class VariSpecState:
         self.on_tuned(self.wavelength)
 
     def define(self, wavelength: float, element: int | None) -> None:
-        """Add, replace or delete an element of the simulated VariSpec machine's palette.
-
-        The wavelength -1 deletes it.
-        """
+        """Add, replace or delete (wavelength -1) an element of the VariSpec machine's palette."""
         if not self.initialised:
             raise CommandError(VariSpecErrorCode.NOT_INITIALISED)
         count = len(self.palette)
