@@ -65,7 +65,7 @@ class Imaging:
         self._pictures, self._patterns = Cache(4), Cache(3)
 
     def with_tolerance(self, tol: float) -> Imaging:
-        """Copy the simulator's Imaging with another tolerance and no forced effects.
+        """Return a copy of the simulator's Imaging with another tolerance and no forced effects.
 
         The copy shares the caches.
         """
@@ -111,7 +111,7 @@ class Imaging:
         return plan_effects(EFFECTS, s, minimum_norms(s), tol, forced)
 
     def _attach_probes(self, s: Situation) -> None:
-        """Attach the probes of picture and pattern that are already known to a simulated situation.
+        """Attach the known probes of its picture and its pattern to a simulated situation.
 
         The probes don't depend on the exposure time.
         """

@@ -47,7 +47,7 @@ class Mount:
 
     @property
     def is_aligned(self) -> bool:
-        """Return whether the simulator's panel is neither mirrored nor rotated to the sensor."""
+        """Return whether the simulator's panel and sensor are aligned, not mirrored or rotated."""
         return not (self.flip_x or self.flip_y or self.rotation % (2 * math.pi))
 
     @property

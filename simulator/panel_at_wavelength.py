@@ -35,7 +35,7 @@ def panel_at(panel: Panel, wavelength: float) -> Panel:
 def substitute_panel(
     panel: Panel, known_wavelength: float, wavelength: float, factor: float
 ) -> Panel:
-    """Return a simulator's panel that acts at `wavelength` as this does at `known_wavelength`.
+    """Return a simulator's panel that acts at `wavelength` like `panel` at `known_wavelength`.
 
     factor: multiplies the phase.
     """

@@ -96,7 +96,8 @@ class PanelContent:
     def picture_shares(self, start: float, seconds: float) -> PictureShares:
         """Return the share of a simulated exposure in which the panel shows each picture, by name.
 
-        start, seconds: of the exposure. With no time, the shares are those of a whole period.
+        start, seconds: of the exposure. An exposure of zero length has the shares of a whole
+        period.
         """
         n = len(self.names)
         if self._covers_whole_periods(seconds):
@@ -134,7 +135,7 @@ def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
     """
 
     def shown_until(time: float) -> NDArray[np.float64]:
-        """Return the time since 0 for which the simulator has shown each video frame."""
+        """Return how long the simulator shows each video frame between 0 and `time`."""
         rounds, rest = divmod(time, n)
         return rounds + np.clip(rest - np.arange(n), 0, 1)
 

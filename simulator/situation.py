@@ -108,7 +108,7 @@ class Situation:
         """Return the fewest samples along a pixel that suffice in a simulated situation.
 
         The samples resolve the finest fringe of the light, which is that of the shortest
-        wavelength. 5 % more samples than it needs are taken.
+        wavelength. 5 % more samples than necessary are taken.
         """
         shortest = self.band.support[0]
         if self.band.leak:

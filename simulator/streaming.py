@@ -222,7 +222,7 @@ def _shot(stages: Stages) -> Literal["Gaussian", "skewed"]:
 def _block(
     mean: torch.Tensor, offset: torch.Tensor | None, sensor: Sensor, stages: Stages
 ) -> _Block:
-    """Return the frame simulator's fastest way to draw pixels as accurately as by every stage."""
+    """Return the frame simulator's fastest way to draw pixels as accurately as stage by stage."""
     read = sensor.read_noise if stages.read_noise else 0.0
     chancy = stages.shot != "none"
     if stages.clipping:
@@ -251,8 +251,8 @@ def _can_merge_noises(
 ) -> torch.Tensor:
     """Return for which pixels the frame simulator may draw shot and read noise as one noise.
 
-    These have many electrons, enough read noise to hide their whole numbers, and surely no full
-    well.
+    These pixels have many electrons, enough read noise to hide their whole numbers, and surely no
+    full well.
     """
     many = mean >= max(_poisson_limit(stages), _SETTINGS.min_merged_electrons)
     smooth = read >= _SETTINGS.min_read_noise

@@ -127,7 +127,7 @@ class World:
         self.play(grey[None], math.inf)
 
     def play(self, video: NDArray[np.uint8], frame_time: float) -> None:
-        """Show frames in turn on the simulator's panel, each for `frame_time` s.
+        """Show a video's frames in turn on the simulator's panel, each for `frame_time` seconds.
 
         video: (n, rows, columns).
         """
@@ -177,7 +177,9 @@ class World:
         return self.imaging.plan(asked)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the radiance of white in the simulator's target through the filter, W/(sr m² m).
+        """Return the radiance of the simulator's target through the filter, W/(sr m² m).
+
+        The white parts of the target have this radiance.
 
         wavelengths: metres, (n,). The filter's transmission is 1 at its peak.
         """

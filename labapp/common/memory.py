@@ -34,7 +34,7 @@ def keep_freed_memory() -> None:
 
 
 def give_back_freed_memory() -> None:
-    """Give this process' freed memory back to the operating system, after a bench was closed.
+    """Give freed memory of the labapp process back to the system, after a bench was closed.
 
     Otherwise glibc keeps hundreds of megabytes below the last allocation that is still in use.
     """

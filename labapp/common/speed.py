@@ -184,10 +184,8 @@ def _axial_jobs() -> list[BenchmarkJob]:
 def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[BenchmarkJob, float]]:
     """Time the benchmark jobs of labapp's shared machine speed, in processor seconds.
 
-    The time is the minimum over interleaved calls.
-
-    Other processes can only add to a time (Chen and Revels, "Robust benchmarking in noisy
-    environments", 2016).
+    The time is the minimum over interleaved calls, because other processes can only add to a time
+    (Chen and Revels, "Robust benchmarking in noisy environments", 2016).
     """
     seconds: dict[int, list[float]] = {number: [] for number in range(len(jobs))}
     for repeat in range(_REPEATS + 1):

@@ -98,7 +98,10 @@ class SimulatedFilter(SimulatedDevice):
         return self._world.wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Tune the simulated filter to a wavelength in metres; DeviceError if it's out of range."""
+        """Tune the simulated filter to a wavelength in metres.
+
+        Raises DeviceError if the wavelength is out of range.
+        """
         low, high = self.wavelength_range
         self._faults.begin(f"tune to {wavelength * 1e9:.1f} nm", self.reply_time)
         if not low <= wavelength <= high:

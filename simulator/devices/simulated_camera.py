@@ -70,7 +70,10 @@ class SimulatedCamera(SimulatedDevice):
         return self._world.camera.sensor.exposure_range
 
     def set_exposure(self, exposure: float) -> Setting[float]:
-        """Set the simulated camera's exposure time in seconds; DeviceError if it's out of range."""
+        """Set the simulated camera's exposure time in seconds.
+
+        Raises DeviceError if the time is out of range.
+        """
         low, high = self.exposure_range
         self._faults.begin(f"expose {exposure * 1e3:g} ms", self.reply_time)
         if not low <= exposure <= high:

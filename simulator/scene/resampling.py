@@ -14,7 +14,7 @@ def averaging_matrix(
 ) -> sparse.csr_array[Any, Any]:
     """Return the matrix (cells, pixels) that averages a scene's interpolated pixels over cells.
 
-    It holds for one axis and is float32. The values are linear between the middles of the pixels
+    The matrix is for one axis, in float32. The values are linear between the middles of the pixels
     and 0 beyond the outermost pixels; their means over cells are exact. pixels: number of pixels
     of `side` each, in a row around `middle`. edges: of the cells, ascending, one more than there
     are cells, in the same unit.

@@ -27,7 +27,10 @@ class PacketFaults:
         self._before = b""
 
     def deliver_to_device(self, data: bytes, faults: Iterable[WireFault]) -> bytes | None:
-        """Return the bytes that reach the device over the faulty USB wire, or None."""
+        """Return the host's bytes that reach the device over the faulty USB wire, or None.
+
+        None means that no bytes arrive.
+        """
         for fault in faults:
             if fault.kind == "silence" and self._is_drawn(fault):
                 return None

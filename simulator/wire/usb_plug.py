@@ -71,7 +71,10 @@ class Plug:
             self.update_presence()
 
     def update_presence(self) -> bool:
-        """Apply the simulated USB cable's due unplugging and faults; return whether it is in."""
+        """Unplug the simulated USB cable and begin its faults when due.
+
+        Returns whether the cable is plugged in.
+        """
         with self._turn:
             now = self._clock.now()
             begun = [f for f in self._faults if f.kind == "disconnect" and f.at <= now]
