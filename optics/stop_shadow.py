@@ -12,7 +12,7 @@ from optics.validation import as_number
 
 
 def panel_to_focus_distance(camera: Camera) -> float:
-    """Return the distance from the panel to the plane in focus, in metres.
+    """Return the camera's distance from its panel to the plane that its lens focuses on, metres.
 
     Raises ValueError for a panel in that plane or beyond it: the lens then images the panel's
     pixels, and the light of an object in focus doesn't reach the panel as a spreading wave.
@@ -27,7 +27,7 @@ def panel_to_focus_distance(camera: Camera) -> float:
 
 
 def with_stop_shadow_on_panel(camera: Camera) -> Camera:
-    """Return a camera whose stop lies in the panel's plane, as large as the stop's shadow there.
+    """Return a camera model with lens and panel in one plane, its pupil the stop's shadow there.
 
     Light of a point in focus, d metres before the panel, spreads by the factor
     1 + separation / d on its way to the stop. The light that passes therefore comes from an area
@@ -46,7 +46,7 @@ def with_stop_shadow_on_panel(camera: Camera) -> Camera:
 
 
 def share_through_stop(camera: Camera, distance: float, field: tuple[float, float]) -> float:
-    """Compute the share of a point's light on the panel that passes the stop, geometrically.
+    """Compute, by a camera's geometrical optics, how much of a point's panel light passes its lens.
 
     distance: metres from the point to the panel, math.inf allowed. field: metres (y, x) on the
     sensor from the axis to the point's image. As in a PSF, the share is relative to the light

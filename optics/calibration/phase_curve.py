@@ -77,7 +77,7 @@ class PhaseCurve:
 
     @property
     def _prior_sigmas(self) -> dict[int, float]:
-        """The prior standard deviations of a phase curve's parameters, by index."""
+        """The prior standard deviations of a calibration curve's fit parameters, by index."""
         return {
             BLUR2: SETTINGS.usual_blur2,
             RIPPLE2: SETTINGS.usual_ripple2,
@@ -94,12 +94,15 @@ class PhaseCurve:
 
     @property
     def phase_range(self) -> float:
-        """The phase at the highest grey level, radians."""
+        """The calibration fit's phase at the highest grey level, radians."""
         return float(self.increments.sum())
 
     @cached_property
     def basis(self) -> Array:
-        """The derivative of the phase step of each frame by each increment, (n, count)."""
+        """The derivative of each calibration frame's phase step by each increment.
+
+        It is (n, count).
+        """
         low, high = (
             monotone_spline_basis(levels, self.top, self.increment_count)
             for levels in (self.sweep.low, self.sweep.high)
@@ -107,7 +110,7 @@ class PhaseCurve:
         return high - low
 
     def predicted_light(self, parameters: Array | None = None) -> Array:
-        """Predict the light in the first orders of each frame, (n,)."""
+        """Predict the first-order light of each calibration frame by the fitted curve, (n,)."""
         p = self.parameters if parameters is None else parameters
         return p[SWING] * self._relative_light(p) + p[OFFSET]
 
@@ -116,7 +119,7 @@ class PhaseCurve:
         return self.sweep.law(steps, p[BLUR2], p[RIPPLE2]) + p[GHOST] * np.sin(steps)
 
     def residuals(self, parameters: Array) -> Array:
-        """Compute the phase curve's residuals in standard deviations, (n + 3,).
+        """Compute a calibration curve's fit residuals in standard deviations, (n + 3,).
 
         The last three are those of the priors.
         """
@@ -125,7 +128,7 @@ class PhaseCurve:
         return np.concatenate([misfit, known])
 
     def jacobian(self, parameters: Array) -> Array:
-        """Compute the derivatives of the phase curve's residuals, (n + 3, parameters)."""
+        """Compute the derivatives of a calibration curve's residuals, (n + 3, parameters)."""
         p, law, dr = parameters, self.sweep.law, SETTINGS.difference_step
         steps = self.basis @ p[FIRST_INCREMENT:]
         share = law(steps, p[BLUR2], p[RIPPLE2])
@@ -142,7 +145,10 @@ class PhaseCurve:
 
     @property
     def misfit(self) -> Array:
-        """The residuals of the light without the priors, in standard deviations, (n,)."""
+        """The calibration fit's residuals of the light without priors, (n,).
+
+        They are in standard deviations.
+        """
         return self.residuals(self.parameters)[: -len(self._prior_sigmas)]
 
     @property
@@ -151,12 +157,15 @@ class PhaseCurve:
 
     @property
     def information_criterion(self) -> float:
-        """The fit's Bayesian information criterion, for noise of unknown scale; less is better."""
+        """The calibration fit's Bayesian information criterion; less is better.
+
+        It holds for noise of unknown scale.
+        """
         n = len(self.sweep.light)
         return n * math.log(max(self.cost, 1e-3 * n) / n) + len(self.parameters) * math.log(n)
 
     def covariance(self, inliers: NDArray[np.bool_]) -> Array:
-        """Compute the covariance of the curve's parameters from the inlier frames, (p, p).
+        """Compute the covariance of a calibration curve's fit from inlier frames, (p, p).
 
         A parameter on a bound counts as free, so that the covariance isn't too small.
         """
@@ -165,14 +174,17 @@ class PhaseCurve:
         return np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
 
     def with_fitted_swing(self) -> PhaseCurve:
-        """Return the phase curve with the best-fitting swing and offset, which are linear."""
+        """Return the calibration curve with its linear parameters, swing and offset, fitted."""
         share = self._relative_light(self.parameters)
         design = np.column_stack([share, np.ones_like(share)]) / self.sweep.noise[:, None]
         lamp, *_ = np.linalg.lstsq(design, self.sweep.light / self.sweep.noise, rcond=None)
         return replace(self, parameters=np.concatenate([lamp, self.parameters[2:]]))
 
     def fit(self) -> PhaseCurve:
-        """Fit the phase curve to its sweep by least squares, from its own parameters on."""
+        """Fit the phase curve to its calibration sweep by least squares.
+
+        The fit begins at the curve's own parameters.
+        """
         lower = np.zeros_like(self.parameters)
         upper = np.full_like(self.parameters, np.inf)
         ghost = SETTINGS.most_ghost
@@ -190,7 +202,7 @@ class PhaseCurve:
         return replace(self, parameters=found.x)
 
     def with_increments(self, count: int) -> PhaseCurve:
-        """Return the same phase curve with another number of increments."""
+        """Return the same calibration curve with another number of spline increments."""
         fine = np.linspace(0, self.top, 8 * count)
         phase = monotone_spline_basis(fine, self.top, self.increment_count) @ self.increments
         basis = monotone_spline_basis(fine, self.top, count)
@@ -200,10 +212,11 @@ class PhaseCurve:
 
 
 def monotone_spline_basis(levels: Array | NDArray[np.int64], top: int, count: int) -> Array:
-    """Compute the basis of a monotone phase spline: its change by each increment, (levels, count).
+    """Compute the basis of a monotone phase spline for calibration fits, (levels, count).
 
-    The curve is 0 at level 0. It is a cubic spline over 0 to `top`, with denser knots at the ends.
-    It rises if its coefficients rise (de Boor 1978), that is, if no increment is negative.
+    It is the spline's change by each increment. The curve is 0 at level 0. It is a cubic spline
+    over 0 to `top`, with denser knots at the ends. It rises if its coefficients rise (de Boor
+    1978), that is, if no increment is negative.
     """
     x = np.linspace(0, 1, count - 1)
     density = SETTINGS.end_knot_density
