@@ -96,6 +96,7 @@ def _measure_region(
     number: int,
 ) -> FirstOrders:
     """Measure one region's first-order light in the frames of a calibration sweep."""
+
     def cut(frame: NDArray[Any]) -> Array:
         return np.concatenate([frame[window].ravel() for window in windows]).astype(np.float64)
 

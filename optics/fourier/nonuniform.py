@@ -133,11 +133,14 @@ class NonuniformTransform(Transform):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the largest arrays of the transform."""
+        """The memory in bytes of the non-uniform FFT's largest arrays."""
         return nonuniform_bytes(self._y.numel(), self.image)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one Fourier transform in seconds, for a machine speed."""
+        """Predict one non-uniform FFT's processor time in seconds.
+
+        speed: the machine's.
+        """
         return nonuniform_seconds(self._y.numel(), self.image, self.error, speed)
 
 

@@ -45,7 +45,7 @@ class FixedPattern:
 
     @property
     def offset(self) -> torch.Tensor:
-        """Offset of each pixel, electrons that it reads too much, float32."""
+        """Offset of each sensor pixel, electrons that it reads too much, float32."""
         return self.offset_steps.to(torch.float32) * self.electrons_per_step
 
 

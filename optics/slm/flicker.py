@@ -9,7 +9,7 @@ import math
 
 
 def flicker_nodes(flicker: float, phase: float, tol: float) -> list[tuple[float, float]]:
-    """Return quadrature nodes for the mean over flicker: shares of time, and factors of the phase.
+    """Return nodes for the mean over the SLM's phase flicker: shares of time, phase factors.
 
     They replace the phase (1 + flicker sin). phase: the largest phase in radians. The rule is that
     of Gauss for the mean over a sine (Chebyshev nodes). It has as few nodes as give the mean of

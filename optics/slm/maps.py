@@ -44,7 +44,7 @@ class PanelMap:
         object.__setattr__(self, "values", values)
 
     def at_pixels(self, panel: Panel) -> torch.Tensor:
-        """Interpolate the map's values at the panel's pixels, (rows, columns) float64.
+        """Interpolate a map's values at the SLM's pixels, (rows, columns) float64.
 
         They are bilinear between the cells' centres and constant beyond the outermost ones.
         """

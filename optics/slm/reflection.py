@@ -6,7 +6,7 @@ from optics.slm.panel import Panel
 
 
 def front_reflection_share(panel: Panel) -> float:
-    """Compute the share of the light from the panel that its cover glass reflects.
+    """Compute the share of the SLM's light that its cover glass reflects.
 
     It adds in intensity, because the glass is far thicker than the coherence length, which at
     550 nm and a band of 7 nm is wavelength² / band = 43 µm.
@@ -15,7 +15,7 @@ def front_reflection_share(panel: Panel) -> float:
 
 
 def transmitted_unmodulated_share(panel: Panel) -> float:
-    """Compute the share of the light from the panel that passed the crystal unmodulated.
+    """Compute the share of the SLM's light that passed the liquid crystal unmodulated.
 
     It has the polarisation whose phase the crystal doesn't change (thesis §5.6 gives 5 to 10 %).
     """
