@@ -139,7 +139,7 @@ class _BeamPath:
         self.stop_plane = Plane((count, count), (pitch, pitch))
 
     def _row_at_depth(self, across: Plane, depth: float) -> Plane:
-        """Return the beam's samples at a depth of the camera, as one row across the axis.
+        """Return the camera beam's samples at a depth, as one row across the axis.
 
         In y they follow the ray through the lens' centre.
         """

@@ -87,13 +87,13 @@ def form_image(
 def form_coherent_image(
     field: torch.Tensor, amplitude_psf: torch.Tensor, shape: tuple[int, int] | None = None
 ) -> torch.Tensor:
-    """Compute the intensity |p * U|² of coherent optics (thesis Eq. 2.16), (..., `shape`), real.
+    """Compute the intensity ``|p * U|²`` of coherent optics (thesis Eq. 2.16), real.
 
-    field: U, the object's geometric image, complex, (..., rows, columns); its squared modulus is
-    the light on a sample. amplitude_psf: p, the field that a point makes, complex,
-    (..., rows, columns) of any size with the same pitch. Both have their origin at n // 2, and
-    their leading axes broadcast. The share sum |p|² of a point's light reaches the picture. Fields
-    are added before they are squared, so that the share of a whole object may be larger or
+    It is (..., `shape`). field: U, the object's geometric image, complex, (..., rows, columns); its
+    squared modulus is the light on a sample. amplitude_psf: p, the field that a point makes,
+    complex, (..., rows, columns) of any size with the same pitch. Both have their origin at n // 2,
+    and their leading axes broadcast. The share sum |p|² of a point's light reaches the picture.
+    Fields are added before they are squared, so that the share of a whole object may be larger or
     smaller. The convolution is computed in complex64, or in complex128 if one of the two is in
     double precision. It is differentiable.
 

@@ -22,16 +22,17 @@ def _require_same_shape_and_finite(**pictures: torch.Tensor) -> None:
 
 
 def _require_bright_target(target: torch.Tensor) -> None:
-    """Raise ValueError for a dark target, for which optical figures of merit are undefined."""
+    """Raise ValueError for a target without light, by which no image metric is defined."""
     if not float(target.max()) > 0:
         raise ValueError("target is dark; it must be positive somewhere")
 
 
 @accepts_numpy
 def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> float:
-    """Compute the optical efficiency: a PSF's light where the target exceeds 2 % of its peak.
+    """Compute an image metric, a PSF's efficiency: its light where the target isn't dark.
 
-    It is a share of `total`. total: all light of the point source.
+    The target isn't dark where it exceeds 2 % of its peak. It is a share of `total`. total: all
+    light of the point source.
     """
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)

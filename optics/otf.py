@@ -215,10 +215,11 @@ class _Integral(ABC):
         return self._values(nodes, parameters)
 
     def _find_node_count(self, tol: float, parameters: tuple[torch.Tensor, ...]) -> int:
-        """Find the node count of an OTF integral, doubling which no probe changes by > `tol`.
+        """Find the node count at which an OTF integral keeps `tol`.
 
-        The search begins with half a node per radian and a few more. The probes range from the
-        smoothest integrand to the steepest.
+        Doubling the nodes then changes no probe by more than `tol`. The search begins with half a
+        node per radian and a few more. The probes range from the smoothest integrand to the
+        steepest.
         """
         steepness = self._map_in_chunks(self.half_phase_range, _SETTINGS.coarse_nodes, parameters)
         count = steepness.numel()

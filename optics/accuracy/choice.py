@@ -45,7 +45,7 @@ class CandidateMethod(ABC):
         """
 
     def prepare(self) -> None:  # noqa: B027 (many methods prepare nothing)
-        """Prepare a candidate method, and check that it keeps its tolerance.
+        """Prepare a candidate method, or raise ToleranceError if it misses its tolerance.
 
         What is reused between calls is computed here.
 
@@ -233,7 +233,7 @@ class IterationOption:
 
 
 def best_within(budget: float, settings: Sequence[IterationOption]) -> IterationOption:
-    """Choose the iterative method that gains most accuracy within a budget of time.
+    """Choose, by predicted cost, the iterative method that gains most within a time budget.
 
     Parameters
     ----------

@@ -98,11 +98,11 @@ def find_spot(
     clipped: NDArray[np.bool_] | None = None,
     excluded: NDArray[np.bool_] | None = None,
 ) -> Spot:
-    """Find the brightest calibration spot in a frame whose background was subtracted.
+    """Find the spot that stands out most in a calibration frame without its background.
 
-    It is the spot that stands out most of the noise. light, variance: (rows, columns). clipped:
-    pixels at full scale. excluded: pixels that aren't searched. Raises ValueError if no spot stands
-    out of the noise.
+    light, variance: (rows, columns); the background is already subtracted. clipped: pixels at full
+    scale. excluded: pixels that aren't searched. Raises ValueError if no spot stands out of the
+    noise.
     """
     _require_frame(light, variance)
     clean = without_hot_pixels(light, variance)
@@ -134,10 +134,10 @@ def measure_spot(
 ) -> Spot:
     """Measure a calibration spot near a position (y, x) by its windowed centroid.
 
-    The window is a Gaussian that follows the spot. The window is as wide as the spot (Bertin,
-    SExtractor's windowed positions). The noise of far pixels therefore doesn't count, and the
-    centroid isn't biased towards pixel centres. Raises ValueError if there is no light, or the spot
-    leaves the frame.
+    The window is a Gaussian that follows the spot and is as wide as it (Bertin, SExtractor's
+    windowed positions). The noise of far pixels therefore doesn't count, and the centroid isn't
+    biased towards pixel centres. Raises ValueError if there is no light, or the spot leaves the
+    frame.
     """
     _require_frame(light, variance)
     (y, x), width = start, 2.0

@@ -111,8 +111,8 @@ def _ripple_nodes(ripple2: float) -> list[tuple[float, float]]:
 def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.complex128]:
     """Return a calibration grating's first-order wave exp(-2πi k·r) at pixels, under a window.
 
-    The window is tapered. Its mean is subtracted, because a constant phase of the whole panel sends
-    no light into the first order.
+    The window is tapered. The wave's mean is subtracted, because a constant phase of the whole
+    panel sends no light into the first order.
     """
     fading = np.outer(*(np.hanning(n + 2)[1:-1] for n in shape))
     y, x = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]

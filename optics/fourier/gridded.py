@@ -103,10 +103,7 @@ class _GriddedRule(AxisRule):
 
 
 def _sparse(matrix: Any, device: torch.device) -> torch.Tensor:
-    """Convert the gridded FFT's sparse matrix from scipy to torch, for devices without scipy.
-
-    Those are all devices other than the CPU.
-    """
+    """Convert the gridded FFT's scipy matrix to torch, for devices other than the CPU."""
     coo = matrix.tocoo()
     index = torch.from_numpy(np.stack(coo.coords).astype(np.int64))
     values = torch.from_numpy(coo.data)

@@ -55,12 +55,11 @@ def blackbody(
 
 
 def halogen(temperature: float = HALOGEN_TEMPERATURE) -> Spectrum:
-    """Compute a tungsten-halogen lamp's light spectrum as a black body of its temperature.
+    """Compute a tungsten-halogen light source's spectrum, a black body of its colour temperature.
 
-    That is its colour temperature. Tungsten's emissivity falls by a few per cent from 450 to 700
-    nm. The colour temperature, a little above the filament's own, accounts for that. The studio
-    tungsten of ISO 7589 differs from it by 5 % in the L2 norm from 400 to 690 nm, and from 3100 K
-    by 1 %.
+    Tungsten's emissivity falls by a few per cent from 450 to 700 nm. The colour temperature, a
+    little above the filament's own, accounts for that. The studio tungsten of ISO 7589 differs from
+    it by 5 % in the L2 norm from 400 to 690 nm, and from 3100 K by 1 %.
 
     Parameters
     ----------

@@ -75,11 +75,11 @@ def pair_moments(first: Frame, second: Frame) -> tuple[float, float]:
 def measure_characteristics(
     illuminated: Mapping[float, tuple[Frame, Frame]], dark: Mapping[float, tuple[Frame, Frame]]
 ) -> Characteristics:
-    """Measure a sensor's gain, noise, dark current and linearity, from pairs of frames.
+    """Measure a sensor's gain, noise, dark current and linearity (EMVA 1288).
 
-    illuminated: pairs of frames in even, constant light, by exposure time in seconds. dark: pairs
-    without light, of the same exposure times. Raises ValueError for fewer than five exposure times,
-    or if they differ between light and darkness.
+    This takes pairs of frames. illuminated: pairs of frames in even, constant light, by exposure
+    time in seconds. dark: pairs without light, of the same exposure times. Raises ValueError for
+    fewer than five exposure times, or if they differ between light and darkness.
     """
     exposures = sorted(illuminated)
     if exposures != sorted(dark):

@@ -28,7 +28,7 @@ def expose(
     read_noise: bool = True,
     dark_current: bool = True,
 ) -> torch.Tensor:
-    """Sample one raw frame of a sensor whose pixels are all alike.
+    """Sample one raw frame of a sensor, from photoelectrons to ADC, its pixels all alike.
 
     The stages follow the order of the physics: dark current, shot noise, full well, read noise,
     gain and black level, quantisation and clipping.
@@ -78,7 +78,7 @@ def sample_frame(
     generator: torch.Generator,
     **switches: Any,
 ) -> torch.Tensor:
-    """Sample one raw frame of a sensor.
+    """Sample one raw frame of a sensor, from photoelectrons to the ADC's numbers.
 
     Parameters
     ----------

@@ -61,10 +61,10 @@ def time_nodes(
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return time nodes for the mean of light as the liquid crystal relaxes: seconds, shares.
 
-    The mean is over one frame. The rule is that of Gauss with `count` nodes in the variable exp(-t
-    / tau). The light is an entire function of this variable for any phase, and the rule is exact
-    for polynomials of it up to the degree 2 count - 1. With tau 0, or for a crystal far quicker
-    than a frame, there may be fewer nodes.
+    The mean is over one frame. The rule is that of Gauss with `count` nodes in the variable
+    exp(-t / tau). The light is an entire function of this variable for any phase, and the rule is
+    exact for polynomials of it up to the degree 2 count - 1. With tau 0, or for a crystal far
+    quicker than a frame, there may be fewer nodes.
     """
     _require_times(frame_time, tau)
     if count < 1:
