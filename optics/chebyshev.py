@@ -43,9 +43,9 @@ class ChebyshevExpansion:
         self._column_polynomials = self._polynomials(1, slice(None))
 
     def _polynomials(self, axis: int, part: slice) -> torch.Tensor:
-        """Evaluate Chebyshev polynomials at samples of an optical plane, (samples, orders).
+        """Evaluate Chebyshev polynomials of all orders on one axis of a plane, (samples, orders).
 
-        They are those of all orders, along one axis.
+        part: the samples of the axis.
         """
         middle, half = self._spans[axis]
         place = ((self._lines[axis][part] - middle) / half).clamp(-1, 1)
@@ -73,9 +73,9 @@ class ChebyshevExpansion:
 def expand_in_chebyshev(
     function: Callable[[torch.Tensor, torch.Tensor], torch.Tensor], plane: Plane
 ) -> ChebyshevExpansion | None:
-    """Expand a lens' phase or the like in Chebyshev polynomials over an optical plane.
+    """Expand a smooth function, such as a lens' phase, in Chebyshev polynomials over a plane.
 
-    The expansion is exact to rounding error, and takes few nodes. Return None for a function that
+    The expansion is exact to rounding error, and takes few nodes. Returns None for a function that
     isn't smooth enough for 64 nodes per axis.
     """
     for nodes in (8, 12, 16, 24, 32, 48, 64):

@@ -91,7 +91,7 @@ def merge_bracket(
 def _least_squares_rate(
     electrons: torch.Tensor, t: torch.Tensor, weight: torch.Tensor
 ) -> torch.Tensor:
-    """Fit each HDR pixel's rate to electrons = rate x t of a bracket by weighted least squares.
+    """Fit each HDR pixel's rate, electrons = rate x t, to a bracket by weighted least squares.
 
     The rate is zero where no exposure is usable.
     """

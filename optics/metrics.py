@@ -22,17 +22,16 @@ def _require_same_shape_and_finite(**pictures: torch.Tensor) -> None:
 
 
 def _require_bright_target(target: torch.Tensor) -> None:
-    """Raise ValueError for a target without light, by which no image metric is defined."""
+    """Raise ValueError for a target without light, for which image metrics aren't defined."""
     if not float(target.max()) > 0:
         raise ValueError("target is dark; it must be positive somewhere")
 
 
 @accepts_numpy
 def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> float:
-    """Compute an image metric, a PSF's efficiency: its light where the target isn't dark.
+    """Compute the efficiency metric of a PSF: the share of light where the target isn't dark.
 
-    The target isn't dark where it exceeds 2 % of its peak. It is a share of `total`. total: all
-    light of the point source.
+    The target isn't dark where it exceeds 2 % of its peak. total: all light of the point source.
     """
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
@@ -42,9 +41,9 @@ def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> f
 
 @accepts_numpy
 def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
-    """Compute an image metric, a PSF's speckle contrast: standard deviation over mean.
+    """Compute the speckle contrast metric of a PSF: standard deviation over mean of PSF / target.
 
-    They are those of PSF / target. Only samples count at which the target exceeds half its peak.
+    Only samples at which the target exceeds half its peak count.
     """
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
@@ -57,10 +56,7 @@ def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
 
 @accepts_numpy
 def scaled_nrmse(psf: torch.Tensor, target: torch.Tensor) -> float:
-    """Compute an image metric of a PSF, the NRMSE with the best factor c.
-
-    It is ``|PSF - c target| / |c target|``.
-    """
+    """Compute the image metric NRMSE, ``|PSF - c target| / |c target|`` with the best factor c."""
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
     seen, wanted = psf.to(torch.float64), target.to(torch.float64)
@@ -72,7 +68,7 @@ def scaled_nrmse(psf: torch.Tensor, target: torch.Tensor) -> float:
 
 @accepts_numpy
 def relative_error(value: torch.Tensor, reference: torch.Tensor) -> float:
-    """Compute an image metric, the relative L2 error ``|value - reference| / |reference|``.
+    """Compute the image metric ``|value - reference| / |reference|``, a relative L2 error.
 
     No scale is fitted.
     """
@@ -96,11 +92,11 @@ def psnr(image: torch.Tensor, reference: torch.Tensor, peak: float = 1.0) -> flo
 
 @accepts_numpy
 def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) -> float:
-    """Compute an image metric, the mean SSIM of two images (Wang et al. 2004).
+    """Compute the mean SSIM metric of two images (Wang et al. 2004, doi 10.1109/TIP.2003.819861).
 
-    The paper is doi 10.1109/TIP.2003.819861. The window is a Gaussian of sigma 1.5, cut at 3.5
-    sigma. K1 is 0.01 and K2 is 0.03. The statistics are those of a population, averaged where the
-    window lies inside the picture. Raises ValueError for pictures smaller than the window, 11 x 11.
+    The window is a Gaussian of sigma 1.5, cut at 3.5 sigma. K1 is 0.01 and K2 is 0.03. The
+    statistics are those of a population, averaged where the window lies inside the picture. Raises
+    ValueError for pictures smaller than the window, 11 x 11.
     """
     _require_same_shape_and_finite(image=image, reference=reference)
     require_positive("data_range", data_range, "")
@@ -128,7 +124,7 @@ def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) 
 def crop_central_share(image: torch.Tensor, share: float = 0.9) -> torch.Tensor:
     """Crop an image to its central part before an image metric compares it.
 
-    share: that of the sides along each axis.
+    share: the part's side over the image's, along each axis.
     """
     if not 0 < share <= 1:
         raise ValueError(f"share is {share:g}; it must lie within 0 to 1, and not be 0")

@@ -217,9 +217,8 @@ class _Integral(ABC):
     def _find_node_count(self, tol: float, parameters: tuple[torch.Tensor, ...]) -> int:
         """Find the node count at which an OTF integral keeps `tol`.
 
-        Doubling the nodes then changes no probe by more than `tol`. The search begins with half a
-        node per radian and a few more. The probes range from the smoothest integrand to the
-        steepest.
+        Twice as many nodes change no probe by more than `tol`. The search begins with half a node
+        per radian and a few more. The probes range from the smoothest integrand to the steepest.
         """
         steepness = self._map_in_chunks(self.half_phase_range, _SETTINGS.coarse_nodes, parameters)
         count = steepness.numel()
@@ -331,7 +330,7 @@ class _AberratedOverlap(_Integral):
 
 
 def _overlap_nodes(v: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return angle, reach and weight of an OTF's nodes across the overlap of two pupils.
+    """Return angle, reach and weight of an OTF integral's nodes in the overlap of two pupils.
 
     The pupils are stops of radius 1, 2 v apart. sin(angle) is the position across the shift; along
     the shift the overlap reaches cos(angle) - v to either side. As a function of this angle the
@@ -347,9 +346,9 @@ def _overlap_nodes(v: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Ten
 
 
 def _defocus_phase_difference(defocus: float, v: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
-    """Return the defocus phase of one pupil less that of the other in an OTF's overlap, radians.
+    """Return the defocus phase difference of the two pupils that overlap in an OTF, in radians.
 
-    The stops lie 2 v apart; `along` is the position along that shift.
+    The pupils lie 2 v apart; `along` is the position along that shift.
     """
     return -4 * defocus * v * along
 
@@ -389,9 +388,9 @@ def _subinterval_rule(nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _composite_rule(nodes: int, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return an OTF integral's nodes from -1 to 1 and weights by a composite Gauss-Legendre rule.
+    """Return a composite Gauss-Legendre rule for OTF integrals: nodes from -1 to 1, and weights.
 
-    It has at least `nodes` nodes, in equal subintervals.
+    The rule has at least `nodes` nodes, in equal subintervals.
     """
     parts = math.ceil(nodes / _SETTINGS.subinterval_nodes)
     points, weights = _subinterval_rule(math.ceil(nodes / parts))
@@ -420,9 +419,9 @@ def _evaluate_phase(phase: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
 
 
 def _broadcast_pair(**numbers: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Broadcast two of an OTF's arguments to one shape in float64, without gradients.
+    """Broadcast two arguments of an OTF to one shape in float64, without gradients.
 
-    Both must be finite.
+    Both arguments must be finite.
     """
     (first, a), (second, b) = (
         (name, torch.as_tensor(value).detach().to(torch.float64)) for name, value in numbers.items()

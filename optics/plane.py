@@ -36,7 +36,7 @@ class Plane:
     def coordinates(self, axis: int) -> torch.Tensor:
         """Return positions of an optical plane's samples along axis 0 (y) or 1 (x), metres.
 
-        They are float64.
+        The positions are float64.
         """
         n = self.shape[axis]
         index = torch.arange(n, dtype=torch.float64) - n // 2
@@ -45,14 +45,14 @@ class Plane:
     def mesh(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return an optical plane's sample positions (y, x) as a column and a row, in metres.
 
-        The two broadcast.
+        The column and the row broadcast to the plane's shape.
         """
         return self.coordinates(0)[:, None], self.coordinates(1)[None, :]
 
     def with_finer_pitch(self, factor: int) -> Plane:
         """Return an optical plane of the same centre and size with more samples.
 
-        It has `factor` times as many samples per axis.
+        The new plane has `factor` times as many samples per axis.
         """
         if factor < 1:
             raise ValueError(f"factor is {factor}; a finer plane needs at least 1")
@@ -81,14 +81,14 @@ class RectilinearGrid:
     def coordinates(self, axis: int) -> torch.Tensor:
         """Return positions of an optical grid's samples along axis 0 (y) or 1 (x), metres.
 
-        They are float64.
+        The positions are float64.
         """
         return self.x if axis else self.y
 
     def mesh(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return an optical grid's sample positions (y, x) as a column and a row, in metres.
 
-        The two broadcast.
+        The column and the row broadcast to the grid's shape.
         """
         return self.y[:, None], self.x[None, :]
 
@@ -107,7 +107,7 @@ def centred_crop(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 
 def centred_pad(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """Pad samples of an optical plane with zeros around; the origin stays at n // 2.
+    """Pad samples of an optical plane with zeros; the origin stays at n // 2.
 
     The rows and columns are the last two axes.
     """

@@ -71,10 +71,7 @@ class SourcePolarisation:
 
     @property
     def incoherent_components(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Return the polarised object light's two incoherent waves for Jones calculus.
-
-        Each is a share of the power and a Jones vector.
-        """
+        """The two incoherent waves of polarised light: shares of the power and Jones vectors."""
         degree = _as_float64(self.degree)
         across = _as_float64(self.angle) + math.pi / 2
         return [
@@ -222,15 +219,15 @@ class PolarisedPath:
         )
 
     def effect(self) -> PathEffect:
-        """Compute what polarising optics do to the light, by Jones calculus.
+        """Compute the effect of polarising optics around the panel on the light, by Jones calculus.
 
-        The panel between them modulates one axis only. The panel's Jones matrix is diag(exp(i
-        pattern), 1). Let G = Σ share · m m† be the coherency matrix of the light that falls on it,
-        L the Jones matrix behind it, and N = L† L. The modulated power is then N₀₀ G₀₀, the
-        unmodulated power N₁₁ G₁₁. The two interfere by N₀₁ G₁₀, which is zero where L keeps them
-        orthogonal: without an analyser, and with a splitter that doesn't polarise, or whose axes
-        are the panel's. The result is differentiable in every number of the elements. Raises
-        ValueError where no light passes.
+        The panel modulates one axis only. Its Jones matrix is diag(exp(i pattern), 1). Let G = Σ
+        share · m m† be the coherency matrix of the light that falls on it, L the Jones matrix
+        behind it, and N = L† L. The modulated power is then N₀₀ G₀₀, the unmodulated power N₁₁ G₁₁.
+        The two interfere by N₀₁ G₁₀, which is zero where L keeps them orthogonal: without an
+        analyser, and with a splitter that doesn't polarise, or whose axes are the panel's. The
+        result is differentiable in every number of the elements. Raises ValueError where no light
+        passes.
         """
         before, after = self.jones_to_panel, self.jones_from_panel
         waves = ((share, before @ wave) for share, wave in self.light.incoherent_components)

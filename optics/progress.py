@@ -45,7 +45,7 @@ class Progress:
     def is_paused(self) -> bool:
         """Whether the long optical computation should pause until `resume()`.
 
-        It pauses at the next place where it can.
+        The computation pauses at the next place where it can.
         """
         return self._pause_event.is_set()
 

@@ -50,7 +50,7 @@ def _cached_pupil_amplitude(
 
 
 def open_area(camera: Camera) -> float:
-    """Compute the camera pupil's area, which panel and lens both leave open, in square metres.
+    """Compute the area of the camera's pupil that panel and stop leave open, in square metres.
 
     Both are treated as if they stood in one plane.
     """
@@ -64,7 +64,7 @@ def open_area(camera: Camera) -> float:
 
 
 def require_open_pupil(camera: Camera) -> None:
-    """Raise ValueError for a camera whose pupil is closed: its lens stop passes no panel light."""
+    """Raise ValueError if the camera's pupil is closed: its stop passes no light of the panel."""
     if not open_area(camera) > 0:
         raise ValueError(
             "the stop or what obscures it covers the whole panel: no light passes; open it "
@@ -123,7 +123,7 @@ def object_to_lens_distance(camera: Camera, distance: Scalar) -> Scalar:
 def vergence_error(lens: Lens, distance: Scalar) -> Scalar:
     """Compute a lens' vergence error 1/d + 1/z - 1/f for an object at `distance`, in dioptres.
 
-    It is zero for an object in focus.
+    The error is zero for an object in focus.
     """
     return 1 / distance - 1 / lens.focus_distance
 
@@ -147,7 +147,7 @@ def defocus_path(lens: Lens, distance: Scalar, r2: torch.Tensor) -> torch.Tensor
 
 
 def _sag(vergence: Scalar, r2: torch.Tensor) -> torch.Tensor:
-    """Compute a pupil wavefront's sag sqrt(d² + r²) - d for d = 1 / vergence, infinite d too."""
+    """Compute a pupil wavefront's sag sqrt(d² + r²) - d for d = 1 / vergence, also infinite d."""
     return r2 * vergence / (1 + torch.sqrt(1 + r2 * vergence**2))
 
 
@@ -156,7 +156,8 @@ def pupil_phase(
 ) -> torch.Tensor:
     """Compute a lens' pupil phase for a point's light in radians (thesis Eq. 3.2), float64.
 
-    It is the sum of defocus and aberrations. y, x: in units of the stop's radius; they broadcast.
+    The phase is the sum of defocus and aberrations. y, x: in units of the stop's radius; they
+    broadcast.
     """
     r2 = (y**2 + x**2) * (lens.stop_diameter / 2) ** 2
     path = defocus_path(lens, distance, r2)
@@ -209,12 +210,12 @@ def phase_slope_bound(
 
 
 def open_pupil_radius(camera: Camera) -> float:
-    """Return the camera's largest distance from the axis to its open pupil's edge, in metres."""
+    """Return the largest distance from the axis to the camera's open pupil's edge, in metres."""
     return min(camera.lens.stop_diameter / 2, panel_half_diagonal(camera))
 
 
 def panel_half_diagonal(camera: Camera) -> float:
-    """Return the camera's distance from the optical axis to its panel's corner, in metres."""
+    """Return the distance from the camera's optical axis to its panel's corner, in metres."""
     return math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape)) / 2
 
 

@@ -35,19 +35,16 @@ class CandidateMethod(ABC):
     @property
     @abstractmethod
     def bytes(self) -> int:
-        """The bytes of a candidate method's largest arrays, for the choice by accuracy and cost."""
+        """The size in bytes of a candidate method's largest arrays, part of its predicted cost."""
 
     @abstractmethod
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict a method's processor seconds per call, to choose the cheapest in tolerance.
-
-        speed: the machine's.
-        """
+        """Predict a candidate method's cost per call, in processor seconds at a machine's speed."""
 
     def prepare(self) -> None:  # noqa: B027 (many methods prepare nothing)
         """Prepare a candidate method, or raise ToleranceError if it misses its tolerance.
 
-        What is reused between calls is computed here.
+        The preparation computes what is reused between calls.
 
         Raises
         ------
@@ -176,7 +173,7 @@ class MethodChoice(Generic[O]):
 
 
 def cheapest_candidate(candidates: Iterable[O], budget: Budget, what: str) -> O:
-    """Choose the method of least predicted processor time within the budget of memory.
+    """Choose the method of least predicted processor time within the memory budget.
 
     Parameters
     ----------

@@ -42,9 +42,9 @@ def measure_first_orders(
 ) -> list[FirstOrders]:
     """Measure every region's first-order light in a calibration sweep of gratings.
 
-    It is weighted by the shapes of its spots. frames: digital numbers as read. dark: the mean dark
-    frame of the same exposure time. vectors: those of the regions' gratings, (regions, 2).
-    region_shape: (rows, columns) of a region's panel pixels.
+    The light is weighted by the shapes of the region's spots. frames: digital numbers as read.
+    dark: the mean dark frame of the same exposure time. vectors: grating vectors of the regions,
+    (regions, 2). region_shape: (rows, columns) of a region's panel pixels.
 
     A pixel's weight is its mean in the brighter half of the sweep less that in the dimmer half.
     All pixels of a spot vary in proportion, so that any weights keep the dependence on the phase
@@ -72,7 +72,10 @@ def _windows(
     shape: tuple[int, ...],
     wavelength: float,
 ) -> list[tuple[slice, slice]]:
-    """Return windows around a calibration grating's two first orders, if wholly on the sensor."""
+    """Return pixel windows around a calibration grating's two first orders.
+
+    A window that doesn't lie wholly on the sensor is left out.
+    """
     stretch = wavelength / registration.wavelength
     line = stretch * np.hypot(*(registration.matrix / np.array(region_shape)).T)
     # A spot extends over three line widths of its region's grating, and at least two more pixels

@@ -38,7 +38,7 @@ rotation and no reflection maps this set onto itself."""
 
 
 def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tuple[slice, slice]]:
-    """Return (rows, columns) of every panel region that is calibrated, region row by region row."""
+    """Return the slices (rows, columns) of every calibrated panel region, row by row of regions."""
     if min(regions) < 1 or regions[0] > shape[0] or regions[1] > shape[1]:
         raise ValueError(
             f"regions is {regions}; a panel of {shape[0]}x{shape[1]} pixels has 1x1 to as many "
@@ -70,7 +70,7 @@ def registration_vectors(max_frequency: float) -> Array:
 def region_vectors(
     shape: tuple[int, int], regions: tuple[int, int], max_frequency: float, blur: float = 0.0
 ) -> Array:
-    """Choose calibration gratings, one vector per region, (regions, 2), so that spots lie apart.
+    """Choose one calibration grating vector per region, (regions, 2), so that spots don't overlap.
 
     Each vector has whole numbers of cycles in its region. A region's light is then dark where the
     other regions send theirs, because the line shape of a rectangle is zero at all other points of
@@ -101,9 +101,9 @@ def region_vectors(
 
 
 def _lattice(lines: NDArray[np.int64], max_frequency: float) -> NDArray[np.int64]:
-    """Return calibration gratings' vectors up to a length, one of each pair of opposites.
+    """Return the calibration grating vectors up to a length, one of each pair of opposites.
 
-    They are in cycles per region, (y, x).
+    The vectors are in cycles per region, (y, x).
     """
     most = np.floor(max_frequency * lines).astype(int)
     grid = np.mgrid[-most[0] : most[0] + 1, 0 : most[1] + 1].reshape(2, -1).T
@@ -113,7 +113,7 @@ def _lattice(lines: NDArray[np.int64], max_frequency: float) -> NDArray[np.int64
 def _choose_lattice_points(
     grid: NDArray[np.int64], count: int, separation: Array
 ) -> list[NDArray[np.int64]]:
-    """Choose up to `count` calibration gratings whose spots lie apart from each other.
+    """Choose up to `count` calibration grating vectors whose spots lie apart from each other.
 
     separation: least distance in line widths, (y, x).
     """
@@ -140,7 +140,8 @@ def stripe_pattern(
 ) -> NDArray[np.uint8]:
     """Draw a calibration grating in every region: equally wide stripes of two grey levels.
 
-    It is (rows, columns). vectors: grating vectors of the regions, row by row.
+    The result is the pattern's grey levels, (rows, columns). vectors: grating vectors of the
+    regions, row by row.
     """
     grey = np.empty(shape, dtype=np.uint8)
     for (rows, columns), vector in zip(region_slices(shape, regions), vectors, strict=True):
@@ -155,10 +156,9 @@ def stripe_pattern(
 
 
 def blazed_grating_phase(shape: tuple[int, int], vector: Sequence[float]) -> Array:
-    """Compute a blazed calibration grating's phase, (rows, columns), 0 at the centre.
+    """Compute the phase of a blazed calibration grating in radians, (rows, columns).
 
-    The phase is in radians, and the centre that of the panel. vector: (y, x) in cycles per panel
-    pixel.
+    The phase is 0 at the panel's centre. vector: (y, x) in cycles per panel pixel.
     """
     rows, columns = shape
     y = (np.arange(rows) - rows // 2)[:, None]
@@ -169,7 +169,7 @@ def blazed_grating_phase(shape: tuple[int, int], vector: Sequence[float]) -> Arr
 def max_grating_frequency(
     shape: tuple[int, int], sensor_pitch: float, panel_pitch: float, scale: float
 ) -> float:
-    """Compute a calibration grating's highest frequency whose light surely falls on the sensor.
+    """Compute the highest calibration grating frequency whose light surely falls on the sensor.
 
     The result is in cycles per panel pixel. shape: (rows, columns) of the sensor. The pitches are
     in metres. scale: wavelength times the distance from lens to sensor, in square metres. The

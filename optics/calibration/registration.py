@@ -64,18 +64,18 @@ class Registration:
     inliers: NDArray[np.bool_]
 
     def to_pixels(self, vectors: Array, wavelength: float | None = None) -> Array:
-        """Convert calibrated grating vectors (..., 2) to sensor positions in pixels.
+        """Convert grating vectors (..., 2) to sensor pixels by the calibrated registration.
 
-        Both are (y, x).
+        Vectors and pixels are (y, x).
         """
         return np.asarray(self.centre) + self._wavelength_ratio(wavelength) * (
             vectors @ self.matrix.T
         )
 
     def to_vectors(self, pixels: Array, wavelength: float | None = None) -> Array:
-        """Convert sensor positions in pixels to gratings by the calibrated registration.
+        """Convert sensor pixels (..., 2) to grating vectors by the calibrated registration.
 
-        The result is the grating vectors that send light there. Both are (..., 2).
+        A grating of the returned vector sends light to the pixel. The vectors are (..., 2).
         """
         away = (pixels - np.asarray(self.centre)) / self._wavelength_ratio(wavelength)
         return away @ np.linalg.inv(self.matrix).T
@@ -83,7 +83,7 @@ class Registration:
     def uncertainty(self, vectors: Array) -> Array:
         """Compute the calibrated registration's standard deviation in pixels, (...).
 
-        vectors: the grating vectors for which it is computed. It holds along either axis.
+        vectors: grating vectors, (..., 2). The standard deviation is the same along both axes.
         """
         ones = np.ones((*vectors.shape[:-1], 1))
         design = np.concatenate([ones, vectors], axis=-1)
@@ -92,17 +92,15 @@ class Registration:
     def field_uncertainty(self, shape: tuple[int, int]) -> float:
         """Compute the calibrated registration's largest uncertainty on a sensor, in pixels.
 
-        It is that at the sensor's corners. shape: (rows, columns) of the sensor.
+        The uncertainty is largest at one of the sensor's corners. shape: (rows, columns) of the
+        sensor.
         """
         corners = np.array(list(itertools.product((0, shape[0] - 1), (0, shape[1] - 1))), float)
         return float(self.uncertainty(self.to_vectors(corners)).max())
 
     @property
     def residual(self) -> float:
-        """The root mean square misfit of spots in the calibrated registration, pixels.
-
-        It counts the distances between inlier spots and fit.
-        """
+        """The root mean square misfit of inlier spots to the calibrated registration, pixels."""
         return float(np.sqrt((self.residuals[self.inliers] ** 2).sum(1).mean()))
 
     @property
@@ -110,12 +108,12 @@ class Registration:
         return decompose_affine(self.matrix)
 
     def _wavelength_ratio(self, wavelength: float | None) -> float:
-        """Return a wavelength over that of the calibrated registration."""
+        """Return a wavelength divided by the wavelength of the calibrated registration."""
         return 1.0 if wavelength is None else wavelength / self.wavelength
 
 
 def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Registration:
-    """Fit the calibration of panel to sensor to grating vectors and the spots that they made.
+    """Fit the calibrated registration of panel and sensor to grating vectors and their spots.
 
     vectors: (spots, 2) cycles per panel pixel; (0, 0) is the zeroth order of a neutral pattern,
     which must be among them. If the panel's response differs from region to region and isn't
@@ -164,7 +162,10 @@ def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Regist
 
 
 def _find_steered_spots(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.bool_]:
-    """Tell which calibration spots are steered, or raise ValueError if they fix no registration."""
+    """Tell which calibration spots are steered.
+
+    Raises ValueError if the spots don't determine a registration.
+    """
     if vectors.shape != (len(spots), 2):
         raise ValueError(f"vectors are {vectors.shape}; {len(spots)} spots need ({len(spots)}, 2)")
     steered: NDArray[np.bool_] = np.hypot(*vectors.T) > 0

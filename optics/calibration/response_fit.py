@@ -159,18 +159,18 @@ def _require_swing(sweep: Sweep) -> None:
 
 
 def _scatter(misses: Array, noise: Array) -> Array:
-    """Estimate the standard deviation of each calibration frame's residual from their median.
+    """Estimate the standard deviation of each calibration frame's residual.
 
-    It is at least that of the frame's noise.
+    The estimate follows from the median residual, and is at least the frame's noise.
     """
     typical = 1.4826 * float(np.median(np.abs(misses / noise)))
     return noise * max(typical, 1.0)
 
 
 def _fit_curves(sweep: Sweep, levels: int, expected_range: float) -> list[PhaseCurve]:
-    """Fit phase curves to a calibration sweep from several starts, and return the best first.
+    """Fit phase curves to a calibration sweep from several starts; the best comes first.
 
-    Each has its best number of increments.
+    Each curve has the number of increments that suits it best.
     """
     top = levels - 1
     found: list[PhaseCurve] = []
@@ -200,7 +200,10 @@ def _distinct_curves(curves: list[PhaseCurve]) -> list[PhaseCurve]:
 
 
 def _starts(sweep: Sweep, top: int, expected_range: float) -> Iterable[PhaseCurve]:
-    """Choose the best of many starting curves, unlike in range and shape, for a calibration fit."""
+    """Choose the starting curves of a calibration fit: the best of many trial curves.
+
+    The trial curves differ in phase range and shape.
+    """
     count = _SETTINGS.increment_counts[0]
     fine = np.linspace(0, top, 200)
     basis = monotone_spline_basis(fine, top, count)
@@ -218,9 +221,10 @@ def _starts(sweep: Sweep, top: int, expected_range: float) -> Iterable[PhaseCurv
 
 
 def _rival_margin(curves: list[PhaseCurve]) -> float:
-    """Compute how much worse the best calibration fit with another count of waves is.
+    """Compute by how much the best calibration fit of another phase range is worse.
 
-    The result is a difference of information criteria.
+    The result is a difference of information criteria. Another phase range differs by more than
+    π/2.
     """
     best = curves[0]
     others = [

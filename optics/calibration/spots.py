@@ -68,9 +68,9 @@ class Spot:
 
 
 def frame_variance(numbers: Array, sensor: Sensor) -> Array:
-    """Compute the variance of a calibration frame's numbers from shot noise, read noise, rounding.
+    """Compute the variance of a calibration frame's digital numbers by EMVA 1288.
 
-    It follows EMVA 1288.
+    Shot noise, read noise and rounding add up.
     """
     electrons = np.clip(numbers - sensor.black_level, 0, None) * sensor.gain
     return (electrons + sensor.read_noise**2) / sensor.gain**2 + 1 / 12
@@ -98,7 +98,7 @@ def find_spot(
     clipped: NDArray[np.bool_] | None = None,
     excluded: NDArray[np.bool_] | None = None,
 ) -> Spot:
-    """Find the spot that stands out most in a calibration frame without its background.
+    """Find the spot that stands out most in a calibration frame.
 
     light, variance: (rows, columns); the background is already subtracted. clipped: pixels at full
     scale. excluded: pixels that aren't searched. Raises ValueError if no spot stands out of the
@@ -134,7 +134,7 @@ def measure_spot(
 ) -> Spot:
     """Measure a calibration spot near a position (y, x) by its windowed centroid.
 
-    The window is a Gaussian that follows the spot and is as wide as it (Bertin, SExtractor's
+    The window is a Gaussian that follows the spot and is as wide as the spot (Bertin, SExtractor's
     windowed positions). The noise of far pixels therefore doesn't count, and the centroid isn't
     biased towards pixel centres. Raises ValueError if there is no light, or the spot leaves the
     frame.
@@ -194,9 +194,9 @@ def _spot_at(
 def _window_pixels(
     place: tuple[float, float], width: float, shape: tuple[int, int]
 ) -> tuple[tuple[slice, slice], Array, Array]:
-    """Return the frame's pixels within four widths of a calibration spot, with y and x.
+    """Return the window of pixels within four widths of a calibration spot, and its y and x.
 
-    These are a column and a row.
+    The window is two slices. Its y are a column, and its x are a row.
     """
     reach = math.ceil(4 * width)
     spans = [

@@ -87,7 +87,7 @@ class StripeLaw:
         return light
 
     def derivatives(self, step: Array, blur2: float, ripple2: float) -> tuple[Array, Array]:
-        """Compute how a calibration grating's first-order light changes by step and blur2."""
+        """Compute derivatives of a calibration grating's first-order light by step and blur2."""
         by_step, by_blur = np.zeros(np.shape(step)), np.zeros(np.shape(step))
         for stretch, weight in _ripple_nodes(ripple2):
             by_step += (
@@ -109,10 +109,10 @@ def _ripple_nodes(ripple2: float) -> list[tuple[float, float]]:
 
 
 def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.complex128]:
-    """Return a calibration grating's first-order wave exp(-2πi k·r) at pixels, under a window.
+    """Return a calibration grating's first-order wave exp(-2πi k·r) at the panel's pixels.
 
-    The window is tapered. The wave's mean is subtracted, because a constant phase of the whole
-    panel sends no light into the first order.
+    The wave is multiplied by a tapered window. Its mean is subtracted, because a constant phase of
+    the whole panel sends no light into the first order.
     """
     fading = np.outer(*(np.hanning(n + 2)[1:-1] for n in shape))
     y, x = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
@@ -123,7 +123,10 @@ def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.compl
 def _wave_by_height(
     patch: Array, wave: NDArray[np.complex128], vector: Array, blur: float, side: float
 ) -> NDArray[np.complex128]:
-    """Sum the first-order wave of a blurred calibration grating's points by height, (heights,)."""
+    """Sum the first-order wave over a blurred calibration grating's points, by their height.
+
+    The result has one sum per height, (heights,).
+    """
     total = np.zeros(_HEIGHTS, dtype=np.complex128)
     nodes = list(zip(_NODES * side / 2, _WEIGHTS / 2, strict=True))
     for dy, high in nodes:
@@ -142,8 +145,8 @@ def _wave_by_height(
 def _blur_axis(values: Array, blur: float, place: float, axis: int) -> Array:
     """Blur a calibration grating's pixel staircase along an axis by a Gaussian.
 
-    It is sampled once per pixel. place: the position of the sample in its pixel, in pixels from the
-    centre. The outermost pixels are continued.
+    The result has one sample per pixel. place: the position of the sample in its pixel, in pixels
+    from the centre. The outermost pixels are continued.
     """
     if blur == 0:
         return values

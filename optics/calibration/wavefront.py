@@ -106,7 +106,7 @@ class WavefrontFit:
     def path(self, panel: Panel) -> torch.Tensor:
         """Compute the calibrated wavefront at the panel's pixels in metres, (rows, columns).
 
-        It is float64.
+        The values are float64.
         """
         return zernike_path(self.terms, self.coefficients, self.radius, panel.plane)
 
@@ -218,7 +218,7 @@ class _WavefrontProblem:
         return parameters[:n], parameters[n : n + 2], parameters[n + 2 :]
 
     def predict_pictures(self, parameters: torch.Tensor) -> torch.Tensor:
-        """Compute the calibration star's pictures, each with its best light and background."""
+        """Predict the calibration star's pictures, each with fitted light and background."""
         polynomials, place, beam = self._split_parameters(parameters)
         path = torch.tensordot(polynomials, self._shapes, 1) * self._path_unit
         amplitude = torch.exp(torch.tensordot(beam, self._beam, 1))
@@ -238,7 +238,7 @@ class _WavefrontProblem:
             return float(self.misfit(parameters))
 
     def chi2(self, parameters: torch.Tensor) -> float:
-        """Compute the wavefront calibration's chi², mean squared misfit per degree of freedom."""
+        """Compute the wavefront calibration's chi², the squared misfit per degree of freedom."""
         used = int((self._weight > 0).sum())
         return self.cost(parameters) / max(used - len(parameters) - 2 * len(self._light), 1)
 
@@ -302,7 +302,7 @@ class _WavefrontProblem:
     def _rms_over_pupil(self, coefficients: Array, covariance: Array) -> tuple[float, float]:
         """Compute the calibrated wavefront's rms over the open pupil, and its sigma.
 
-        Mean and tilt don't count.
+        The mean and the tilt are removed first.
         """
         lit = self._model.light_on_panel.numpy()
         weight = (lit / lit.sum()).ravel()
@@ -316,9 +316,9 @@ class _WavefrontProblem:
 
 
 def _correlation_area(misfit: torch.Tensor) -> float:
-    """Estimate over which area of a calibration picture misfits are correlated, in pixels.
+    """Estimate the area in pixels over which a calibration picture's misfits are correlated.
 
-    misfits: (pictures, rows, columns). The correlation is assumed to fall exponentially with
+    misfit: (pictures, rows, columns). The correlation is assumed to fall exponentially with
     distance.
     """
     area = 1.0
@@ -335,9 +335,9 @@ def _correlation_area(misfit: torch.Tensor) -> float:
 def _fit_light_and_background(
     share: torch.Tensor, light: torch.Tensor, weight: torch.Tensor
 ) -> torch.Tensor:
-    """Fit light and background of a calibration star's picture: share x light + background.
+    """Fit light and background of a calibration star's picture, and return the fitted picture.
 
-    The fitted picture is returned.
+    The fitted picture is share x light + background.
     """
     with torch.no_grad():
         design = torch.stack([share.ravel(), torch.ones(share.numel(), dtype=share.dtype)], dim=1)

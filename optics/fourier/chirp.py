@@ -85,10 +85,7 @@ class ChirpTransform(SeparableTransform):
         return self.dtype.itemsize * 3 * max(sizes)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict one chirp Fourier transform's processor time in seconds.
-
-        speed: the machine's.
-        """
+        """Predict the processor seconds of one chirp Fourier transform at a machine's speed."""
         each = zip(self._lengths(), self.lines(), strict=True)
         sizes = [(length, count) for length, count in each]
         operations = sum(2 * count * fft_operations(length) for length, count in sizes)

@@ -45,7 +45,7 @@ class _CommensurateRule(AxisRule):
         return spectrum.index_select(-2, self.index) * self.phase
 
     def _fold_periods(self, field: torch.Tensor) -> torch.Tensor:
-        """Add up all input samples of the Fourier sum's FFT that lie whole periods apart."""
+        """Add up the Fourier sum's input samples that lie a whole number of FFT periods apart."""
         if self.n <= self.length:
             return field
         periods = -(-self.n // self.length)
@@ -104,15 +104,12 @@ class CommensurateTransform(SeparableTransform):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the largest arrays of a Fourier transform by one FFT."""
+        """The memory in bytes of the commensurate Fourier transform's largest arrays."""
         sizes = (a * b for a, b in zip(self._lengths, self.lines(), strict=True))
         return self.dtype.itemsize * 2 * max(sizes)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one Fourier transform by FFT, in seconds.
-
-        speed: the machine's.
-        """
+        """Predict the processor seconds of a commensurate Fourier transform at a machine speed."""
         each = zip(self._lengths, self.lines(), strict=True)
         operations = sum(count * fft_operations(length) for length, count in each)
         (ny, nx), (_, mx) = self.geometry.pupil.shape, self.geometry.image.shape

@@ -64,7 +64,7 @@ class FourierGeometry:
             )
 
     def step(self, axis: int) -> float:
-        """Compute the Fourier phase in turns per pupil and image sample along an axis.
+        """Compute the Fourier phase in turns per pupil sample and image sample along an axis.
 
         axis: 0 (y) or 1 (x).
 
@@ -78,16 +78,16 @@ class FourierGeometry:
         return self.pupil.pitch[axis] * self.image.pitch[axis] / self.scale
 
     def pupil_offsets(self, axis: int) -> torch.Tensor:
-        """Return a Fourier transform's pupil positions from their centre along an axis.
+        """Return the Fourier geometry's pupil positions relative to the pupil's centre, metres.
 
-        They are in metres, float64.
+        The positions lie along an axis, 0 (y) or 1 (x), and are float64.
         """
         return self.pupil.coordinates(axis) - self.pupil.centre[axis]
 
     def pupil_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
         """Compute the Fourier phase factor over the pupil for an image that is off-axis.
 
-        It shifts the image to its centre.
+        The factor shifts the image to its centre.
 
         Parameters
         ----------
@@ -108,8 +108,6 @@ class FourierGeometry:
 
     def image_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
         """Compute the Fourier phase factor over the image for a pupil that is off-axis.
-
-        It is what the pupil's centre causes.
 
         Parameters
         ----------

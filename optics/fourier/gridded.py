@@ -170,10 +170,7 @@ class GriddedTransform(SeparableTransform):
         return self.dtype.itemsize * (2 * max(grids) + 2 * width * (ny + nx))
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict one gridded Fourier transform's processor time in seconds.
-
-        speed: the machine's.
-        """
+        """Predict the processor seconds of one gridded Fourier transform at a machine's speed."""
         width = spread_width(self.error)
         spread = width * sum(
             n * count for n, count in zip(self.geometry.pupil.shape, self.lines(), strict=True)

@@ -137,10 +137,7 @@ class NonuniformTransform(Transform):
         return nonuniform_bytes(self._y.numel(), self.image)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict one non-uniform FFT's processor time in seconds.
-
-        speed: the machine's.
-        """
+        """Predict the processor seconds of one non-uniform FFT at a machine's speed."""
         return nonuniform_seconds(self._y.numel(), self.image, self.error, speed)
 
 

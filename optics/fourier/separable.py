@@ -68,7 +68,7 @@ class SeparableTransform(PlaneTransform):
         return self._rules
 
     def _forward_axis(self, field: torch.Tensor, axis: int, rule: AxisRule) -> torch.Tensor:
-        """Fourier transform a field along its second last dimension, which is `axis`."""
+        """Fourier-transform a field along its second last dimension, which belongs to `axis`."""
         before, after = self._pupil_phases[axis], self._image_phases[axis]
         if before is not None:
             field = field * before.to(field.device)[:, None]

@@ -68,7 +68,7 @@ class Transform(CandidateMethod):
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the Fourier transform's pupil positions (y, x) in metres.
 
-        They broadcast against a field.
+        The two arrays broadcast against a field.
         """
 
     def __call__(
@@ -122,9 +122,9 @@ def _needs_gradient(field: torch.Tensor) -> bool:
 
 
 def apply_function(function: Any, *arguments: Any) -> torch.Tensor:
-    """Call a torch autograd function of a Fourier transform, with one result.
+    """Call a Fourier transform's torch autograd function, which returns one tensor.
 
-    Its `apply` has no type annotations.
+    This function exists because torch's `apply` has no type annotations.
     """
     answer: torch.Tensor = function.apply(*arguments)
     return answer
@@ -221,7 +221,7 @@ class PlaneTransform(Transform):
         _require_shape(self.geometry.pupil, field)
 
     def allocation_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the seconds per Fourier transform on memory allocated anew at each call."""
+        """Predict the seconds that each call of the Fourier transform spends on new memory."""
         return max(self.bytes - RETAINED_BYTES, 0) * speed.fresh
 
     def precision_slowdown(self, speed: MachineSpeed) -> float:

@@ -135,9 +135,9 @@ class Band:
         return Band(moment / one.integral(), width, "table", leak, leak_range, one)
 
     def transmission(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
-        """Compute the filter band's transmission at wavelengths in metres, without the leak.
+        """Compute the filter band's transmission, 0 to 1, at wavelengths in metres.
 
-        It is 0 to 1.
+        The leak is left out.
         """
         asked = np.asarray(wavelengths, dtype=np.float64)
         if self.table is not None:
@@ -182,7 +182,7 @@ class Band:
 
     @cached_property
     def _stages(self) -> tuple[int, float]:
-        """The number of stages of a filter band's Lyot model, and its thinnest stage's order.
+        """The number of stages of a filter band's Lyot model, and the order of its thinnest stage.
 
         The order lies between half a wave and one wave. The filter then has the requested width,
         and its next order lies below half its wavelength.
@@ -208,7 +208,7 @@ class Band:
 
 
 def _lyot_half(stages: int) -> float:
-    """Return the phase u at which a Lyot filter band of so many stages passes half of the light."""
+    """Return the phase u at which a Lyot filter band of `stages` stages passes half the light."""
 
     def above_half(u: float) -> float:
         return math.prod(math.cos(2**k * u) ** 2 for k in range(stages)) - 0.5

@@ -103,7 +103,7 @@ class Spectrum:
         return Spectrum(self.wavelengths, tuple(factor * value for value in self.values))
 
     def times(self, other: Spectrum) -> Spectrum:
-        """Multiply a light spectrum by another one, as that of a lamp by a filter's.
+        """Multiply a light spectrum by another spectrum, such as a filter's.
 
         The product is exact at the nodes of both, and linear between them. Between two nodes the
         true product is a parabola, which differs by (a₂-a₁)(b₂-b₁)/4 at most. If the two ranges

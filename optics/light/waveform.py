@@ -74,7 +74,7 @@ class Waveform:
 
     @property
     def ripple(self) -> float:
-        """The light source's flicker: the largest relative deviation from its mean."""
+        """The ripple of a light source's flicker: its largest relative deviation from the mean."""
         if self.is_constant:
             return 0.0
         if self.shape == "square":
@@ -82,7 +82,7 @@ class Waveform:
         return self.depth
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Compute the factor of the light source's flicker at times in seconds."""
+        """Compute the light source's flicker factor at times in seconds."""
         turns = self._turns(time)
         if self.is_constant:
             return np.ones_like(turns)
@@ -91,7 +91,7 @@ class Waveform:
         return 1 + self._sign * self.depth * np.sin(2 * np.pi * (turns % 1))
 
     def mean(self, start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
-        """Average the light source's flicker over intervals of time, exactly.
+        """Average the light source's flicker factor over intervals of time, exactly.
 
         Parameters
         ----------
@@ -130,10 +130,7 @@ class Waveform:
 
     @property
     def _excess(self) -> float:
-        """The relative excess over its mean of a light source that flickers as a square wave.
-
-        It holds while the lamp is bright.
-        """
+        """The relative excess of a square-wave light source over its mean, while it is bright."""
         return self.depth * (1 - self.duty) / self.duty
 
     def _turns(self, time: ArrayLike) -> NDArray[np.float64]:
@@ -151,7 +148,7 @@ class Waveform:
         return np.where(long, mean, self.at(start))
 
     def _deviation(self, turns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Integrate a square-wave light flicker's deviation from its mean, from turn 0 on.
+        """Integrate the light source's square-wave flicker, less its mean, from turn 0 on.
 
         The result is in turns.
         """
