@@ -71,7 +71,7 @@ def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResp
 
 
 def _fit_edge_line(values: Array) -> tuple[float, float]:
-    """Fit a line to the MTF's slanted edge: column at row 0, and slope in columns per row."""
+    """Fit a line to the slanted edge for the MTF: column at row 0, and slope in columns per row."""
     derivative = np.diff(values, axis=1)
     if not np.abs(derivative).max() > 1e-9 * max(np.abs(values).max(), 1e-300):
         raise ValueError("picture has no edge: it is the same everywhere")

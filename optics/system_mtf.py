@@ -41,7 +41,7 @@ def neutral_panel_otf(
     angle: float = 0.0,
     distance: float | None = None,
 ) -> Array:
-    """Compute the camera's OTF without the pixels, for a neutral panel; 1 at frequency 0.
+    """Compute the OTF of camera lens and neutral panel without the pixels; 1 at frequency 0.
 
     It is real and may be negative. The parameters are those of system_mtf(). The pupil is the
     intersection of the lens' round stop and the panel's rectangle, projected from the object's
@@ -116,6 +116,6 @@ class _Pupil:
         return float((step * line * np.cos(turn * (low + high) / 2 + curvature * dy * y)).sum())
 
     def _half_chord(self, y: Array) -> Array:
-        """Return half the width of the camera's pupil at a height y, in metres, for its MTF."""
+        """Return half the width of the camera's pupil at a height y for its MTF, in metres."""
         round_part = np.sqrt(np.maximum(self.radius**2 - y**2, 0.0))
         return np.minimum(round_part, self.half_width)

@@ -33,10 +33,9 @@ def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def in_full_precision(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate an optical computation to run without torch's automatic mixed precision.
+    """Decorate an optical computation to run without torch's mixed precision (autocast).
 
-    That is torch's autocast. Under autocast torch would multiply in half precision, whose three
-    digits are too few here.
+    Under autocast torch would multiply in half precision, whose three digits are too few here.
     """
 
     @functools.wraps(function)

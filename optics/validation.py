@@ -33,11 +33,11 @@ def _to_numpy(value: Any) -> Any:
 
 
 def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate an optical function of tensors to accept numpy arrays, and to return them.
+    """Decorate an optical function of tensors to accept and return numpy arrays.
 
-    It returns numpy arrays where it was given one. Without a numpy array among the arguments, the
-    function is called unchanged, so that gradients propagate. Results are converted if they are
-    tensors or tuples of tensors.
+    The function returns numpy arrays if one of its arguments is a numpy array. Otherwise it is
+    called unchanged, so that gradients propagate. Results are converted if they are tensors or
+    tuples of tensors.
     """
 
     @functools.wraps(function)
@@ -53,17 +53,17 @@ def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def as_floating_point(value: torch.Tensor) -> torch.Tensor:
-    """Return a floating-point tensor of the optics unchanged, and one of integers as float32."""
+    """Return an optical floating-point tensor unchanged, and an integer tensor as float32."""
     return value if value.is_floating_point() else value.to(torch.float32)
 
 
 def as_number(value: Any) -> float:
-    """Convert an optical parameter, number or 0-d tensor, to a float without its derivative."""
+    """Convert an optical parameter (a number or 0-d tensor) to a float without its derivative."""
     return float(value.detach() if isinstance(value, torch.Tensor) else value)
 
 
 def to_plain_numbers(value: Any) -> Any:
-    """Replace every 0-d tensor in a camera, a lens or another optical value by a float.
+    """Replace every 0-d tensor in an optical value, such as a camera or a lens, by a float.
 
     Tensors inside dataclasses and tuples are replaced too.
     """
@@ -115,9 +115,9 @@ def require_count(name: str, value: int) -> None:
 
 
 def require_same_shape(name: str, picture: torch.Tensor, **others: torch.Tensor | None) -> None:
-    """Raise ValueError for an optical function's arguments unlike the picture in shape.
+    """Raise ValueError for optical arguments whose shape isn't that of a picture.
 
-    None is allowed.
+    An argument of None is allowed.
     """
     for other, given in others.items():
         if given is not None and given.shape != picture.shape:
@@ -128,26 +128,32 @@ def require_same_shape(name: str, picture: torch.Tensor, **others: torch.Tensor 
 
 
 def require_share(name: str, value: Any) -> None:
-    """Raise ValueError for an optical parameter, a share, that isn't between 0 and 1."""
+    """Raise ValueError for an optical parameter that isn't a share between 0 and 1."""
     value = as_number(value)
     if not 0 <= value <= 1:
         raise ValueError(f"{name} is {value:g}; it is a share and must lie between 0 and 1")
 
 
 def rounded_up(value: float) -> str:
-    """Format a positive number of the optics with three digits, rounded up, for "at least"."""
+    """Format a number for an optical error message of "at least": three digits, rounded up.
+
+    value: positive.
+    """
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.3g}"
 
 
 def rounded_down(value: float) -> str:
-    """Format a positive number of the optics with three digits, rounded down, for "at most"."""
+    """Format a number for an optical error message of "at most": three digits, rounded down.
+
+    value: positive.
+    """
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.floor(value / unit * (1 + 1e-12)) * unit:.3g}"
 
 
 def require_finite(name: str, value: torch.Tensor) -> None:
-    """Raise ValueError, with a count, for NaN or infinity in an optical function's argument."""
+    """Raise ValueError for NaN or infinite entries of an optical argument, with their count."""
     # A sum is quick to compute, and it isn't finite if any entry is NaN or infinite.
     if bool(torch.isfinite(value.detach().sum())):
         return

@@ -36,7 +36,7 @@ def zernike(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
 def _jacobi(degree: int, a: int, t: torch.Tensor) -> torch.Tensor:
     """Compute a Zernike polynomial's radial part, the Jacobi polynomial P(degree; a, 0), at t.
 
-    See Abramowitz and Stegun 22.7.1.
+    The recurrence is that of Abramowitz and Stegun 22.7.1.
     """
     before, now = torch.ones_like(t), (a + 2) * (t - 1) / 2 + a + 1
     if degree == 0:

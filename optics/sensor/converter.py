@@ -20,9 +20,9 @@ _MAX_DEVIATIONS = 8.5
 def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple[Numbers, Numbers]:
     """Compute mean and variance of a sensor pixel's readout through noise and ADC, exactly.
 
-    They are in electrons and electrons². electrons: in the well, with the pixel's offset; any
-    shape. The readout is (number - black level) times the gain, clipped and rounded as `stages`
-    says.
+    The mean is in electrons, and the variance in electrons². electrons: in the well, with the
+    pixel's offset; any shape. The readout is (number - black level) times the gain, clipped and
+    rounded as `stages` says.
     """
     noise = sensor.read_noise if stages.read_noise else 0.0
     if stages.quantisation:
@@ -38,7 +38,7 @@ def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple
 def _clipped_moments(x: Numbers, noise: float, low: float, high: float) -> tuple[Numbers, Numbers]:
     """Compute mean and variance of the sensor's readout, clipped at both ends.
 
-    It is a normal number with the mean x.
+    Before clipping, the readout is a normal number with the mean x.
     """
     if not noise:
         return np.clip(x, low, high), np.zeros_like(x)
@@ -60,8 +60,8 @@ def _rounded_moments(
 ) -> tuple[Numbers, Numbers]:
     """Compute mean and variance of the sensor's readout, rounded by the ADC.
 
-    It is a normal number with the mean `scaled`. They are sums over the probabilities that the
-    number reaches each whole step.
+    Before rounding, the readout is a normal number with the mean `scaled`. Both moments are sums
+    over the probabilities that the number reaches each whole step.
     """
     top = 2**sensor.bits - 1
     if not noise:

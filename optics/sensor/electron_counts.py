@@ -16,7 +16,7 @@ Numbers = NDArray[np.float64]
 def electron_range(mean: float) -> tuple[int, int]:
     """Return the least and most photoelectrons that a sensor pixel may hold, by shot noise.
 
-    Beyond them, the probability is negligible.
+    Other counts have a negligible probability.
     """
     # Nine standard deviations are enough. The 20 serve few expected electrons.
     reach = 9.0 * math.sqrt(mean) + 20
@@ -24,7 +24,7 @@ def electron_range(mean: float) -> tuple[int, int]:
 
 
 def count_probabilities(mean: float, shot: ShotNoise) -> tuple[int, Numbers]:
-    """Return a sensor pixel's first possible photoelectron count, and probabilities from there."""
+    """Return a sensor pixel's least photoelectron count, and the probabilities from it on."""
     first, last = electron_range(mean)
     counts = np.arange(first, last + 1, dtype=np.float64)
     shares = (_rounded_normal if shot == "Gaussian" else _poisson)(mean, counts)
@@ -38,7 +38,7 @@ def _poisson(mean: float, counts: Numbers) -> Numbers:
 
 
 def _rounded_normal(mean: float, counts: Numbers) -> Numbers:
-    """Compute a sensor pixel's photoelectron probabilities from a rounded normal number.
+    """Compute a sensor pixel's photoelectron probabilities from a rounded normal distribution.
 
     Negative numbers count as 0.
     """

@@ -59,7 +59,7 @@ class Uniformity:
 def pair_moments(first: Frame, second: Frame) -> tuple[float, float]:
     """Compute mean and temporal variance of two sensor frames (EMVA 1288, section 6.4).
 
-    Both frames are of the same scene. The variance is half of that of their difference, which
+    Both frames show the same scene. The variance is half the variance of their difference, which
     contains no fixed pattern. Raises ValueError unless both frames have the same shape, and two
     pixels or more.
     """
@@ -77,9 +77,9 @@ def measure_characteristics(
 ) -> Characteristics:
     """Measure a sensor's gain, noise, dark current and linearity (EMVA 1288).
 
-    This takes pairs of frames. illuminated: pairs of frames in even, constant light, by exposure
-    time in seconds. dark: pairs without light, of the same exposure times. Raises ValueError for
-    fewer than five exposure times, or if they differ between light and darkness.
+    illuminated: pairs of frames in even, constant light, by exposure time in seconds. dark: pairs
+    without light, of the same exposure times. Raises ValueError for fewer than five exposure times,
+    or if they differ between light and darkness.
     """
     exposures = sorted(illuminated)
     if exposures != sorted(dark):
@@ -109,7 +109,7 @@ def measure_characteristics(
 def _point(
     exposure: float, pair: tuple[Frame, Frame], dark_mean: float, dark_variance: float
 ) -> TransferPoint:
-    """Return a sensor's photon transfer point at an exposure, less its dark frames' moments."""
+    """Return a sensor's photon transfer point at an exposure, with the dark moments subtracted."""
     mean, variance = pair_moments(*pair)
     return TransferPoint(exposure, mean - dark_mean, variance - dark_variance)
 
@@ -132,10 +132,10 @@ def _photon_transfer_slope(points: Sequence[TransferPoint]) -> float:
 
 
 def _linearity(points: Sequence[TransferPoint], full: float) -> tuple[float, float]:
-    """Fit a sensor's mean by exposure time: slope and linearity error.
+    """Fit a sensor's mean signal over exposure time: slope and linearity error.
 
-    See section 6.7 of EMVA 1288. Both use relative residuals, of points from 5 to 95 % of
-    saturation.
+    The method is that of EMVA 1288, section 6.7. Slope and error both use relative residuals of the
+    points from 5 to 95 % of saturation.
     """
     used = [p for p in points if 0.05 * full <= p.mean <= 0.95 * full]
     if len(used) < 3:
@@ -149,12 +149,11 @@ def _linearity(points: Sequence[TransferPoint], full: float) -> tuple[float, flo
 
 
 def uniformity(half_full: Sequence[Frame], dark: Sequence[Frame], gain: float) -> Uniformity:
-    """Measure a sensor's PRNU and DSNU from half-saturated and dark frames.
+    """Measure a sensor's PRNU and DSNU from half-saturated and dark frames (EMVA 1288, section 8).
 
-    See section 8 of EMVA 1288. The frames are averaged. The temporal noise that remains in the
-    average is measured and subtracted. The light must be even. gain: electrons per digital number.
-    Raises ValueError for fewer than two frames of either kind, or if the light isn't brighter than
-    darkness.
+    The frames are averaged. The temporal noise that remains in the average is measured and
+    subtracted. The light must be even. gain: electrons per digital number. Raises ValueError for
+    fewer than two frames of either kind, or if the light isn't brighter than darkness.
     """
     light, light_variance = _mean_and_spatial_variance(half_full)
     darkness, dark_variance = _mean_and_spatial_variance(dark)

@@ -28,7 +28,7 @@ def expose(
     read_noise: bool = True,
     dark_current: bool = True,
 ) -> torch.Tensor:
-    """Sample one raw frame of a sensor, from photoelectrons to ADC, its pixels all alike.
+    """Sample one raw frame of a sensor whose pixels are all alike, from photoelectrons to ADC.
 
     The stages follow the order of the physics: dark current, shot noise, full well, read noise,
     gain and black level, quantisation and clipping.
@@ -121,7 +121,7 @@ def sample_frame(
 def electrons_from_normal(
     mean: torch.Tensor, noise: torch.Tensor, shot: Literal["Gaussian", "skewed"]
 ) -> torch.Tensor:
-    """Convert standard normal numbers into a sensor's shot noise: whole electrons near a mean.
+    """Convert standard normal numbers into a sensor's shot noise: whole electrons around a mean.
 
     mean: expected electrons, FEW_ELECTRONS or more. noise: standard normal numbers of the same
     shape. With "Gaussian", mean and variance are Poisson's, and the distribution differs by

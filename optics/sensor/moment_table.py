@@ -50,7 +50,7 @@ class MomentTableSettings:
 
     @property
     def step(self) -> float:
-        """Distance of a sensor moment table's refined nodes in sqrt(electrons)."""
+        """The distance between a sensor moment table's refined nodes, in sqrt(electrons)."""
         return 1 / (self.nodes_per_unit * self.spline_refinement)
 
 
@@ -108,9 +108,9 @@ def _clipping_range(sensor: Sensor, stages: Stages) -> tuple[float, float]:
 
 
 def _round_up_limit(max_electrons: float, limit: float) -> float:
-    """Round a sensor moment table's end in electrons up to a power of two.
+    """Round the end of a sensor's moment table, in electrons, up to a power of two.
 
-    Other pictures can then use it.
+    Other pictures can then use the same table.
     """
     return min(limit, 2.0 ** math.ceil(math.log2(max(max_electrons, 64.0))))
 
@@ -167,9 +167,9 @@ class MomentTable:
         return mean.reshape(electrons.shape), variance.reshape(electrons.shape)
 
     def max_slopes(self, max_electrons: float) -> tuple[float, float]:
-        """Return the steepest slopes of a sensor pixel's mean and variance over electrons.
+        """Return the largest slopes of a sensor pixel's mean and variance over electrons.
 
-        They are absolute, and the largest up to `max_electrons`.
+        The slopes are absolute values, up to `max_electrons`.
         """
         electrons = self._nodes_up_to(max_electrons)
         spaces = np.diff(electrons)[:, None]
@@ -184,7 +184,7 @@ class MomentTable:
         return float(self.variance[: len(self._nodes_up_to(max_electrons))].min())
 
     def _nodes_up_to(self, max_electrons: float) -> Numbers:
-        """Return a sensor moment table's nodes up to so many electrons, at least two."""
+        """Return a sensor moment table's nodes up to `max_electrons`, two at least."""
         start, step = self._start, _SETTINGS.step
         electrons = (start + np.arange(len(self.mean)) * step) ** 2 - _ANSCOMBE_OFFSET
         return electrons[electrons <= max(max_electrons, electrons[1])]

@@ -65,9 +65,9 @@ class Mosaic:
         return tuple(dict.fromkeys("".join(self.pattern)))
 
     def channel_map(self, shape: tuple[int, int]) -> torch.Tensor:
-        """Return the index into `channels` of each sensor pixel's filter, (rows, columns).
+        """Return each sensor pixel's colour filter as an index into `channels`, (rows, columns).
 
-        It is int64.
+        The indices are int64.
         """
         index = {name: i for i, name in enumerate(self.channels)}
         cell = torch.tensor([[index[letter] for letter in row] for row in self.pattern])

@@ -27,7 +27,7 @@ PIXEL_INTEGRATION_ERROR = 1e-9
 
 
 def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
-    """Return the transfer function of a square sensor pixel with fill factor 1, for rfft2.
+    """Return the transfer function of a square sensor pixel of fill factor 1, on an rfft2 grid.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
 
 
 def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
-    """Take the light at the sensor's pixel centres from a grid that is finer than the pixels.
+    """Sample the light at the sensor's pixel centres from a grid that is finer than the pixels.
 
     The origin stays at n // 2 for even and odd sizes.
 
@@ -167,9 +167,9 @@ class PixelIntegration:
 
     @property
     def bytes(self) -> int:
-        """The bytes of the fine samples in the sensor pixels, with and without padding.
+        """The memory in bytes of the sensor pixels' fine samples, with and without padding.
 
-        They are in single precision.
+        The samples are in single precision.
         """
         return 2 * 4 * self._samples
 

@@ -38,9 +38,9 @@ def row_delay(sensor: Sensor) -> float:
 
 
 def frame_duration(sensor: Sensor, exposure: float) -> float:
-    """Return the time from a sensor's first row's start to its last row's end, in seconds.
+    """Return how long a sensor's shutter takes to expose all rows of a frame, in seconds.
 
-    The rows are exposed one after the other by a rolling shutter.
+    A rolling shutter exposes the rows one after the other.
     """
     require_positive("exposure", exposure, "s")
     return exposure + (sensor.shape[0] - 1) * row_delay(sensor)

@@ -36,10 +36,10 @@ phases in the phase at the node."""
 
 
 def fringing_field_mean(phase: torch.Tensor, sigma: float, side: float) -> torch.Tensor:
-    """Compute the mean field of each SLM pixel, its phase blurred by fringing fields, complex.
+    """Compute the complex mean field of each SLM pixel, with the phase blurred by fringing fields.
 
-    It is the mean of exp(i blurred phase) over the pixel's active area. phase: radians, (..., rows,
-    columns). sigma: standard deviation of the blur, in pixels. side: side of the square that
+    The mean of exp(i blurred phase) is taken over the pixel's active area. phase: radians, (...,
+    rows, columns). sigma: standard deviation of the blur, in pixels. side: side of the square that
     modulates, in pixels. The panel's outermost pixels are continued.
 
     The blurred staircase is a sum of error functions, which can be evaluated at any point. The
@@ -103,7 +103,7 @@ def _filter_axis(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> to
 def _filter_axis_transpose(
     values: torch.Tensor, taps: tuple[float, ...], axis: int
 ) -> torch.Tensor:
-    """Apply the transpose of the SLM's phase blur along an axis, _filter_axis()."""
+    """Apply the transpose of _filter_axis(), the blur of the SLM's phase along an axis."""
     reach, n = len(taps) // 2, values.shape[axis]
     margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
     wide = pad(torch.zeros_like(values), margins)
@@ -128,9 +128,9 @@ def _round_up_step(step: float) -> float:
 
 @lru_cache(maxsize=256)
 def _quadrature_rule(sigma: float, side: float, step: float) -> QuadratureRule:
-    """Find the fewest nodes that average over an SLM pixel next to a phase step to TOL.
+    """Find the fewest nodes that average an SLM pixel's field with an error of at most TOL.
 
-    TOL is the error of the mean.
+    The pixel lies next to a phase step of `step` radians.
     """
     if step == 0:
         return ((1.0, (1.0,)),)
@@ -153,7 +153,7 @@ def _neighbour_reach(sigma: float, side: float) -> int:
 
 
 def _candidate_nodes(sigma: float, side: float, count: int) -> Iterator[NodesAndWeights]:
-    """Yield placements of `count` nodes over an SLM pixel: even, or most of them at its edges."""
+    """Yield placements of `count` nodes in an SLM pixel: over all of it, or most at its edges."""
     yield _gauss_nodes_on((-side / 2, side / 2), count)
     flat = 0.5 - _REACH * sigma
     if 0 < flat < side / 2 and count % 2 and count >= 5:
@@ -179,7 +179,7 @@ def _nodes(sigma: float, places: NodesAndWeights) -> QuadratureRule:
 def _neighbour_weights(sigma: float, place: np.ndarray, reach: int) -> np.ndarray:
     """Compute the weights of the neighbours' phases at positions in an SLM pixel.
 
-    They are (positions, neighbours).
+    The result is (positions, neighbours).
     """
     edges = (np.arange(-reach, reach) + 0.5 - place[:, None]) / sigma
     # The last neighbours also get the weights of all pixels beyond them, so that the sum is one.
@@ -189,7 +189,7 @@ def _neighbour_weights(sigma: float, place: np.ndarray, reach: int) -> np.ndarra
 def _test_phases(step: float, beside: int) -> np.ndarray:
     """Return test phases around an SLM pixel: an edge, a line, stripes, a slope, a valley.
 
-    They are (cases, neighbours).
+    The result is (cases, neighbours).
     """
     n = np.arange(-beside, beside + 1)
     edge, line, stripes = n > 0, n == 0, n % 2

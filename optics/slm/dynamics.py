@@ -36,7 +36,7 @@ def steady_start_phases(phases: torch.Tensor, frame_time: float, tau: float) -> 
 def first_start_phase(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
     """Compute the liquid crystal's phase as the first video frame begins, in the steady state.
 
-    It is as in `steady_start_phases`.
+    The result is the first entry of `steady_start_phases()`.
     """
     _require_times(frame_time, tau)
     if not len(phases):
@@ -59,12 +59,12 @@ def relaxed_phase(end: torch.Tensor, start: torch.Tensor, time: float, tau: floa
 def time_nodes(
     frame_time: float, tau: float, count: int
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return time nodes for the mean of light as the liquid crystal relaxes: seconds, shares.
+    """Return quadrature nodes in time for the mean light while the liquid crystal relaxes.
 
-    The mean is over one frame. The rule is that of Gauss with `count` nodes in the variable
-    exp(-t / tau). The light is an entire function of this variable for any phase, and the rule is
-    exact for polynomials of it up to the degree 2 count - 1. With tau 0, or for a crystal far
-    quicker than a frame, there may be fewer nodes.
+    The nodes are times in seconds, with their shares of the mean over one frame. The rule is that
+    of Gauss with `count` nodes in the variable exp(-t / tau). The light is an entire function of
+    this variable for any phase, and the rule is exact for polynomials of it up to the degree 2
+    count - 1. With tau 0, or for a crystal far quicker than a frame, there may be fewer nodes.
     """
     _require_times(frame_time, tau)
     if count < 1:
@@ -76,10 +76,10 @@ def time_nodes(
 
 
 def time_node_count(change: float, frame_time: float, tau: float, tol: float) -> int:
-    """Find the fewest time nodes that follow the liquid crystal within an error tol.
+    """Find the fewest time nodes that average over the liquid crystal's relaxation within `tol`.
 
-    The mean is that of exp(i change exp(-t / tau)). change: largest change of the panel's phase
-    within a frame, radians.
+    `tol` is the error of the mean of exp(i change exp(-t / tau)). change: largest change of the
+    panel's phase within a frame, radians.
     """
     if tau == 0:
         return 1
@@ -101,7 +101,7 @@ def _mean(change: float, left: tuple[float, ...], shares: tuple[float, ...]) -> 
 def _time_quadrature(frames: float, count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Compute Gauss' rule in time for a liquid crystal that relaxes as exp(-t / tau).
 
-    It is for means of functions of that variable. A frame lasts `frames` times tau. The rule
+    The rule averages functions of this variable over a frame, which lasts `frames` times tau. It
     follows Golub and Welsch (1969) from the three-term recursion of the measure. Lanczos' method
     finds the recursion on 120 nodes in time.
     """
@@ -120,9 +120,9 @@ def _time_quadrature(frames: float, count: int) -> tuple[tuple[float, ...], tupl
 def _gauss_rule_of_measure(
     x: np.ndarray, weight: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute Gauss' rule for the mean over a liquid crystal's relaxation, a measure on points x.
+    """Compute Gauss' rule for a liquid crystal's relaxation, given as a measure on points x.
 
-    Nodes and weights are fewer than `count` if they are exact.
+    There are fewer than `count` nodes if these are exact already.
     """
     basis = [np.sqrt(weight)]
     diagonal, beside = [float(basis[0] @ (x * basis[0]))], []

@@ -120,7 +120,7 @@ def require_orders(panel: Panel, wavelength: float, orders: int) -> None:
 def _phase_curves(panel: Panel, wavelength: float) -> torch.Tensor:
     """Return the phase of all the SLM's grey levels in each region, in radians.
 
-    It is (region rows, region columns, levels), float64.
+    The result is (region rows, region columns, levels), float64.
     """
     reach = max_phase(panel, wavelength)
     if panel.response is None:
@@ -157,7 +157,7 @@ def _wrap_phase(phase: torch.Tensor, first: torch.Tensor, period: float) -> torc
 
 
 def _nearest_levels(curve: torch.Tensor, phase: torch.Tensor, orders: int) -> torch.Tensor:
-    """Find the SLM's grey levels nearest to a phase on one curve for all pixels, uint8."""
+    """Find the SLM's grey levels nearest to a phase, on one curve for all pixels, uint8."""
     period = 2 * math.pi * orders
     end = curve[:1] + period
     # A phase one period beyond the first level is shown by the first level.
@@ -196,9 +196,10 @@ class _RowCurves:
         return torch.where(first + period - wanted <= miss, zero, level).to(torch.uint8)
 
     def _bisect_levels(self, phase: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """Find the nearest grey level: how many of the SLM's midpoints lie below a phase.
+        """Find the SLM's grey levels nearest to a phase by bisection.
 
-        The midpoints are those between neighbouring levels.
+        A level's number is the count of midpoints between neighbouring levels that lie below the
+        phase.
         """
         middles = (self._curves[..., 1:] + self._curves[..., :-1]) / 2
         # There is no midpoint after the last level.

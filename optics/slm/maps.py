@@ -46,7 +46,7 @@ class PanelMap:
     def at_pixels(self, panel: Panel) -> torch.Tensor:
         """Interpolate a map's values at the SLM's pixels, (rows, columns) float64.
 
-        They are bilinear between the cells' centres and constant beyond the outermost ones.
+        The values are bilinear between the cells' centres and constant beyond the outermost ones.
         """
         rows, columns = panel.shape
         return interpolate_cells(interpolate_cells(self.values, rows, 0), columns, 1)

@@ -83,15 +83,13 @@ class Modulator:
     def phase(self, grey: torch.Tensor) -> torch.Tensor:
         """Compute the SLM's settled phase of grey levels in radians, as `grey_to_phase` does.
 
-        It is float64. Dispersion and response are included; the coupling of neighbouring pixels
-        isn't.
+        The result is float64. Dispersion and response are included; the coupling of neighbouring
+        pixels isn't.
         """
         return grey_to_phase(self.panel, grey, self.wavelength)
 
     def grey(self, phase: torch.Tensor, orders: int = 1) -> torch.Tensor:
-        """Compute the grey levels by which light leaves the SLM with a phase.
-
-        It is done as in `phase_to_grey`.
+        """Compute the grey levels with which the SLM gives light a phase, as `phase_to_grey` does.
 
         Parameters
         ----------
@@ -147,9 +145,9 @@ class Modulator:
     def still_fields(
         self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32
     ) -> list[tuple[float, torch.Tensor]]:
-        """Compute shares of time and fields of an SLM's still grey levels.
+        """Compute shares of time and fields while the SLM shows still grey levels.
 
-        There is one pair without flicker.
+        Without flicker there is one pair.
 
         Parameters
         ----------
@@ -278,10 +276,7 @@ class Modulator:
 
     @cached_property
     def _static_factor(self) -> torch.Tensor | None:
-        """The SLM field's constant factor, flatness and illumination, complex128.
-
-        It is None if it is 1.
-        """
+        """The SLM field's constant factor, flatness and illumination, complex128; None if 1."""
         lit, panel = self._illumination_amplitude, self.panel
         if panel.flatness is None:
             return None if lit is None else lit.to(torch.complex128)

@@ -126,7 +126,7 @@ class Panel:
                 )
 
     def _require_consistent_effects(self) -> None:
-        """Raise ValueError for values of the SLM's effects that contradict each other."""
+        """Raise ValueError if values of the SLM's effects contradict each other."""
         if self.coupling > self.pitch:
             raise ValueError(
                 f"coupling is {self.coupling:g} m; fringing fields reach over a pixel's pitch, "
@@ -156,7 +156,7 @@ class Panel:
 
     @property
     def active_side(self) -> float:
-        """The side of the square of an SLM pixel that modulates, in metres."""
+        """The side of the active square in each SLM pixel, in metres."""
         return math.sqrt(self.fill_factor) * self.pitch
 
 

@@ -59,8 +59,8 @@ def max_phase(panel: Panel, wavelength: float) -> float:
 def _cauchy(table: tuple[tuple[float, float], ...]) -> tuple[float, tuple[float, ...]]:
     """Fit the Cauchy equation of the liquid crystal's path over wavelengths.
 
-    The coefficients are those of powers of (unit / wavelength)². Returns the wavelength that serves
-    as the unit, and the coefficients.
+    Returns the wavelength that serves as the unit, and the coefficients of the powers of (unit /
+    wavelength)².
     """
     known, path = np.array([(w, phase * w) for w, phase in sorted(table)]).T
     unit = float(known.mean())
