@@ -43,7 +43,7 @@ def neutral_panel_otf(
 ) -> Array:
     """Compute the OTF of camera lens and neutral panel without the pixels; 1 at frequency 0.
 
-    It is real and may be negative. The parameters are those of system_mtf(). The pupil is the
+    The OTF is real and may be negative. The parameters are those of system_mtf(). The pupil is the
     intersection of the lens' round stop and the panel's rectangle, projected from the object's
     point into the lens' plane. Its autocorrelation at a shift of λ z f (Goodman, Introduction to
     Fourier Optics, 6.3) is integrated along x in closed form, and along y by Gauss' rule; defocus

@@ -38,7 +38,10 @@ rotation and no reflection maps this set onto itself."""
 
 
 def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tuple[slice, slice]]:
-    """Return the slices (rows, columns) of every calibrated panel region, row by row of regions."""
+    """Return the slices (rows, columns) of every panel region that is calibrated.
+
+    The regions follow each other row by row.
+    """
     if min(regions) < 1 or regions[0] > shape[0] or regions[1] > shape[1]:
         raise ValueError(
             f"regions is {regions}; a panel of {shape[0]}x{shape[1]} pixels has 1x1 to as many "

@@ -196,7 +196,7 @@ def _window_pixels(
 ) -> tuple[tuple[slice, slice], Array, Array]:
     """Return the window of pixels within four widths of a calibration spot, and its y and x.
 
-    The window is two slices. Its y are a column, and its x are a row.
+    The window is two slices. y is a column, and x is a row.
     """
     reach = math.ceil(4 * width)
     spans = [

@@ -96,7 +96,7 @@ class WavefrontFit:
     def vergence(self) -> tuple[float, float]:
         """The calibrated focus error in dioptres, and its standard deviation.
 
-        It is the vergence error of a star that stands outside of the plane in focus.
+        A star outside of the plane in focus has this vergence error.
         """
         k = self.terms.index(_DEFOCUS)
         scale = 4 * math.sqrt(3) / self.radius**2

@@ -87,7 +87,7 @@ class FourierGeometry:
     def pupil_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
         """Compute the Fourier phase factor over the pupil for an image that is off-axis.
 
-        The factor shifts the image to its centre.
+        The factor shifts the image to its off-axis centre.
 
         Parameters
         ----------

@@ -82,7 +82,7 @@ class Waveform:
         return self.depth
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Compute the light source's flicker factor at times in seconds."""
+        """Compute the light source's flicker factor, light over its mean, at times in seconds."""
         turns = self._turns(time)
         if self.is_constant:
             return np.ones_like(turns)

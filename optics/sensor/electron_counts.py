@@ -24,7 +24,7 @@ def electron_range(mean: float) -> tuple[int, int]:
 
 
 def count_probabilities(mean: float, shot: ShotNoise) -> tuple[int, Numbers]:
-    """Return a sensor pixel's least photoelectron count, and the probabilities from it on."""
+    """Return a sensor pixel's least photoelectron count, and the probabilities of all counts."""
     first, last = electron_range(mean)
     counts = np.arange(first, last + 1, dtype=np.float64)
     shares = (_rounded_normal if shot == "Gaussian" else _poisson)(mean, counts)
