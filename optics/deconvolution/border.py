@@ -11,10 +11,10 @@ from optics.plane import centred_pad
 
 
 def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Extend a picture to the period `shape` so that its opposite edges meet smoothly.
+    """Extend a photograph to the period of its deconvolution, so that opposite edges meet smoothly.
 
-    The picture is mirrored at each edge. Across the gap, the mirrored parts of two opposite edges
-    are blended into each other by a raised cosine.
+    The period is `shape`. The picture is mirrored at each edge. Across the gap, the mirrored parts
+    of two opposite edges are blended into each other by a raised cosine.
     """
     whole = centred_pad(image, shape)
     for dim in (-1, -2):
@@ -23,7 +23,10 @@ def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Te
 
 
 def _fill(whole: torch.Tensor, n: int, dim: int) -> None:
-    """Fill in place the samples before and after the n known ones of a picture along an axis."""
+    """Fill the samples around a photograph for deconvolution, along one axis and in place.
+
+    The n known samples are kept.
+    """
     length = whole.shape[dim]
     gap, first = length - n, length // 2 - n // 2
     if gap == 0:
@@ -41,6 +44,9 @@ def _fill(whole: torch.Tensor, n: int, dim: int) -> None:
 
 
 def _mirror(index: torch.Tensor, n: int, period: int) -> torch.Tensor:
-    """Fold an index beyond a picture of n samples back into it by mirroring at its edges."""
+    """Fold an index beyond a photograph's edge back into it by mirroring, for deconvolution.
+
+    The photograph has n samples.
+    """
     folded = index % period
     return torch.where(folded < n, folded, period - folded)

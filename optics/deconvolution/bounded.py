@@ -80,7 +80,7 @@ def minimise_within_bounds(
     tol: float = 1e-4,
     progress: Progress | None = None,
 ) -> Minimum:
-    """Restore a picture by minimising ``|A x - y|² / 2 + weight * prior(x)`` within bounds.
+    """Restore a blurred picture within bounds by minimising ``|A x - y|² / 2 + weight * prior(x)``.
 
     The minimiser is L-BFGS-B (Byrd et al. 1995, doi 10.1137/0916069; thesis Eq. 2.32), in double
     precision.
@@ -183,7 +183,7 @@ def restore_within_bounds(
     tol: float = 1e-3,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a photograph so that no pixel lies below or above given bounds.
+    """Restore a blurred photograph so that no pixel lies below or above given bounds.
 
     The result minimises ``|A x - y|² / 2 + weight · prior(x)`` within the bounds; the minimiser is
     L-BFGS-B in double precision. With an unknown border, the scene around the frame is estimated
@@ -281,7 +281,7 @@ class _ProgressCallback:
 def _require(
     operator: Operator, data: torch.Tensor, weight: float, prior: str, iterations: int, tol: float
 ) -> None:
-    """Raise ValueError for arguments that a restoration within bounds can't use."""
+    """Raise ValueError for arguments that a deconvolution within bounds can't use."""
     if prior not in SMOOTH_PRIORS:
         raise ValueError(f"prior is {prior!r}; take one of {', '.join(SMOOTH_PRIORS)}")
     if not (weight >= 0 and math.isfinite(weight)):
@@ -294,7 +294,10 @@ def _require(
 
 
 def _gain(operator: Operator) -> float:
-    """Return the gain of a forward operator for even light, or its norm if that gain is 0."""
+    """Return the gain for even light of the blur that a restoration undoes, or its norm.
+
+    The norm is used if the gain is 0.
+    """
     even = float(operator(torch.ones(operator.domain, dtype=torch.float64)).mean())
     gain = abs(even) or operator.norm()
     if not gain > 0:
@@ -305,7 +308,10 @@ def _gain(operator: Operator) -> float:
 def _validate_weights(
     y: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
-    """Check the weights and the clipping map of the data, and convert them for the misfit."""
+    """Check the weights and the clipping map of a blurred photograph to be restored.
+
+    They are converted for the misfit.
+    """
     require_same_shape("data", y, weights=weights, clipped=clipped)
     if weights is not None:
         require_weights(weights)
@@ -316,7 +322,7 @@ def _validate_weights(
 def _bounds(
     operator: Operator, lower: float | torch.Tensor, upper: float | torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Broadcast the bounds of the restored picture to its shape, and check that none cross."""
+    """Broadcast the bounds of the deconvolved picture to its shape; check that none cross."""
     low, high = (
         torch.as_tensor(one, dtype=torch.float64).broadcast_to(operator.domain)
         for one in (lower, upper)
@@ -330,7 +336,7 @@ def _bounds(
 def _extend_bound(
     bound: float | torch.Tensor, observation: Observation, name: str
 ) -> float | torch.Tensor:
-    """Extend a bound of the frame's pixels to the whole period on which the scene is restored."""
+    """Extend a bound of the restored photograph from the frame to the deconvolution's period."""
     given = torch.as_tensor(bound, dtype=torch.float64)
     if not given.ndim:
         return float(given)
@@ -348,7 +354,7 @@ def _extend_bound(
 
 
 def _default_weight(observation: Observation, prior: SmoothPrior) -> float:
-    """Estimate the regularisation weight of a restoration within bounds by a faster method."""
+    """Estimate the prior's weight in a deconvolution within bounds, by a faster restoration."""
     if prior == "total variation":
         found = total_variation(observation, iterations=15).weight
     elif prior == "gradient":
@@ -360,7 +366,7 @@ def _default_weight(observation: Observation, prior: SmoothPrior) -> float:
 
 
 def _residual(observation: Observation, spread: torch.Tensor) -> float:
-    """Return the rms residual of a restoration's trusted pixels, relative to the noise."""
+    """Return the rms residual of a deconvolution's trusted pixels, relative to the noise."""
     squares = (spread - observation.normalised_image).square()
     if observation.effective_weights is not None:
         squares = (

@@ -80,7 +80,7 @@ class PowerLaw:
     def wiener_prediction(
         self, squared_mtf: torch.Tensor, shape: tuple[int, int]
     ) -> WienerPrediction:
-        """Predict what the Wiener filter restores of a photograph with this power spectrum.
+        """Predict what Wiener deconvolution restores of a photograph with this power spectrum.
 
         The Wiener filter has the least mean square error for the spectrum (Wiener 1949).
         `squared_mtf` is |H|² on the rfft2 grid of a period of `shape`.
@@ -99,13 +99,14 @@ class PowerLaw:
 
 @torch.no_grad()
 def fit_power_law(image: torch.Tensor, psf: torch.Tensor) -> PowerLaw:
-    """Fit a power law and white noise to the spectrum of a blurred photograph, (rows, columns).
+    """Fit a power law and white noise to a blurred photograph's spectrum, for deconvolution.
 
-    `psf` has a sum of 1. The spectrum of the frame, with a Hann window, is modelled as the sum of
-    white noise and of a scene blurred by the PSF, whose power falls as a power of the frequency.
-    Strength, slope and noise maximise the likelihood of independent, exponentially distributed
-    powers (Whittle 1953). Frequencies that the PSF suppresses show the noise. In a photograph
-    without blur, the finest detail of the scene counts as noise.
+    The photograph is (rows, columns). `psf` has a sum of 1. The spectrum of the frame, with a Hann
+    window, is modelled as the sum of white noise and of a scene blurred by the PSF, whose power
+    falls as a power of the frequency. Strength, slope and noise maximise the likelihood of
+    independent, exponentially distributed powers (Whittle 1953). Frequencies that the PSF
+    suppresses show the noise. In a photograph without blur, the finest detail of the scene counts
+    as noise.
     """
     transfer = transfer_function(psf.to(image), (image.shape[0], image.shape[1]))
     return fit_power_law_with_mtf(image, squared_modulus(transfer))
@@ -131,7 +132,7 @@ def fit_power_law_with_mtf(
 
 
 def _windowed_periodogram(image: torch.Tensor, region: torch.Tensor | None) -> torch.Tensor:
-    """Compute the power spectrum of a photograph with a Hann window.
+    """Compute the power spectrum of a blurred photograph with a Hann window.
 
     It is scaled so that white noise gives its variance.
     """
@@ -146,20 +147,23 @@ def _windowed_periodogram(image: torch.Tensor, region: torch.Tensor | None) -> t
 
 
 def squared_frequencies(shape: tuple[int, int]) -> torch.Tensor:
-    """Return the squared spatial frequencies of an rfft2 grid, (cycles per pixel)², float64."""
+    """Return the squared spatial frequencies at which deconvolution works, float64.
+
+    They are those of an rfft2 grid, in (cycles per pixel)².
+    """
     fy, fx = rfft2_frequencies(Plane(shape, (1.0, 1.0)))
     return fy.square() + fx.square()
 
 
 def squared_modulus(spectrum: torch.Tensor) -> torch.Tensor:
-    """Return the squared modulus of a complex spectrum."""
+    """Return the squared modulus of a blurred photograph's complex spectrum, or of its OTF."""
     return spectrum.real.square().addcmul_(spectrum.imag, spectrum.imag)
 
 
 def _fit_binned_spectrum(
     power: torch.Tensor, squares: torch.Tensor, squared_mtf: torch.Tensor
 ) -> PowerLaw:
-    """Fit a power law and noise to a photograph's power spectrum, whose frequencies are binned.
+    """Fit a power law and noise to a blurred photograph's spectrum, binned by frequency.
 
     The fit starts from two noise levels, and the likelier result is used.
     """
@@ -195,7 +199,10 @@ class _SpectrumBins:
     def of(
         cls, power: torch.Tensor, squares: torch.Tensor, squared_mtf: torch.Tensor
     ) -> _SpectrumBins:
-        """Average a power spectrum over bins of the frequency's modulus and of the MTF."""
+        """Average a blurred photograph's power spectrum over bins of frequency and MTF.
+
+        The frequency is binned by its modulus.
+        """
         radius_bins, mtf_bins = _SETTINGS.radius_bins, _SETTINGS.mtf_bins
         radius = 0.5 * squares.log()
         ring = _bin_index(radius, radius_bins)
@@ -212,19 +219,23 @@ class _SpectrumBins:
         return cls(number / number.sum(), mean(power), mean(radius), mean(squared_mtf))
 
     def signal_power(self, strength: float, slope: float) -> torch.Tensor:
-        """Return the blurred scene's power in each bin of the spectrum, without noise."""
+        """Return the blurred photograph's power without noise, in each bin of its spectrum."""
         return strength * self.squared_mtf * torch.exp(-slope * self.radius)
 
     def negative_log_likelihood(self, fit: tuple[float, float, float]) -> float:
-        """Return Whittle's negative log-likelihood of a strength, slope and noise variance."""
+        """Return Whittle's negative log-likelihood of a blurred photograph's power law.
+
+        The power law has a strength, a slope and a noise variance.
+        """
         model = self.signal_power(*fit[:2]) + fit[2]
         return float((self.share * (model.log() + self.power / model)).sum())
 
     def fit(self, noise: float) -> tuple[float, float, float]:
-        """Fit strength, slope and noise variance of the power law by Fisher scoring.
+        """Fit strength, slope and noise of a blurred photograph's power law.
 
-        `noise` is the first noise variance. Strength and noise are fitted as logarithms. A step
-        that doesn't raise the likelihood is repeated with more damping.
+        The method is Fisher scoring; the noise is its variance. `noise` is the first noise
+        variance. Strength and noise are fitted as logarithms. A step that doesn't raise the
+        likelihood is repeated with more damping.
         """
         above = (self.share * (self.power - noise).clamp(min=0)).sum()
         signal = (self.share * self.signal_power(1.0, 2.4)).sum()
@@ -245,7 +256,10 @@ class _SpectrumBins:
     def _scoring_step(
         self, now: tuple[float, float, float], damping: float
     ) -> tuple[float, float, float]:
-        """Do one damped scoring step of the power law's fit; return strength, slope and noise."""
+        """Do one damped scoring step of the fit to a blurred photograph's power law.
+
+        Returns strength, slope and noise.
+        """
         strength, slope, noise = now
         signal = self.signal_power(strength, slope)
         model = signal + noise
@@ -263,7 +277,10 @@ class _SpectrumBins:
 
 
 def _bin_index(value: torch.Tensor, count: int) -> torch.Tensor:
-    """Return the index of each value's bin among `count` bins of equal width over its range."""
+    """Return the bin of each value of a blurred photograph's spectrum, among `count` bins.
+
+    The bins have equal width over the values' range.
+    """
     low, high = value.min(), value.max()
     place = (value - low) / (high - low).clamp(min=1e-12) * count
     return place.long().clamp(0, count - 1)

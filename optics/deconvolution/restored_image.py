@@ -62,7 +62,10 @@ class RestoredImage:
 
 @torch.no_grad()
 def relative_change(now: torch.Tensor, before: torch.Tensor) -> float:
-    """Return the relative L2 change between two iterations' pictures, from every fourth row."""
+    """Return the relative L2 change between a deconvolution's last two pictures.
+
+    Every fourth row is used.
+    """
     rows, old = now[::4], before[::4]
     scale = float(torch.linalg.vector_norm(rows))
     return float(torch.linalg.vector_norm(rows - old)) / scale if scale else 0.0

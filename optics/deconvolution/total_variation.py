@@ -37,7 +37,9 @@ def total_variation(
     data_prox: DataProx | None = None,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a photograph with total variation, which keeps edges sharp (thesis Eq. 2.27).
+    """Restore a blurred photograph with the total-variation prior, which keeps edges sharp.
+
+    See thesis Eq. 2.27.
 
     Parameters
     ----------
@@ -93,7 +95,10 @@ def total_variation(
 
 
 def _gradient_threshold(observation: Observation) -> float:
-    """Return the length of gradients that a first iteration of total variation sets to 0."""
+    """Return the gradient length that total-variation deconvolution first sets to 0.
+
+    The first iteration does so.
+    """
     bright = observation.clipped is not None and bool(observation.clipped.any())
     # Clipped light may be many times brighter than the measured value. With a small threshold, it
     # would take many iterations to reach it.
@@ -101,7 +106,7 @@ def _gradient_threshold(observation: Observation) -> float:
 
 
 def initial_weight(observation: Observation, power: float = 1.0) -> float:
-    """Predict the weight of total variation from the photograph's spectrum.
+    """Predict the weight of deconvolution's total-variation prior from the photograph's spectrum.
 
     It is the weight by the evidence of the Wiener filter's restoration, which is predicted.
     """

@@ -64,16 +64,20 @@ class LatentImageSampler:
         self.picture = torch.nn.functional.pad(middle, around, mode="replicate")[0, 0]
 
     def sample(self, kernel: torch.Tensor, deviation: float) -> None:
-        """Draw the next sharp picture for a kernel and the standard deviation of the noise."""
+        """Draw the next sharp picture of blind deconvolution, for a blur kernel and a noise.
+
+        The noise is given by its standard deviation.
+        """
         along, down = (self._sample_precisions(one) for one in _differences(self.picture))
         self.picture = self.sample_picture(kernel, deviation, along, down)
 
     def sample_picture(
         self, kernel: torch.Tensor, deviation: float, along: torch.Tensor, down: torch.Tensor
     ) -> torch.Tensor:
-        """Draw a sharp picture for gradients with known precisions (inverse variances).
+        """Draw a sharp picture of blind deconvolution for gradients with known precisions.
 
-        `along` is (rows, columns - 1) and `down` is (rows - 1, columns) of the picture.
+        A precision is an inverse variance. `along` is (rows, columns - 1) and `down` is (rows - 1,
+        columns) of the picture.
         """
         spectrum, precision = padded_spectrum(kernel, self._period), deviation**-2
         reached = irfft2(
@@ -101,7 +105,7 @@ class LatentImageSampler:
         return picture
 
     def kernel_problem(self, kernel: torch.Tensor) -> QuadraticProblem:
-        """Return the least-squares problem for the kernel, from the gradients of both pictures.
+        """Return the least-squares problem for the blur kernel, from sharp and blurred gradients.
 
         Gradients that weren't measured are replaced by those of the picture blurred by `kernel`, so
         that each step is one of expectation maximisation.
@@ -115,13 +119,19 @@ class LatentImageSampler:
         return least_squares_problem(spectrum, rfft2(light), self._size)
 
     def _sample_precisions(self, steps: torch.Tensor) -> torch.Tensor:
-        """Draw the mixture component of each gradient, and return the components' precisions."""
+        """Draw each gradient's component of the deconvolution prior; return their precisions.
+
+        The components are those of the mixture of Gaussians.
+        """
         below = self._prior.log_joint(steps.square()).softmax(0).cumsum(0)
         drawn = torch.rand(steps.shape, generator=self._generator, dtype=steps.dtype)
         return self._deviations[(drawn > below[:-1]).sum(0)] ** -2
 
     def _noise(self, like: torch.Tensor) -> torch.Tensor:
-        """Draw standard normal noise of the shape and precision of a picture."""
+        """Draw standard normal noise for sampling the sharp pictures of blind deconvolution.
+
+        It has the shape and precision of the picture `like`.
+        """
         return torch.randn(like.shape, generator=self._generator, dtype=like.dtype)
 
     def _slices_from_first(self, rows: int, columns: int) -> tuple[EllipsisType, slice, slice]:
@@ -129,27 +139,33 @@ class LatentImageSampler:
         return (..., slice(y, y + rows), slice(x, x + columns))
 
     def _crop_to_field(self, whole: torch.Tensor) -> torch.Tensor:
-        """Crop a period to the sharp picture, which is larger than the frame by a kernel."""
+        """Crop a period to the sharp picture of blind deconvolution.
+
+        The sharp picture is larger than the frame by a kernel.
+        """
         return whole[: self._field_shape[0], : self._field_shape[1]]
 
     def _blur(self, x: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
-        """Blur a sharp picture by the kernel with the given spectrum; the result is a period."""
+        """Blur a sharp picture by the kernel that blind deconvolution tries, on a period.
+
+        The kernel is given by its spectrum.
+        """
         return irfft2(padded_spectrum(x, self._period) * spectrum, self._period)
 
     def _blur_adjoint(self, light: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of the blur to light in the frame."""
+        """Apply the adjoint of blind deconvolution's trial blur to light in the frame."""
         whole = light.new_zeros(self._period)
         whole[self._frame_slices] = light
         return self._crop_to_field(irfft2(rfft2(whole) * spectrum.conj(), self._period))
 
 
 def _differences(x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute a picture's differences along the rows and down the columns."""
+    """Compute a sharp picture's differences along rows and columns, for blind deconvolution."""
     return x[:, 1:] - x[:, :-1], x[1:] - x[:-1]
 
 
 def _add_adjoint(x: torch.Tensor, along: torch.Tensor, down: torch.Tensor) -> None:
-    """Add the adjoint of a picture's differences to x, in place."""
+    """Add the adjoint of a sharp picture's differences to x in place, for blind deconvolution."""
     x[:, 1:] += along
     x[:, :-1] -= along
     x[1:] += down
@@ -157,7 +173,7 @@ def _add_adjoint(x: torch.Tensor, along: torch.Tensor, down: torch.Tensor) -> No
 
 
 def _sum_at_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
-    """Add up the precisions of the four gradients around each pixel of the sharp picture."""
+    """Add up the prior's precisions of the four gradients around each deconvolved pixel."""
     pad = torch.nn.functional.pad
     return (
         pad(along, (1, 0)) + pad(along, (0, 1)) + pad(down, (0, 0, 1, 0)) + pad(down, (0, 0, 0, 1))
@@ -165,5 +181,5 @@ def _sum_at_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
 
 
 def _inner(a: torch.Tensor, b: torch.Tensor) -> float:
-    """Compute the inner product of two pictures."""
+    """Compute the inner product of two sharp pictures in blind deconvolution."""
     return float((a * b).sum())

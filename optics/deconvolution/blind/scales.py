@@ -11,7 +11,7 @@ STEP = math.sqrt(2)
 
 
 def scale_factors(size: int) -> list[float]:
-    """Return the factors by which a photograph is shrunk in the kernel search, from coarse to 1.
+    """Return the factors by which blind deconvolution shrinks a photograph, from coarse to 1.
 
     A kernel of `size` has at least 3 pixels at the coarsest scale.
     """
@@ -20,13 +20,16 @@ def scale_factors(size: int) -> list[float]:
 
 
 def next_odd(size: float) -> int:
-    """Round a kernel's size up to an odd whole number, 3 or more."""
+    """Round the size of blind deconvolution's blur kernel up to an odd number, 3 or more."""
     whole = math.ceil(size - 1e-9)
     return max(3, whole + 1 - whole % 2)
 
 
 def downsample(image: torch.Tensor, factor: float) -> torch.Tensor:
-    """Shrink a photograph, (rows, columns), by a factor without aliasing."""
+    """Shrink a photograph without aliasing, for blind deconvolution at a coarser scale.
+
+    The photograph is (rows, columns).
+    """
     if factor == 1:
         return image
     rows, columns = (round(n / factor) for n in image.shape)
@@ -36,7 +39,10 @@ def downsample(image: torch.Tensor, factor: float) -> torch.Tensor:
 
 
 def enlarge_kernel(kernel: torch.Tensor, factor: float, size: int) -> torch.Tensor:
-    """Enlarge a blur kernel about its origin n // 2 onto (size, size), with a sum of 1."""
+    """Enlarge a blur kernel from a coarser to a finer scale of blind deconvolution.
+
+    The origin n // 2 is kept, and the result is (size, size) with a sum of 1.
+    """
     old = kernel.shape[-1]
     at = (torch.arange(size, dtype=kernel.dtype) - size // 2) / factor + old // 2
     share = torch.clamp(1 - (at[:, None] - torch.arange(old, dtype=kernel.dtype)).abs(), min=0)
@@ -46,16 +52,19 @@ def enlarge_kernel(kernel: torch.Tensor, factor: float, size: int) -> torch.Tens
 
 
 def point_kernel(size: int) -> torch.Tensor:
-    """Return a blur kernel, (size, size), with all light at the origin n // 2."""
+    """Return the blur kernel of a sharp photograph, all light at the origin n // 2.
+
+    It is (size, size).
+    """
     point = torch.zeros(size, size)
     point[size // 2, size // 2] = 1
     return point
 
 
 def centre_kernel(kernel: torch.Tensor, size: int) -> torch.Tensor:
-    """Shift a blur kernel by whole pixels into the middle of (size, size), with a sum of 1.
+    """Shift a blindly estimated blur kernel by whole pixels to the middle of (size, size).
 
-    See centred_window_start().
+    The result has a sum of 1. See centred_window_start().
     """
     cut = cut_window(kernel, centred_window_start(kernel, size), size)
     return cut / cut.sum()
@@ -75,9 +84,10 @@ def centred_window_start(kernel: torch.Tensor, size: int) -> tuple[int, int]:
 
 
 def cut_window(kernel: torch.Tensor, first: tuple[int, int], size: int) -> torch.Tensor:
-    """Cut a window (size, size) out of a blur kernel, with zeros where it extends beyond it.
+    """Cut a window out of blind deconvolution's blur kernel, with zeros beyond the kernel.
 
-    `first` is the window's first row and column, which may lie up to `size` pixels outside.
+    The window is (size, size). `first` is the window's first row and column, which may lie up to
+    `size` pixels outside.
     """
     padded = torch.nn.functional.pad(kernel, (size, size, size, size))
     y, x = first[0] + size, first[1] + size
@@ -85,7 +95,10 @@ def cut_window(kernel: torch.Tensor, first: tuple[int, int], size: int) -> torch
 
 
 def _best_window_start(profile: torch.Tensor, size: int) -> int:
-    """Find where the window of `size` starts that centres a kernel's profile along an axis."""
+    """Find where the window of `size` starts that centres a blur kernel along an axis.
+
+    The kernel's profile along the axis is used.
+    """
     inside = torch.nn.functional.pad(profile.to(torch.float64).cumsum(0), (1, 0))
     held = inside[size:] - inside[:-size]
     whole = float(inside[-1])

@@ -44,7 +44,7 @@ class StrongEdges:
         self._interior[frame] = 1 - unseen[frame]
 
     def estimate_picture(self, kernel: torch.Tensor, weight: float) -> torch.Tensor:
-        """Estimate a sharp picture with few edges from the photograph and a blur kernel.
+        """Estimate a sharp picture with few edges by deconvolution with a trial blur kernel.
 
         The picture x minimises |k * x - image|² + weight * (number of pixels where x has a
         gradient), by half-quadratic splitting (Xu, Zheng and Jia 2013, doi 10.1109/CVPR.2013.147).
