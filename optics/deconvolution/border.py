@@ -18,11 +18,11 @@ def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Te
     """
     whole = centred_pad(image, shape)
     for dim in (-1, -2):
-        _fill(whole, image.shape[dim], dim)
+        _fill_gap(whole, image.shape[dim], dim)
     return whole
 
 
-def _fill(whole: torch.Tensor, n: int, dim: int) -> None:
+def _fill_gap(whole: torch.Tensor, n: int, dim: int) -> None:
     """Fill the samples around a photograph for deconvolution, along one axis and in place.
 
     The n known samples are kept.

@@ -129,14 +129,14 @@ def minimise_within_bounds(
     progress = progress or Progress()
     _require(operator, data, weight, prior, iterations, tol)
     y = data.to(torch.float64)
-    gain = _gain(operator)
+    gain = _even_light_gain(operator)
     light = max(float(y.std(correction=0)), 1e-3 * float(y.abs().mean())) / gain or 1.0
     length = _SMOOTHING * light if smoothing is None else float(smoothing)
     require_positive("smoothing", length, "")
     trust, full = _validate_weights(y, weights, clipped)
     misfit = Misfit(operator, y, trust, full)
     smooth = Smoothness(prior, length, periodic)
-    low, high = _bounds(operator, lower, upper)
+    low, high = _broadcast_bounds(operator, lower, upper)
     unit = light * gain**2
 
     def evaluate(z: Array) -> tuple[float, Array]:
@@ -293,7 +293,7 @@ def _require(
     require_finite("data", data)
 
 
-def _gain(operator: Operator) -> float:
+def _even_light_gain(operator: Operator) -> float:
     """Return the gain for even light of the blur that a restoration undoes, or its norm.
 
     The norm is used if the gain is 0.
@@ -319,7 +319,7 @@ def _validate_weights(
     return weights, None if clipped is None else clipped.to(torch.bool)
 
 
-def _bounds(
+def _broadcast_bounds(
     operator: Operator, lower: float | torch.Tensor, upper: float | torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Broadcast the bounds of the deconvolved picture to its shape; check that none cross."""

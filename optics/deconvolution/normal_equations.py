@@ -120,7 +120,7 @@ def solve_on_frequencies(
     see conjugate_gradients(). `count` comes from optics.fourier.rfft_column_weights().
     """
 
-    inner = partial(_inner, count=count)
+    inner = partial(_inner_product, count=count)
     # The residual may be 1e-5 of the right-hand side, in the preconditioner's norm.
     enough = 1e-5**2 * inner(right_hand_side, right_hand_side * preconditioner)
     left = right_hand_side - normal(spectrum)
@@ -128,7 +128,7 @@ def solve_on_frequencies(
 
 
 @torch.no_grad()
-def _inner(a: torch.Tensor, b: torch.Tensor, count: torch.Tensor) -> float:
+def _inner_product(a: torch.Tensor, b: torch.Tensor, count: torch.Tensor) -> float:
     """Compute the inner product of two deconvolved pictures from their spectra, up to a factor.
 
     The pictures are real, and the spectra are those of rfft2.

@@ -42,7 +42,7 @@ def shrinkage_factor(squares: torch.Tensor, power: float, coupling: float) -> to
 
     The argument is the gradient's squared length.
     """
-    threshold, table = _table(power)
+    threshold, table = _shrinkage_table(power)
     table = table.to(squares)
     place = (squares + torch.finfo(squares.dtype).tiny).rsqrt_()
     place.mul_(threshold * coupling ** (-1 / (2 - power)) * _ENTRIES)
@@ -54,7 +54,7 @@ def shrinkage_factor(squares: torch.Tensor, power: float, coupling: float) -> to
 
 
 @lru_cache
-def _table(power: float) -> tuple[float, torch.Tensor]:
+def _shrinkage_table(power: float) -> tuple[float, torch.Tensor]:
     """Compute a deconvolution prior's shrinkage threshold, and the table of the kept shares.
 
     The threshold is for a coupling of 1. Entry i is the share that is kept of the length threshold

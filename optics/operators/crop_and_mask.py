@@ -49,12 +49,15 @@ class CentredCrop(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the crop needs besides input and output: none."""
+        """The memory in bytes that one call of the crop operator needs: none.
+
+        It is counted besides input and output.
+        """
         return 0
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A of the crop, which is diagonal in pixels."""
+        """The operator A^T A of the crop operator, which is diagonal in pixels."""
         inside = centred_pad(torch.ones(self._shape), self._whole)
         return GramOperator("pixels", inside, (self._whole[0], self._whole[1]))
 
@@ -88,10 +91,13 @@ class Mask(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the mask needs besides input and output: none."""
+        """The memory in bytes that one call of the mask operator needs: none.
+
+        It is counted besides input and output.
+        """
         return 0
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A of the mask, which is diagonal in pixels."""
+        """The operator A^T A of the mask operator, which is diagonal in pixels."""
         return GramOperator("pixels", self.weights.square(), (self.domain[-2], self.domain[-1]))

@@ -32,10 +32,11 @@ def amplitude_constraint(intensity: torch.Tensor) -> Constraint:
 
 
 def over_compensated_constraint(intensity: torch.Tensor, gain: float = 1.0) -> Constraint:
-    """Return a Gerchberg-Saxton constraint that requests the opposite of each amplitude error.
+    """Return a Gerchberg-Saxton constraint that over-compensates each amplitude error.
 
-    For an amplitude a and a target amplitude A, it requests A + gain (A - a), at least 0. Fienup
-    (Appl. Opt. 21, 2758, 1982) calls such feedback algorithms input-output algorithms.
+    It requests the opposite of the error. For an amplitude a and a target amplitude A, it requests
+    A + gain (A - a), at least 0. Fienup (Appl. Opt. 21, 2758, 1982) calls such feedback algorithms
+    input-output algorithms.
     """
     amplitude = torch.sqrt(intensity)
 
@@ -47,7 +48,7 @@ def over_compensated_constraint(intensity: torch.Tensor, gain: float = 1.0) -> C
 
 
 def mixed_region_constraint(intensity: torch.Tensor, freedom: float) -> Constraint:
-    """Return the constraint of MRAF, the mixed-region amplitude freedom algorithm.
+    """Return the constraint of MRAF phase retrieval, mixed-region amplitude freedom.
 
     It requests the target's amplitude where the target is bright, and leaves freedom where it is
     dark (Pasienski and DeMarco, Opt. Express 16, 2176, 2008). freedom: share of the amplitude that
@@ -75,9 +76,10 @@ def iterate_constraint(
     progress: Progress,
     name: str,
 ) -> torch.Tensor:
-    """Iterate between panel and window, and return the last constrained field on the window.
+    """Iterate a phase retrieval between panel and window; return the last constrained field.
 
-    field: the starting field on the panel. name: the method's name in progress reports.
+    The field is on the window. field: the starting field on the panel. name: the method's name in
+    progress reports.
     """
     asked = constrain(pixels.far_field.forward(field))
     for iteration in range(1, iterations):

@@ -16,7 +16,9 @@ from optics.validation import require_positive
 def dispersed_positions(
     wavelengths: Sequence[float], reference: float, rate: float, direction: float = 0.0
 ) -> list[Position]:
-    """Compute the positions to which a prism sends wavelengths, as a row of dots on the sensor.
+    """Compute the positions to which a prism target sends its dots, one per wavelength.
+
+    The dots form a row on the sensor.
 
     Parameters
     ----------

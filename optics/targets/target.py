@@ -65,6 +65,7 @@ class Drawing:
 
     def _require_room(self, plane: Plane) -> None:
         # At two widths from a stroke an eighth of its peak is left; no less must fit.
+        """Raise ValueError for a target that doesn't fit on the plane."""
         margin = 2.0 * self.width
         for axis in (0, 1):
             place = plane.coordinates(axis)
@@ -149,5 +150,5 @@ class Target(Generic[P, D]):
 
 
 def format_micrometres(length: float) -> str:
-    """Format a length given in metres as micrometres, for messages."""
+    """Format a target's length, given in metres, as micrometres for messages."""
     return f"{length * 1e6:.4g} µm"

@@ -86,9 +86,11 @@ class LatentImageSampler:
         )
         told = self._crop_to_field(reached).clamp(min=0) * precision
         inverse = (told + _sum_at_pixels(along, down)).reciprocal()
-        noisy = (self._image + deviation * self._noise(self._image)) * self._valid
+        noisy = (self._image + deviation * self._normal_noise(self._image)) * self._valid
         wanted = self._blur_adjoint(noisy, spectrum) * precision
-        _add_adjoint(wanted, along.sqrt() * self._noise(along), down.sqrt() * self._noise(down))
+        _add_adjoint(
+            wanted, along.sqrt() * self._normal_noise(along), down.sqrt() * self._normal_noise(down)
+        )
 
         def normal(x: torch.Tensor) -> torch.Tensor:
             light = self._blur(x, spectrum)[self._frame_slices] * self._valid
@@ -100,8 +102,10 @@ class LatentImageSampler:
         left = wanted - normal(self.picture)
         # Conjugate gradients start from the last picture, reduce the squared residual by 1e-5, and
         # do at most 25 steps.
-        enough = 1e-5 * _inner(left, left * inverse)
-        picture, _ = conjugate_gradients(normal, left, self.picture, inverse, _inner, enough, 25)
+        enough = 1e-5 * _inner_product(left, left * inverse)
+        picture, _ = conjugate_gradients(
+            normal, left, self.picture, inverse, _inner_product, enough, 25
+        )
         return picture
 
     def kernel_problem(self, kernel: torch.Tensor) -> QuadraticProblem:
@@ -127,7 +131,7 @@ class LatentImageSampler:
         drawn = torch.rand(steps.shape, generator=self._generator, dtype=steps.dtype)
         return self._deviations[(drawn > below[:-1]).sum(0)] ** -2
 
-    def _noise(self, like: torch.Tensor) -> torch.Tensor:
+    def _normal_noise(self, like: torch.Tensor) -> torch.Tensor:
         """Draw standard normal noise for sampling the sharp pictures of blind deconvolution.
 
         It has the shape and precision of the picture `like`.
@@ -180,6 +184,6 @@ def _sum_at_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
     )
 
 
-def _inner(a: torch.Tensor, b: torch.Tensor) -> float:
+def _inner_product(a: torch.Tensor, b: torch.Tensor) -> float:
     """Compute the inner product of two sharp pictures in blind deconvolution."""
     return float((a * b).sum())
