@@ -294,7 +294,7 @@ def _require(
 
 
 def _even_light_gain(operator: Operator) -> float:
-    """Return the gain for even light of the blur that a restoration undoes, or its norm.
+    """Return the gain for even light of the blur that a deconvolution undoes, or its norm.
 
     The norm is used if the gain is 0.
     """
@@ -308,7 +308,7 @@ def _even_light_gain(operator: Operator) -> float:
 def _validate_weights(
     y: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
-    """Check the weights and the clipping map of a blurred photograph to be restored.
+    """Check and convert the weights and clipping map of a photograph to be deconvolved.
 
     They are converted for the misfit.
     """

@@ -34,7 +34,7 @@ class LayeredObservation(Observation):
 
     @cached_property
     def areas(self) -> torch.Tensor:
-        """The share of the blurred photograph that each depth layer covers, (layers,)."""
+        """The share of the photograph that each deconvolved depth layer covers, (layers,)."""
         return self.shares.mean((-2, -1))
 
     @cached_property
@@ -56,7 +56,7 @@ class LayeredObservation(Observation):
 
     @cached_property
     def power_law(self) -> PowerLaw:
-        """The power law and noise of a blurred photograph with depth layers.
+        """The power law and noise of a photograph whose depth layers are deconvolved.
 
         The spectra of the layers add in power. The result is on the photograph's scale.
         """
@@ -88,7 +88,7 @@ class LayeredObservation(Observation):
 
 
 def _interior_window(share: torch.Tensor) -> torch.Tensor:
-    """Compute a smooth window inside a depth layer of a blurred photograph.
+    """Compute a smooth window inside a depth layer of a photograph to be deconvolved.
 
     It rises smoothly from the layer's edge over 16 pixels.
     """

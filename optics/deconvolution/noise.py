@@ -116,10 +116,11 @@ def fit_power_law(image: torch.Tensor, psf: torch.Tensor) -> PowerLaw:
 def fit_power_law_with_mtf(
     image: torch.Tensor, squared_mtf: torch.Tensor, region: torch.Tensor | None = None
 ) -> PowerLaw:
-    """Fit a power law and noise to a blurred photograph's spectrum, for a given squared MTF.
+    """Fit a power law and noise to a blurred photograph's spectrum for deconvolution, given an MTF.
 
-    `squared_mtf` is on the photograph's rfft2 grid; for several PSFs it is the mean of theirs.
-    `region` is a smooth window, (rows, columns), of the part that is used.
+    The MTF is given as its square. `squared_mtf` is on the photograph's rfft2 grid; for several
+    PSFs it is the mean of theirs. `region` is a smooth window, (rows, columns), of the part that is
+    used.
     """
     shape = int(image.shape[0]), int(image.shape[1])
     if min(shape) < 2 * _SETTINGS.min_periods + 2 or float(image.std()) == 0:
@@ -132,7 +133,7 @@ def fit_power_law_with_mtf(
 
 
 def _windowed_periodogram(image: torch.Tensor, region: torch.Tensor | None) -> torch.Tensor:
-    """Compute the power spectrum of a blurred photograph with a Hann window.
+    """Compute the power spectrum of a photograph to be deconvolved, with a Hann window.
 
     It is scaled so that white noise gives its variance.
     """
@@ -156,14 +157,14 @@ def squared_frequencies(shape: tuple[int, int]) -> torch.Tensor:
 
 
 def squared_modulus(spectrum: torch.Tensor) -> torch.Tensor:
-    """Return the squared modulus of a blurred photograph's complex spectrum, or of its OTF."""
+    """Return the squared modulus of a complex spectrum or OTF in a deconvolution."""
     return spectrum.real.square().addcmul_(spectrum.imag, spectrum.imag)
 
 
 def _fit_binned_spectrum(
     power: torch.Tensor, squares: torch.Tensor, squared_mtf: torch.Tensor
 ) -> PowerLaw:
-    """Fit a power law and noise to a blurred photograph's spectrum, binned by frequency.
+    """Fit a power law and noise to the binned spectrum of a photograph to be deconvolved.
 
     The fit starts from two noise levels, and the likelier result is used.
     """
@@ -199,7 +200,7 @@ class _SpectrumBins:
     def of(
         cls, power: torch.Tensor, squares: torch.Tensor, squared_mtf: torch.Tensor
     ) -> _SpectrumBins:
-        """Average a blurred photograph's power spectrum over bins of frequency and MTF.
+        """Average the power spectrum of a photograph to be deconvolved over frequency and MTF bins.
 
         The frequency is binned by its modulus.
         """
@@ -219,11 +220,11 @@ class _SpectrumBins:
         return cls(number / number.sum(), mean(power), mean(radius), mean(squared_mtf))
 
     def signal_power(self, strength: float, slope: float) -> torch.Tensor:
-        """Return the blurred photograph's power without noise, in each bin of its spectrum."""
+        """Return the blurred scene's power without noise in each bin, for deconvolution."""
         return strength * self.squared_mtf * torch.exp(-slope * self.radius)
 
     def negative_log_likelihood(self, fit: tuple[float, float, float]) -> float:
-        """Return Whittle's negative log-likelihood of a blurred photograph's power law.
+        """Return Whittle's negative log-likelihood of a power law, for deconvolution.
 
         The power law has a strength, a slope and a noise variance.
         """
@@ -231,7 +232,7 @@ class _SpectrumBins:
         return float((self.share * (model.log() + self.power / model)).sum())
 
     def fit(self, noise: float) -> tuple[float, float, float]:
-        """Fit strength, slope and noise of a blurred photograph's power law.
+        """Fit strength, slope and noise of the power law of a photograph to be deconvolved.
 
         The method is Fisher scoring; the noise is its variance. `noise` is the first noise
         variance. Strength and noise are fitted as logarithms. A step that doesn't raise the
@@ -256,7 +257,7 @@ class _SpectrumBins:
     def _scoring_step(
         self, now: tuple[float, float, float], damping: float
     ) -> tuple[float, float, float]:
-        """Do one damped scoring step of the fit to a blurred photograph's power law.
+        """Do one damped scoring step of the power law's fit for deconvolution.
 
         Returns strength, slope and noise.
         """
@@ -277,7 +278,7 @@ class _SpectrumBins:
 
 
 def _bin_index(value: torch.Tensor, count: int) -> torch.Tensor:
-    """Return the bin of each value of a blurred photograph's spectrum, among `count` bins.
+    """Return the bin of each value of a spectrum for deconvolution, among `count` bins.
 
     The bins have equal width over the values' range.
     """

@@ -100,7 +100,10 @@ class Observation:
 
     @property
     def is_fully_measured(self) -> bool:
-        """Whether the blurred photograph is a whole period of which all pixels have weight 1."""
+        """Whether the photograph to be deconvolved is a whole period without missing pixels.
+
+        All of its pixels have weight 1 then.
+        """
         return self.border == "periodic" and self.effective_weights is None
 
     @cached_property
@@ -139,9 +142,9 @@ class Observation:
 
     @cached_property
     def power_law(self) -> PowerLaw:
-        """The power law and noise of the blurred photograph's spectrum, on its own scale.
+        """The power law and noise of the spectrum of the photograph to be deconvolved.
 
-        The spectrum is that of the photograph's middle.
+        The spectrum is that of the photograph's middle, on its own scale.
         """
         rows, columns = self._centre_shape
         middle = centred_crop(self.inpainted_image, (rows, columns)) * self.psf_sum
@@ -160,7 +163,7 @@ class Observation:
 
     @property
     def _centre_shape(self) -> tuple[int, int]:
-        """The (rows, columns) of the blurred photograph's middle, whose spectrum is fitted.
+        """The (rows, columns) of the middle of a photograph whose spectrum a deconvolution fits.
 
         512 pixels, or four times the PSF, are enough for the fit.
         """
@@ -171,9 +174,9 @@ class Observation:
 
     @cached_property
     def noise(self) -> float:
-        """The standard deviation of the blurred photograph's noise, in a pixel of weight 1.
+        """The noise of the photograph to be deconvolved, the standard deviation of a pixel.
 
-        It is given or estimated, in the unit of the image.
+        It is that of a pixel of weight 1. It is given or estimated, in the unit of the image.
         """
         return (
             math.sqrt(self.power_law.noise_variance)
@@ -183,12 +186,18 @@ class Observation:
 
     @property
     def scene_noise(self) -> float:
-        """The blurred photograph's noise over the PSF's sum, but at least the rounding error."""
+        """The noise of the photograph to be deconvolved over the PSF's sum.
+
+        It is at least the rounding error.
+        """
         return max(self.noise / self.psf_sum, LEAST_NOISE * self.scale)
 
     @cached_property
     def normalised_image(self) -> torch.Tensor:
-        """The blurred photograph divided by the PSF's sum, on the scale of the scene's light."""
+        """The photograph to be deconvolved, divided by the PSF's sum.
+
+        It is on the scale of the scene's light.
+        """
         return self.image / self.psf_sum
 
     @cached_property

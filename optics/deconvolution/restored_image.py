@@ -48,9 +48,10 @@ class RestoredImage:
 
     @property
     def residual(self) -> float:
-        """The rms of the photograph less the blurred restoration, relative to the noise.
+        """The rms residual of a deconvolution, relative to the noise.
 
-        It is about 1 if model, PSF and noise are right. Above 1.2, one of them is wrong.
+        The residual is the photograph less the blurred restoration. It is about 1 if model, PSF and
+        noise are right. Above 1.2, one of them is wrong.
         """
         if not callable(self.residual_source):
             return self.residual_source

@@ -113,7 +113,7 @@ def penalty_of(
 
 
 def _noise_to_signal(observation: Observation, squares: torch.Tensor) -> torch.Tensor:
-    """Return a blurred photograph's noise-to-signal power ratio, by squared frequency.
+    """Return the noise-to-signal power ratio for Wiener deconvolution, by squared frequency.
 
     Frequencies below the lowest one of the period have the ratio of that one.
     """

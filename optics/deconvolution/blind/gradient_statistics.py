@@ -128,7 +128,7 @@ class GeneralisedGaussian:
     power: float
 
     def log_density(self, values: torch.Tensor) -> torch.Tensor:
-        """Return the log density of picture gradients under a generalised Gaussian image prior.
+        """Return the log density of gradients under deconvolution's generalised Gaussian prior.
 
         The logarithm is natural.
         """
@@ -136,9 +136,9 @@ class GeneralisedGaussian:
         return top - (values.abs() / self.scale) ** self.power
 
     def moment(self, power: float) -> float:
-        """Return the mean of ``|gradient|`` to a power under a generalised Gaussian image prior.
+        """Return the mean of ``|gradient|`` to a power under a deconvolution prior.
 
-        The power is above -1.
+        The prior is the generalised Gaussian, and the power is above -1.
         """
         ratio = math.lgamma((power + 1) / self.power) - math.lgamma(1 / self.power)
         return self.scale**power * math.exp(ratio)

@@ -28,7 +28,7 @@ class QuadraticProblem:
         return float(0.5 * flat @ (self.normal_matrix @ flat) - self.right_hand_side.ravel() @ flat)
 
     def with_ridge(self, weight: float) -> QuadraticProblem:
-        """Return the problem of a blur kernel with the penalty weight * ``|k|²`` / 2 added."""
+        """Return blind deconvolution's kernel problem with a ridge ``weight * |k|² / 2`` added."""
         eye = torch.eye(self.normal_matrix.shape[0], dtype=self.normal_matrix.dtype)
         return QuadraticProblem(self.normal_matrix + weight * eye, self.right_hand_side)
 
@@ -65,7 +65,7 @@ def padded_spectrum(picture: torch.Tensor, period: tuple[int, int]) -> torch.Ten
 def least_squares_problem(
     sharp: torch.Tensor, blurred: torch.Tensor, shape: tuple[int, int]
 ) -> QuadraticProblem:
-    """Build the blur kernel's problem of minimising ``|sharp * k - blurred|²`` / 2.
+    """Build blind deconvolution's problem of minimising ``|sharp * k - blurred|² / 2``.
 
     Here * is a convolution. `sharp` and `blurred` are rfft2 spectra, (channels, ...), on one period
     that is so large that the convolution doesn't wrap around. `shape` is the (rows, columns) of the
@@ -121,7 +121,7 @@ def minimise_nonnegative(
 
 
 def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
-    """Project a blur kernel onto the nearest non-negative one with a sum of 1.
+    """Project a blindly estimated blur kernel onto the nearest non-negative one with a sum of 1.
 
     See Duchi et al. 2008, doi 10.1145/1390156.1390191.
     """

@@ -52,7 +52,7 @@ def enlarge_kernel(kernel: torch.Tensor, factor: float, size: int) -> torch.Tens
 
 
 def point_kernel(size: int) -> torch.Tensor:
-    """Return the blur kernel of a sharp photograph, all light at the origin n // 2.
+    """Return blind deconvolution's kernel without blur, all light at the origin n // 2.
 
     It is (size, size).
     """
@@ -71,10 +71,11 @@ def centre_kernel(kernel: torch.Tensor, size: int) -> torch.Tensor:
 
 
 def centred_window_start(kernel: torch.Tensor, size: int) -> tuple[int, int]:
-    """Find the first row and column of the window (size, size) that centres a blur kernel.
+    """Find the first row and column of the window that centres blind deconvolution's kernel.
 
-    The window may extend beyond the kernel. Among the windows that hold the most light, up to a
-    small share, it is the one whose centre n // 2 is nearest to the kernel's centroid.
+    The window is (size, size), and may extend beyond the kernel. Among the windows that hold the
+    most light, up to a small share, it is the one whose centre n // 2 is nearest to the kernel's
+    centroid.
     """
     rows, columns = (
         _best_window_start(torch.nn.functional.pad(kernel.sum(1 - dim), (size, size)), size) - size

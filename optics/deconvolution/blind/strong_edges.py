@@ -68,10 +68,11 @@ class StrongEdges:
     def estimate_kernel(
         self, picture: torch.Tensor, start: torch.Tensor, ridge: float
     ) -> torch.Tensor:
-        """Estimate the blur kernel k that maps a picture with few edges to the photograph.
+        """Estimate blind deconvolution's kernel k, which blurs a picture with few edges.
 
-        `ridge` is the weight of |k|², which determines what the edges don't. The result sums to 1.
-        It is `start` if the picture has no edges.
+        Blurred by k, the picture matches the photograph. `ridge` is the weight of |k|², which
+        determines what the edges don't. The result sums to 1. It is `start` if the picture has no
+        edges.
         """
         edges = gradients(picture) * self._interior
         rows, columns = self._size
