@@ -11,10 +11,10 @@ from optics.plane import centred_pad
 
 
 def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Extend a photograph to the period of its deconvolution, so that opposite edges meet smoothly.
+    """Extend a photograph smoothly to the period `shape` of its deconvolution.
 
-    The period is `shape`. The picture is mirrored at each edge. Across the gap, the mirrored parts
-    of two opposite edges are blended into each other by a raised cosine.
+    The picture is mirrored at each edge. Across the gap, the mirrored parts of two opposite edges
+    are blended into each other by a raised cosine, so that opposite edges meet smoothly.
     """
     whole = centred_pad(image, shape)
     for dim in (-1, -2):
@@ -23,9 +23,9 @@ def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Te
 
 
 def _fill_gap(whole: torch.Tensor, n: int, dim: int) -> None:
-    """Fill the samples around a photograph for deconvolution, along one axis and in place.
+    """Fill the samples around a photograph's frame for deconvolution, along one axis, in place.
 
-    The n known samples are kept.
+    The n samples in the middle are known and don't change.
     """
     length = whole.shape[dim]
     gap, first = length - n, length // 2 - n // 2
@@ -44,9 +44,6 @@ def _fill_gap(whole: torch.Tensor, n: int, dim: int) -> None:
 
 
 def _mirror(index: torch.Tensor, n: int, period: int) -> torch.Tensor:
-    """Fold an index beyond a photograph's edge back into it by mirroring, for deconvolution.
-
-    The photograph has n samples.
-    """
+    """Mirror an index beyond a photograph's edge back into its n samples, for deconvolution."""
     folded = index % period
     return torch.where(folded < n, folded, period - folded)

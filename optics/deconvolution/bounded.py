@@ -294,9 +294,9 @@ def _require(
 
 
 def _even_light_gain(operator: Operator) -> float:
-    """Return the gain for even light of the blur that a deconvolution undoes, or its norm.
+    """Return the gain for even light of the blur that a deconvolution undoes.
 
-    The norm is used if the gain is 0.
+    If the gain is 0, the operator's norm is returned.
     """
     even = float(operator(torch.ones(operator.domain, dtype=torch.float64)).mean())
     gain = abs(even) or operator.norm()
@@ -308,10 +308,7 @@ def _even_light_gain(operator: Operator) -> float:
 def _validate_weights(
     y: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
-    """Check and convert the weights and clipping map of a photograph to be deconvolved.
-
-    They are converted for the misfit.
-    """
+    """Check the pixel weights and the clipping map for a deconvolution, and convert their types."""
     require_same_shape("data", y, weights=weights, clipped=clipped)
     if weights is not None:
         require_weights(weights)
@@ -322,7 +319,7 @@ def _validate_weights(
 def _broadcast_bounds(
     operator: Operator, lower: float | torch.Tensor, upper: float | torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Broadcast the bounds of the deconvolved picture to its shape; check that none cross."""
+    """Broadcast the deconvolved picture's bounds to its shape; raise ValueError if they cross."""
     low, high = (
         torch.as_tensor(one, dtype=torch.float64).broadcast_to(operator.domain)
         for one in (lower, upper)

@@ -18,10 +18,9 @@ def conjugate_gradients(
     tolerance: float,
     steps: int,
 ) -> tuple[torch.Tensor, int]:
-    """Solve a deconvolution's linear system normal(x) = b by conjugate gradients.
+    """Solve a deconvolution's linear system normal(x) = b by preconditioned conjugate gradients.
 
-    They are preconditioned, and start from `start`. The method is that of Hestenes and Stiefel
-    (1952, doi 10.6028/jres.049.044).
+    The method is that of Hestenes and Stiefel (1952, doi 10.6028/jres.049.044).
 
     Parameters
     ----------

@@ -29,10 +29,7 @@ class _ResidualBlock(nn.Module):
 
 
 def _blocks(width: int) -> nn.Sequential:
-    """Build the two residual blocks of plug-and-play deconvolution's denoiser.
-
-    The denoiser has two of them at each resolution.
-    """
+    """Build the two residual blocks that a deconvolution denoiser has at each resolution."""
     return nn.Sequential(*(_ResidualBlock(width) for _ in range(2)))
 
 
@@ -65,10 +62,10 @@ class Denoiser(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, pictures: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """Denoise a batch of pictures, as plug-and-play deconvolution does in each iteration.
+        """Denoise a batch of pictures; plug-and-play deconvolution does this in each iteration.
 
-        The batch is (pictures, 1, rows, columns), each side a multiple of 8. `level` is the
-        standard deviation of the noise of each picture, (pictures,).
+        The batch is (pictures, 1, rows, columns), with rows and columns that are multiples of 8.
+        `level` is the standard deviation of the noise of each picture, (pictures,).
         """
         folded = functional.pixel_unshuffle(pictures, 2)
         told = level[:, None, None, None].expand(-1, 1, *folded.shape[-2:])
@@ -85,7 +82,7 @@ class Denoiser(nn.Module):
     def denoise(self, picture: torch.Tensor, level: float) -> torch.Tensor:
         """Denoise one picture with noise of the given level, for plug-and-play deconvolution.
 
-        The picture is (rows, columns) of any size.
+        The picture is (rows, columns) and may have any size.
         """
         rows, columns = picture.shape
         more = (0, -columns % MULTIPLE, 0, -rows % MULTIPLE)
@@ -98,8 +95,8 @@ class Denoiser(nn.Module):
 def load_denoiser(weights: Mapping[str, torch.Tensor]) -> Denoiser:
     """Build the denoiser of plug-and-play deconvolution with trained weights, for inference.
 
-    The weights are named as in its state_dict(). Raises ValueError if a weight is missing, isn't
-    expected, or has another shape.
+    The keys of `weights` are those of Denoiser.state_dict(). Raises ValueError if a weight is
+    missing, isn't expected, or has another shape.
     """
     network = Denoiser()
     try:

@@ -105,7 +105,7 @@ def hyper_laplacian(
 
 
 def _couplings(scale: float, power: float, rounds: int) -> list[float]:
-    """Return the couplings of hyper-Laplacian deconvolution's split gradient, loose to tight.
+    """Return the couplings of hyper-Laplacian deconvolution's split gradient, from loose to tight.
 
     For pictures of unit scale they go from 1 to 1000.
     """
@@ -116,7 +116,7 @@ def _couplings(scale: float, power: float, rounds: int) -> list[float]:
 def _fit_shrunk_gradient(
     picture: torch.Tensor, power: float, coupling: float, square: torch.Tensor
 ) -> torch.Tensor:
-    """Return the spectrum of the deconvolved picture whose gradient is nearest a shrunk one."""
+    """Return the spectrum of the deconvolved picture whose gradient is nearest to a shrunk one."""
     down, along = torch.zeros_like(picture), torch.zeros_like(picture)
     add_gradient(picture, down, along)
     share = shrinkage_factor(torch.addcmul(down * down, along, along), power, coupling)
@@ -131,7 +131,7 @@ def _estimate_weight(
 ) -> float:
     """Estimate the weight of deconvolution's hyper-Laplacian prior from the restored picture.
 
-    The estimate uses the evidence.
+    See weight_by_evidence().
     """
     freedom = max(1 - residual**2, MIN_EXPLAINED_SHARE)
     return weight_by_evidence(

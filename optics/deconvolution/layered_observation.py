@@ -51,12 +51,12 @@ class LayeredObservation(Observation):
 
     @cached_property
     def squared_mtf(self) -> torch.Tensor:
-        """The layers' mean squared MTF on the deconvolution's period, weighted by areas."""
+        """The depth layers' mean squared MTF on the deconvolution's period, weighted by area."""
         return self._squared_mtf_on(self.period_shape)
 
     @cached_property
     def power_law(self) -> PowerLaw:
-        """The power law and noise of a photograph whose depth layers are deconvolved.
+        """The power law and noise of a photograph whose depth layers are to be deconvolved.
 
         The spectra of the layers add in power. The result is on the photograph's scale.
         """
@@ -90,7 +90,7 @@ class LayeredObservation(Observation):
 def _interior_window(share: torch.Tensor) -> torch.Tensor:
     """Compute a smooth window inside a depth layer of a photograph to be deconvolved.
 
-    It rises smoothly from the layer's edge over 16 pixels.
+    The window rises from the layer's edge over 16 pixels.
     """
     depth = distance_transform_edt(np.pad(share.numpy() > 1 - _SHARE_TOLERANCE, 1, mode="edge"))
     rise = torch.from_numpy(depth[1:-1, 1:-1] / 16).clamp(0, 1)
@@ -107,7 +107,7 @@ def build_layered_observation(
     weights: torch.Tensor | None = None,
     clipped: torch.Tensor | None = None,
 ) -> LayeredObservation:
-    """Gather for deconvolution a photograph of depth layers, each blurred by its own PSF.
+    """Build the deconvolution's observation of depth layers, each blurred by its own PSF.
 
     Arrays may be of any kind. The photograph is restored in double precision if `image` is double,
     otherwise in single precision.
@@ -166,9 +166,9 @@ def build_layered_observation(
 
 
 def _layer_shares(layers: torch.Tensor, count: int, shape: tuple[int, ...]) -> torch.Tensor:
-    """Check the depth layers of a deconvolution; return shares (layers, rows, columns).
+    """Check the depth layers of a deconvolution; return their shares (layers, rows, columns).
 
-    They are given as a map, or as shares.
+    `layers` is a map of layer numbers, (rows, columns), or the shares themselves.
     """
     require_finite("layers", layers)
     if tuple(layers.shape) == shape:

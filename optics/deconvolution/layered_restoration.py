@@ -173,7 +173,7 @@ def restore_layers_linearly(
 def paste_layers(
     observation: LayeredObservation, restore: Callable[[Observation], RestoredImage]
 ) -> torch.Tensor:
-    """Restore a blurred photograph once with each depth layer's PSF, and paste the layers' parts.
+    """Deconvolve a photograph with each depth layer's PSF, and paste the layers' parts together.
 
     This is fast, but it is wrong where the blurred light of one layer covers another.
     """
@@ -196,24 +196,24 @@ class _PicturePriors:
         self._all: list[Prior] = [self.gradients, *bounds]
 
     def denominator(self, weight: float) -> torch.Tensor:
-        """Return what the priors add to the denominator of depth-layer deconvolution's step.
+        """Return the priors' part of the denominator in depth-layer deconvolution's picture step.
 
-        It is given per frequency.
+        The result has one value per frequency.
         """
         parts = [prior.coupling(weight, 1.0) * prior.gram_spectrum for prior in self._all]
         return sum(parts[1:], parts[0])
 
     def right_hand_side(self, weight: float) -> torch.Tensor | None:
-        """Return what the priors add to the right-hand side of depth-layer deconvolution.
+        """Return the priors' part of the right-hand side in depth-layer deconvolution's step.
 
-        It is that of the picture's step, on pixels.
+        The result is on pixels, or None if no prior has a part.
         """
         backs = [prior.adjoint_target * prior.coupling(weight, 1.0)
                  for prior in self._all if prior.adjoint_target is not None]  # fmt: skip
         return sum(backs[1:], backs[0]) if backs else None
 
     def update(self, picture: torch.Tensor) -> None:
-        """Update the splits of all priors in depth-layer deconvolution for the next picture."""
+        """Update the splits of all priors of depth-layer deconvolution for the next picture."""
         for prior in self._all:
             prior.update(picture)
 
@@ -247,10 +247,7 @@ class _LayerEquations:
         self.mean_squared_residual = 1.0
 
     def visible_picture(self, pictures: torch.Tensor) -> torch.Tensor:
-        """Compose the visible parts of all deconvolved depth layers to one picture.
-
-        It is on the whole period.
-        """
+        """Compose the visible parts of all deconvolved depth layers to one period-wide picture."""
         return (
             (pictures * self._observation.period_shares).sum(0) if self._occlusion else pictures[0]
         )
@@ -284,7 +281,7 @@ class _LayerEquations:
         return found
 
     def update_residual(self, pictures: torch.Tensor) -> None:
-        """Update the residual of depth-layer deconvolution, and weights of clipped pixels.
+        """Update depth-layer deconvolution's residual and the weights of clipped pixels.
 
         A clipped pixel has weight only where the blurred pictures are below the measured value.
         """
@@ -300,7 +297,7 @@ class _LayerEquations:
         self._weighted_data = seen.normalised_image * self._weights
 
     def _blur_pictures(self, pictures: torch.Tensor) -> torch.Tensor:
-        """Blur the deconvolved depth layers' pictures to one photograph on the period."""
+        """Blur the deconvolved depth layers' pictures to one photograph on the whole period."""
         light: torch.Tensor = self._blur(pictures if self._occlusion else pictures[0])
         return light
 

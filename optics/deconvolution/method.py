@@ -51,7 +51,7 @@ class RestorationCost:
         return 10 * speed.call + number + self.centre_passes * min(pixels, 1 << 18) * speed.touch
 
     def plus(self, other: RestorationCost, times: float = 1.0) -> RestorationCost:
-        """Add the cost of another deconvolution step, `times` times."""
+        """Add `times` times the cost of another deconvolution step."""
         return RestorationCost(
             self.transforms + times * other.transforms,
             self.passes + times * other.passes,

@@ -118,9 +118,9 @@ def fit_power_law_with_mtf(
 ) -> PowerLaw:
     """Fit a power law and noise to a blurred photograph's spectrum for deconvolution, given an MTF.
 
-    The MTF is given as its square. `squared_mtf` is on the photograph's rfft2 grid; for several
-    PSFs it is the mean of theirs. `region` is a smooth window, (rows, columns), of the part that is
-    used.
+    `squared_mtf` is the squared MTF on the photograph's rfft2 grid; for several PSFs it is the mean
+    of their squared MTFs. `region` is a smooth window, (rows, columns), around the part of the
+    photograph that is used.
     """
     shape = int(image.shape[0]), int(image.shape[1])
     if min(shape) < 2 * _SETTINGS.min_periods + 2 or float(image.std()) == 0:
@@ -135,7 +135,7 @@ def fit_power_law_with_mtf(
 def _windowed_periodogram(image: torch.Tensor, region: torch.Tensor | None) -> torch.Tensor:
     """Compute the power spectrum of a photograph to be deconvolved, with a Hann window.
 
-    It is scaled so that white noise gives its variance.
+    The scale is chosen so that the mean power of white noise is its variance.
     """
     rows, columns = (torch.hann_window(n + 2, False, dtype=image.dtype)[1:-1] for n in image.shape)
     window = rows[:, None] * columns
@@ -148,9 +148,9 @@ def _windowed_periodogram(image: torch.Tensor, region: torch.Tensor | None) -> t
 
 
 def squared_frequencies(shape: tuple[int, int]) -> torch.Tensor:
-    """Return the squared spatial frequencies at which deconvolution works, float64.
+    """Return the squared spatial frequencies of a deconvolution's rfft2 grid, in (cycles/pixel)².
 
-    They are those of an rfft2 grid, in (cycles per pixel)².
+    The result is float64.
     """
     fy, fx = rfft2_frequencies(Plane(shape, (1.0, 1.0)))
     return fy.square() + fx.square()
@@ -166,7 +166,9 @@ def _fit_binned_spectrum(
 ) -> PowerLaw:
     """Fit a power law and noise to the binned spectrum of a photograph to be deconvolved.
 
-    The fit starts from two noise levels, and the likelier result is used.
+    The likelihood is maximised from two initial noise levels, and the likelier fit is kept. Its
+    noise is then replaced by the mean power above the signal at frequencies where the signal is
+    weak.
     """
     pools = _SpectrumBins.of(power, squares, squared_mtf)
     lowest = float(pools.power.min())
@@ -200,9 +202,9 @@ class _SpectrumBins:
     def of(
         cls, power: torch.Tensor, squares: torch.Tensor, squared_mtf: torch.Tensor
     ) -> _SpectrumBins:
-        """Average the power spectrum of a photograph to be deconvolved over frequency and MTF bins.
+        """Average a power spectrum over frequency and MTF bins, for a deconvolution's noise fit.
 
-        The frequency is binned by its modulus.
+        Frequencies are binned by their modulus.
         """
         radius_bins, mtf_bins = _SETTINGS.radius_bins, _SETTINGS.mtf_bins
         radius = 0.5 * squares.log()
@@ -220,13 +222,16 @@ class _SpectrumBins:
         return cls(number / number.sum(), mean(power), mean(radius), mean(squared_mtf))
 
     def signal_power(self, strength: float, slope: float) -> torch.Tensor:
-        """Return the blurred scene's power without noise in each bin, for deconvolution."""
+        """Return the blurred scene's power in each bin of the spectrum, for deconvolution.
+
+        The noise isn't included.
+        """
         return strength * self.squared_mtf * torch.exp(-slope * self.radius)
 
     def negative_log_likelihood(self, fit: tuple[float, float, float]) -> float:
-        """Return Whittle's negative log-likelihood of a power law, for deconvolution.
+        """Return Whittle's negative log-likelihood of a photograph's power law, for deconvolution.
 
-        The power law has a strength, a slope and a noise variance.
+        `fit` is the strength, the slope and the noise variance.
         """
         model = self.signal_power(*fit[:2]) + fit[2]
         return float((self.share * (model.log() + self.power / model)).sum())
@@ -234,9 +239,10 @@ class _SpectrumBins:
     def fit(self, noise: float) -> tuple[float, float, float]:
         """Fit strength, slope and noise of the power law of a photograph to be deconvolved.
 
-        The method is Fisher scoring; the noise is its variance. `noise` is the first noise
-        variance. Strength and noise are fitted as logarithms. A step that doesn't raise the
-        likelihood is repeated with more damping.
+        The likelihood is maximised by Fisher scoring. The search starts from the noise variance
+        `noise`. Strength and noise are fitted as logarithms. A step that doesn't raise the
+        likelihood is repeated with more damping. Returns the strength, the slope and the noise
+        variance.
         """
         above = (self.share * (self.power - noise).clamp(min=0)).sum()
         signal = (self.share * self.signal_power(1.0, 2.4)).sum()
@@ -257,9 +263,9 @@ class _SpectrumBins:
     def _scoring_step(
         self, now: tuple[float, float, float], damping: float
     ) -> tuple[float, float, float]:
-        """Do one damped scoring step of the power law's fit for deconvolution.
+        """Do one damped scoring step of fitting a photograph's power law, for deconvolution.
 
-        Returns strength, slope and noise.
+        Returns the strength, the slope and the noise variance.
         """
         strength, slope, noise = now
         signal = self.signal_power(strength, slope)
@@ -278,9 +284,9 @@ class _SpectrumBins:
 
 
 def _bin_index(value: torch.Tensor, count: int) -> torch.Tensor:
-    """Return the bin of each value of a spectrum for deconvolution, among `count` bins.
+    """Return the index of each spectrum value's bin, for the noise fit of a deconvolution.
 
-    The bins have equal width over the values' range.
+    The `count` bins have equal width over the range of the values.
     """
     low, high = value.min(), value.max()
     place = (value - low) / (high - low).clamp(min=1e-12) * count

@@ -40,10 +40,7 @@ class NormalEquations:
         )
 
     def initial_spectrum(self, penalty: torch.Tensor) -> torch.Tensor:
-        """Solve the deconvolution as if the photograph's continuation had been measured.
-
-        The continuation is the smooth one.
-        """
+        """Solve the deconvolution as if the photograph's smooth extension had been measured."""
         spectrum = rfft2(self._observation.extended_image - self.mean).mul_(
             self._observation.conjugate_otf
         )
@@ -83,10 +80,7 @@ class NormalEquations:
         )
 
     def _denominator(self, penalty: torch.Tensor) -> torch.Tensor:
-        """Return the deconvolution's denominator ``|H|²`` + K, limited so that it can be inverted.
-
-        The limit is a lower one.
-        """
+        """Return the deconvolution's denominator ``|H|² + K``, kept above 0 for its inversion."""
         return (self._observation.squared_mtf + penalty).clamp_(min=1e-12)
 
     def _apply_normal(self, x: torch.Tensor, penalty: torch.Tensor) -> torch.Tensor:
@@ -95,10 +89,7 @@ class NormalEquations:
         return self._apply_adjoint(light).add_(x * penalty)
 
     def _apply_adjoint(self, light: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of a deconvolution's blur, H* M, to light; return the spectrum.
-
-        The light is on the whole period.
-        """
+        """Apply a deconvolution's adjoint blur H* M to light on the period; return the spectrum."""
         inside, trust = self._observation.crop_to_frame(light), self._observation.effective_weights
         kept = inside if trust is None else inside * trust
         return rfft2(centred_pad(kept, self._observation.period_shape)).mul_(
@@ -129,9 +120,9 @@ def solve_on_frequencies(
 
 @torch.no_grad()
 def _inner_product(a: torch.Tensor, b: torch.Tensor, count: torch.Tensor) -> float:
-    """Compute the inner product of two deconvolved pictures from their spectra, up to a factor.
+    """Compute the inner product of two real deconvolved pictures from their rfft2 spectra.
 
-    The pictures are real, and the spectra are those of rfft2.
+    The result lacks a constant factor.
     """
     products = (a.real * b.real + a.imag * b.imag) * count
     return float(products.sum(dtype=torch.float64))

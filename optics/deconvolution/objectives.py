@@ -67,8 +67,8 @@ class Smoothness:
 def differences(x: torch.Tensor, periodic: bool) -> tuple[torch.Tensor, torch.Tensor]:
     """Compute a picture's forward differences, on which a deconvolution's prior acts.
 
-    They are those down the columns and along the rows. At the last row and column they are 0, or
-    for a periodic picture the differences to the first.
+    Returns the differences down the columns and those along the rows. In the last row and column
+    they are 0, or for a periodic picture the differences to the first row and column.
     """
     down, along = x.roll(-1, -2).sub_(x), x.roll(-1, -1).sub_(x)
     if not periodic:

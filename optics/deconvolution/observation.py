@@ -81,18 +81,12 @@ class Observation:
 
     @property
     def psf_sum(self) -> float:
-        """The sum of the PSF to be deconvolved, the share of light that reaches the sensor.
-
-        It is a share of the scene's light.
-        """
+        """The PSF's sum in a deconvolution: the share of the scene's light on the sensor."""
         return float(self.psf.sum(dtype=torch.float64))
 
     @cached_property
     def effective_weights(self) -> torch.Tensor | None:
-        """The pixel weights of the photograph to be deconvolved, 0 for clipped pixels.
-
-        It is None if all are 1.
-        """
+        """The pixel weights for deconvolution, 0 for clipped pixels; None if all are 1."""
         if self.clipped is None or not bool(self.clipped.any()):
             return self.weights
         sound = (~self.clipped).to(self.image)
@@ -100,10 +94,7 @@ class Observation:
 
     @property
     def is_fully_measured(self) -> bool:
-        """Whether the photograph to be deconvolved is a whole period without missing pixels.
-
-        All of its pixels have weight 1 then.
-        """
+        """Whether the photograph to be deconvolved is a whole period, all with weight 1."""
         return self.border == "periodic" and self.effective_weights is None
 
     @cached_property
@@ -120,10 +111,10 @@ class Observation:
 
     @cached_property
     def scale(self) -> float:
-        """The scale of the scene's light, by which a deconvolution chooses its prior's weight.
+        """The scale of the scene's light, which sets a deconvolution's thresholds and weights.
 
-        Thresholds are chosen by it too. It is the photograph's standard deviation over the sum of
-        the PSF, but at least 1e-3 of the mean; 1 for a dark photograph.
+        It is the photograph's standard deviation over the sum of the PSF, but at least 1e-3 of the
+        mean; 1 for a dark photograph.
         """
         # Statistics of every n-th row are enough, as long as there are at least 128 rows.
         image = self.image.detach()[:: max(1, len(self.image) >> 7)].to(torch.float64)
@@ -144,7 +135,7 @@ class Observation:
     def power_law(self) -> PowerLaw:
         """The power law and noise of the spectrum of the photograph to be deconvolved.
 
-        The spectrum is that of the photograph's middle, on its own scale.
+        Only the middle of the photograph is used. The power law is on the photograph's own scale.
         """
         rows, columns = self._centre_shape
         middle = centred_crop(self.inpainted_image, (rows, columns)) * self.psf_sum
@@ -163,7 +154,7 @@ class Observation:
 
     @property
     def _centre_shape(self) -> tuple[int, int]:
-        """The (rows, columns) of the middle of a photograph whose spectrum a deconvolution fits.
+        """The (rows, columns) of the photograph's middle, whose spectrum a deconvolution fits.
 
         512 pixels, or four times the PSF, are enough for the fit.
         """
@@ -174,9 +165,9 @@ class Observation:
 
     @cached_property
     def noise(self) -> float:
-        """The noise of the photograph to be deconvolved, the standard deviation of a pixel.
+        """The noise of the photograph to be deconvolved: the standard deviation of a pixel.
 
-        It is that of a pixel of weight 1. It is given or estimated, in the unit of the image.
+        The pixel has weight 1. The noise is given or estimated, in the unit of the image.
         """
         return (
             math.sqrt(self.power_law.noise_variance)
@@ -186,25 +177,25 @@ class Observation:
 
     @property
     def scene_noise(self) -> float:
-        """The noise of the photograph to be deconvolved over the PSF's sum.
+        """The noise of the photograph to be deconvolved, divided by the sum of the PSF.
 
-        It is at least the rounding error.
+        The result isn't below the rounding error.
         """
         return max(self.noise / self.psf_sum, LEAST_NOISE * self.scale)
 
     @cached_property
     def normalised_image(self) -> torch.Tensor:
-        """The photograph to be deconvolved, divided by the PSF's sum.
+        """The photograph to be deconvolved on the scale of the scene's light.
 
-        It is on the scale of the scene's light.
+        The photograph is divided by the sum of the PSF.
         """
         return self.image / self.psf_sum
 
     @cached_property
     def inpainted_image(self) -> torch.Tensor:
-        """The photograph for deconvolution, with unusable pixels filled in from neighbours.
+        """The normalised photograph for deconvolution, with unusable pixels filled in.
 
-        It is the normalised photograph; unusable pixels have weight 0.
+        Pixels of weight 0 are filled in from their neighbours.
         """
         if self.effective_weights is None:
             return self.normalised_image
@@ -226,9 +217,9 @@ class Observation:
 
     @cached_property
     def support(self) -> torch.Tensor | None:
-        """The mask where the deconvolved scene may have light, on the period; None if everywhere.
+        """The mask of where the deconvolved scene may have light: 1 there; None if everywhere.
 
-        It is 1 there.
+        The mask covers the whole period.
         """
         if self.border != "dark":
             return None
@@ -256,10 +247,7 @@ class Observation:
 
 
 def require_weights(weights: torch.Tensor) -> None:
-    """Raise ValueError for negative, all-zero or infinite pixel weights of a deconvolution.
-
-    NaN is refused too.
-    """
+    """Raise ValueError for deconvolution weights that are negative, all zero or not finite."""
     require_finite("weights", weights)
     if float(weights.min()) < 0 or not float(weights.max()) > 0:
         raise ValueError("weights must be positive somewhere, and negative nowhere")

@@ -18,7 +18,7 @@ def build_observation(
     weights: torch.Tensor | None = None,
     clipped: torch.Tensor | None = None,
 ) -> Observation:
-    """Gather what a deconvolution starts from: blurred photograph, PSF, noise and weights.
+    """Gather what a deconvolution needs: the blurred photograph, PSF, noise and weights.
 
     The arrays may be of any kind. The photograph is restored in double precision if `image` is
     double, otherwise in single precision. See `Observation` for what the quantities mean.

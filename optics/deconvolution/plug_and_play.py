@@ -160,9 +160,9 @@ class _RemainingNoise:
 
     @classmethod
     def of(cls, observation: Observation, white: float) -> _RemainingNoise:
-        """Sample frequencies of a photograph's blur to predict the noise left by deconvolution.
+        """Sample a blur's frequencies to predict the noise that plug-and-play deconvolution leaves.
 
-        About 16,000 frequencies are taken.
+        About 16,000 frequencies are sampled.
         """
         every = max(1, math.isqrt(observation.squared_mtf.numel() // (1 << 14)))
         count = rfft_column_weights(observation.period_shape[1])[::every].expand(
@@ -175,10 +175,7 @@ class _RemainingNoise:
         )
 
     def denoiser_level(self, penalty: float) -> float:
-        """Return the noise level that plug-and-play deconvolution's denoiser gets for a K.
-
-        K is the penalty.
-        """
+        """Return the noise level of plug-and-play deconvolution's denoiser for a penalty K."""
         share = _SETTINGS.worst_frequency_share
         squares = self.power / (self.power + penalty).square() * self.count
         mean = math.sqrt(float(squares.sum() / self.count.sum()))
@@ -186,10 +183,9 @@ class _RemainingNoise:
         return _SETTINGS.level_factor * self.noise * mean ** (1 - share) * worst**share
 
     def penalty_for(self, level: float) -> float:
-        """Find the penalty K of plug-and-play deconvolution for a denoiser's noise level.
+        """Find the penalty K of plug-and-play deconvolution for the denoiser's noise level `level`.
 
-        The level is `level`, and the search is a bisection. The result isn't below the smallest
-        penalty.
+        The search is a bisection. The result isn't below the smallest penalty.
         """
         low, high = math.log(_SETTINGS.min_penalty), math.log(1e3)
         for _ in range(40):
@@ -221,7 +217,7 @@ def _solve(
 
 
 def _round_cost(observation: Observation) -> RestorationCost:
-    """Return the cost of one round of plug-and-play deconvolution, denoising included.
+    """Return the cost of one round of plug-and-play deconvolution, including the denoiser.
 
     Conjugate gradients are included if part of the period wasn't measured.
     """

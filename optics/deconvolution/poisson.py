@@ -26,7 +26,7 @@ def poisson_total_variation(
     positive: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a blurred photograph with photons' Poisson likelihood and a total-variation prior.
+    """Restore a blurred photograph with a Poisson likelihood and a total-variation prior.
 
     The result x minimises m * the sum of (H x - y log H x) + weight * the sum of |∇x|. The first
     sum is over trusted pixels y, and m is their mean. total_variation() has squares instead of

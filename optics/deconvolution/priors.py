@@ -41,7 +41,7 @@ class Prior(ABC):
     def update(self, x: torch.Tensor) -> None:
         """Update a deconvolution prior's split and dual variable for the next picture.
 
-        The picture is (rows, columns).
+        The picture `x` is (rows, columns).
         """
 
     @abstractmethod
@@ -54,10 +54,7 @@ class Penalty(Prior):
 
     @abstractmethod
     def estimate_weight(self, noise: float, explained_share: float) -> float:
-        """Estimate a deconvolution prior's weight from the last picture.
-
-        See weight_by_evidence().
-        """
+        """Estimate a deconvolution prior's weight from the last picture by weight_by_evidence()."""
 
 
 class TotalVariation(Penalty):
@@ -129,8 +126,8 @@ class NonNegativity(Prior):
 def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
     """Return the spectrum of the negative Laplacian, as a deconvolution's prior uses it.
 
-    It is the gradient's adjoint times the gradient. It is on the rfft2 grid of a period, (rows,
-    columns // 2 + 1), in double precision.
+    The negative Laplacian is the gradient's adjoint times the gradient. The spectrum is on the
+    rfft2 grid of a period, (rows, columns // 2 + 1), in double precision.
     """
     y = 2 - 2 * torch.cos(2 * math.pi * torch.fft.fftfreq(shape[0], dtype=torch.float64))
     x = 2 - 2 * torch.cos(2 * math.pi * torch.fft.rfftfreq(shape[1], dtype=torch.float64))
@@ -138,9 +135,9 @@ def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
 
 
 def add_gradient(x: torch.Tensor, down: torch.Tensor, along: torch.Tensor) -> None:
-    """Add a picture's periodic gradient, on which a deconvolution prior acts, to two arrays.
+    """Add a picture's periodic gradient, for a deconvolution prior, to `down` and `along` in place.
 
-    They are `down` and `along`, to which the forward differences are added in place.
+    The gradient consists of forward differences.
     """
     down[:-1].add_(x[1:]).sub_(x[:-1])
     down[-1].add_(x[0]).sub_(x[-1])
@@ -149,7 +146,7 @@ def add_gradient(x: torch.Tensor, down: torch.Tensor, along: torch.Tensor) -> No
 
 
 def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
-    """Apply the adjoint of the periodic gradient in a deconvolution's prior; write to `out`."""
+    """Apply the adjoint of a deconvolution prior's periodic gradient; write the result to `out`."""
     torch.add(down, along, out=out).neg_()
     out[1:].add_(down[:-1])
     out[0].add_(down[-1])
@@ -161,7 +158,7 @@ def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor)
 def mean_gradient(x: torch.Tensor, power: float) -> float:
     """Compute a deconvolved picture's mean gradient length to a power, for the prior's weight.
 
-    Every fourth row is used.
+    The mean is taken over every fourth row.
     """
     rows = x[:-1:4]
     down, along = (x[1::4] - rows)[:, :-1], rows[:, 1:] - rows[:, :-1]
@@ -172,7 +169,7 @@ def mean_gradient(x: torch.Tensor, power: float) -> float:
 def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
     """Compute the total-variation term div(∇x / ``|∇x|``) of a deconvolved picture.
 
-    ``|∇x|`` is replaced by √(``|∇x|²`` + smooth²).
+    To avoid division by 0, ``|∇x|`` is replaced by √(``|∇x|²`` + smooth²).
     """
     down, along = torch.zeros_like(x), torch.zeros_like(x)
     add_gradient(x, down, along)
@@ -183,7 +180,7 @@ def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
 def laplacian_of(x: torch.Tensor) -> torch.Tensor:
     """Compute the Laplacian ∇²x of a deconvolved picture, for the Tikhonov prior.
 
-    The picture is periodic, and the Laplacian is computed by differences.
+    The picture is periodic, and its second differences stand for the derivatives.
     """
     down, along = torch.zeros_like(x), torch.zeros_like(x)
     add_gradient(x, down, along)

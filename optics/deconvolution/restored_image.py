@@ -48,7 +48,7 @@ class RestoredImage:
 
     @property
     def residual(self) -> float:
-        """The rms residual of a deconvolution, relative to the noise.
+        """The deconvolution's rms residual, relative to the noise.
 
         The residual is the photograph less the blurred restoration. It is about 1 if model, PSF and
         noise are right. Above 1.2, one of them is wrong.
@@ -63,9 +63,9 @@ class RestoredImage:
 
 @torch.no_grad()
 def relative_change(now: torch.Tensor, before: torch.Tensor) -> float:
-    """Return the relative L2 change between a deconvolution's last two pictures.
+    """Return the relative L2 change between the pictures of two iterations of a deconvolution.
 
-    Every fourth row is used.
+    The change is measured on every fourth row.
     """
     rows, old = now[::4], before[::4]
     scale = float(torch.linalg.vector_norm(rows))

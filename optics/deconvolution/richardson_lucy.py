@@ -153,7 +153,7 @@ class _Likelihood:
     ) -> torch.Tensor:
         """Update a deconvolved picture by one Richardson-Lucy step (thesis Eq. 2.30).
 
-        `expected` is the blurred picture, and `factor` is that of the regulariser.
+        `expected` is the blurred picture, and `factor` is the regulariser's factor, or None.
         """
         # The lower limit avoids a division by 0.
         ratio = self.data / expected.clamp(min=1e-6 * self.mean_light)
@@ -195,7 +195,7 @@ class _Iterates:
 def _regulariser_factor(
     picture: torch.Tensor, level: float, total_variation: float, tikhonov: float
 ) -> torch.Tensor | None:
-    """Return the factor 1 / (1 - w Γ) of Richardson-Lucy deconvolution's prior, or None."""
+    """Return the regulariser's factor 1 / (1 - w Γ) in Richardson-Lucy deconvolution, or None."""
     if not total_variation and not tikhonov:
         return None
     taken = torch.zeros_like(picture)

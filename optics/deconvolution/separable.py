@@ -45,9 +45,9 @@ SCENE_PRIORS: tuple[ScenePrior, ...] = ("neighbours", "flat")
 def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor, torch.Tensor]:
     """Split a separable PSF into a column and a row for deconvolution: psf = down x along.
 
-    The PSF is (rows, columns), and the product of both is the nearest one to it (Eckart and Young
-    1936). `down` sums to 1. `tol` is the largest relative L2 difference between PSF and product
-    that is allowed; a larger one raises a ValueError that states it.
+    The PSF is (rows, columns). Of all products of a column and a row, the result is nearest to it
+    (Eckart and Young 1936). `down` sums to 1. `tol` is the largest relative L2 difference between
+    PSF and product that is allowed; a larger one raises a ValueError that states it.
     """
     require_finite("psf", psf)
     if psf.ndim != 2:
@@ -68,11 +68,11 @@ def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor,
 
 @accepts_numpy
 def blur_matrix(kernel: torch.Tensor, length: int, border: Border) -> torch.Tensor:
-    """Build the matrix of one axis' blur, which a separable deconvolution inverts.
+    """Build the blur matrix of one axis, which a separable deconvolution inverts.
 
-    It is (length, scene), from a kernel (n,) with its origin at n // 2. The scene is as long as the
-    frame of `length` pixels. With an "unknown" border it is n - 1 pixels longer, which are all that
-    send light into the frame; n - 1 - n // 2 of them lie before the frame.
+    `kernel` is (n,) with its origin at n // 2, and the matrix is (length, scene). The scene is as
+    long as the frame of `length` pixels. With an "unknown" border it is n - 1 pixels longer, which
+    are all that send light into the frame; n - 1 - n // 2 of them lie before the frame.
     """
     require_border(border)
     n = len(kernel)
@@ -115,9 +115,9 @@ class _Axis:
 
 
 def _prior_root(length: int, border: Border, prior: ScenePrior) -> torch.Tensor | None:
-    """Return the root R of a separable deconvolution's prior correlation R R^T, on one axis.
+    """Return the root R of a separable deconvolution's prior correlation R R^T, along one axis.
 
-    The prior is that of the scene. The result is None for the identity.
+    The prior describes the scene. The result is None if R is the identity.
     """
     if prior == "flat":
         return None
@@ -200,7 +200,8 @@ class SeparableFilter:
     def multiplications(self) -> int:
         """The number of multiplications of one separable deconvolution.
 
-        It has four products of matrices and the gain; with a filter for each axis it has two.
+        A joint filter takes four matrix products and the gain. One filter for each axis takes two
+        matrix products.
         """
         m, n = self.shape
         p, q = len(self._rows.singular_values), len(self._columns.singular_values)
@@ -231,7 +232,7 @@ class SeparableFilter:
 
     @accepts_numpy
     def restore(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
-        """Restore the scene in the frame from the blurred photograph's coefficients()."""
+        """Deconvolve: restore the scene in the frame from the photograph's coefficients()."""
         return (
             self._rows.right_vectors
             @ (coefficients * self.coefficient_gain(weight))

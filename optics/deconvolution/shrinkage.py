@@ -13,10 +13,7 @@ _ENTRIES = 2048
 
 
 def require_power(power: float) -> None:
-    """Raise ValueError unless a deconvolution prior's power is above 0 and up to 1.
-
-    It is the power of a penalty of gradients.
-    """
+    """Raise ValueError unless a deconvolution prior's power of gradients is above 0 and up to 1."""
     if not 0 < power <= 1:
         raise ValueError(f"power is {power:g}; give one above 0, up to 1")
 
@@ -40,7 +37,7 @@ def shrink(value: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
 def shrinkage_factor(squares: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
     """Return the share of a gradient that a deconvolution prior's shrink() keeps.
 
-    The argument is the gradient's squared length.
+    `squares` are the squared lengths of the gradients.
     """
     threshold, table = _shrinkage_table(power)
     table = table.to(squares)
@@ -55,10 +52,10 @@ def shrinkage_factor(squares: torch.Tensor, power: float, coupling: float) -> to
 
 @lru_cache
 def _shrinkage_table(power: float) -> tuple[float, torch.Tensor]:
-    """Compute a deconvolution prior's shrinkage threshold, and the table of the kept shares.
+    """Compute a deconvolution prior's shrinkage threshold, and a table of the shares kept.
 
-    The threshold is for a coupling of 1. Entry i is the share that is kept of the length threshold
-    / (i / _ENTRIES).
+    The threshold is for a coupling of 1. Entry i is the share that is kept of a gradient of length
+    threshold / (i / _ENTRIES).
     """
     least = (2 * (1 - power)) ** (1 / (2 - power))
     threshold = least + power * least ** (power - 1) if power < 1 else 1.0

@@ -64,9 +64,9 @@ class _DataTerm(ABC):
 
     @abstractmethod
     def right_hand_side(self, data_coupling: float) -> torch.Tensor:
-        """Return the spectrum that the photograph adds to a deconvolution step's right-hand side.
+        """Return the photograph's part of a deconvolution step's right-hand side, as a spectrum.
 
-        It includes the coupling. Callers mustn't overwrite it.
+        The part includes the coupling. Callers mustn't overwrite it.
         """
 
     @abstractmethod
@@ -186,7 +186,7 @@ class Splitting:
     def solve(self, method: str, progress: Progress) -> RestoredImage:
         """Run the iterations of a deconvolution by splitting, and return the restored picture.
 
-        `method` names it in reports and in the result.
+        `method` is the name for progress reports and for the result.
         """
         steps, change = self._steps, list[float]()
         picture, converged = self._observation.extended_image, steps.tol == 0
@@ -215,7 +215,7 @@ class Splitting:
         )
 
     def _picture(self) -> torch.Tensor:
-        """Compute the deconvolution's next picture from right-hand sides of data and priors."""
+        """Compute the deconvolution's next picture from the photograph and the priors' splits."""
         # A factor of 2 was the fastest of 0.5 to 4, for kernels and noise of all kinds.
         held = 2.0 * (self._weight / self._observation.scale) ** 0.5
         own = self._data.coupling(held)
@@ -225,7 +225,7 @@ class Splitting:
         return picture
 
     def _right_hand_side(self, data_coupling: float, data_factor: float) -> torch.Tensor:
-        """Add up a deconvolution's right-hand sides of data and priors.
+        """Add up the parts of photograph and priors in a deconvolution step's right-hand side.
 
         Callers may overwrite the spectrum.
         """
@@ -244,7 +244,7 @@ class Splitting:
     def _inverse_denominator(self, data_factor: float) -> torch.Tensor:
         """Return the inverse denominator of a deconvolution's picture step.
 
-        It is kept while the weights stay.
+        The result is kept in memory until the weight changes.
         """
         if self._inverse is None or self._inverse_for != self._weight:
             below = self._observation.squared_mtf * data_factor
@@ -256,10 +256,7 @@ class Splitting:
         return self._inverse
 
     def _reweigh(self) -> None:
-        """Move the weight of a deconvolution's prior towards the one by the evidence.
-
-        The evidence is that of the last picture.
-        """
+        """Move the weight of a deconvolution's prior towards the evidence of the last picture."""
         freedom = max(1 - self._data.mean_squared_residual, MIN_EXPLAINED_SHARE)
         wanted = self._penalty.estimate_weight(self._observation.scene_noise, freedom)
         self._weight = damped_weight(wanted, self._weight, self._steps.initial_weight)

@@ -95,9 +95,9 @@ def total_variation(
 
 
 def _gradient_threshold(observation: Observation) -> float:
-    """Return the gradient length that total-variation deconvolution first sets to 0.
+    """Return the gradient threshold of total-variation deconvolution.
 
-    The first iteration does so.
+    The first iteration sets gradients below this length to 0.
     """
     bright = observation.clipped is not None and bool(observation.clipped.any())
     # Clipped light may be many times brighter than the measured value. With a small threshold, it
@@ -108,7 +108,8 @@ def _gradient_threshold(observation: Observation) -> float:
 def initial_weight(observation: Observation, power: float = 1.0) -> float:
     """Predict the weight of deconvolution's total-variation prior from the photograph's spectrum.
 
-    It is the weight by the evidence of the Wiener filter's restoration, which is predicted.
+    The prediction estimates what the Wiener filter would restore, and takes the weight from the
+    evidence of that picture.
     """
     explained = observation.wiener_prediction
     # The mean length of photographs' gradients is 0.32 of the rms length.

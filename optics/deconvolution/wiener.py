@@ -115,7 +115,7 @@ def penalty_of(
 def _noise_to_signal(observation: Observation, squares: torch.Tensor) -> torch.Tensor:
     """Return the noise-to-signal power ratio for Wiener deconvolution, by squared frequency.
 
-    Frequencies below the lowest one of the period have the ratio of that one.
+    Frequencies below the lowest one of the period get the ratio of the lowest one.
     """
     law, at = observation.power_law, squares.clamp(min=max(observation.period_shape) ** -2)
     noise = (observation.scene_noise * observation.psf_sum) ** 2
@@ -127,8 +127,8 @@ def least_error_weight(
 ) -> float:
     """Find the weight of a linear deconvolution with the least predicted mean square error.
 
-    The prediction uses the photograph's spectrum. `system_response` returns, for a weight and some
-    of the frequencies of the period, the transfer function of blur and filter together.
+    The prediction uses the photograph's spectrum. For a weight and some frequencies of the period,
+    `system_response` returns the transfer function of blur and filter together.
     """
     # About 4000 frequencies are enough for the prediction.
     every = slice(None, None, max(1, math.isqrt(observation.squared_mtf.numel() // (1 << 12))))
@@ -155,7 +155,7 @@ def _solve(
 def _iteration_cost(observation: Observation) -> RestorationCost:
     """Return the cost of a conjugate-gradient step of Wiener deconvolution.
 
-    A fully measured period needs none.
+    If the period is fully measured, no step is needed and the cost is 0.
     """
     return RestorationCost(0, 0) if observation.is_fully_measured else RestorationCost(2, 24)
 

@@ -70,7 +70,7 @@ class CurvaturePrior:
 def _second_differences(x: torch.Tensor) -> torch.Tensor:
     """Compute second differences of a periodic colour picture, for the demosaicing prior.
 
-    The result holds those down the columns, those along the rows, and the mixed ones times √2.
+    Returns the differences down the columns, those along the rows, and the mixed ones times √2.
     """
     down = x.roll(-1, -2).sub_(x)
     along = x.roll(-1, -1).sub_(x)
@@ -84,9 +84,9 @@ def _second_differences(x: torch.Tensor) -> torch.Tensor:
 
 
 def _second_differences_adjoint(d: torch.Tensor) -> torch.Tensor:
-    """Apply the adjoint of the demosaicing prior's `_second_differences` to d.
+    """Apply the adjoint of the demosaicing prior's second differences.
 
-    d is (3, bands, rows, columns).
+    `d` is (3, bands, rows, columns), as _second_differences() returns it.
     """
     across = d[2] * math.sqrt(2)
     down = (d[0] - d[0].roll(-1, -2)).add_(across.roll(1, -1)).sub_(across)

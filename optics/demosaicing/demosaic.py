@@ -118,7 +118,7 @@ def demosaic(
 
 
 def _validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
-    """Return the rows of a mosaic's colour filter pattern; raise ValueError if malformed."""
+    """Return the rows of a mosaic's filter pattern; raise ValueError if they are malformed."""
     rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
     if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
         raise ValueError(
@@ -132,7 +132,7 @@ def _validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
 
 
 def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
-    """Return a raw mosaic to be demosaiced in floating point; ValueError if it isn't usable."""
+    """Return a raw mosaic for demosaicing in floating point; raise ValueError if it's unusable."""
     if raw.ndim != 2:
         raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
     require_finite("raw", raw)
@@ -142,7 +142,7 @@ def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
 def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
     """Return the response of a mosaic's colour filters, by default the identity.
 
-    Its shape is checked.
+    Raises ValueError for a response that isn't finite or has the wrong shape.
     """
     if response is None:
         return torch.eye(len(channels))

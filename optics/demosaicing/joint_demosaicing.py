@@ -147,10 +147,10 @@ class _Splitting:
         )
 
     def _update_data_split(self, light: torch.Tensor) -> torch.Tensor:
-        """Update the split of the light before the mosaic's filters; return v - u.
+        """Update the demosaicing's split v of the light before the mosaic's filters; return v - u.
 
-        v is the split, and u is its dual. Outside the frame, where nothing was measured, the light
-        is returned as it is.
+        u is the dual variable of v. Outside the frame, where nothing was measured, the light is
+        returned as it is.
         """
         inside = self._observation.crop_to_frame(light)
         moved = inside + self._dual
@@ -184,9 +184,9 @@ class _Splitting:
         return torch.linalg.inv(own + bends.gram_spectrum[..., None, None] * shared)
 
     def _solve_spectrum(self, right_hand_side: torch.Tensor) -> torch.Tensor:
-        """Solve a demosaicing step for the picture's spectrum.
+        """Solve a demosaicing step for the spectrum of the colour picture.
 
-        The right-hand side's spectrum is multiplied by the inverse of the normal matrix.
+        The solution is the spectrum of the right-hand side times the inverse of the normal matrix.
         """
         if self._inverse.ndim == 3:
             colours = self._curvature_prior.colour_axes
@@ -198,5 +198,5 @@ class _Splitting:
 
 
 def _transform_bands(matrix: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Multiply the demosaiced bands of each pixel by a matrix."""
+    """Multiply the bands of each pixel of a demosaiced picture by a matrix."""
     return torch.tensordot(matrix.to(x.dtype), x, 1)

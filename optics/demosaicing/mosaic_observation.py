@@ -116,7 +116,7 @@ class MosaicObservation:
     def otf(self) -> torch.Tensor | None:
         """The OTF on the period of the demosaicing, or None without a PSF.
 
-        It is (1 or bands, rows, columns // 2 + 1).
+        The OTF is (1 or bands, rows, columns // 2 + 1).
         """
         if self.psf is None:
             return None
@@ -142,9 +142,9 @@ class MosaicObservation:
 
 
 def _tent_filter(pictures: torch.Tensor, period: Sequence[int]) -> torch.Tensor:
-    """Interpolate a mosaic's samples: convolve with a tent as wide as the filter pattern.
+    """Interpolate a mosaic's samples by convolution with a tent-shaped kernel.
 
-    The tent's weights fall linearly to 0 at the pattern's period.
+    The kernel falls linearly from its middle to 0 at a distance of the filter pattern's period.
     """
     kernels = [1 - torch.arange(1 - n, n).abs() / n for n in (max(int(m), 2) for m in period)]
     down, along = (kernel.to(pictures) for kernel in kernels)

@@ -43,9 +43,9 @@ def estimate_mosaic_noise(raw: torch.Tensor, period: Sequence[int]) -> float:
 
 
 def _block_variances(plane: torch.Tensor) -> list[torch.Tensor]:
-    """Compute the noise variance of each block of one mosaic filter's samples.
+    """Estimate the noise variance of blocks of one mosaic filter's samples by second differences.
 
-    Second differences are used. White noise of unit variance gives 1.
+    White noise of unit variance gives 1.
     """
     if min(plane.shape) < 3:
         return []

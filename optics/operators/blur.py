@@ -62,13 +62,13 @@ class Blur(Operator):
     def bytes(self) -> int:
         """The memory in bytes that one call of the blur operator needs.
 
-        It is counted besides input and output.
+        The input and the output aren't counted.
         """
         return 3 * self.transfer.nelement() * self.transfer.element_size()
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A of the blur operator, which is diagonal in spatial frequency."""
+        """The blur operator's A^T A, which is diagonal in spatial frequency."""
         power = self.transfer.real.square() + self.transfer.imag.square()
         return GramOperator("frequencies", power, self.shape)
 
@@ -77,7 +77,7 @@ class Blur(Operator):
 def transfer_function(psf: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
     """Compute the transfer function of a blur operator from its PSF.
 
-    The PSF has its origin at n // 2, and the result is its rfft2 on `shape`. The zero rows around
+    The PSF has its origin at n // 2. The result is the PSF's rfft2 on `shape`. The zero rows around
     the PSF aren't transformed. For a small PSF this saves nearly half of the time.
     """
     across = rfft(_wrap_axis(psf, -1, int(shape[1])))
@@ -85,7 +85,7 @@ def transfer_function(psf: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 
 def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
-    """Wrap a blur operator's PSF around the period along an axis.
+    """Wrap a blur operator's PSF around the period along one axis, from n // 2 to index 0.
 
     The PSF's origin moves from n // 2 to index 0.
     """
@@ -97,10 +97,9 @@ def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
 
 
 def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
-    """Compute the period on which a blur operator of a frame doesn't wrap around.
+    """Compute the shape of a period on which a blur operator doesn't wrap light around.
 
-    The result is its shape. The period holds the frame and half a PSF on every side, and its FFTs
-    are fast.
+    The period holds the frame and half a PSF on every side, and its FFTs are fast.
 
     Parameters
     ----------

@@ -76,6 +76,6 @@ class OccludingBlur(Operator):
     def bytes(self) -> int:
         """The memory in bytes that one call of the occluding blur operator needs.
 
-        It is counted besides input and output.
+        The input and the output aren't counted.
         """
         return 3 * self.transfers.nelement() * self.transfers.element_size()

@@ -49,13 +49,13 @@ class SpectralMosaic(Operator):
     def bytes(self) -> int:
         """The memory in bytes that one call of the mosaic operator needs.
 
-        It is counted besides input and output.
+        The input and the output aren't counted.
         """
         return self.weights.nelement() * self.weights.element_size()
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A of the mosaic operator: at each pixel an outer product over bands."""
+        """The mosaic operator's A^T A, which is an outer product over the bands at each pixel."""
         return GramOperator("bands", self.weights, (self.domain[-2], self.domain[-1]))
 
 

@@ -50,16 +50,15 @@ class VaryingBlur(Operator):
     def bytes(self) -> int:
         """The memory in bytes that one call of the varying blur operator needs.
 
-        It is counted besides input and output.
+        The input and the output aren't counted.
         """
         return 3 * self.transfers.nelement() * self.transfers.element_size()
 
 
 def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, each: str) -> None:
-    """Raise ValueError unless a blur operator gets as many pictures as PSFs.
+    """Raise ValueError unless a blur operator gets as many pictures as PSFs, all of them finite.
 
-    All of them must be finite. `name` names the pictures in the message, and `each` says what they
-    stand for, in the plural.
+    `name` names the pictures in the message, and `each` says what they stand for, in the plural.
     """
     require_finite("psfs", psfs)
     require_finite(name, shares)
@@ -75,7 +74,7 @@ def field_weights(
 ) -> torch.Tensor:
     """Compute a varying blur operator's weights for PSFs that are known on a grid of positions.
 
-    The weights are those of bilinear interpolation.
+    The weights interpolate bilinearly between the positions.
 
     Parameters
     ----------
@@ -108,10 +107,10 @@ def field_weights(
 
 
 def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
-    """Compute a varying blur operator's linear interpolation weights along an axis.
+    """Compute a varying blur operator's linear interpolation weights along one axis.
 
-    They are those of n pixels between knots, (places, n). Each row is 1 at its own knot and falls
-    linearly to 0 at the neighbouring knots.
+    The result is (places, n) for n pixels. Each row is 1 at its own place and falls linearly to 0
+    at the neighbouring places.
     """
     knots = torch.as_tensor(list(places), dtype=torch.float64)
     if not len(knots) or not bool((knots.diff() > 0).all()):
@@ -132,7 +131,7 @@ def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
 def layer_weights(layers: torch.Tensor, count: int) -> torch.Tensor:
     """Convert a map of depth layers to the weights of a VaryingBlur operator.
 
-    The map has one number per pixel.
+    The map has the layer's number at each pixel.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ __all__ = ["binary_grating", "blazed_grating", "sine_grating", "steering_grating
 def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch.Tensor:
     """Compute a blazed grating, a phase pattern that sends all light into one order.
 
-    It is a ramp of one wave per period.
+    The phase is a ramp of one wave per period.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def _require_period(period: float, direction: float) -> None:
 def _distance_along(panel: Panel, direction: float) -> torch.Tensor:
     """Compute each panel pixel's distance along a grating pattern's direction, in pixels.
 
-    The distance is counted from the origin.
+    The distance is measured from the panel's origin.
     """
     y, x = (axis / panel.pitch for axis in panel.plane.mesh())
     return math.cos(direction) * x + math.sin(direction) * y

@@ -41,7 +41,7 @@ def require_slope(name: str, step: float, remedy: str) -> None:
 def scale_within_slope(
     name: str, shape: torch.Tensor, strength: float, remedy: Callable[[float], str]
 ) -> torch.Tensor:
-    """Multiply a smooth phase pattern by a strength; ValueError if the result is too steep.
+    """Multiply a smooth phase pattern by a strength; raise ValueError if it gets too steep.
 
     remedy: returns the advice that ends the message, given the largest strength that the pixels
     allow.

@@ -17,13 +17,13 @@ _AT_A_TIME = 1 << 20
 
 
 def shortest_phase_paths(phases: torch.Tensor, reach: float) -> torch.Tensor:
-    """Return a retrieved video's phases plus whole waves, with the shortest steps per pixel.
+    """Add whole waves to a retrieved video's phases, so that every pixel takes the shortest steps.
 
-    The steps of each pixel have the least sum of squares. phases: (frames, rows, columns), radians,
-    of any order. reach: the panel's range in radians, one wave at least. The steps are those
-    between the frames of the repeated video. The solution is exact, by dynamic programming over the
-    orders of every pixel, once for each order of the first frame. The result is (frames, rows,
-    columns), float32, within 0 to `reach`. Raises ValueError for a reach of less than a wave.
+    phases: (frames, rows, columns), radians, of any order. reach: the panel's range in radians, one
+    wave at least. For each pixel, the sum of the squared steps between the frames of the repeated
+    video is least. The solution is exact, by dynamic programming over the orders of every pixel,
+    once for each order of the first frame. The result is (frames, rows, columns), float32, within 0
+    to `reach`. Raises ValueError for a reach of less than a wave.
     """
     if reach < _TURN * (1 - 1e-9):
         raise ValueError(
@@ -59,9 +59,9 @@ def _shortest_paths_of_block(phases: torch.Tensor, reach: float) -> torch.Tensor
 def _cheapest_path(
     shown: torch.Tensor, beyond: torch.Tensor, first: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return a retrieved video's cheapest phase path that starts in order `first`, with its cost.
+    """Return a retrieved video's cheapest phase path from order `first`, and the path's cost.
 
-    The path is (frames, pixels). The path is closed: the repeated video returns to the first frame.
+    The path is (frames, pixels). It is closed: the repeated video returns to the first frame.
     """
     frames, orders, pixels = shown.shape
     cost = torch.full((orders, pixels), math.inf, dtype=shown.dtype)

@@ -79,9 +79,9 @@ class RefinementResult:
 
     @property
     def best(self) -> int:
-        """Return the index of the retrieved phase whose camera picture has the least error.
+        """Return the index of the retrieved phases whose camera picture has the least error.
 
-        It is 0 for the start.
+        Index 0 is the start.
         """
         return min(range(len(self.errors)), key=self.errors.__getitem__)
 

@@ -45,9 +45,9 @@ class GradientDescent:
         return modulation.to(torch.complex64) * self._stop
 
     def frame_intensity(self, phase: torch.Tensor) -> torch.Tensor:
-        """Return the intensity that phase retrieval's descent computes for one frame of phases.
+        """Return the window's intensity for one frame's phase, during phase retrieval by descent.
 
-        It is on the window, as shares of all light. phase: (rows, columns). The result is
+        The intensity is given as shares of all light. phase: (rows, columns). The result is
         differentiable: the phase is rounded to grey levels in the value, but not in the derivative.
         """
         modulated = self.goal.far_field.intensity(
@@ -90,7 +90,7 @@ class GradientDescent:
         return best
 
     def _target_intensity(self, mean: torch.Tensor) -> torch.Tensor:
-        """Return the target of the retrieval's descent, scaled to the light in its bright part now.
+        """Return the target of phase retrieval by descent, scaled to the light in its bright part.
 
         Elsewhere the unmodulated light is added, which no pattern can remove.
         """

@@ -11,7 +11,7 @@ _AT_A_TIME = 1 << 17
 
 
 def unit_modulus(field: torch.Tensor) -> torch.Tensor:
-    """Return a field with its phase and an amplitude of one, as a phase retrieval constrains it.
+    """Return a field with its phase and an amplitude of one, as phase retrieval needs it.
 
     Zero stays zero.
     """
@@ -35,7 +35,7 @@ class FarField:
         self.shape, self.length, self.window = shape, length, window
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        """Transform a phase retrieval's field on the panel to the far-field window.
+        """Transform the field on the panel to the far-field window of a phase retrieval.
 
         The field is (…, rows, columns).
         """
@@ -43,7 +43,7 @@ class FarField:
         return self._crop_window(fft(along.mT.contiguous(), self.length, -1), 0).mT
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Transform a phase retrieval's field from the far-field window back to the panel.
+        """Transform a phase retrieval's field back from the far-field window to the panel.
 
         This is the adjoint of forward().
         """
@@ -55,9 +55,9 @@ class FarField:
     ) -> torch.Tensor:
         """Do a Gerchberg-Saxton round trip: from the far-field window to the panel and back.
 
-        The result is the far field of a phase-only panel that shows the phase of the field's
-        inverse. That is forward(amplitude * unit_modulus(adjoint(field))). amplitude: real, (rows,
-        columns) of the panel; None is one everywhere.
+        The panel shows the phase of the field that arrives there, and replaces its amplitude by its
+        own. The result is forward(amplitude * unit_modulus(adjoint(field))). amplitude: real,
+        (rows, columns) of the panel; None is one everywhere.
         """
         frames = field.reshape(-1, *self.window)
         answers = [self._bounce(frame, amplitude) for frame in frames]
@@ -83,7 +83,7 @@ class FarField:
         return self._crop_window(fft(picked.mT.contiguous(), self.length, -1), 0).mT
 
     def _columns_back(self, field: torch.Tensor) -> torch.Tensor:
-        """Transform a phase retrieval's window fields back along columns.
+        """Transform a phase retrieval's window field back along its columns.
 
         The result is (…, panel rows, window columns).
         """
@@ -91,7 +91,7 @@ class FarField:
         return back[..., : self.shape[0]].mT.contiguous()
 
     def _inverse(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of the FFT in a phase retrieval's round trip, along the last axis."""
+        """Apply the adjoint of a phase retrieval's FFT along the last axis of a spectrum."""
         return fft(spectrum, self.length, -1, inverse=True, scaled=False, overwrite=True)
 
     def _crop_window(self, spectrum: torch.Tensor, axis: int) -> torch.Tensor:

@@ -68,7 +68,7 @@ def independent_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
 
 
 def sequential_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Retrieve phase frames one by one, each for the light that the frames before it lack.
+    """Retrieve the phases of frames one by one, each for the light that earlier frames lack.
 
     Frame n aims at n T minus the sum of the light of the frames before it, where T is the target.
     """
@@ -91,10 +91,10 @@ def sequential_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
 
 
 def joint_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Retrieve the phases of all frames together, so that their mean becomes the target.
+    """Retrieve the phases of all frames together, so that their mean intensity becomes the target.
 
-    The mean is that of their intensities. Each frame keeps its share of the light at a sample. The
-    mean is set to a request that is corrected by the error of the last mean.
+    Each frame keeps its share of the light at a sample. The mean is set to a request that is
+    corrected by the error of the last mean.
     """
     target = pixels.target_intensity
     amplitude = torch.sqrt(target)
@@ -121,10 +121,9 @@ def joint_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
 def correct_request(
     request: torch.Tensor, target: torch.Tensor, mean: torch.Tensor
 ) -> torch.Tensor:
-    """Return the next intensity that a phase retrieval requests, after the last one gave `mean`.
+    """Return the next intensity for a phase retrieval to request, after `request` gave `mean`.
 
-    The last request is `request`. Only the shape of `target` matters: a lack of light everywhere
-    doesn't change the request.
+    Only the shape of `target` matters: a lack of light everywhere doesn't change the request.
     """
     lit = target > 0
     scale = mean[lit].sum() / target[lit].sum()

@@ -61,18 +61,18 @@ class RetrievalGoal:
 
     @property
     def far_field_samples(self) -> int:
-        """Return the number of samples across the far field that a phase retrieval can use.
+        """Return the number of samples across the far field of a phase retrieval.
 
-        The panel can steer light to them.
+        The panel can steer light to all of them.
         """
         return far_field_length(self.camera)
 
     @functools.cached_property
     def amplitude(self) -> torch.Tensor:
-        """Return the light's amplitude on the panel's pixels, which a phase retrieval keeps.
+        """Return the light's amplitude on the panel's pixels, which a phase retrieval can't change.
 
-        It is (rows, columns), float32. It includes the stop and the panel's illumination. A stop
-        that is separated from the panel is replaced by its shadow on the panel.
+        The result is (rows, columns), float32. It includes the stop and the panel's illumination. A
+        stop that is separated from the panel is replaced by its shadow on the panel.
         """
         amplitude = pupil_amplitude(with_stop_shadow_on_panel(self.camera))
         illumination = self.camera.panel.illumination
@@ -83,24 +83,21 @@ class RetrievalGoal:
 
     @functools.cached_property
     def power(self) -> float:
-        """Return all light of a phase retrieval, summed over the design grid.
+        """Return the total light of a phase retrieval: the intensity's sum over the design grid.
 
-        It is the sum of the intensity for `amplitude`, by Parseval.
+        The sum is computed from `amplitude` by Parseval's theorem.
         """
         return float(self.amplitude.to(torch.float64).square().sum()) * self.far_field_samples**2
 
     @functools.cached_property
     def target_intensity(self) -> torch.Tensor:
-        """Return the phase retrieval's target scaled to all light of the panel, float32.
+        """Return the phase retrieval's target scaled to all light of the panel.
 
-        It is (rows, columns).
+        The result is (rows, columns), float32.
         """
         return (self.target / self.target.sum() * self.power).to(torch.float32)
 
     @functools.cached_property
     def far_field(self) -> FarField:
-        """Return the phase retrieval's far-field transform from all panel pixels to the window.
-
-        The window is the target's.
-        """
+        """Return the phase retrieval's transform from all panel pixels to the target's window."""
         return FarField(self.camera.panel.shape, self.far_field_samples, self.plane.shape)

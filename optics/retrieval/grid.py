@@ -19,11 +19,11 @@ A coarser grid would miss speckle between its samples.
 
 
 def far_field_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
-    """Return the samples along an axis of the far field that phase retrieval computes.
+    """Return the number of samples along an axis of the far field of a phase retrieval.
 
-    The panel can steer light to them. The number is the length of the Fourier transform from pixels
-    to the design grid. It is at least `oversampling` times the longer side of the panel, and FFTs
-    of that length are fast.
+    The panel can steer light to all of them. The number is the length of the Fourier transform from
+    pixels to the design grid. It is at least `oversampling` times the longer side of the panel, and
+    FFTs of that length are fast.
     """
     side = oversampling * max(camera.panel.shape)
     # A multiple of 16 is divisible by many superpixel sides.
@@ -36,7 +36,7 @@ def design_plane(
 ) -> Plane:
     """Choose the grid in the focal plane on which a phase retrieval designs a PSF.
 
-    The result is a window of the grid around the axis.
+    The grid is a window of the far field around the axis.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ def design_plane(
 
 
 def window_for_reach(camera: Camera, wavelength: float, reach: float) -> tuple[int, int]:
-    """Choose the phase retrieval's window for light up to a distance from the axis.
+    """Choose the size of a phase retrieval's window, for light up to `reach` from the axis.
 
-    The window has a dark margin around the light.
+    The window leaves a dark margin around the light.
 
     Parameters
     ----------

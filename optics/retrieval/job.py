@@ -30,6 +30,6 @@ class RetrievalJob:
 
     @property
     def frame_progress(self) -> list[Progress]:
-        """Return a progress for every frame of a phase retrieval, which computes them in turn."""
+        """Return one progress for each frame of a phase retrieval that computes them in turn."""
         ends = [n / self.frames for n in range(self.frames + 1)]
         return [self.progress.part(start, stop) for start, stop in pairwise(ends)]

@@ -61,7 +61,7 @@ class RetrievalMethod:
     ) -> int:
         """Return the number of phase-retrieval iterations that fit in `seconds`.
 
-        It may be less than one.
+        The number may be less than one.
         """
         rest = seconds - self.seconds(goal, frames, 0, speed)
         return int(rest / (frames * self.round_trip(goal, speed)))
@@ -102,7 +102,7 @@ def _descent_step_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
 def _single_frame_solver(constraint: Callable[[torch.Tensor], Constraint], name: str) -> Solver:
     """Return a phase-retrieval solver for one frame, which iterates with a constraint.
 
-    The constraint is on the image.
+    The constraint acts on the field on the window.
     """
 
     def solve(job: RetrievalJob) -> torch.Tensor:
@@ -116,10 +116,7 @@ def _single_frame_solver(constraint: Callable[[torch.Tensor], Constraint], name:
 
 
 def _multi_frame_solver(way: Callable[[Superpixels, RetrievalJob], torch.Tensor]) -> Solver:
-    """Return a phase-retrieval solver for several frames whose mean PSF becomes the target.
-
-    The mean has the target's shape.
-    """
+    """Return a phase-retrieval solver for several frames whose mean PSF has the target's shape."""
 
     def solve(job: RetrievalJob) -> torch.Tensor:
         pixels = job.superpixels
@@ -168,7 +165,7 @@ def quick_method(frames: int) -> str:
 
 
 def iterations_to_converge(frames: int) -> int:
-    """Return the iterations after which quick phase retrieval hardly improves."""
+    """Return the number of iterations after which quick phase retrieval hardly improves."""
     return 300 if frames == 1 else 100
 
 

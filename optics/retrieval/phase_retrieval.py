@@ -181,7 +181,7 @@ def _affordable_option(
 ) -> IterationOption:
     """Return a phase-retrieval method with the iterations that a budget allows, as an option.
 
-    There are `least` iterations at least. `least` also ranks the option's gain.
+    The option has at least `least` iterations. `least` also ranks the option's gain.
     """
     before, way = _startup_seconds(goal, frames, method, speed), METHODS[method]
     count = max(way.iterations(goal, frames, budget - before, speed), least)
@@ -193,7 +193,7 @@ def _affordable_option(
 def _startup_seconds(goal: RetrievalGoal, frames: int, method: str, speed: MachineSpeed) -> float:
     """Predict the seconds before a phase-retrieval method's first iteration.
 
-    The descent first needs a start.
+    Only the descent needs any: it starts from phases that the quick method retrieves.
     """
     if method != "descent":
         return 0.0

@@ -48,7 +48,7 @@ def _window(goal: RetrievalGoal, side: int) -> tuple[int, int]:
 def _subsampled_target(goal: RetrievalGoal, window: tuple[int, int]) -> torch.Tensor:
     """Sample the retrieval's target on the published program's coarser grid.
 
-    The nearest neighbours are taken.
+    Each sample takes the value of the nearest sample of the target.
     """
     picked = []
     ratio = goal.far_field_samples / max(goal.camera.panel.shape)
@@ -65,10 +65,10 @@ def _subsampled_target(goal: RetrievalGoal, window: tuple[int, int]) -> torch.Te
 
 
 def _residual_lens_phasor(window: tuple[int, int]) -> torch.Tensor:
-    """Return the lens phase that remains in the published program of phase retrieval.
+    """Return the lens phasor that remains in the published program of phase retrieval.
 
-    It is exp(i k r² (1 / 2f - 1)). The phase is computed in double precision and reduced to one
-    wave.
+    The phasor is exp(i k r² (1 / 2f - 1)). Its phase is computed in double precision and reduced to
+    one wave.
     """
     # The published program uses these lengths in metres for every camera.
     pitch, wavelength, focal_length = 8e-6, 550e-9, 0.15

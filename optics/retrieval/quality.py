@@ -32,7 +32,7 @@ class PatternQuality:
 def measure_quality(goal: RetrievalGoal, light: torch.Tensor) -> PatternQuality:
     """Measure the quality of a retrieved phase's PSF on the goal's plane.
 
-    The PSF is given as shares of all light.
+    `light` is the PSF, as shares of all light.
     """
     target = goal.target
     return PatternQuality(

@@ -68,9 +68,9 @@ class LiquidCrystal:
 
 
 def usable_orders(panel: Panel, wavelength: float) -> int:
-    """Return the number of whole waves that a retrieved phase may use, one at least.
+    """Return the number of whole waves in the panel's range that retrieved phases may use.
 
-    It is that of the panel's phase range.
+    The number is one at least.
     """
     return max(1, whole_waves(panel, wavelength))
 
@@ -89,18 +89,17 @@ def crystal_of_goal(goal: RetrievalGoal) -> LiquidCrystal:
 def shortest_panel_phases(goal: RetrievalGoal, phases: torch.Tensor) -> torch.Tensor:
     """Return a retrieved video's phases with the shortest steps that the panel can show.
 
-    The panel is the goal's, and the phases are float32. phases: (frames, rows, columns). The paths
-    of shortest_phase_paths() start at the phase of the panel's first grey level, which isn't zero
-    everywhere.
+    phases: (frames, rows, columns). The result is float32. The paths of shortest_phase_paths()
+    start at the phase of the panel's first grey level, which isn't zero everywhere.
     """
     ground = _first_level(goal)
     return shortest_phase_paths(phases - ground, crystal_of_goal(goal).reach) + ground
 
 
 def _first_level(goal: RetrievalGoal) -> torch.Tensor:
-    """Return the phase of the panel's first grey level, from which retrieved paths start.
+    """Return the phase of the panel's first grey level, where retrieved phase paths start.
 
-    It is (rows, columns), float32.
+    The result is (rows, columns), float32.
     """
     panel, wavelength = goal.camera.panel, goal.wavelength
     phase = grey_to_phase(panel, torch.zeros(panel.shape, dtype=torch.uint8), wavelength)
@@ -110,10 +109,10 @@ def _first_level(goal: RetrievalGoal) -> torch.Tensor:
 
 
 def slow_crystal_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Retrieve phases of frames whose mean light, with a slow crystal's motion, is the target's.
+    """Retrieve the phases of frames whose mean light on a slow crystal has the target's shape.
 
-    Returns fields on the window, (frames, rows, columns). Their phases must be shown as
-    shortest_panel_phases() gives them, in a repeated video.
+    The mean includes the liquid crystal's motion. Returns fields on the window, (frames, rows,
+    columns). Their phases must be shown as shortest_panel_phases() gives them, in a repeated video.
     """
     crystal, iterations = crystal_of_goal(job.goal), job.iterations
     before = max(1, round(_SETTINGS.share_without_motion * iterations))
@@ -161,11 +160,11 @@ def moving_crystal_intensity(
 
 
 def displayed_psf(goal: RetrievalGoal, phases: torch.Tensor, orders: int) -> torch.Tensor:
-    """Return the mean PSF of retrieved frames as the panel shows them, float64.
+    """Return the mean PSF of retrieved frames as the panel shows them.
 
-    It is given as shares of all light. The phases are rounded to the panel's grey levels. A video
-    is repeated, and includes the liquid crystal's motion if the panel has a response time.
-    Coupling, gaps and unmodulated light are left out.
+    The PSF is given as shares of all light, float64. The phases are rounded to the panel's grey
+    levels. A video is repeated, and includes the liquid crystal's motion if the panel has a
+    response time. Coupling, gaps and unmodulated light are left out.
     """
     panel, wavelength = goal.camera.panel, goal.wavelength
     grey = phase_to_grey(panel, phases, wavelength, orders)

@@ -56,7 +56,7 @@ def weighted_spots_field(
 ) -> torch.Tensor:
     """Retrieve the field at a target's spots by weighted Gerchberg-Saxton iterations.
 
-    Returns the field on the window; it is zero except at the spots.
+    The result is the field on the window, which is zero except at the spots.
     """
     rows, columns, shares = find_spots(pixels.goal)
     amplitude = torch.sqrt(shares).to(torch.float32)

@@ -14,11 +14,10 @@ STARTS = ("smooth", "quadratic", "random")
 
 
 def quadratic_start(goal: RetrievalGoal, pixels: Superpixels) -> torch.Tensor:
-    """Return a quadratic phase to start a phase retrieval from.
+    """Return a quadratic start phase for phase retrieval, which spreads light over the target.
 
-    It spreads the light over the target's extent. It is (rows, columns) of the superpixels. Fewer
-    vortices, and so fewer speckles, develop from it than from a random phase (a spherical start:
-    Appl. Phys. Lett. 120, 061103, 2022).
+    The phase is (rows, columns) of the superpixels. Fewer vortices, and so fewer speckles, develop
+    from it than from a random phase (a spherical start: Appl. Phys. Lett. 120, 061103, 2022).
     """
     support = goal.target > 0.5 * goal.target.max()
     phase = torch.zeros(pixels.shape, dtype=torch.float64)
@@ -35,9 +34,9 @@ def quadratic_start(goal: RetrievalGoal, pixels: Superpixels) -> torch.Tensor:
 
 
 def random_start(pixels: Superpixels, generator: torch.Generator) -> torch.Tensor:
-    """Return a random phase to start a phase retrieval from, as in the thesis.
+    """Return a random start phase for phase retrieval, as in the thesis.
 
-    It is uniform over one wave in every superpixel.
+    The phase is uniform over one wave in every superpixel.
     """
     return torch.rand(pixels.shape, generator=generator, dtype=torch.float64) * 2 * math.pi
 
@@ -45,10 +44,10 @@ def random_start(pixels: Superpixels, generator: torch.Generator) -> torch.Tenso
 def smooth_start(
     goal: RetrievalGoal, pixels: Superpixels, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return a smooth random phase plus the quadratic one, to start a phase retrieval from.
+    """Return a start phase for phase retrieval: the quadratic one plus a smooth random phase.
 
-    It is different each time. A start without symmetry leads to less speckle. Frames that start
-    from it have different speckle but similar phases, which a slow liquid crystal can follow.
+    Each call returns a different phase. A start without symmetry leads to less speckle. Frames that
+    start from it have different speckle but similar phases, which a slow liquid crystal can follow.
     """
     noise = torch.randn(pixels.shape, generator=generator, dtype=torch.float64)
     # The correlation length of the random phase is a twelfth of the panel's height, and its rms is
@@ -58,7 +57,7 @@ def smooth_start(
 
 
 def _gaussian_blur(noise: torch.Tensor, sigma: float) -> torch.Tensor:
-    """Smooth the noise of a retrieval's start phase by a Gaussian of `sigma` samples.
+    """Smooth a phase retrieval's random start phase by a Gaussian of `sigma` samples.
 
     The borders are periodic.
     """
@@ -78,9 +77,9 @@ def require_start(start: str) -> None:
 def starting_field(
     goal: RetrievalGoal, pixels: Superpixels, start: str, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return the field on the superpixels from which a frame's phase retrieval starts.
+    """Return the field on the superpixels from which a frame's phase retrieval starts, complex64.
 
-    It is complex64. start: one of STARTS.
+    start: one of STARTS.
     """
     require_start(start)
     if start == "random":

@@ -49,10 +49,7 @@ class Superpixels:
 
     @functools.cached_property
     def amplitude(self) -> torch.Tensor:
-        """Return the mean amplitude in each of a phase retrieval's superpixels, float32.
-
-        It is the mean over the superpixel's pixels.
-        """
+        """Return the mean amplitude of the pixels in each of a retrieval's superpixels, float32."""
         (rows, columns), side = self.shape, self.side
         full = self.goal.amplitude
         margins = (0, columns * side - full.shape[1], 0, rows * side - full.shape[0])
@@ -67,9 +64,9 @@ class Superpixels:
 
     @functools.cached_property
     def target_intensity(self) -> torch.Tensor:
-        """Return the retrieval's target scaled to all light of the superpixels, float32.
+        """Return the retrieval's target scaled to all light of the superpixels.
 
-        It is (rows, columns).
+        The result is (rows, columns), float32.
         """
         power = float(self.amplitude.double().square().sum()) * self.far_field.length**2
         target = self.goal.target
@@ -78,7 +75,7 @@ class Superpixels:
     def positions(self, axis: int) -> torch.Tensor:
         """Return the centres of a retrieval's superpixels along an axis.
 
-        They are in pixels from the panel's centre.
+        The centres are in pixels from the panel's centre.
         """
         n = self.shape[axis]
         middle = (self.goal.camera.panel.shape[axis] - 1) / 2
@@ -88,30 +85,27 @@ class Superpixels:
     def panel_field(self, phase: torch.Tensor) -> torch.Tensor:
         """Return the field of a retrieval's superpixels for a phase, complex64.
 
-        The phase is (…, rows, columns).
+        The phase and the field are (…, rows, columns).
         """
         return torch.polar(self.amplitude.expand(phase.shape), phase.to(torch.float32))
 
     def to_pixel_origin(self, window: torch.Tensor) -> torch.Tensor:
-        """Shift the origin of a retrieval's window field from the first superpixel to a pixel.
+        """Move a retrieval field's panel origin from the first superpixel to the first pixel.
 
-        The pixel is the first one. The centre of the first superpixel is (side - 1) / 2 pixels from
+        The field is on the window. The centre of the first superpixel is (side - 1) / 2 pixels from
         the first pixel.
         """
         return window * self._origin_shift_phasor(-1)
 
     def to_superpixel_origin(self, window: torch.Tensor) -> torch.Tensor:
-        """Shift the origin of a retrieval's window field from a pixel to the first superpixel.
+        """Move a retrieval field's panel origin from the first pixel to the first superpixel.
 
-        The pixel is the first one.
+        The field is on the window.
         """
         return window * self._origin_shift_phasor(1)
 
     def _origin_shift_phasor(self, sign: int) -> torch.Tensor:
-        """Return the phase factor that shifts the panel origin of a retrieval's window.
-
-        It is a factor over the window.
-        """
+        """Return the phasor on a retrieval's window that shifts the field's origin on the panel."""
         turns = []
         for n in self.goal.plane.shape:
             index = torch.arange(n, dtype=torch.float64) - n // 2
@@ -122,8 +116,8 @@ class Superpixels:
     def pixel_phases(self, window: torch.Tensor) -> torch.Tensor:
         """Return the retrieved phases of all panel pixels for fields on the window, float32.
 
-        They are (…, rows, columns), and exact: the panel's field of a window is band-limited, and
-        is evaluated at every pixel.
+        The phases are (…, rows, columns). They are exact, since the panel's field of a window is
+        band-limited, and is evaluated at every pixel.
         """
         fields = self.to_pixel_origin(window).reshape(-1, *self.goal.plane.shape)
         # The frames are transformed one by one, because the padded spectra of many frames would
@@ -133,8 +127,5 @@ class Superpixels:
 
 
 def coarsest_superpixels(goal: RetrievalGoal) -> Superpixels:
-    """Return the largest superpixels on which a phase retrieval loses nothing.
-
-    They represent the goal's window without loss.
-    """
+    """Return the largest superpixels that represent a phase retrieval's window without loss."""
     return Superpixels(goal, superpixel_side(goal))

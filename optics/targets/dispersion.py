@@ -16,9 +16,9 @@ from optics.validation import require_positive
 def dispersed_positions(
     wavelengths: Sequence[float], reference: float, rate: float, direction: float = 0.0
 ) -> list[Position]:
-    """Compute the positions to which a prism target sends its dots, one per wavelength.
+    """Compute where a prism sends wavelengths, as positions of a target's dots in a row.
 
-    The dots form a row on the sensor.
+    The row of dots lies on the sensor.
 
     Parameters
     ----------

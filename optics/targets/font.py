@@ -74,7 +74,7 @@ def strokes_of(text: str) -> list[Points]:
     """Return the strokes of the letters of a text target, in the font's units.
 
     The origin is the upper left corner of the line of text. Small letters become capitals. Raises
-    ValueError for text without a sign, or with a sign that isn't in the font.
+    ValueError for text without a letter, digit or other sign, or with one that isn't in the font.
     """
     strokes, left = list[Points](), 0.0
     for sign in text.upper():
@@ -91,7 +91,7 @@ def strokes_of(text: str) -> list[Points]:
 
 
 def _sign(sign: str) -> list[Points]:
-    """Return the strokes of one sign of a text target."""
+    """Return the strokes of one letter or other sign of a text target."""
     if sign == "9":
         return [[HEIGHT, 4.0] - stroke for stroke in _sign("6")]
     if sign not in _LETTERS:
@@ -100,7 +100,7 @@ def _sign(sign: str) -> list[Points]:
 
 
 def _stroke_points(pens: list[_Pen]) -> Points:
-    """Return y and x of the points along one stroke of a text target's letter, (n, 2)."""
+    """Return the (y, x) of the points along one stroke of a text target's letter, (n, 2)."""
     parts = [_arc(*pen) if len(pen) == 6 else np.array([[pen[1], pen[0]]]) for pen in pens]
     path = np.concatenate(parts)
     if np.allclose(path[0], path[-1]):

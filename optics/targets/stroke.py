@@ -38,7 +38,7 @@ def draw_strokes(strokes: Sequence[Points], width: float, sizes: str, remedy: st
 def stroke_brightness(strokes: Sequence[Points], width: float, plane: Plane) -> torch.Tensor:
     """Compute the brightness exp(-d² / 2 width²) of a target drawn by strokes.
 
-    The result is (rows, columns). d is the distance to the nearest stroke.
+    d is the distance to the nearest stroke. The result is (rows, columns).
     """
     # With points a quarter of a width apart, the error where strokes cross is below a hundredth.
     points, before, after = _join_strokes(strokes, 0.25 * width)
@@ -92,10 +92,7 @@ def _join_strokes(
 
 
 def _densify_points(points: Points, spacing: float) -> Points:
-    """Add points to a target's curve so that they are at most `spacing` apart.
-
-    Its corners stay.
-    """
+    """Add points to a target's curve so that they are at most `spacing` apart; keep its corners."""
     if len(points) == 1:
         return points
     steps = np.diff(points, axis=0)
@@ -108,7 +105,7 @@ def _densify_points(points: Points, spacing: float) -> Points:
 def _squared_distances(places: Points, start: Points, end: Points) -> Points:
     """Compute squared distances of points to segments of a target's stroke.
 
-    A segment may have no length.
+    A segment may have zero length.
     """
     along = end - start
     length = (along**2).sum(1)

@@ -176,7 +176,7 @@ def _find_kernel(
     clipped: torch.Tensor | None,
     progress: Progress,
 ) -> tuple[torch.Tensor, torch.Tensor, float, float]:
-    """Estimate a blur kernel blindly; return it with its deviation, the noise and the score."""
+    """Estimate a blur kernel blindly; return the kernel, its deviation, the noise and the score."""
     _require(image, size, noise, clipped)
     image = as_floating_point(image).to(torch.float64)
     known = torch.ones_like(image) if clipped is None else (~clipped.to(torch.bool)).to(image)
@@ -230,11 +230,11 @@ def _most_natural_kernel(
 def _combine_kernels(
     photo: NormalisedPhotograph, edges: torch.Tensor, fine: torch.Tensor, progress: Progress
 ) -> torch.Tensor:
-    """Choose the more natural of a blindly estimated blur kernel and its mean with another one.
+    """Average two blindly estimated blur kernels if that gives a more natural restored picture.
 
-    The kernel is the one by statistics, and the mean is that with the kernel by edges. The mean has
-    a smaller error than both if their errors differ. The kernel whose restored picture is more
-    natural is returned.
+    `edges` comes from the photograph's strong edges and `fine` from the statistics of natural
+    pictures. The result is their mean or `fine`. Where the errors of the two kernels differ, the
+    mean has a smaller error than either.
     """
     both = align_kernel(edges, fine).clamp(min=0) + fine
     mean = both / both.sum()
@@ -260,7 +260,7 @@ def estimate_photograph_noise(image: torch.Tensor, valid: torch.Tensor) -> float
 
 
 def _require_contrast(image: torch.Tensor, valid: torch.Tensor, noise: float) -> float:
-    """Return the contrast of a photograph for blind deconvolution; ValueError if it's too low.
+    """Return a photograph's contrast; raise ValueError if it's too low for blind deconvolution.
 
     The contrast is the standard deviation of the photograph's light.
     """

@@ -15,9 +15,9 @@ for photographs that are scaled to it."""
 
 
 def gradients(image: torch.Tensor) -> torch.Tensor:
-    """Compute a picture's gradients, on which the priors of blind deconvolution are based.
+    """Compute a picture's gradients, which the priors of blind deconvolution describe.
 
-    They are the differences along x and y, (2, rows - 1, columns - 1).
+    The gradients are the differences along x and y, (2, rows - 1, columns - 1).
     """
     corner = image[:-1, :-1]
     return torch.stack([image[:-1, 1:] - corner, image[1:, :-1] - corner])
@@ -30,9 +30,9 @@ def log_histogram(
     """Compute the log histogram of a picture's gradients, which deconvolution priors describe.
 
     See thesis Fig. 2.10. `image` is (rows, columns). Gradients from -reach to reach are counted, or
-    all of them if it is None. Returns the centres of the bins, and the natural logarithm of the
-    gradients' probability density, -inf where a bin is empty; both are float64. Raises ValueError
-    for pictures that are constant, too small or not finite, or for fewer than 3 bins.
+    all of them if `reach` is None. Returns the centres of the bins, and the natural logarithm of
+    the gradients' probability density, -inf where a bin is empty; both are float64. Raises
+    ValueError for pictures that are constant, too small or not finite, or for fewer than 3 bins.
     """
     values = _gradient_values(image)
     if bins < 3:
@@ -71,21 +71,18 @@ class GaussianMixture:
             raise ValueError(f"deviations are {self.deviations}; they must be positive")
 
     def with_scale(self, factor: float) -> GaussianMixture:
-        """Return the gradient prior of blind deconvolution for light multiplied by a factor."""
+        """Return blind deconvolution's gradient prior for light that is multiplied by `factor`."""
         return GaussianMixture(self.shares, tuple(factor * one for one in self.deviations))
 
     def log_density(self, values: torch.Tensor) -> torch.Tensor:
-        """Return the log density of picture gradients under the deconvolution prior's mixture.
-
-        The logarithm is natural.
-        """
+        """Return the natural log density of gradients under blind deconvolution's mixture prior."""
         return self.log_joint(values.square()).logsumexp(0) - 0.5 * math.log(2 * math.pi)
 
     def log_joint(self, squares: torch.Tensor) -> torch.Tensor:
         """Return the log of each Gaussian's part in the gradient prior of blind deconvolution.
 
-        The result is (components, ...). The constant -log(2 pi) / 2 is left out. `squares` are
-        squared gradients.
+        `squares` are squared gradients, and the result is (components, ...). The constant -log(2
+        pi) / 2 is left out.
         """
         parts = [
             math.log(share / deviation) - squares / (2 * deviation**2)
@@ -94,9 +91,10 @@ class GaussianMixture:
         return torch.stack(parts)
 
     def expected_precision(self, squares: torch.Tensor) -> torch.Tensor:
-        """Return the mean inverse variance of gradients under the prior of blind deconvolution.
+        """Return each gradient's expected inverse variance under the prior of blind deconvolution.
 
-        It is that of the mixture's Gaussians, for the squares of the gradients.
+        `squares` are squared gradients. The mean is over the mixture's Gaussians, weighted by the
+        probability that the gradient comes from each.
         """
         membership = self.log_joint(squares).softmax(0)
         return sum(
@@ -108,9 +106,9 @@ class GaussianMixture:
         )
 
     def moment(self, power: float) -> float:
-        """Return the mean of ``|gradient|`` to a power under the deconvolution prior's mixture.
+        """Return the mean of ``|gradient|`` to a power under deconvolution's Gaussian mixture.
 
-        The power is above -1.
+        The power must be above -1.
         """
         normal = 2 ** (power / 2) * math.gamma((power + 1) / 2) / math.sqrt(math.pi)
         pairs = zip(self.shares, self.deviations, strict=True)
@@ -128,17 +126,14 @@ class GeneralisedGaussian:
     power: float
 
     def log_density(self, values: torch.Tensor) -> torch.Tensor:
-        """Return the log density of gradients under deconvolution's generalised Gaussian prior.
-
-        The logarithm is natural.
-        """
+        """Return the natural log density of gradients under deconvolution's generalised prior."""
         top = math.log(self.power / (2 * self.scale)) - math.lgamma(1 / self.power)
         return top - (values.abs() / self.scale) ** self.power
 
     def moment(self, power: float) -> float:
-        """Return the mean of ``|gradient|`` to a power under a deconvolution prior.
+        """Return the mean of ``|gradient|`` to a power under deconvolution's generalised Gaussian.
 
-        The prior is the generalised Gaussian, and the power is above -1.
+        The power must be above -1.
         """
         ratio = math.lgamma((power + 1) / self.power) - math.lgamma(1 / self.power)
         return self.scale**power * math.exp(ratio)
@@ -154,10 +149,10 @@ and scikit-image's). Its smallest deviation isn't below the quantisation by 8 bi
 def fit_mixture(image: torch.Tensor, components: int = 3, steps: int = 200) -> GaussianMixture:
     """Fit a mixture of Gaussians to a picture's gradients, as a prior for blind deconvolution.
 
-    The mixture is the likeliest one; the picture is (rows, columns). The algorithm is expectation
-    maximisation on a histogram. Deviations are at least half a bin of the histogram, since the zero
-    gradients of even surfaces would otherwise make one of them 0. Raises ValueError for constant
-    pictures, or a number of components outside 1 to 8.
+    The picture is (rows, columns). The likelihood is maximised by expectation maximisation on a
+    histogram. Deviations are at least half a bin of the histogram, since the zero gradients of even
+    surfaces would otherwise make one of them 0. Raises ValueError for constant pictures, or a
+    number of components outside 1 to 8.
     """
     if not 1 <= components <= 8:
         raise ValueError(f"components is {components}; give 1 to 8")
@@ -201,9 +196,9 @@ def fit_generalised_gaussian(image: torch.Tensor) -> GeneralisedGaussian:
 
 
 def _gradient_values(image: torch.Tensor) -> torch.Tensor:
-    """Return all gradients of a picture in one row, to fit a deconvolution prior to them.
+    """Return all gradients of a picture as a vector, to fit a deconvolution prior to them.
 
-    Raises ValueError for unusable pictures.
+    Raises ValueError for pictures that are too small, constant or not finite.
     """
     image = as_floating_point(image)
     if image.ndim != 2 or min(image.shape) < 2:

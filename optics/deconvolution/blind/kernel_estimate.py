@@ -40,7 +40,7 @@ class KernelEstimate:
     def verdict(self) -> str:
         """The score of a blindly estimated blur kernel in words: good, fair or poor.
 
-        It is good from 0.9, fair from 0.7, and poor below.
+        The kernel is good from a score of 0.9, fair from 0.7, and poor below.
         """
         if self.score >= GOOD:
             return "good: parts of the photograph and searches from two starts agree"

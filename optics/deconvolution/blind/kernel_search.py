@@ -102,7 +102,7 @@ class NormalisedPhotograph:
         return NormalisedPhotograph(downsample(self.image, factor), known, self.noise / factor)
 
     def crop(self, rows: slice, columns: slice) -> NormalisedPhotograph:
-        """Cut a part out of the photograph for blind deconvolution."""
+        """Cut out a part of the photograph for blind deconvolution."""
         return NormalisedPhotograph(
             self.image[rows, columns], self.valid[rows, columns], self.noise
         )
@@ -111,9 +111,9 @@ class NormalisedPhotograph:
 def search_kernel_by_edges(
     photo: NormalisedPhotograph, size: int, settings: EdgeSettings, progress: Progress
 ) -> torch.Tensor:
-    """Search a photograph's blur kernel blindly by strong edges, from coarse to fine scales.
+    """Search for a photograph's blur kernel blindly by strong edges, from coarse to fine scales.
 
-    It is (size, size) with odd size.
+    The kernel is (size, size), and `size` is odd.
     """
     kernel, weight = point_kernel(3), settings.weight
     kernel[1, 0] = kernel[1, 1] = 0.5
@@ -139,7 +139,7 @@ def refine_kernel_by_edges(
 ) -> torch.Tensor:
     """Improve a blindly estimated blur kernel by a photograph's strong edges, at one scale.
 
-    The weight of edges decreases.
+    The weight of the penalty on edges decreases from one iteration to the next.
     """
     weight = settings.weight
     strong = StrongEdges(photo.image, photo.valid, (kernel.shape[0], kernel.shape[1]))

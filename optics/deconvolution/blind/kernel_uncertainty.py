@@ -52,8 +52,8 @@ def kernel_deviation(
 def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
     """Shift a blindly estimated blur kernel to the best match with a reference kernel.
 
-    The shift is in steps of a quarter pixel. Both have the same size. The shift of a kernel is
-    arbitrary, since the photograph doesn't show where the scene was before the blur.
+    The shift is a multiple of a quarter pixel, and both kernels have the same size. The position of
+    a kernel is arbitrary, since the photograph doesn't show where the scene was before the blur.
     """
     steps = 4
     rows, columns = reference.shape
@@ -77,8 +77,8 @@ def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
 
 
 def _part_slice(length: int, number: int) -> slice:
-    """Return the slice of a photograph's part that blind deconvolution uses, along one axis.
+    """Return the slice of one of the photograph's parts for blind deconvolution, along an axis.
 
-    The axis has the given length.
+    `length` is the length of the axis.
     """
     return slice(math.floor(length * number / _PARTS), math.floor(length * (number + 1) / _PARTS))

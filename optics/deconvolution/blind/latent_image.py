@@ -64,20 +64,17 @@ class LatentImageSampler:
         self.picture = torch.nn.functional.pad(middle, around, mode="replicate")[0, 0]
 
     def sample(self, kernel: torch.Tensor, deviation: float) -> None:
-        """Draw the next sharp picture of blind deconvolution, for a blur kernel and a noise.
-
-        The noise is given by its standard deviation.
-        """
+        """Draw blind deconvolution's next sharp picture, for a blur kernel and noise deviation."""
         along, down = (self._sample_precisions(one) for one in _differences(self.picture))
         self.picture = self.sample_picture(kernel, deviation, along, down)
 
     def sample_picture(
         self, kernel: torch.Tensor, deviation: float, along: torch.Tensor, down: torch.Tensor
     ) -> torch.Tensor:
-        """Draw a sharp picture of blind deconvolution for gradients with known precisions.
+        """Draw blind deconvolution's sharp picture for gradients of known precision.
 
-        A precision is an inverse variance. `along` is (rows, columns - 1) and `down` is (rows - 1,
-        columns) of the picture.
+        The precision is the inverse variance. `along` is (rows, columns - 1) and `down` is (rows -
+        1, columns) of the picture.
         """
         spectrum, precision = padded_spectrum(kernel, self._period), deviation**-2
         reached = irfft2(
@@ -123,18 +120,15 @@ class LatentImageSampler:
         return least_squares_problem(spectrum, rfft2(light), self._size)
 
     def _sample_precisions(self, steps: torch.Tensor) -> torch.Tensor:
-        """Draw each gradient's component of the deconvolution prior; return their precisions.
-
-        The components are those of the mixture of Gaussians.
-        """
+        """Draw each gradient's Gaussian from the deconvolution prior; return the precisions."""
         below = self._prior.log_joint(steps.square()).softmax(0).cumsum(0)
         drawn = torch.rand(steps.shape, generator=self._generator, dtype=steps.dtype)
         return self._deviations[(drawn > below[:-1]).sum(0)] ** -2
 
     def _normal_noise(self, like: torch.Tensor) -> torch.Tensor:
-        """Draw standard normal noise for sampling the sharp pictures of blind deconvolution.
+        """Draw the standard normal noise with which blind deconvolution samples sharp pictures.
 
-        It has the shape and precision of the picture `like`.
+        The noise has the shape and floating-point type of `like`.
         """
         return torch.randn(like.shape, generator=self._generator, dtype=like.dtype)
 
@@ -143,16 +137,13 @@ class LatentImageSampler:
         return (..., slice(y, y + rows), slice(x, x + columns))
 
     def _crop_to_field(self, whole: torch.Tensor) -> torch.Tensor:
-        """Crop a period to the sharp picture of blind deconvolution.
-
-        The sharp picture is larger than the frame by a kernel.
-        """
+        """Crop a period to blind deconvolution's sharp picture, the frame plus a kernel's size."""
         return whole[: self._field_shape[0], : self._field_shape[1]]
 
     def _blur(self, x: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
-        """Blur a sharp picture by the kernel that blind deconvolution tries, on a period.
+        """Blur a sharp picture by blind deconvolution's trial kernel, given by its spectrum.
 
-        The kernel is given by its spectrum.
+        The result covers the whole period.
         """
         return irfft2(padded_spectrum(x, self._period) * spectrum, self._period)
 
@@ -177,7 +168,7 @@ def _add_adjoint(x: torch.Tensor, along: torch.Tensor, down: torch.Tensor) -> No
 
 
 def _sum_at_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
-    """Add up the prior's precisions of the four gradients around each deconvolved pixel."""
+    """Add up the precisions of the four gradients around each pixel of the deconvolved picture."""
     pad = torch.nn.functional.pad
     return (
         pad(along, (1, 0)) + pad(along, (0, 1)) + pad(down, (0, 0, 1, 0)) + pad(down, (0, 0, 0, 1))
@@ -185,5 +176,5 @@ def _sum_at_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
 
 
 def _inner_product(a: torch.Tensor, b: torch.Tensor) -> float:
-    """Compute the inner product of two sharp pictures in blind deconvolution."""
+    """Compute the inner product of two sharp pictures for blind deconvolution."""
     return float((a * b).sum())

@@ -17,9 +17,9 @@ from optics.progress import Progress
 def rank_by_naturalness(
     photo: NormalisedPhotograph, kernels: Sequence[torch.Tensor], progress: Progress
 ) -> list[int]:
-    """Rank blur kernels by the unnaturalness() of the pictures deconvolved with them.
+    """Rank blur kernels by the unnaturalness() of the pictures that deconvolution gives with them.
 
-    The best one comes first.
+    The indices are returned with the best kernel first.
     """
     costs = []
     for number, kernel in enumerate(kernels):

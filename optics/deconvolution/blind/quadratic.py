@@ -23,7 +23,7 @@ class QuadraticProblem:
     right_hand_side: torch.Tensor
 
     def value(self, kernel: torch.Tensor) -> float:
-        """Return the objective of blind deconvolution's kernel step, for a blur kernel."""
+        """Return the value of blind deconvolution's quadratic objective for a blur kernel."""
         flat = kernel.ravel()
         return float(0.5 * flat @ (self.normal_matrix @ flat) - self.right_hand_side.ravel() @ flat)
 
@@ -33,9 +33,9 @@ class QuadraticProblem:
         return QuadraticProblem(self.normal_matrix + weight * eye, self.right_hand_side)
 
     def blend_with(self, own_weight: float, new: QuadraticProblem) -> QuadraticProblem:
-        """Return the weighted mean of two blur-kernel problems of blind deconvolution.
+        """Return the weighted mean of two of blind deconvolution's blur-kernel problems.
 
-        `own_weight` is the weight of this one, 0 to 1.
+        `own_weight`, from 0 to 1, is the weight of this problem.
         """
         return QuadraticProblem(
             torch.lerp(new.normal_matrix, self.normal_matrix, own_weight),
@@ -44,7 +44,7 @@ class QuadraticProblem:
 
 
 def fast_period(rows: int, columns: int) -> tuple[int, int]:
-    """Return a period with fast FFTs for blind deconvolution, at least (rows, columns).
+    """Return a period of at least (rows, columns) with fast FFTs, for blind deconvolution.
 
     The number of columns is even.
     """
@@ -67,9 +67,9 @@ def least_squares_problem(
 ) -> QuadraticProblem:
     """Build blind deconvolution's problem of minimising ``|sharp * k - blurred|² / 2``.
 
-    Here * is a convolution. `sharp` and `blurred` are rfft2 spectra, (channels, ...), on one period
-    that is so large that the convolution doesn't wrap around. `shape` is the (rows, columns) of the
-    kernel, whose first pixel belongs to a lag of 0.
+    The sign * stands for convolution. `sharp` and `blurred` are rfft2 spectra, (channels, ...), on
+    one period that is so large that the convolution doesn't wrap around. `shape` is the (rows,
+    columns) of the kernel, whose first pixel belongs to a lag of 0.
     """
     period = (int(sharp.shape[-2]), 2 * (int(sharp.shape[-1]) - 1))
     power = (sharp.real.square() + sharp.imag.square()).sum(0)
@@ -79,9 +79,9 @@ def least_squares_problem(
 
 
 def _toeplitz(autocorrelation: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Build the normal matrix of blind deconvolution's blur kernel, a Toeplitz matrix.
+    """Build the Toeplitz normal matrix of blind deconvolution's blur kernel.
 
-    Its entries are the autocorrelation at the lag between any two pixels.
+    Each entry is the autocorrelation at the lag between two pixels of the kernel.
     """
     y = torch.arange(shape[0]).repeat_interleave(shape[1])
     x = torch.arange(shape[1]).repeat(shape[0])
@@ -92,12 +92,11 @@ def _toeplitz(autocorrelation: torch.Tensor, shape: tuple[int, int]) -> torch.Te
 def minimise_nonnegative(
     problem: QuadraticProblem, start: torch.Tensor, *, sum_is_one: bool, steps: int = 200
 ) -> torch.Tensor:
-    """Find the non-negative blur kernel of least objective for blind deconvolution.
+    """Find the non-negative blur kernel that minimises blind deconvolution's quadratic objective.
 
-    The search minimises a quadratic problem, starting from `start`. The method is the accelerated
-    projected gradient with restarts (Beck and Teboulle 2009, doi 10.1137/080716542; O'Donoghue and
-    Candès 2015, doi 10.1007/s10208-013-9150-3). `sum_is_one` limits the kernels to those with a sum
-    of 1.
+    The search starts from `start`. The method is the accelerated projected gradient with restarts
+    (Beck and Teboulle 2009, doi 10.1137/080716542; O'Donoghue and Candès 2015, doi
+    10.1007/s10208-013-9150-3). `sum_is_one` limits the kernels to those with a sum of 1.
     """
     size = _largest_eigenvalue(problem.normal_matrix)
     if size <= 0:
@@ -135,8 +134,8 @@ def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
 def _largest_eigenvalue(normal: torch.Tensor, steps: int = 20) -> float:
     """Bound the largest eigenvalue of blind deconvolution's kernel matrix by power iteration.
 
-    It is estimated from above; the matrix is the normal matrix of the kernel. The result is 1.1
-    times the estimate. It suits a Toeplitz matrix with mostly positive entries.
+    `normal` is the kernel's normal matrix. The result is 1.1 times the estimate of the power
+    iteration, which makes it an upper bound for a Toeplitz matrix with mostly positive entries.
     """
     vector = torch.ones(normal.shape[0], dtype=normal.dtype)
     size = 0.0

@@ -41,7 +41,7 @@ def downsample(image: torch.Tensor, factor: float) -> torch.Tensor:
 def enlarge_kernel(kernel: torch.Tensor, factor: float, size: int) -> torch.Tensor:
     """Enlarge a blur kernel from a coarser to a finer scale of blind deconvolution.
 
-    The origin n // 2 is kept, and the result is (size, size) with a sum of 1.
+    The origin stays at n // 2. The result is (size, size) with a sum of 1.
     """
     old = kernel.shape[-1]
     at = (torch.arange(size, dtype=kernel.dtype) - size // 2) / factor + old // 2
@@ -52,17 +52,14 @@ def enlarge_kernel(kernel: torch.Tensor, factor: float, size: int) -> torch.Tens
 
 
 def point_kernel(size: int) -> torch.Tensor:
-    """Return blind deconvolution's kernel without blur, all light at the origin n // 2.
-
-    It is (size, size).
-    """
+    """Return blind deconvolution's kernel without blur: (size, size), all light at n // 2."""
     point = torch.zeros(size, size)
     point[size // 2, size // 2] = 1
     return point
 
 
 def centre_kernel(kernel: torch.Tensor, size: int) -> torch.Tensor:
-    """Shift a blindly estimated blur kernel by whole pixels to the middle of (size, size).
+    """Move a blindly estimated blur kernel by whole pixels into the middle of (size, size).
 
     The result has a sum of 1. See centred_window_start().
     """
@@ -74,8 +71,8 @@ def centred_window_start(kernel: torch.Tensor, size: int) -> tuple[int, int]:
     """Find the first row and column of the window that centres blind deconvolution's kernel.
 
     The window is (size, size), and may extend beyond the kernel. Among the windows that hold the
-    most light, up to a small share, it is the one whose centre n // 2 is nearest to the kernel's
-    centroid.
+    most light, up to a small share, the one is chosen whose centre n // 2 is nearest to the
+    kernel's centroid.
     """
     rows, columns = (
         _best_window_start(torch.nn.functional.pad(kernel.sum(1 - dim), (size, size)), size) - size
@@ -85,10 +82,10 @@ def centred_window_start(kernel: torch.Tensor, size: int) -> tuple[int, int]:
 
 
 def cut_window(kernel: torch.Tensor, first: tuple[int, int], size: int) -> torch.Tensor:
-    """Cut a window out of blind deconvolution's blur kernel, with zeros beyond the kernel.
+    """Cut a (size, size) window out of blind deconvolution's blur kernel, padded with zeros.
 
-    The window is (size, size). `first` is the window's first row and column, which may lie up to
-    `size` pixels outside.
+    `first` is the window's first row and column, which may lie up to `size` pixels outside the
+    kernel.
     """
     padded = torch.nn.functional.pad(kernel, (size, size, size, size))
     y, x = first[0] + size, first[1] + size
@@ -96,9 +93,9 @@ def cut_window(kernel: torch.Tensor, first: tuple[int, int], size: int) -> torch
 
 
 def _best_window_start(profile: torch.Tensor, size: int) -> int:
-    """Find where the window of `size` starts that centres a blur kernel along an axis.
+    """Find where the window of `size` starts that centres blind deconvolution's kernel on an axis.
 
-    The kernel's profile along the axis is used.
+    `profile` is the kernel's sum over the other axis.
     """
     inside = torch.nn.functional.pad(profile.to(torch.float64).cumsum(0), (1, 0))
     held = inside[size:] - inside[:-size]

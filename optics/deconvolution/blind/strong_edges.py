@@ -68,11 +68,11 @@ class StrongEdges:
     def estimate_kernel(
         self, picture: torch.Tensor, start: torch.Tensor, ridge: float
     ) -> torch.Tensor:
-        """Estimate blind deconvolution's kernel k, which blurs a picture with few edges.
+        """Estimate the kernel k of blind deconvolution from a sharp picture with few edges.
 
-        Blurred by k, the picture matches the photograph. `ridge` is the weight of |k|², which
-        determines what the edges don't. The result sums to 1. It is `start` if the picture has no
-        edges.
+        The picture, blurred by k, matches the photograph best. `ridge` is the weight of |k|², which
+        determines what the edges don't. The result sums to 1. If the picture has no edges, the
+        result is `start`.
         """
         edges = gradients(picture) * self._interior
         rows, columns = self._size
