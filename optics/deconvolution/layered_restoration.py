@@ -198,7 +198,7 @@ class _PicturePriors:
     def denominator(self, weight: float) -> torch.Tensor:
         """Return the priors' part of the denominator in depth-layer deconvolution's picture step.
 
-        The result has one value per frequency.
+        The array has one value per frequency.
         """
         parts = [prior.coupling(weight, 1.0) * prior.gram_spectrum for prior in self._all]
         return sum(parts[1:], parts[0])

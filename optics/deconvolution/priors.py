@@ -178,9 +178,9 @@ def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
 
 
 def laplacian_of(x: torch.Tensor) -> torch.Tensor:
-    """Compute the Laplacian ∇²x of a deconvolved picture, for the Tikhonov prior.
+    """Compute the Laplacian ∇²x of a deconvolved picture, for the Tikhonov term.
 
-    The picture is periodic, and its second differences stand for the derivatives.
+    The picture is periodic. The Laplacian is computed from differences of neighbouring pixels.
     """
     down, along = torch.zeros_like(x), torch.zeros_like(x)
     add_gradient(x, down, along)

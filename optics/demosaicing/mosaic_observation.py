@@ -103,7 +103,7 @@ class MosaicObservation:
 
     @cached_property
     def scale(self) -> float:
-        """The scale of the scene's light, by which demosaicing chooses its prior's weights.
+        """The scale of the scene's light, which sets the weights of the demosaicing prior.
 
         It is the standard deviation of the raw picture over the gain of the filters, but at least
         1e-3 of the mean; 1 for a dark picture.

@@ -85,7 +85,7 @@ def transfer_function(psf: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 
 def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
-    """Wrap a blur operator's PSF around the period along one axis, from n // 2 to index 0.
+    """Wrap a blur operator's PSF around the period along one axis.
 
     The PSF's origin moves from n // 2 to index 0.
     """

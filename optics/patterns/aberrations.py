@@ -77,7 +77,7 @@ def zernike_pattern(
 def _zernike_path(
     panel: Panel, terms: Sequence[tuple[int, int, float]], radius: float
 ) -> torch.Tensor:
-    """Compute the optical path of a Zernike pattern at the panel's pixels, in metres.
+    """Compute the optical path of a Zernike pattern in metres at the panel's pixels.
 
     The result is (rows, columns).
     """

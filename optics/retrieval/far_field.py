@@ -55,9 +55,9 @@ class FarField:
     ) -> torch.Tensor:
         """Do a Gerchberg-Saxton round trip: from the far-field window to the panel and back.
 
-        The panel shows the phase of the field that arrives there, and replaces its amplitude by its
-        own. The result is forward(amplitude * unit_modulus(adjoint(field))). amplitude: real,
-        (rows, columns) of the panel; None is one everywhere.
+        On the panel, the field keeps its phase and gets the panel's amplitude. The result is
+        forward(amplitude * unit_modulus(adjoint(field))). amplitude: real, (rows, columns) of the
+        panel; None is one everywhere.
         """
         frames = field.reshape(-1, *self.window)
         answers = [self._bounce(frame, amplitude) for frame in frames]
@@ -122,14 +122,14 @@ class FarField:
         return spectrum
 
     def _halves(self, axis: int) -> tuple[int, int]:
-        """Return the numbers of samples below and from the origin of a retrieval's window."""
+        """Count the samples of a retrieval's window below its origin and from the origin on."""
         below = self.window[axis] // 2
         return below, self.window[axis] - below
 
     def intensity(self, field: torch.Tensor) -> torch.Tensor:
         """Return the far-field intensity ``|forward(field)|²`` on the phase retrieval's window.
 
-        Its sum over a complete far field is length² times the sum of |field|².
+        The intensity of a complete far field sums to length² times the sum of |field|².
         """
         far = self.forward(field)
         return far.real**2 + far.imag**2

@@ -139,10 +139,7 @@ def correct_request(
 def scale_to_mean(
     fields: Iterable[torch.Tensor], mean: torch.Tensor, request: torch.Tensor
 ) -> list[torch.Tensor]:
-    """Scale retrieved frames' fields so that their mean changes from `mean` to `request`.
-
-    The mean is that of their intensities.
-    """
+    """Scale retrieved frames' fields to change their mean intensity from `mean` to `request`."""
     factor = torch.sqrt(request / mean.clamp(min=_SETTINGS.dark_share * float(request.max())))
     return [field * factor for field in fields]
 

@@ -148,9 +148,9 @@ def _solve_slow_crystal(job: RetrievalJob) -> torch.Tensor:
 
 
 def _solve_descent(job: RetrievalJob) -> torch.Tensor:
-    """Retrieve phases by the quick method, and improve them by steps of gradient descent.
+    """Retrieve phases by the quick method, then improve them by gradient descent.
 
-    There are `job.iterations` steps.
+    The descent takes `job.iterations` steps.
     """
     quick = replace(
         job, iterations=iterations_to_converge(job.frames), progress=job.progress.part(0, 0.1)

@@ -165,9 +165,9 @@ def _require(frames: int, budget: float | None, iterations: int | None, method: 
 def _best_option(
     goal: RetrievalGoal, frames: int, budget: float, method: str, alone: bool, speed: MachineSpeed
 ) -> IterationOption:
-    """Choose a phase-retrieval method, or the descent where it is better, and its iterations.
+    """Choose between a phase-retrieval method and the descent, and the number of iterations.
 
-    alone: whether the descent is excluded.
+    The descent is chosen where it is better. alone: whether the descent is excluded.
     """
     settings = [_affordable_option(goal, frames, budget, method, 1, speed)]
     if not alone:

@@ -18,7 +18,7 @@ Light that a phase-only panel scatters beyond the window must not wrap around in
 
 
 def superpixel_side(goal: RetrievalGoal) -> int:
-    """Return the largest side of superpixels in pixels that a phase retrieval's window allows."""
+    """Return the side in pixels of the largest superpixels that suit a phase retrieval's window."""
     length, window = goal.far_field_samples, max(goal.plane.shape)
     shortest = min(goal.camera.panel.shape)
     # A superpixel has 16 pixels along its side at most, and the panel's shorter side has 8
@@ -58,7 +58,7 @@ class Superpixels:
 
     @functools.cached_property
     def uneven_amplitude(self) -> torch.Tensor | None:
-        """Return the amplitude of the retrieval's superpixels, or None if it is even."""
+        """Return the amplitude of a retrieval's superpixels, or None if it is even."""
         amplitude = self.amplitude
         return None if bool((amplitude == amplitude.flatten()[0]).all()) else amplitude
 

@@ -19,7 +19,7 @@ class Renderable(Protocol):
 
     @property
     def reach(self) -> float:
-        """The distance from the axis in metres that the target PSF's light reaches.
+        """The largest distance from the axis of a target's light, in metres.
 
         The distance is measured along y or x.
         """
@@ -148,7 +148,7 @@ class Target(Generic[P, D]):
         return self.draw(*args, **kwargs).render(plane)
 
     def reach(self, *args: P.args, **kwargs: P.kwargs) -> float:
-        """Return the distance from the axis in metres that the target PSF reaches.
+        """Return the largest distance from the axis of a target's light, in metres.
 
         The distance is measured along y or x.
         """

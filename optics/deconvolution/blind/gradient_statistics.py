@@ -126,7 +126,10 @@ class GeneralisedGaussian:
     power: float
 
     def log_density(self, values: torch.Tensor) -> torch.Tensor:
-        """Return the natural log density of gradients under deconvolution's generalised prior."""
+        """Return the log density of gradients under deconvolution's generalised Gaussian prior.
+
+        The logarithm is natural.
+        """
         top = math.log(self.power / (2 * self.scale)) - math.lgamma(1 / self.power)
         return top - (values.abs() / self.scale) ** self.power
 

@@ -137,7 +137,7 @@ class LatentImageSampler:
         return (..., slice(y, y + rows), slice(x, x + columns))
 
     def _crop_to_field(self, whole: torch.Tensor) -> torch.Tensor:
-        """Crop a period to blind deconvolution's sharp picture, the frame plus a kernel's size."""
+        """Crop a period to blind deconvolution's sharp picture, which extends beyond the frame."""
         return whole[: self._field_shape[0], : self._field_shape[1]]
 
     def _blur(self, x: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
