@@ -263,7 +263,7 @@ class _SpectrumBins:
     def _scoring_step(
         self, now: tuple[float, float, float], damping: float
     ) -> tuple[float, float, float]:
-        """Do one damped scoring step of fitting a photograph's power law, for deconvolution.
+        """Do one damped Fisher-scoring step in the fit of a power law for deconvolution.
 
         Returns the strength, the slope and the noise variance.
         """

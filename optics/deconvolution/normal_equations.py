@@ -122,7 +122,7 @@ def solve_on_frequencies(
 def _inner_product(a: torch.Tensor, b: torch.Tensor, count: torch.Tensor) -> float:
     """Compute the inner product of two real deconvolved pictures from their rfft2 spectra.
 
-    The result lacks a constant factor.
+    The result is right up to a constant factor.
     """
     products = (a.real * b.real + a.imag * b.imag) * count
     return float(products.sum(dtype=torch.float64))

@@ -165,9 +165,10 @@ class Observation:
 
     @cached_property
     def noise(self) -> float:
-        """The noise of the photograph to be deconvolved: the standard deviation of a pixel.
+        """The noise of the photograph to be deconvolved: a pixel's standard deviation.
 
-        The pixel has weight 1. The noise is given or estimated, in the unit of the image.
+        The deviation is for a pixel of weight 1. It is given or estimated, in the unit of the
+        image.
         """
         return (
             math.sqrt(self.power_law.noise_variance)

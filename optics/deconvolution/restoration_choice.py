@@ -84,7 +84,7 @@ def restore(
 def _require(
     budget: float | None, method: str | None, weight: float | None, count: int | None
 ) -> None:
-    """Raise ValueError for arguments of the deconvolution that are wrong or exclude each other."""
+    """Raise ValueError for invalid or conflicting arguments of restore(), the deconvolution."""
     if budget is not None:
         require_positive("budget", budget, "s")
     select_methods(METHODS, method)

@@ -222,7 +222,7 @@ class SeparableFilter:
     def coefficient_gain(self, weight: float) -> torch.Tensor:
         """Return the deconvolution's gain of each SVD coefficient, from photograph to scene.
 
-        Its product with the singular values is 1 where nothing is lost.
+        The gain times the singular values is 1 where nothing is lost.
         """
         require_positive("weight", weight, "")
         s, t = self._rows.singular_values[:, None], self._columns.singular_values

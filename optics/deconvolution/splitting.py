@@ -256,7 +256,7 @@ class Splitting:
         return self._inverse
 
     def _reweigh(self) -> None:
-        """Move the weight of a deconvolution's prior towards the evidence of the last picture."""
+        """Move the weight of a deconvolution's prior towards its estimate from the last picture."""
         freedom = max(1 - self._data.mean_squared_residual, MIN_EXPLAINED_SHARE)
         wanted = self._penalty.estimate_weight(self._observation.scene_noise, freedom)
         self._weight = damped_weight(wanted, self._weight, self._steps.initial_weight)
