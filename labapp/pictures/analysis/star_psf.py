@@ -83,7 +83,7 @@ class PSFReport(StarImage):
 
 
 def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) -> PSFReport:
-    """Measure the PSF on the star of a record, and compare it with target and prediction.
+    """Measure a PSF on the recorded pictures of a star; compare it with target and prediction.
 
     Raises UserError if the frames of the star are missing or dark.
     """
@@ -109,7 +109,7 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
 
 
 def crop_star(record: Record, brackets: list[Bracket], roles: Reconstruction) -> StarImage:
-    """Cut the star of a record out of its brackets, with the neutral and the coded pattern.
+    """Cut the star out of the recorded pictures with the neutral and the coded pattern.
 
     Raises UserError if the frames of the star are missing or dark.
     """
@@ -129,21 +129,27 @@ def crop_star(record: Record, brackets: list[Bracket], roles: Reconstruction) ->
 
 
 def _contrast(shape: Picture, target: Picture) -> float | None:
-    """Return the speckle contrast of a PSF, or None if it is dark where its target is bright."""
+    """Return the speckle contrast of the PSF measured on recorded pictures.
+
+    It is None if the PSF is dark where its target is bright.
+    """
     bright = target > 0.5 * target.max()
     lit = float((shape[bright] / target[bright]).mean()) > 0
     return metrics.speckle_contrast(shape, target) if lit else None
 
 
 def bright_centroid(rate: Picture) -> tuple[int, int]:
-    """Return the pixel (y, x) at the centroid of all pixels brighter than a fifth of the peak."""
+    """Return the pixel (y, x) on which the star of a recorded picture is centred.
+
+    It is the centroid of all pixels brighter than a fifth of the peak.
+    """
     y, x = np.nonzero(rate > 0.2 * rate.max())
     weight = rate[y, x]
     return round(float(np.average(y, weights=weight))), round(float(np.average(x, weights=weight)))
 
 
 def crop_centred(image: Picture, centre: tuple[int, int], window: int) -> Picture:
-    """Cut a square window around a pixel, which becomes its origin at n // 2.
+    """Cut a square window out of a recorded picture; a pixel becomes its origin at n // 2.
 
     The window is 0 beyond the picture.
     """
@@ -158,7 +164,7 @@ def crop_centred(image: Picture, centre: tuple[int, int], window: int) -> Pictur
 
 
 def _unmodulated_share(neutral: Picture, measured: Picture) -> float:
-    """Return the share of unmodulated light in a measured PSF, 0 to 1.
+    """Return the unmodulated share, 0 to 1, of the light in a recorded picture's PSF.
 
     It is the least-squares factor of the neutral PSF in the pixels around the centre. This holds
     for shapes that leave their centre dark.
@@ -170,9 +176,10 @@ def _unmodulated_share(neutral: Picture, measured: Picture) -> float:
 
 
 def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | None:
-    """Return the target of a pattern's PSF on sensor pixels; for a video the mean of its frames.
+    """Return a pattern's target on sensor pixels, beside the PSF of the recorded pictures.
 
-    None for patterns without a target, and for a logo, whose picture a record doesn't contain.
+    For a video it is the mean of its frames' targets. It is None for patterns without one, and for a
+    logo, whose picture a record doesn't contain.
     """
     frames = 1
     if isinstance(spec, VideoPattern) and spec.pattern is not None:
@@ -195,9 +202,10 @@ def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | N
 def _predict_recorded_star(
     record: Record, camera: Camera, roles: Reconstruction, wavelength: float, window: int
 ) -> Picture | None:
-    """Predict the star of a record from the camera's description, scaled like the measured PSF.
+    """Predict the recorded picture of a star, scaled like the PSF measured on it.
 
-    The prediction is for the centre wavelength of the filter; its bandwidth isn't modelled.
+    It is predicted from the camera's description. The prediction is for the centre wavelength of
+    the filter; its bandwidth isn't modelled.
     """
     scene = record.scene
     star = scene.targets.get(roles.star) if scene else None
@@ -218,9 +226,9 @@ def predict_star(
     distance: float,
     window: int,
 ) -> list[torch.Tensor]:
-    """Predict a star's share of light on each pixel of a square window, for each pattern.
+    """Predict the share of a star's light in each pixel of its recorded pictures, by pattern.
 
-    The finite sizes of star and pixel are included.
+    The pixels are a square window. The finite sizes of star and pixel are included.
 
     Parameters
     ----------

@@ -74,18 +74,21 @@ class RecordedPhotograph:
 
     @property
     def source(self) -> str:
-        """Return record, photograph and frame in words."""
+        """Return record, photograph and frame of a recorded picture in words."""
         frame = "" if self.frame is None else f", frame {self.frame}"
         return f"{self.path}, {self.photograph.name}{frame}"
 
     @cached_property
     def clipped_pixels(self) -> NDArray[np.bool_]:
-        """Return the clipped pixels, (1, rows, columns), whose measured light is a lower bound."""
+        """Return the clipped pixels of the recorded photograph, (1, rows, columns).
+
+        Their measured light is a lower bound.
+        """
         return ~np.isfinite(self.photograph.variance)[None]
 
     @property
     def light(self) -> Picture:
-        """Return the light of the photograph, (1, rows, columns), with 0 in clipped pixels."""
+        """Return the recorded photograph's light, (1, rows, columns), with 0 in clipped pixels."""
         return np.where(self.clipped_pixels, 0, self.photograph.rate[None])
 
     def build_problem(
@@ -96,7 +99,7 @@ class RecordedPhotograph:
         border: Border = "unknown",
         notes: tuple[str, ...] = (),
     ) -> RestorationProblem:
-        """Build the restoration problem of the photograph.
+        """Build the restoration problem of the recorded photograph.
 
         The PSF is that of the star if none is given. Reports, commands and the window all use this
         function.
@@ -126,7 +129,10 @@ class RecordedPhotograph:
 
     @property
     def _least_noise(self) -> float:
-        """Return the rms noise of photons and read noise in a pixel; 0 if all are clipped."""
+        """Return the least rms noise of a pixel of the recorded photograph; 0 if all are clipped.
+
+        It is the noise of photons and of reading.
+        """
         known = self.photograph.variance[~self.clipped_pixels[0]]
         return float(np.sqrt(known.mean())) if known.size else 0.0
 
@@ -144,14 +150,14 @@ class RecordedPhotograph:
 
 
 def is_record(path: Path) -> bool:
-    """Return whether a file is the record of a run, by its ending."""
+    """Return whether the photograph to restore is in a run's record, by the file's ending."""
     return path.suffix.lower() in (".h5", ".hdf5")
 
 
 def read_recorded_photograph(
     path: Path, choice: RecordSelection, progress: Progress, *, star: bool
 ) -> RecordedPhotograph:
-    """Read the selected photograph of a record, and the PSF of its star if `star` is true.
+    """Read the selected recorded photograph, and its star's PSF if `star` is true.
 
     By default this is the photograph that the plan's [reconstruct] table names, or else the last
     target that is neither dark nor star, with its exposures merged. Raises UserError for what the
@@ -174,7 +180,7 @@ def find_photograph(
     star: bool = True,
     frame: int | None = None,
 ) -> RecordedPhotograph:
-    """Find the photograph, its neutral counterpart and its star among the brackets of a record.
+    """Find photograph, neutral counterpart and star among the recorded pictures' brackets.
 
     `roles` names targets and patterns. Raises UserError if the photograph is missing.
     """
@@ -194,7 +200,7 @@ def find_photograph(
 
 
 def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
-    """Read the PSF of a record's star, (rows, columns); UserError if there is none."""
+    """Read the PSF, (rows, columns), in a recorded picture of a star; UserError without one."""
     with Record(path) as record:
         plan = record.plan.reconstruct
         star = choice.star or (plan.star if plan else "star")
@@ -211,7 +217,10 @@ def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
 
 
 def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
-    """Choose photograph, pattern, star and wavelength of a record from selection and plan."""
+    """Choose photograph, pattern, star and wavelength among the recorded pictures.
+
+    The choice is from the selection and the record's plan.
+    """
     plan, path = record.plan.reconstruct, record.path
     star = choice.star or (plan.star if plan else "star")
     wavelength: float | None
@@ -266,7 +275,7 @@ def _star_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) ->
 
 
 def _last_stored_frame(record: Record, names: tuple[str, ...]) -> tuple[str, str]:
-    """Return target and pattern of the last stored frame of some targets of a record."""
+    """Return target and pattern of the last recorded picture of some targets."""
     frames = [index for name in names for index in record.select(target=name)]
     if not frames:
         has = ", ".join(record.target_names)

@@ -27,7 +27,7 @@ footer { margin-top: 3rem; font-size: .85rem; opacity: .7 }
 
 
 def document(title: str, parts: Sequence[str]) -> str:
-    """Return a whole HTML page from the HTML of its parts."""
+    """Return a report's whole HTML page from the HTML of its parts."""
     body = "\n".join(parts)
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -38,7 +38,7 @@ def document(title: str, parts: Sequence[str]) -> str:
 
 
 def heading(title: str, simulated: Sequence[str]) -> str:
-    """Return the HTML heading of a report, with a badge that names simulated devices."""
+    """Return a report's HTML heading, with a badge that names the simulated devices."""
     badge = ""
     if simulated:
         badge = f'<span class="badge">SIMULATED: {escape(", ".join(simulated))}</span>'
@@ -46,7 +46,7 @@ def heading(title: str, simulated: Sequence[str]) -> str:
 
 
 def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return an HTML table; columns whose heading ends in a blank hold numbers."""
+    """Return a report's table as HTML; columns whose heading ends in a blank hold numbers."""
     kinds = [' class="number"' if head.endswith(" ") else "" for head in heads]
     top = "".join(f"<th{k}>{escape(h.strip())}</th>" for h, k in zip(heads, kinds, strict=True))
     lines = [
@@ -58,13 +58,13 @@ def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def html_figure(data: bytes, text: str, kind: str = "png") -> str:
-    """Return HTML of an embedded picture file with a caption; `kind` is "png" or "gif"."""
+    """Return the HTML of a report's embedded picture with a caption; `kind` is "png" or "gif"."""
     source = f"data:image/{kind};base64," + base64.b64encode(data).decode()
     under = f"<figcaption>{escape(text)}</figcaption>" if text else ""
     return f'<figure><img src="{source}" alt="{escape(text)}">{under}</figure>'
 
 
 def footer() -> str:
-    """Return an HTML footer with the version of labapp and the time."""
+    """Return the HTML footer of a report of pictures, with the version of labapp and the time."""
     made = datetime.now(UTC).isoformat(timespec="seconds")
     return f"<footer>labapp {labapp.__version__}, {made}</footer>"
