@@ -34,7 +34,7 @@ class Keyboard:
         threading.Thread(target=self._read, name="keyboard", daemon=True).start()
 
     def wait_for_enter(self, progress: Progress) -> None:
-        """Wait until Enter is pressed during a run; raise UserError if standard input has ended."""
+        """Wait until Enter answers a run's prompt; raise UserError if standard input has ended."""
         self._answer_given.clear()
         self._question_pending.set()
         try:
@@ -72,7 +72,7 @@ class Keyboard:
 
     @property
     def _wants_answer(self) -> bool:
-        """Whether a prompt waits for its answer; each prompt takes only one line of the input."""
+        """Whether a run's prompt waits for its answer; each takes only one line of the input."""
         return self._question_pending.is_set() and not self._answer_given.is_set()
 
     def _press(self, key: bytes, terminal: bool) -> None:
@@ -85,7 +85,10 @@ class Keyboard:
 
 
 def _standard_input() -> int | None:
-    """Return the file descriptor of standard input; None in a service or a test."""
+    """Return the file descriptor from which a run reads its keys; None in a service or a test.
+
+    It is that of standard input.
+    """
     try:
         return sys.stdin.fileno()
     except (AttributeError, OSError, ValueError):
@@ -93,7 +96,7 @@ def _standard_input() -> int | None:
 
 
 def _is_in_foreground(terminal: int) -> bool:
-    """Return whether this process is in the terminal's foreground.
+    """Return whether this run's process is in the terminal's foreground.
 
     The system stops a process that reads the terminal from the background.
     """
@@ -105,7 +108,10 @@ def _is_in_foreground(terminal: int) -> bool:
 
 @contextmanager
 def open_keyboard(progress: Progress) -> Iterator[Keyboard]:
-    """Open the keyboard for a run; a terminal delivers each key at once, without Enter."""
+    """Open the keyboard for a run's prompts and pauses; a terminal delivers each key at once.
+
+    No Enter is needed after a key.
+    """
     source = _standard_input()
     terminal = (
         source if source is not None and os.isatty(source) and _is_in_foreground(source) else None

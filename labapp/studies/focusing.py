@@ -58,9 +58,9 @@ class DefocusedStar:
 
     @property
     def unmodulated_share(self) -> float:
-        """Return the share of the picture without the lens that remains in the one with it.
+        """Return the share of a study's star without the lens that remains in the one with it.
 
-        Only pixels beside the focus of the lens are compared.
+        It is a share of the star's picture. Only pixels beside the focus of the lens are compared.
         """
         y, x = np.abs(np.indices(self.plain.shape) - self.plain.shape[0] // 2)
         # Six pixels around the axes are left out, where a rectangle's diffraction puts light.
@@ -74,7 +74,7 @@ class DefocusedStar:
 def fit_focus_curve(
     stars: Sequence[DefocusedStar], pictures: Sequence[Picture], camera: Camera
 ) -> FocusCurve:
-    """Fit a parabola to the mean square radii of stars in pictures, by vergence."""
+    """Fit a parabola to the mean square radii of a study's stars in pictures, by vergence."""
     vergences = [1 / star.distance for star in stars]
     squares = [_mean_square(picture) * camera.sensor.pitch**2 for picture in pictures]
     slope, linear, constant = np.polyfit(vergences, squares, 2)
@@ -85,7 +85,7 @@ def fit_focus_curve(
 
 
 def _mean_square(picture: Picture) -> float:
-    """Return the mean square distance of a picture's light from its centroid, pixels²."""
+    """Return the mean square distance of light in a study's picture from its centroid, pixels²."""
     light = picture / picture.sum()
     y, x = np.indices(picture.shape)
     cy, cx = (y * light).sum(), (x * light).sum()
@@ -93,7 +93,7 @@ def _mean_square(picture: Picture) -> float:
 
 
 def mean_square_pupil_radius(camera: Camera) -> float:
-    """Return the mean of x² + y² over the part of the panel within the stop, m².
+    """Return the study's mean of x² + y² over the part of the panel within the stop, m².
 
     Times the square of the image distance, it is the mean square radius of a star that is one
     dioptre out of focus.

@@ -31,7 +31,10 @@ from optics.stop_shadow import panel_to_focus_distance
 
 
 def added_lens_power(settings: RefocusSettings, camera: Camera) -> float:
-    """Return the power in dioptres that the SLM must add to refocus, by the thin-lens equation."""
+    """Return the power in dioptres that the study's SLM must add, by the thin-lens equation.
+
+    The power refocuses the camera.
+    """
     return 1 / settings.near_m - 1 / panel_to_focus_distance(camera)
 
 
@@ -53,7 +56,7 @@ def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
 
 
 def star_target_name(metres: float) -> str:
-    """Return the name of the target with a star at a distance in metres, as "star-160cm"."""
+    """Return the target's name of a study's star at a distance in metres, as "star-160cm"."""
     return f"star-{round(100 * metres)}cm"
 
 

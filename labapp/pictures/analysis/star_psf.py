@@ -178,8 +178,8 @@ def _unmodulated_share(neutral: Picture, measured: Picture) -> float:
 def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | None:
     """Return a pattern's target on sensor pixels, beside the PSF of the recorded pictures.
 
-    For a video it is the mean of its frames' targets. It is None for patterns without one, and for a
-    logo, whose picture a record doesn't contain.
+    For a video it is the mean of its frames' targets. It is None for patterns without one, and for
+    a logo, whose picture a record doesn't contain.
     """
     frames = 1
     if isinstance(spec, VideoPattern) and spec.pattern is not None:

@@ -13,9 +13,10 @@ from labapp.common.errors import UserError
 
 @contextmanager
 def all_or_none(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """Yield a draft folder, whose files move into `folder` when the block ends without error.
+    """Yield a draft folder for a run's exported files, which move to `folder` if nothing fails.
 
-    Raises UserError, and leaves no file of the export, if the disk refuses a file or the folder.
+    They move when the block ends without error. Raises UserError, and leaves no file of the export,
+    if the disk refuses a file or the folder.
     """
     try:
         with _draft_folder(folder) as draft:
@@ -33,7 +34,10 @@ def all_or_none(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
 @contextmanager
 def _draft_folder(folder: Path) -> Iterator[Path]:
-    """Yield a hidden draft folder within the export's folder, and remove it in any case."""
+    """Yield a hidden draft folder for a run's export, and remove it in any case.
+
+    It is within the export's folder.
+    """
     is_new = not folder.exists()
     draft = folder / f".export.{os.getpid()}.new"
     try:
