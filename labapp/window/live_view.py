@@ -77,17 +77,20 @@ class LiveView(QWidget):
         self._scale = scale
 
     def set_auto_contrast(self, on: bool) -> None:
-        """Set whether the contrast levels follow every live frame or stay as they are."""
+        """Set whether the contrast of the window's live view follows every frame or stays."""
         self._auto = on
         self._redraw()
 
     def set_clipping_marks(self, on: bool) -> None:
-        """Set whether the live view shows saturated and black pixels in colour."""
+        """Set whether the window's live view shows saturated and black pixels in colour."""
         self._palette = tone_mapping.build_palette(mark_clipping=on)
         self._redraw()
 
     def set_running(self, on: bool) -> None:
-        """Set whether live view is running; if not, the last frame's caption says "STOPPED"."""
+        """Set whether the window's live view is running; if not, its caption says "STOPPED".
+
+        It is the caption of the last frame.
+        """
         self._running = on
         if self._frame is not None:
             self._describe(self._frame)
@@ -116,7 +119,10 @@ class LiveView(QWidget):
             self._histogram.show_levels(*self.levels)
 
     def _describe(self, frame: LiveFrame) -> None:
-        """Write the frame's settings over the picture, and its saturated share and rate below."""
+        """Write the settings of the window's live frame over it, and its clipping and rate below.
+
+        Below are the saturated share and the rate.
+        """
         self.caption.setText(
             f"{frame.target}  ·  {frame.pattern}  ·  {frame.wavelength * 1e9:.2f} nm  ·  "
             f"{frame.exposure * 1e3:.3f} ms" + ("" if self._running else "  ·  STOPPED")
@@ -130,7 +136,10 @@ class LiveView(QWidget):
         )
 
     def _rate(self) -> float:
-        """Return the live frames per second over about a second; after a pause it starts anew."""
+        """Return the window's live frames per second over about a second.
+
+        After a pause it starts anew.
+        """
         recent = [t for t in self._arrivals if self._arrivals[-1] - t < _SETTINGS.rate_span]
         span = recent[-1] - recent[0]
         return (len(recent) - 1) / span if span > 0 else 0.0
@@ -152,6 +161,9 @@ class LiveView(QWidget):
         self.cursor_reading.setText(f"x {column}  y {row}   {value} DN   {share:.1f} %")
 
     def _is_inside(self, row: int, column: int) -> bool:
-        """Return whether the frame has this pixel; another bench's camera may be smaller."""
+        """Return whether the window's live frame has this pixel; another camera's may be smaller.
+
+        It may be the camera of another bench.
+        """
         rows, columns = self._frame.image.shape if self._frame is not None else (0, 0)
         return 0 <= row < rows and 0 <= column < columns

@@ -41,7 +41,10 @@ class PictureView(QWidget):
         return QSize(320, 200)
 
     def show_indices(self, indices: NDArray[np.uint8], palette: NDArray[np.uint8]) -> None:
-        """Show a picture, (rows, columns) uint8, of indices into a (256, 3) palette of colours."""
+        """Show a picture of palette indices, (rows, columns) uint8, in the window.
+
+        The palette is (256, 3) colours.
+        """
         self._item.setImage(indices, levels=(0, 255), lut=palette, autoLevels=False)
         if indices.shape != self._shape:
             self._shape = (indices.shape[0], indices.shape[1])
@@ -53,13 +56,13 @@ class PictureView(QWidget):
 
     @property
     def reduction(self) -> int:
-        """Return how many picture pixels share a pixel of the screen along an axis, at least 1."""
+        """Return how many picture pixels share a pixel of the window along an axis, at least 1."""
         width, height = self.box.viewPixelSize()
         # The tolerance of 0.01 gives a picture at its own size 1, despite rounding errors.
         return max(1, math.ceil(max(width, height) - 0.01))
 
     def link(self, other: PictureView) -> None:
-        """Zoom and move this view together with another one."""
+        """Zoom and move this picture of the window together with another one."""
         self.box.setXLink(other.box)
         self.box.setYLink(other.box)
 

@@ -66,7 +66,7 @@ class BenchController:
         self._note_settling("slm", self._bench.slm.show(name, grey))
 
     def restore_settings(self) -> None:
-        """Set the bench's devices to the settings that the person requested last."""
+        """Set the bench's devices to the settings last requested in the window."""
         wanted = self._requested
         if wanted.target is not None:
             self.place_target(wanted.target)
@@ -78,7 +78,10 @@ class BenchController:
             self.show_pattern(wanted.pattern, wanted.grey)
 
     def take_frame(self, cancelled: Callable[[], bool]) -> LiveFrame:
-        """Take a live frame after every setting has settled, and return it with its settings."""
+        """Take a live frame for the window after every setting has settled.
+
+        It is returned with its settings.
+        """
         bench = self._bench
         self.devices.require_alive()
         bench.clock.wait_until(self._ready, cancelled)
@@ -94,12 +97,15 @@ class BenchController:
         )
 
     def note_run_frame(self, frame: Frame) -> None:
-        """Note that a run took a frame: every device worked, and the run set the exposure."""
+        """Note for the window that a run took a frame: every device worked.
+
+        The run also set the exposure.
+        """
         self._exposure = frame.exposure
         self.devices.mark_working()
 
     def reconnect(self, role: str) -> None:
-        """Open a failed device of the bench again. Raises DeviceError if that fails, too."""
+        """Open a failed device again for the window; raises DeviceError if that fails, too."""
         self.devices.reopen(role)
         if role == "camera":
             self._apply_exposure(self._exposure)
@@ -134,13 +140,16 @@ class BenchController:
         self._note_settling("camera", setting)
 
     def _note_settling(self, role: str, setting: Setting[Any]) -> None:
-        """Note that a device works, and when its setting has settled for the next picture."""
+        """Note for the window that a device works, and when its setting has settled.
+
+        The next picture is taken when it has settled.
+        """
         self._ready = max(self._ready, setting.ready_at)
         self.devices.mark_working(role)
 
 
 def _describe_capabilities(bench: Bench) -> BenchOpened:
-    """Ask the devices what the bench can do; the list of devices is added later."""
+    """Ask the devices what the window's bench can do; their list is added later."""
     return BenchOpened(
         name=bench.file.name,
         devices=(),

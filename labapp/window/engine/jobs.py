@@ -20,9 +20,9 @@ class Jobs:
         self._running: dict[str, Progress] = {}
 
     def begin(self, job: str) -> Progress:
-        """Register a job, cancel an older one of its name, and return its progress.
+        """Register a job of the window's engine, cancel an older one of its name; return progress.
 
-        Reports of the progress are sent to the window.
+        The progress is that of the new job. Reports of the progress are sent to the window.
         """
         progress = Progress(_Reporter(job, self._channel))
         with self._lock:

@@ -122,9 +122,9 @@ class RunPlanner:
         return RunTiming(seconds, len(listed), virtual=not self._bench.file.is_real)
 
     def _new_path(self, folder: Path, name: str) -> Path:
-        """Return an unused path for a record, named after the time and the run.
+        """Return an unused path for the record of a run that the window requests.
 
-        No file and no queued run has this path.
+        It is named after the time and the run. No file and no queued run has this path.
         """
         words = re.sub(r"\W+", "-", name.lower()).strip("-")[:60] or "run"
         stem = f"{datetime.now():%Y-%m-%d_%H%M%S}_{words}"

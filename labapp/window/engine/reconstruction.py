@@ -58,7 +58,7 @@ class Restoration:
         )
 
     def save(self, path: Path) -> None:
-        """Save the restored photograph in the format that the file's ending names.
+        """Save the photograph restored for the window in the format of the file's ending.
 
         Raises UserError if the ending isn't known.
         """

@@ -35,18 +35,21 @@ class RunQueue:
             return tuple(run.info for run in self._runs)
 
     def has_record(self, path: Path) -> bool:
-        """Return whether a queued run that hasn't ended writes, or will write, this record."""
+        """Return whether a run in the window's queue that hasn't ended writes this record.
+
+        It may also be a run that will write it.
+        """
         with self._lock:
             return any(run.path == path and not run.state.has_ended for run in self._runs)
 
     @property
     def can_begin(self) -> bool:
-        """Return whether begin() would return a run of the queue."""
+        """Return whether begin() would return a run of the window's queue."""
         with self._lock:
             return not self.hold_reason and self._next() is not None
 
     def expect_run(self) -> None:
-        """Announce a run that was requested and is being prepared for the queue."""
+        """Announce a run that the window requested and that is being prepared for its queue."""
         with self._lock:
             self._expected += 1
 
@@ -61,14 +64,14 @@ class RunQueue:
         self._on_change()
 
     def drop_expected(self) -> None:
-        """Withdraw an announced run that couldn't be prepared for the queue."""
+        """Withdraw an announced run that couldn't be prepared for the window's queue."""
         with self._lock:
             self._arrives()
             self._let_go()
         self._on_change()
 
     def begin(self) -> QueuedRun | None:
-        """Start the next run of the queue and return it; None if none may begin."""
+        """Start the next run of the window's queue and return it; None if none may begin."""
         with self._lock:
             run = self._next()
             if run is None or self.hold_reason:
@@ -84,7 +87,7 @@ class RunQueue:
         self._on_change()
 
     def cancel(self) -> None:
-        """Cancel the run under way, or the next one of the queue if it is about to begin."""
+        """Cancel the run under way in the window's queue, or the next if it is about to begin."""
         with self._lock:
             run = self._under_way()
             if run is not None:
@@ -102,11 +105,11 @@ class RunQueue:
             run.set_paused(on)
 
     def remove(self, numbers: Sequence[int]) -> None:
-        """Remove the runs of these numbers from the queue if they are waiting."""
+        """Remove the runs of these numbers from the window's queue if they are waiting."""
         self._keep(lambda run: run.number not in numbers or run.state is not State.WAITING)
 
     def clear(self) -> None:
-        """Remove the runs that have ended from the queue."""
+        """Remove the runs that have ended from the window's queue."""
         self._keep(lambda run: not run.state.has_ended)
 
     def release(self) -> None:
@@ -121,7 +124,10 @@ class RunQueue:
         self._on_change()
 
     def _arrives(self) -> bool:
-        """Count down the announced runs, and return whether this one was cancelled before."""
+        """Count down the runs announced to the window's queue; tell if this one was cancelled.
+
+        True means that it was cancelled before.
+        """
         unwanted, self._expected_cancelled = self._expected_cancelled, False
         self._expected = max(0, self._expected - 1)
         return unwanted
@@ -131,7 +137,7 @@ class RunQueue:
         self._hold_after(run)
 
     def _let_go(self) -> None:
-        """End the queue's hold if no run is left that it holds."""
+        """End the hold of the window's queue if no run is left that it holds."""
         if not self._has_waiting():
             self.hold_reason = ""
 
