@@ -22,12 +22,12 @@ BUNDLED_WEIGHTS = bundled_path("denoiser.npz")
 
 @functools.cache
 def bundled_denoiser() -> Denoise:
-    """Return the bundled denoising network for plug-and-play restoration of photographs."""
+    """Return the bundled denoising network for plug-and-play restoration of pictures."""
     return read_denoiser(BUNDLED_WEIGHTS)
 
 
 def read_denoiser(path: Path) -> Denoise:
-    """Read a network that restores photographs from its file of weights; UserError if damaged."""
+    """Read a network that restores pictures from its file of weights; UserError if damaged."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             weights = {name: torch.from_numpy(stored[name]) for name in stored.files}
@@ -39,9 +39,9 @@ def read_denoiser(path: Path) -> Denoise:
 
 
 def weights_file(weights: Mapping[str, torch.Tensor]) -> bytes:
-    """Return the trained weights of a restoration network, by name, as bytes of an .npz file.
+    """Return the trained weights of a network that restores pictures, as bytes of an .npz file.
 
-    They are in half precision.
+    They are stored by name and in half precision.
     """
     buffer = io.BytesIO()
     halves = {name: value.to(torch.float16).numpy() for name, value in weights.items()}

@@ -51,8 +51,8 @@ class SensorView:
     def sensor_positions(self) -> Array:
         """Sensor position (y, x) in pixels of every sample of the design that is refined.
 
-        It is (rows, columns, 2). A sample of the far field has a grating vector in cycles per panel
-        pixel, which the registration maps to the sensor.
+        The shape is (rows, columns, 2). A sample of the far field has a grating vector in cycles
+        per panel pixel, which the registration maps to the sensor.
         """
         y, x = (
             (np.arange(n) - n // 2) / self.goal.far_field_samples for n in self.goal.plane.shape
@@ -142,8 +142,8 @@ def build_view(
 def nominal_registration(camera: Camera, wavelength: float) -> Registration:
     """Return the registration for refining on a bench without a measured one.
 
-    It is by the camera's description. The axis meets the middle of the sensor, and nothing is
-    rotated or mirrored.
+    It follows from the camera's description. The axis meets the middle of the sensor, and nothing
+    is rotated or mirrored.
     """
     scale = wavelength * camera.ray_matrix_b / camera.panel.pitch / camera.sensor.pitch
     rows, columns = camera.sensor.shape

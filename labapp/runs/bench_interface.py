@@ -85,7 +85,7 @@ class Bench(Protocol):
     def cancellable_by(self, cancelled: Callable[[], bool]) -> AbstractContextManager[None]:
         """Return a context in which a run's calls of devices end soon after it is cancelled.
 
-        It is cancelled when `cancelled` returns true.
+        The run is cancelled when `cancelled` returns true.
         """
 
     def failed_devices(self) -> list[str]:

@@ -20,6 +20,7 @@ def list_plans(*, as_json: bool) -> None:
 
 
 def _plan_entry(name: str, facts: dict[str, Any]) -> ListEntry:
+    """Return the entry of a plan to run in the list of bundled plans."""
     what = f"{facts['title']}. {facts['comment']}"
     return ListEntry(name, what, lines=[f"needs {_describe_requirements(facts)}"], facts=facts)
 

@@ -20,7 +20,7 @@ steps of 0.01 nm."""
 def is_exposure_as_requested(exposure: float, requested: float) -> bool:
     """Return whether a run's frame has the requested exposure as closely as a camera can.
 
-    Both are in seconds.
+    Both exposures are in seconds.
     """
     seconds, share = EXPOSURE_TOLERANCE
     return abs(exposure - requested) <= max(seconds, share * requested)

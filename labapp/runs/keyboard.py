@@ -76,6 +76,7 @@ class Keyboard:
         return self._question_pending.is_set() and not self._answer_given.is_set()
 
     def _press(self, key: bytes, terminal: bool) -> None:
+        """Obey a key pressed during the run: Enter answers, p pauses and r resumes."""
         if key in b"\r\n":
             self._answer_given.set()
         elif terminal and key in b"pP":
@@ -87,7 +88,7 @@ class Keyboard:
 def _standard_input() -> int | None:
     """Return the file descriptor from which a run reads its keys; None in a service or a test.
 
-    It is that of standard input.
+    The keys come from standard input.
     """
     try:
         return sys.stdin.fileno()

@@ -230,6 +230,7 @@ def _groups(listed: Sequence[Shot]) -> Iterator[list[Shot]]:
 
 
 def _row(group: Sequence[Shot], wheel: bool) -> list[Any]:
+    """Return the row on a group of a run's shots in the table of its steps."""
     first, steps = group[0], sorted({shot.step for shot in group})
     exposures = dict.fromkeys(f"{shot.exposure * 1e3:g}" for shot in group)
     return [

@@ -76,7 +76,7 @@ def block_exposures(
 ) -> list[float]:
     """Return a run's exposures by a plan's block, in seconds, rounded to microseconds.
 
-    Cameras round them so.
+    Cameras round exposures to microseconds.
     """
     if block.exposures_ms is not None:
         return [round(ms * 1e3) / 1e6 for ms in block.exposures_ms]
@@ -211,6 +211,7 @@ def _schedule_shots(listed: Iterable[Shot], capabilities: BenchCapabilities) -> 
 
 
 def _settling_time(before: Shot | None, shot: Shot, capabilities: BenchCapabilities) -> float:
+    """Return how long the settings take to settle that change between two shots of a run."""
     changes = (
         (lambda s: s.place, capabilities.target_settling),
         (lambda s: s.pattern, capabilities.slm_settling),

@@ -72,8 +72,8 @@ def sharpness_rows(
 def edge_steepness(picture: Picture) -> float:
     """Return the steepness of the steepest edges in a study's picture, relative to its range.
 
-    The range is that of the picture's values. It is the 99th percentile of the gradient. The
-    gradient is taken over two pixels, which reduces the influence of noise.
+    This is the 99th percentile of the gradient over the range of the picture's values. The gradient
+    is taken over two pixels, which reduces the influence of noise.
     """
     y = picture[2:, 1:-1] - picture[:-2, 1:-1]
     x = picture[1:-1, 2:] - picture[1:-1, :-2]

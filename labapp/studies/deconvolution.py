@@ -146,9 +146,9 @@ def _centroid(psf: Picture) -> Picture:
 
 
 def _statistics(sharp: Picture) -> StudyFigure:
-    """Draw the study's gradients of the photograph with fitted models, as the thesis' Fig. 2.10.
+    """Draw how the gradients in the study's photograph are distributed, as the thesis' Fig. 2.10.
 
-    Drawn is the distribution of the gradients.
+    Fitted models are drawn as well.
     """
     lengths, density = log_histogram(torch.from_numpy(sharp), 161, 0.6)
     mixture, heavy = (

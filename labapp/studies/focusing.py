@@ -58,9 +58,9 @@ class DefocusedStar:
 
     @property
     def unmodulated_share(self) -> float:
-        """Return the share of a study's star without the lens that remains in the one with it.
+        """Return the share of the study's picture without the lens that is left in the one with it.
 
-        It is a share of the star's picture. Only pixels beside the focus of the lens are compared.
+        Only pixels beside the focus of the lens are compared.
         """
         y, x = np.abs(np.indices(self.plain.shape) - self.plain.shape[0] // 2)
         # Six pixels around the axes are left out, where a rectangle's diffraction puts light.

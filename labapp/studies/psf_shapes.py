@@ -157,10 +157,7 @@ def _ring_row(report: PSFReport, camera: Camera, settings: ShapesSettings) -> Re
 
 
 def ring_energy_share(shape: Picture, camera: Camera, wavelength: float) -> float:
-    """Return how much of a star's light the study's PSF has in the band around the published ring.
-
-    It is a share of the star's light.
-    """
+    """Return the light of a study's PSF in the published ring's band, as a share of the star's."""
     y, x = (np.indices(shape.shape) - shape.shape[0] // 2) * camera.sensor.pitch
     radius = np.hypot(y, x) / (published_ring_sizes(camera, wavelength)[0] / RING_RADIUS_SAMPLES)
     low, high = RING_BAND

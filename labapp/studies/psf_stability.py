@@ -116,7 +116,7 @@ def _speckle_contrast(report: PSFReport) -> float:
 def independent_frames_error(frames: int, reference: int) -> float:
     """Return the error that the study expects of the mean of a video's first frames.
 
-    The frames are taken to be independent. It is relative to the error of one frame against a
+    The frames are taken to be independent. The error is relative to that of one frame against a
     reference of infinitely many frames, and follows from the variance of a mean.
     """
     return 1 / frames - 1 / reference

@@ -159,6 +159,7 @@ def rms_radius(picture: Picture) -> float:
 
 def _filmstrip(frames: list[PSFReport], video: PSFReport, mean: Picture) -> StudyFigure:
     # The figure shows at most eight frames; the animation shows all.
+    """Draw the frames of the study's video beside the whole video."""
     count = min(len(frames), 8)
     shown = np.linspace(0, len(frames) - 1, count).round().astype(int)
     columns = min(max(2, count), 4)

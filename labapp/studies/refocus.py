@@ -31,9 +31,9 @@ from optics.stop_shadow import panel_to_focus_distance
 
 
 def added_lens_power(settings: RefocusSettings, camera: Camera) -> float:
-    """Return the power in dioptres that the study's SLM must add, by the thin-lens equation.
+    """Return the power in dioptres that the study's SLM must add to refocus, by thin lenses.
 
-    The power refocuses the camera.
+    This is by the thin-lens equation.
     """
     return 1 / settings.near_m - 1 / panel_to_focus_distance(camera)
 
@@ -152,6 +152,7 @@ def _square_radius_at(focus: FocusCurve, vergence: float) -> float:
 
 
 def _halo(share: float, star: DefocusedStar, camera: Camera) -> ResultRow:
+    """Return the study's row on the halo: the light of a star that stays out of focus."""
     return ResultRow(
         f"halo: light of a star at {star.distance:g} m that stays out of focus",
         "a halo around each object (picture only)",

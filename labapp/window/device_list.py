@@ -78,7 +78,7 @@ class DeviceList(WrappingPanel):
     def set_run_active(self, on: bool) -> None:
         """Disable the window's Reconnect buttons during a run, which reopens devices itself.
 
-        It reopens those that failed.
+        A run reopens devices that failed.
         """
         self._in_run = on
         for row in self.rows.values():

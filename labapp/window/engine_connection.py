@@ -103,10 +103,7 @@ class EngineConnection(QObject):
             self._waiting.put(command)
 
     def close(self) -> None:
-        """End the window's engine process, which leaves the bench safe.
-
-        The engine does so when the connection closes.
-        """
+        """End the window's engine process, which leaves the bench safe when disconnected."""
         process, self._process = self._process, None
         if process is None:
             return

@@ -102,10 +102,7 @@ class HelpWindow(QDialog):
         self.page.show_page(self._pages[row].text)
 
     def _follow(self, link: QUrl) -> None:
-        """Open a link of the help window: the guide's pages here, web addresses in the browser.
-
-        It is the person's browser.
-        """
+        """Open a link: the guide's pages in the help window, web addresses in the browser."""
         if link.scheme() in ("http", "https"):
             QDesktopServices.openUrl(link)
         elif link.fileName().endswith(".md"):

@@ -89,7 +89,7 @@ class LiveView(QWidget):
     def set_running(self, on: bool) -> None:
         """Set whether the window's live view is running; if not, its caption says "STOPPED".
 
-        It is the caption of the last frame.
+        This is the caption of the last frame.
         """
         self._running = on
         if self._frame is not None:
@@ -119,9 +119,9 @@ class LiveView(QWidget):
             self._histogram.show_levels(*self.levels)
 
     def _describe(self, frame: LiveFrame) -> None:
-        """Write the settings of the window's live frame over it, and its clipping and rate below.
+        """Write the live frame's settings over the window's picture, and saturation and rate below.
 
-        Below are the saturated share and the rate.
+        The saturation is the share of saturated pixels.
         """
         self.caption.setText(
             f"{frame.target}  ·  {frame.pattern}  ·  {frame.wavelength * 1e9:.2f} nm  ·  "
@@ -161,9 +161,6 @@ class LiveView(QWidget):
         self.cursor_reading.setText(f"x {column}  y {row}   {value} DN   {share:.1f} %")
 
     def _is_inside(self, row: int, column: int) -> bool:
-        """Return whether the window's live frame has this pixel; another camera's may be smaller.
-
-        It may be the camera of another bench.
-        """
+        """Return whether the window's live frame has this pixel; another bench's may be smaller."""
         rows, columns = self._frame.image.shape if self._frame is not None else (0, 0)
         return 0 <= row < rows and 0 <= column < columns

@@ -218,6 +218,7 @@ class MainWindow(QMainWindow):
         return fields
 
     def _restore(self) -> None:
+        """Restore layout and fields of the window as the person left them."""
         self._remembered.restore_fields(self._remembered_fields())
         self.session.first_target = self._remembered.text("target")
         geometry: QByteArray = self._remembered.layout("geometry")

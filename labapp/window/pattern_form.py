@@ -63,10 +63,7 @@ class PatternForm(QWidget):
 
     @property
     def missing_input(self) -> str:
-        """Return what the person must still enter in the window's pattern form.
-
-        It is empty if nothing is missing.
-        """
+        """Return what the person must still enter in the window's pattern form, or ""."""
         kind = self._selected_kind
         for field in kind.fields:
             if isinstance(field, NumberField) or self.texts[kind.name, field.key].text():
@@ -77,7 +74,7 @@ class PatternForm(QWidget):
     def pattern_table(self, wavelength_nm: float) -> PatternTable:
         """Return the pattern chosen in the window as a table of a plan file.
 
-        It is designed for a wavelength.
+        The pattern is designed for the given wavelength.
         """
         kind = self._selected_kind
         table = kind.build_table({field.key: self._value(kind, field) for field in kind.fields})

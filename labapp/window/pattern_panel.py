@@ -52,14 +52,14 @@ class PatternPanel(QWidget):
     def set_run_active(self, on: bool) -> None:
         """Disable the window's "Show on SLM" during a run; a pattern can still be chosen.
 
-        It is one for the next bracket.
+        A pattern for the next bracket can be chosen.
         """
         self.show_button.setEnabled(not on)
 
     def schedule_preview(self) -> None:
-        """Request the pattern's preview from the window's engine after a quiet moment.
+        """Request the preview from the window's engine once no pattern setting changes any more.
 
-        It is requested once nothing has changed for a moment.
+        That is when nothing has changed for a moment.
         """
         self.note.setText("computing the preview …")
         self._pause.start()

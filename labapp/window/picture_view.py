@@ -67,7 +67,7 @@ class PictureView(QWidget):
         self.box.setYLink(other.box)
 
     def pixel_position(self, row: int, column: int) -> QPointF:
-        """Return the position of the centre of a picture's pixel on this widget."""
+        """Return where the centre of a picture's pixel is on this widget of the window."""
         scene = self.box.mapViewToScene(QPointF(column + 0.5, row + 0.5))
         return QPointF(self._view.mapFromScene(scene))
 

@@ -62,12 +62,13 @@ class ReportDisplay:
         }
 
     def show_report(self, report: object) -> None:
+        """Show a report of the window's engine where it belongs."""
         self._show[type(report)](report)
 
     def show_engine_death(self, how: str) -> None:
         """Show in the window that its engine ended by itself, and clear what it showed.
 
-        Values are cleared that are no longer known.
+        It clears values that are no longer known.
         """
         window = self._window
         window.bar.badge.show_bench_closed()

@@ -111,6 +111,7 @@ class RunPanel(WrappingPanel):
         fill_layout(QVBoxLayout(self), *asked, *told, margins=PANEL_MARGINS, spacing=5)
 
     def _sum_up(self) -> None:
+        """Say in the window how many frames the requested brackets have, and their size."""
         star, photograph = self.star.bracket, self.photograph.bracket
         darks = len({*star.exposures_ms, *photograph.exposures_ms}) * DARK_FRAMES
         # Star and photograph are taken with two patterns, the neutral and the chosen one.

@@ -120,6 +120,7 @@ class RunTable(RowsTable):
 
 
 def _time(run: RunInfo) -> str:
+    """Return the time of a run as the window's table shows it."""
     if run.state is State.WAITING:
         return f"takes {format_duration(run.expected_bench_seconds)}"
     if run.state is State.PAUSED:

@@ -120,6 +120,7 @@ class Session(QObject):
             actions[name].triggered.connect(change)
 
     def _allow(self) -> None:
+        """Enable the window's actions that are possible now, and disable the others."""
         window, free = self._window, self._open and not self.job
         idle = free and not self.is_run_active
         # The next run can be prepared and queued while one is under way.

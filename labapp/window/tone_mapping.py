@@ -36,7 +36,7 @@ class DigitalScale:
 def histogram(image: NDArray[np.uint16], scale: DigitalScale) -> tuple[NDArray[np.float32], float]:
     """Return the window's histogram of a live frame: pixels per bin, and a bin's width in DN.
 
-    The bins are over the whole range.
+    The bins cover the whole range of digital numbers.
     """
     bins = min(4096, scale.numbers)
     counts = cv2.calcHist([image], [0], None, [bins], [0, scale.numbers])
@@ -46,7 +46,7 @@ def histogram(image: NDArray[np.uint16], scale: DigitalScale) -> tuple[NDArray[n
 def auto_levels(counts: NDArray[np.float32], width: float) -> tuple[float, float]:
     """Return contrast levels for the window's live view, without the darkest and brightest pixels.
 
-    They exclude the darkest 0.5 % and the brightest 0.01 % of pixels.
+    The levels exclude the darkest 0.5 % and the brightest 0.01 % of pixels.
     """
     share = np.cumsum(counts)
     total = float(share[-1])

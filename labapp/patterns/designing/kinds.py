@@ -77,6 +77,6 @@ def _list_entries(tables: Mapping[str, type[Table]]) -> list[ListEntry]:
 def _summary(table: type[Table]) -> str:
     """Return what a kind of pattern is, as one line of the list of patterns.
 
-    It is the first paragraph of the docstring of the kind's table.
+    This is the first paragraph of the docstring of the kind's table.
     """
     return " ".join((table.__doc__ or "").split("\n\n")[0].split())

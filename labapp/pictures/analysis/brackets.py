@@ -153,8 +153,8 @@ def find_bracket(
 ) -> Bracket:
     """Return the merged recorded pictures of a target, pattern and wavelength in metres.
 
-    The wavelength may be left out. Raises UserError if the record at `path` lacks it, or has it at
-    several wavelengths.
+    Without a wavelength, the only one is taken. Raises UserError if the record at `path` lacks it,
+    or has it at several wavelengths.
     """
     found = [
         bracket

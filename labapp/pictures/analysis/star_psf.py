@@ -141,7 +141,7 @@ def _contrast(shape: Picture, target: Picture) -> float | None:
 def bright_centroid(rate: Picture) -> tuple[int, int]:
     """Return the pixel (y, x) on which the star of a recorded picture is centred.
 
-    It is the centroid of all pixels brighter than a fifth of the peak.
+    This is at the centroid of all pixels brighter than a fifth of the peak.
     """
     y, x = np.nonzero(rate > 0.2 * rate.max())
     weight = rate[y, x]
@@ -204,8 +204,8 @@ def _predict_recorded_star(
 ) -> Picture | None:
     """Predict the recorded picture of a star, scaled like the PSF measured on it.
 
-    It is predicted from the camera's description. The prediction is for the centre wavelength of
-    the filter; its bandwidth isn't modelled.
+    The prediction is from the camera's description, for the centre wavelength of the filter; its
+    bandwidth isn't modelled.
     """
     scene = record.scene
     star = scene.targets.get(roles.star) if scene else None

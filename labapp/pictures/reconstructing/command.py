@@ -73,7 +73,7 @@ def _captions(outcome: RestoredPicture) -> tuple[str, str]:
 
 
 def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[str]]:
-    """Return the printed rows on a restored photograph: method, noise, residual and scores."""
+    """Return the printed rows on a restored picture: method, noise, residual and scores."""
     bands = outcome.bands
     masked = float((problem.clipped | ~np.isfinite(problem.light)).mean())
     told = problem.noise_source(bands[0].noise)
@@ -130,7 +130,7 @@ def _as_data(
 
 
 def _score(problem: RestorationProblem, outcome: RestoredPicture) -> dict[str, Any] | None:
-    """Return the scores of the photograph and of the restored one for JSON.
+    """Return the scores of the picture before and after its restoration for JSON.
 
     They are None without a reference picture.
     """

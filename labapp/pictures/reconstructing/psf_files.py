@@ -16,7 +16,7 @@ from labapp.pictures.reconstructing.recorded_photograph import (
 
 
 def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Light, list[str]]:
-    """Read the PSF file for a photograph's restoration in `bands` bands, with warnings about it.
+    """Read the PSF file for restoring a picture of `bands` bands, with warnings about it.
 
     Levels of a picture are taken as light without conversion. `choice` selects the star of a
     record.
@@ -53,7 +53,7 @@ def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Ligh
 
 
 def _psf_warnings(path: Path, psf: Light) -> list[str]:
-    """Warn that a PSF is unfit for restoring a photograph: bright edge, or drawing of a file.
+    """Warn that a PSF is unfit for restoring a picture: bright edge, or drawing of a file.
 
     The drawing is of another file, which has the PSF itself.
     """

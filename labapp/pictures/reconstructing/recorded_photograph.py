@@ -80,7 +80,7 @@ class RecordedPhotograph:
 
     @cached_property
     def clipped_pixels(self) -> NDArray[np.bool_]:
-        """Return the clipped pixels of the recorded photograph, (1, rows, columns).
+        """Return the clipped pixels of the recorded picture, (1, rows, columns).
 
         Their measured light is a lower bound.
         """
@@ -88,7 +88,7 @@ class RecordedPhotograph:
 
     @property
     def light(self) -> Picture:
-        """Return the recorded photograph's light, (1, rows, columns), with 0 in clipped pixels."""
+        """Return the light of the recorded picture, (1, rows, columns); 0 in clipped pixels."""
         return np.where(self.clipped_pixels, 0, self.photograph.rate[None])
 
     def build_problem(
@@ -99,7 +99,7 @@ class RecordedPhotograph:
         border: Border = "unknown",
         notes: tuple[str, ...] = (),
     ) -> RestorationProblem:
-        """Build the restoration problem of the recorded photograph.
+        """Build the restoration problem of the recorded picture.
 
         The PSF is that of the star if none is given. Reports, commands and the window all use this
         function.
@@ -129,7 +129,7 @@ class RecordedPhotograph:
 
     @property
     def _least_noise(self) -> float:
-        """Return the least rms noise of a pixel of the recorded photograph; 0 if all are clipped.
+        """Return the least rms noise of a pixel of the recorded picture; 0 if all are clipped.
 
         It is the noise of photons and of reading.
         """
@@ -150,18 +150,18 @@ class RecordedPhotograph:
 
 
 def is_record(path: Path) -> bool:
-    """Return whether the photograph to restore is in a run's record, by the file's ending."""
+    """Return whether the picture to restore is in a run's record, by the file's ending."""
     return path.suffix.lower() in (".h5", ".hdf5")
 
 
 def read_recorded_photograph(
     path: Path, choice: RecordSelection, progress: Progress, *, star: bool
 ) -> RecordedPhotograph:
-    """Read the selected recorded photograph, and its star's PSF if `star` is true.
+    """Read the selected photograph among recorded pictures, and its star's PSF.
 
     By default this is the photograph that the plan's [reconstruct] table names, or else the last
-    target that is neither dark nor star, with its exposures merged. Raises UserError for what the
-    record lacks.
+    target that is neither dark nor star, with its exposures merged. The PSF is read only if `star`
+    is true. Raises UserError for what the record lacks.
     """
     with Record(path) as record:
         roles = _choose_roles(record, choice)
@@ -299,6 +299,7 @@ def _frame_settings(record: Record, frame: int) -> tuple[str, str, float]:
 
 
 def _wavelengths(record: Record, target: str, pattern: str) -> list[float]:
+    """Return the wavelengths of the recorded pictures of a target with a pattern."""
     frames = record.select(target=target, pattern=pattern)
     found: list[float] = np.unique(record.column("wavelength")[frames]).tolist()
     return found

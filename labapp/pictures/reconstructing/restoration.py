@@ -61,7 +61,7 @@ class RestoredPicture:
 def restore_picture(
     problem: RestorationProblem, wish: MethodChoice, progress: Progress
 ) -> RestoredPicture:
-    """Restore each band of a photograph; ValueError for one that can't be restored.
+    """Restore each band of a picture; ValueError for one that can't be restored.
 
     It runs in one thread, so that the same problem always gives the same bits.
     """
@@ -89,7 +89,7 @@ def restore_picture(
 
 
 def describe_residual(residual: float) -> str:
-    """Say in words what the residual of a restored photograph, rms over the noise, means."""
+    """Say in words what the residual of a restored picture, rms over the noise, means."""
     # Between these limits the remainder of the photograph looks like its noise.
     lower, upper = 0.8, 1.2
     if residual > upper:
@@ -101,7 +101,7 @@ def describe_residual(residual: float) -> str:
 
 @torch.no_grad()
 def _normalised_residual(observation: Observation, restored: RestoredImage) -> Light:
-    """Return the photograph less the blurred restored picture, over the photograph's noise."""
+    """Return the picture less the blurred restored picture, over the picture's noise."""
     whole = (
         observation.extended_image * 0 if restored.period_image is None else restored.period_image
     )

@@ -170,7 +170,7 @@ class RestorationRequest:
     def _estimate_psf(
         self, light: NDArray[np.floating], clipped: NDArray[np.bool_], progress: Progress
     ) -> tuple[Light, str, list[str]]:
-        """Estimate the PSF for a restoration from the photograph alone, from the mean of its bands.
+        """Estimate the PSF for restoring a picture from it alone, from the mean of all bands.
 
         Returns the PSF, its source in words, and a remark about its reliability.
         """
@@ -208,7 +208,7 @@ class RestorationRequest:
 
 
 def _full_scale(photograph: InputPhotograph) -> float | None:
-    """Return the light of a photograph file's highest level; None for floating-point files."""
+    """Return the light of a picture file's highest level; None for floating-point files."""
     if photograph.is_srgb:
         return 1.0
     kind = photograph.levels.dtype

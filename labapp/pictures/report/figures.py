@@ -56,14 +56,14 @@ def gallery(analysis: RecordAnalysis) -> Figure:
 
 
 def psf_figure(analysis: RecordAnalysis) -> Figure:
-    """Draw the report's figure of target, pattern, measured and predicted PSF."""
+    """Draw the figure of the pictures' report on the PSF: target, pattern, measured, predicted."""
     figure = Figure(figsize=(16, 4.2), dpi=100, layout="constrained")
     _psf_row(figure, analysis)
     return figure
 
 
 def profile_figure(analysis: RecordAnalysis) -> Figure:
-    """Draw the radial profiles of the recorded PSFs as a figure of the report."""
+    """Draw the figure of the pictures' report on the PSFs' radial profiles."""
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
     draw_profile(figure.subplots(), analysis)
     return figure
@@ -112,7 +112,10 @@ def _psf_row(figure: FigureBase, analysis: RecordAnalysis) -> None:
 
 
 def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -> None:
-    """Draw a PSF for the report on a logarithmic scale; the same `peak` gives the same scale."""
+    """Draw a PSF for the report on recorded pictures, logarithmically; `peak` sets the scale.
+
+    PSFs with the same `peak` have the same scale.
+    """
     axes.set_title(title)
     axes.set(xticks=[], yticks=[])
     if psf is None:
@@ -152,9 +155,9 @@ def _detail(axes: Axes, analysis: RecordAnalysis) -> None:
 
 
 def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Cut out the middle of a recorded photograph: half of its height.
+    """Cut out the middle of a recorded picture: half of its height.
 
-    It is 0.75 times as wide as high.
+    The part is 0.75 times as wide as high.
     """
     rows, columns = picture.shape
     tall = max(rows // 2, 1)
@@ -164,14 +167,17 @@ def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def caption(analysis: RecordAnalysis, name: str) -> str:
-    """Return a photograph's caption in the report: its name, PSNR and SSIM."""
+    """Return a picture's caption in the report: its name, PSNR and SSIM."""
     score = analysis.scores.get(name)
     title = PICTURE_NAMES[name][0].upper() + PICTURE_NAMES[name][1:]
     return title if score is None else f"{title}: {score.psnr:.1f} dB, SSIM {score.ssim:.3f}"
 
 
 def draw_profile(axes: Axes, analysis: RecordAnalysis) -> None:
-    """Draw the recorded PSFs' means over circles around the centre against the radius."""
+    """Draw the radial profile of each PSF in the report on recorded pictures.
+
+    A profile is the mean over circles around the centre, drawn against their radius.
+    """
     psf = analysis.psf
     assert psf is not None
     curves = {"measured": psf.measured, "predicted": psf.predicted, "neutral": psf.neutral}
@@ -188,6 +194,7 @@ def draw_profile(axes: Axes, analysis: RecordAnalysis) -> None:
 
 
 def _radial_mean(picture: Picture) -> Picture:
+    """Return the radial profile of a PSF in the report on recorded pictures."""
     n = picture.shape[0]
     y, x = np.indices(picture.shape) - n // 2
     radius = np.hypot(y, x).round().astype(int)

@@ -27,7 +27,7 @@ footer { margin-top: 3rem; font-size: .85rem; opacity: .7 }
 
 
 def document(title: str, parts: Sequence[str]) -> str:
-    """Return a report's whole HTML page from the HTML of its parts."""
+    """Return the whole HTML page of a report on pictures from the HTML of its parts."""
     body = "\n".join(parts)
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -38,7 +38,7 @@ def document(title: str, parts: Sequence[str]) -> str:
 
 
 def heading(title: str, simulated: Sequence[str]) -> str:
-    """Return a report's HTML heading, with a badge that names the simulated devices."""
+    """Return the HTML heading of a report on pictures, with a badge of simulated devices."""
     badge = ""
     if simulated:
         badge = f'<span class="badge">SIMULATED: {escape(", ".join(simulated))}</span>'
@@ -46,7 +46,10 @@ def heading(title: str, simulated: Sequence[str]) -> str:
 
 
 def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a report's table as HTML; columns whose heading ends in a blank hold numbers."""
+    """Return a table of a report on pictures as HTML.
+
+    Columns whose heading ends in a blank hold numbers.
+    """
     kinds = [' class="number"' if head.endswith(" ") else "" for head in heads]
     top = "".join(f"<th{k}>{escape(h.strip())}</th>" for h, k in zip(heads, kinds, strict=True))
     lines = [

@@ -72,7 +72,7 @@ def exposure_rows(analysis: RecordAnalysis) -> list[list[str]]:
 
 
 def psf_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """Return the report's rows on the recorded PSF, such as efficiency and speckle contrast."""
+    """Return rows on the PSF for the report on recorded pictures: efficiency, contrast and more."""
     psf = analysis.psf
     assert psf is not None
     rows = []

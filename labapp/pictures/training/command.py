@@ -39,7 +39,7 @@ def train_denoiser(folders: Sequence[Path], weights: Path, *, steps: int, seed: 
 
 @contextmanager
 def _flush_denormals() -> Iterator[None]:
-    """Round denormal numbers to 0 while a network trains, because they slow processors down.
+    """Round denormal numbers to 0 while a network trains on pictures; they slow processors.
 
     Other code in the process needs denormal numbers: without them SciPy's KDTree recurses forever.
     """

@@ -108,7 +108,7 @@ class FrameStore:
 def _require_full(error: OSError) -> None:
     """Raise an error of storing a run's frame again unless it says that the disk is full.
 
-    A user's quota may also be full.
+    That the user's quota is full counts as a full disk.
     """
     if error.errno not in _FULL:
         raise error

@@ -166,8 +166,8 @@ class FrameTaker:
     def _recover_device(self, error: DeviceError, attempt: int) -> None:
         """Wait, and open a device again that failed a run's shot, if it was given up.
 
-        It is also opened again from the second failure on. A device that was unplugged is first
-        given a minute to come back, because attempts before would fail.
+        From the second failure on, the device is opened again in any case. A device that was
+        unplugged is first given a minute to come back, because attempts before would fail.
         """
         clock = self._bench.clock
         clock.wait_until(clock.now() + self._retry.wait_s, self._is_cancelled)
@@ -191,5 +191,6 @@ class FrameTaker:
 
 
 def _colour(shot: Shot) -> str:
+    """Return a shot's wavelength in words for the run's log, with the wheel's slot if any."""
     nm = f"{shot.wavelength * 1e9:g} nm"
     return f"slot {shot.slot}, {nm}" if shot.slot else nm

@@ -39,9 +39,9 @@ def run_all(
 ) -> list[RunOutcome]:
     """Take several runs in turn; the next run begins even if one fails.
 
-    See run_plan(). Cancelling ends the present run and the queue. `on_outcome` is called with the
-    outcome of each run. Raises UserError, before anything has moved, if one of the plans can't be
-    run, or two share a record.
+    Each is taken as by run_plan(). Cancelling ends the present run and the queue. `on_outcome` is
+    called with the outcome of each run. Raises UserError, before anything has moved, if one of the
+    plans can't be run, or two share a record.
     """
     progress = progress or Progress()
     seconds = _require_all(bench, requests, force)

@@ -13,10 +13,9 @@ from labapp.common.errors import UserError
 
 @contextmanager
 def all_or_none(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """Yield a draft folder for a run's exported files, which move to `folder` if nothing fails.
+    """Yield a draft folder for a run's export; its files move to `folder` if the block succeeds.
 
-    They move when the block ends without error. Raises UserError, and leaves no file of the export,
-    if the disk refuses a file or the folder.
+    Raises UserError, and leaves no file of the export, if the disk refuses a file or the folder.
     """
     try:
         with _draft_folder(folder) as draft:
@@ -34,10 +33,7 @@ def all_or_none(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
 @contextmanager
 def _draft_folder(folder: Path) -> Iterator[Path]:
-    """Yield a hidden draft folder for a run's export, and remove it in any case.
-
-    It is within the export's folder.
-    """
+    """Yield a hidden draft folder in the folder of a run's export, and remove it in any case."""
     is_new = not folder.exists()
     draft = folder / f".export.{os.getpid()}.new"
     try:

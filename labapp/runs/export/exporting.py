@@ -114,9 +114,9 @@ def _write(work: ExportJob, folder: Path) -> None:
 
 
 def _write_table(work: ExportJob, draft: Path) -> None:
-    """Write the table of a run's export: a line per frame with file, place in it, and columns.
+    """Write the table of a run's export: a line per frame with file, place and all columns.
 
-    The columns are all that the record has.
+    The place is that of the frame in its file.
     """
     simulated = " ".join(work.record.simulated_devices)
     with (draft / TABLE).open("w", newline="", encoding="utf-8") as file:

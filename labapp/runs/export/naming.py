@@ -44,7 +44,7 @@ def _frame_name(row: dict[str, Any]) -> str:
 def _plain(name: str) -> str:
     """Return a target's or pattern's name as the file name of a run's exported frame allows it.
 
-    Its characters and its length are limited.
+    File names allow few characters and have a limited length.
     """
     plain = re.sub(r"[^\w.+-]", "-", name)
     # File systems allow 255 bytes for the whole name, which holds two such names.

@@ -21,8 +21,8 @@ _ANNOTATIONS = "labapp/frame"
 def ome_xml(work: ExportJob) -> str:
     """Return the OME-XML of a run's export as ASCII, for the first page of a TIFF file (TYX).
 
-    TYX are the axes of the file. Every plane has its exposure, its time, and a map annotation with
-    the record's columns.
+    TYX are the file's axes. Every plane has its exposure, its time, and a map annotation with the
+    record's columns.
     """
     record, simulated = work.record, ", ".join(work.record.simulated_devices)
     camera = record.devices.get("camera", {"model": "", "serial": ""})

@@ -122,7 +122,7 @@ class _Checks:
     def _check_planned_columns(self) -> StatusAndDetail:
         """Check a run's planned columns in its record: indices exist, settings are positive.
 
-        The indices are those of names.
+        The indices are those of roles, targets and patterns.
         """
         record = self._record
         known = {
@@ -264,6 +264,7 @@ class _Checks:
 
 
 def _where(condition: NDArray[np.bool_]) -> list[int]:
+    """Return the places in a run's record where a condition of a check holds."""
     return [int(index) for index in np.flatnonzero(condition)]
 
 

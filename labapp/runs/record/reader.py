@@ -91,7 +91,7 @@ class Record:
     def state(self) -> State:
         """State of the run in the record; INTERRUPTED if its process is gone before the run's end.
 
-        That process is the one that writes the record.
+        The process is the one that writes the record.
         """
         with self._damage_as_user_error("entry/state"):
             written = State(self._single_text("state"))
@@ -151,10 +151,7 @@ class Record:
         return [name for name, device in self.devices.items() if device["simulated"]]
 
     def text(self, name: str) -> str:
-        """Return a text of the run's record by its name, such as title or start_time.
-
-        It is a name in the record's entry.
-        """
+        """Return a text in the entry of the run's record, such as title or start_time, by name."""
         with self._damage_as_user_error(f"entry/{name}"):
             return self._read(f"entry/{name}").decode()
 
@@ -250,10 +247,7 @@ class Record:
         return np.flatnonzero(self.column("stored") == 0).tolist()
 
     def missing_frames(self) -> list[int]:
-        """Return the planned frames that a run's record lacks, or has without their checksum.
-
-        They are returned as indices.
-        """
+        """Return the indices of a run's frames that are never stored or without their checksum."""
         _, not_stored, damaged = self.read_back(range(self.frame_count), Progress())
         return sorted(not_stored + damaged)
 
@@ -318,7 +312,7 @@ class Record:
             return self._file[name][rows]
 
     def _single_text(self, name: str) -> str:
-        """Return the text of a dataset with one row in the run's record.
+        """Return the one row of a dataset of text in the run's record.
 
         The dataset is in the record's entry.
         """

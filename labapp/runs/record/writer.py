@@ -144,13 +144,14 @@ class RecordWriter:
             ) from error
 
     def _put(self, name: str, row: int, value: Any) -> None:
+        """Write a row at its place in the file of the run's record."""
         place = self._places[name]
         self._write(name, row, memoryview(np.array(value, place.dtype).tobytes()))
 
     def _read(self, name: str, row: int) -> bytes:
         """Return the bytes of a row in the file of the run's record; fewer if it ends before.
 
-        The file may end within the row.
+        They are fewer if the file ends within the row or before it.
         """
         place = self._places[name]
         return os.pread(self._handle, place.row_bytes, place.offset + row * place.row_bytes)
@@ -164,4 +165,5 @@ class RecordWriter:
 
 
 def _place(dataset: h5py.Dataset) -> _Place:
+    """Return where a dataset of the run's record lies in its file."""
     return _Place(dataset.id.get_offset(), dataset.shape, dataset.dtype)

@@ -16,8 +16,8 @@ def describe_this_process() -> str:
 def is_alive(writer: str) -> bool:
     """Return whether the writer of a run's record still runs.
 
-    describe_this_process() has described it. A process on another host can't be checked, and counts
-    as running.
+    The writer is given as describe_this_process() has described it. A process on another host can't
+    be checked, and counts as running.
     """
     described = json.loads(writer)
     if described["host"] != socket.gethostname():

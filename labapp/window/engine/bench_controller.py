@@ -47,16 +47,19 @@ class BenchController:
             self.devices.mark_failed(error)
 
     def place_target(self, target: str) -> None:
+        """Place the target that the window requests."""
         self._requested = replace(self._requested, target=target)
         self.devices.require_alive("targets")
         self._note_settling("targets", self._bench.targets.place(target))
 
     def set_wavelength(self, wavelength: float) -> None:
+        """Set the wavelength that the window requests."""
         self._requested = replace(self._requested, wavelength=wavelength)
         self.devices.require_alive("filter")
         self._note_settling("filter", self._bench.filter.set_wavelength(wavelength))
 
     def set_exposure(self, exposure: float) -> None:
+        """Set the exposure that the window requests."""
         self._requested = replace(self._requested, exposure=exposure)
         self._apply_exposure(exposure)
 
@@ -80,7 +83,7 @@ class BenchController:
     def take_frame(self, cancelled: Callable[[], bool]) -> LiveFrame:
         """Take a live frame for the window after every setting has settled.
 
-        It is returned with its settings.
+        The frame is returned with its settings.
         """
         bench = self._bench
         self.devices.require_alive()
@@ -142,7 +145,7 @@ class BenchController:
     def _note_settling(self, role: str, setting: Setting[Any]) -> None:
         """Note for the window that a device works, and when its setting has settled.
 
-        The next picture is taken when it has settled.
+        The next picture is taken only then.
         """
         self._ready = max(self._ready, setting.ready_at)
         self.devices.mark_working(role)

@@ -55,7 +55,7 @@ class DeviceMonitor:
     def mark_working(self, *roles: str) -> None:
         """Note that devices work, so that the window doesn't list them as failed any more.
 
-        Without roles, all devices work.
+        Without roles, all devices are meant.
         """
         for role in roles or tuple(self._identities):
             self._failed.pop(role, None)
@@ -92,10 +92,7 @@ class DeviceMonitor:
         return tuple(info(name) for name in self._identities)
 
     def _query_setting(self, role: str) -> Any:
-        """Return a device's present setting for the window; the last one without an answer.
-
-        It is the last known one.
-        """
+        """Return a device's present setting for the window; without an answer, the last known."""
         if not (self._dead_reason(role) or self._unplugged_reason(role)):
             try:
                 return _SETTING_QUERIES[role](self._bench)
@@ -106,7 +103,7 @@ class DeviceMonitor:
     def _unplugged_reason(self, role: str) -> str:
         """Return why the window lists a device as unplugged; empty if it is plugged in.
 
-        Empty, too, if the device can't tell.
+        It is empty, too, if the device can't tell.
         """
         return self._bench.supervised_devices[role].unplugged_reason() or ""
 

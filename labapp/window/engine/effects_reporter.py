@@ -25,8 +25,8 @@ class EffectsReporter:
     def report_if_changed(self, frame: LiveFrame) -> None:
         """Send the window the effect plan of a picture if its settings are new.
 
-        They are new if they differ from those reported last. Call this before the bench changes
-        again: the plan is for the bench's present state.
+        New settings are those that differ from the settings reported last. Call this before the
+        bench changes again: the plan is for the bench's present state.
         """
         if self._world is None:
             return

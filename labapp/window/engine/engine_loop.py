@@ -194,7 +194,7 @@ class Engine:
     def _run_all(self, command: StartQueuedRuns) -> None:
         """Take the window's queued runs in turn; stop live view before, restore it after.
 
-        It is restored if the last run allows it.
+        Live view is restored only if the last run allows it.
         """
         while not self._channel.closed and (run := self._queue.begin()) is not None:
             self._live_again, self._live = self._live_again or self._live, False

@@ -22,7 +22,7 @@ class Jobs:
     def begin(self, job: str) -> Progress:
         """Register a job of the window's engine, cancel an older one of its name; return progress.
 
-        The progress is that of the new job. Reports of the progress are sent to the window.
+        Reports of the new job's progress are sent to the window.
         """
         progress = Progress(_Reporter(job, self._channel))
         with self._lock:

@@ -58,7 +58,7 @@ class PatternDesigner:
     def grey_levels(self, table: PatternTable, progress: Progress) -> NDArray[np.uint8]:
         """Return the grey levels, (rows, columns), of a pattern chosen in the window.
 
-        Raises the errors of compute_pattern.
+        Raises the errors of compute_pattern().
         """
         key = json.dumps(table, sort_keys=True)
         with self._lock:
@@ -87,7 +87,7 @@ class PatternDesigner:
     def _psf(self, grey: NDArray[np.uint8], wavelength: float) -> NDArray[np.float32]:
         """Predict a pattern's PSF for the window's preview: object in focus, sensor part shown.
 
-        The PSF is within the part of the sensor that is shown.
+        The PSF covers the part of the sensor that the window shows.
         """
         pixels = self._camera.sensor.window_plane((_SETTINGS.psf_window, _SETTINGS.psf_window))
         greys = torch.from_numpy(grey)[None]

@@ -88,4 +88,5 @@ def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restorati
 
 
 def _display_grey(light: NDArray[np.floating], white: float) -> NDArray[np.uint8]:
+    """Return a restored photograph as grey levels for the window."""
     return encode_srgb(light[0] / white)

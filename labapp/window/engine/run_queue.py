@@ -54,6 +54,7 @@ class RunQueue:
             self._expected += 1
 
     def add(self, run: QueuedRun) -> None:
+        """Add a prepared run to the window's queue."""
         with self._lock:
             unwanted = self._arrives()
             self._count += 1
@@ -81,6 +82,7 @@ class RunQueue:
         return run
 
     def end(self, run: QueuedRun, state: State, message: str, took: float = 0.0) -> None:
+        """Note that a run of the window's queue has ended."""
         with self._lock:
             run.mark_ended(state, message, took)
             self._hold_after(run)
@@ -113,6 +115,7 @@ class RunQueue:
         self._keep(lambda run: not run.state.has_ended)
 
     def release(self) -> None:
+        """End the hold of the window's queue, so that its next run may begin."""
         with self._lock:
             self.hold_reason = ""
         self._on_change()
@@ -124,10 +127,7 @@ class RunQueue:
         self._on_change()
 
     def _arrives(self) -> bool:
-        """Count down the runs announced to the window's queue; tell if this one was cancelled.
-
-        True means that it was cancelled before.
-        """
+        """Count down the runs announced to the window's queue; return if this one was cancelled."""
         unwanted, self._expected_cancelled = self._expected_cancelled, False
         self._expected = max(0, self._expected - 1)
         return unwanted
@@ -148,6 +148,7 @@ class RunQueue:
         return next((run for run in self._runs if run.state.is_under_way), None)
 
     def _next(self) -> QueuedRun | None:
+        """Return the next waiting run of the window's queue; None if none is waiting."""
         return next((run for run in self._runs if run.state is State.WAITING), None)
 
     def _hold_after(self, run: QueuedRun) -> None:

@@ -35,7 +35,7 @@ class RunTiming:
     def count_frame(self, lasts: float) -> None:
         """Count a stored frame of a run in the window's queue, which takes `lasts` seconds.
 
-        The seconds are those of the bench's clock.
+        The seconds are on the bench's clock.
         """
         now = time.monotonic()
         # The time before the first frame (computing patterns) and pauses don't count.
@@ -54,10 +54,7 @@ class RunTiming:
 
     @property
     def seconds_left(self) -> float | None:
-        """Return the real seconds that a run in the window's queue still needs.
-
-        It is None if they can't be estimated.
-        """
+        """Return the real seconds that a queued run in the window still needs; None if unknown."""
         if not self._counted:
             return self._bench_seconds_left if self._rate else None
         began = self._frame_began
