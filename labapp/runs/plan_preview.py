@@ -47,7 +47,7 @@ class Preview:
 def check_plan(
     named_plan: NamedPlan, bench: Path | None, scene: Path | None, *, as_json: bool
 ) -> None:
-    """Print what a plan's run takes, and that the bench can run it; raise UserError if it can't.
+    """Print what a run of the plan takes, and that the bench can run it; raise UserError otherwise.
 
     The patterns are computed on trial, with one iteration instead of many.
     """

@@ -247,7 +247,7 @@ class Record:
         return np.flatnonzero(self.column("stored") == 0).tolist()
 
     def missing_frames(self) -> list[int]:
-        """Return the indices of a run's frames that are never stored or without their checksum."""
+        """Return the indices of a run's frames that were never stored, or lack their checksum."""
         _, not_stored, damaged = self.read_back(range(self.frame_count), Progress())
         return sorted(not_stored + damaged)
 

@@ -35,10 +35,7 @@ class RunQueue:
             return tuple(run.info for run in self._runs)
 
     def has_record(self, path: Path) -> bool:
-        """Return whether a run in the window's queue that hasn't ended writes this record.
-
-        It may also be a run that will write it.
-        """
+        """Return whether a run in the window's queue that hasn't ended has this record to write."""
         with self._lock:
             return any(run.path == path and not run.state.has_ended for run in self._runs)
 
