@@ -38,7 +38,7 @@ class PatternContext:
     folder: Path
 
     def part(self, number: int, count: int) -> PatternContext:
-        """Return the context for computing one of `count` patterns that take the same time."""
+        """Return the context for one of `count` equally long parts of a pattern's computation."""
         return replace(self, progress=self.progress.part(number / count, (number + 1) / count))
 
     def generator(self, number: int = 0) -> torch.Generator:
@@ -65,7 +65,7 @@ class PhaseFrame:
 def compute_pattern(
     spec: StillPattern, camera: Camera, seed: int, progress: Progress, folder: Path
 ) -> NDArray[np.uint8]:
-    """Compute the grey levels of one of a plan's patterns on the camera's panel, (rows, columns).
+    """Compute the grey levels of a plan's pattern on the camera's panel, (rows, columns).
 
     Picture files are read from `folder`. `seed` alone determines all random numbers. Raises
     UserError or ValueError if the panel can't show the pattern.
@@ -116,10 +116,7 @@ def grey_frames(
 
 
 def frame_to_grey(frame: PhaseFrame, camera: Camera, wavelength: float) -> NDArray[np.uint8]:
-    """Return the grey levels by which the panel shows the phase of a pattern's frame.
-
-    The wavelength is in metres.
-    """
+    """Return the grey levels that show a pattern frame's phase at a wavelength in metres."""
     return phase_to_grey(camera.panel, frame.phase, wavelength, frame.orders).numpy()
 
 
@@ -181,7 +178,7 @@ def target_on_design_grid(
 
 
 def _ring(spec: RingPattern, number: int, work: PatternContext) -> torch.Tensor:
-    """Return the phase of a frame of a plan's ring pattern."""
+    """Compute the phase of one frame of a plan's ring pattern."""
     target, plane = target_on_design_grid(
         spec.target.draw(work.folder), work.camera, spec.wavelength
     )
@@ -218,5 +215,5 @@ def _sum_frames(spec: SumPattern, count: int, work: PatternContext) -> Iterator[
 
 
 def _part_seed(work: PatternContext, number: int) -> int:
-    """Return the seed of a part of a plan's sum pattern, so that two parts of a kind differ."""
+    """Return a seed for one part of a plan's sum pattern; parts of the same kind thus differ."""
     return int(np.random.SeedSequence([work.seed, number]).generate_state(1)[0])

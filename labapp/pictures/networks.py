@@ -27,7 +27,7 @@ def bundled_denoiser() -> Denoise:
 
 
 def read_denoiser(path: Path) -> Denoise:
-    """Read a network that restores pictures from its file of weights; UserError if damaged."""
+    """Read the weights file of a network that restores pictures; UserError if it is damaged."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             weights = {name: torch.from_numpy(stored[name]) for name in stored.files}
@@ -41,7 +41,7 @@ def read_denoiser(path: Path) -> Denoise:
 def weights_file(weights: Mapping[str, torch.Tensor]) -> bytes:
     """Return the trained weights of a network that restores pictures, as bytes of an .npz file.
 
-    They are stored by name and in half precision.
+    The file holds each weight under its name, in half precision.
     """
     buffer = io.BytesIO()
     halves = {name: value.to(torch.float16).numpy() for name, value in weights.items()}

@@ -108,7 +108,7 @@ def build_plan(
 
 
 def whole_periods(request: RefinementRequest, period: float) -> list[int]:
-    """Return a refinement's exposures as numbers of video periods, rounded up, each once.
+    """Convert a refinement's exposures to whole video periods, rounded up, without duplicates.
 
     `period` is in seconds.
     """

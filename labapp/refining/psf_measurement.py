@@ -127,7 +127,7 @@ class PSFMeasurer:
         return float(squared[bright & middle].sum() / squared[bright].sum())
 
     def _require_unclipped(self, variance: torch.Tensor, bracket: Bracket, record: Path) -> None:
-        """Raise UserError if each exposure of the refinement's picture clips pixels of the PSF.
+        """Raise UserError if a refinement's picture has PSF pixels clipped in every exposure.
 
         The merged bracket gives such pixels an infinite variance.
         """

@@ -67,7 +67,7 @@ def refined_design_contents(
     bench: BenchFile,
     progress: Progress,
 ) -> DesignContents:
-    """Return the contents of a refined design file; `before` are those of the file `design`."""
+    """Return the contents of a refined design file; `before` holds those of the file `design`."""
     start, goal = result.start, result.start.goal
     camera, phases = goal.camera, result.phases
     greys = start.grey_levels(phases)

@@ -74,8 +74,8 @@ class SensorView:
     def convolve_with_star(self, psf: torch.Tensor) -> torch.Tensor:
         """Convolve a PSF of the refined design with the star's image and the pixel aperture.
 
-        The PSF is on the design grid. The exact transforms of both are used. The PSF is taken to be
-        0 beyond the grid, and negative results are set to 0.
+        The PSF is on the design grid, and taken to be 0 beyond it. Star and aperture enter with
+        their exact Fourier transforms. Negative results are set to 0.
         """
         shape = tuple(scipy.fft.next_fast_len(n + self._reach, real=True) for n in psf.shape)
         spectrum = torch.fft.rfft2(psf.to(torch.float64), s=shape)
@@ -88,7 +88,7 @@ class SensorView:
         return torch.from_numpy(found)
 
     def resample_nearest(self, values: NDArray[np.float64]) -> torch.Tensor:
-        """Resample a refinement's sensor values, such as variances, to the nearest grid sample."""
+        """Resample a refinement's sensor values, such as variances, from the nearest pixels."""
         found = ndimage.map_coordinates(values, self._coordinates, order=0, mode="nearest")
         return torch.from_numpy(found)
 
@@ -98,7 +98,7 @@ class SensorView:
 
     @cached_property
     def _step(self) -> Array:
-        """Step between samples of the refined design, in sensor pixels: a matrix of both axes."""
+        """Steps between samples of the refined design, in sensor pixels: a matrix for both axes."""
         stretch = self.goal.wavelength / self.registration.wavelength
         return self.registration.matrix * stretch / self.goal.far_field_samples
 
@@ -109,7 +109,7 @@ class SensorView:
         return math.ceil(pixels * np.linalg.norm(np.linalg.inv(self._step), 2))
 
     def _transfer(self, shape: tuple[int, ...]) -> torch.Tensor:
-        """Return the transfer function of a refinement's pixel and star for an rfft2 of a shape."""
+        """Return the transfer function of a refinement's star and pixel for an rfft2 of `shape`."""
         fy = torch.fft.fftfreq(shape[0], dtype=torch.float64)[:, None]
         fx = torch.fft.rfftfreq(shape[1], dtype=torch.float64)[None, :]
         step = np.linalg.inv(self._step)
@@ -124,7 +124,7 @@ class SensorView:
 def build_view(
     bench: BenchFile, goal: RetrievalGoal, diameter: float, distance: float
 ) -> SensorView:
-    """Build the refinement's view of a star by a bench's camera.
+    """Build the refinement's view of a star through a bench's camera.
 
     The star's diameter and distance are in metres. The view uses the calibration's registration at
     the wavelength nearest to the goal's. Without one, it uses the camera's description.

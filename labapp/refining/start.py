@@ -105,7 +105,7 @@ def _require_panel(contents: DesignContents, path: Path, camera: Camera) -> None
 
 
 def _phases(contents: DesignContents, camera: Camera, wavelength: float) -> torch.Tensor:
-    """Return the phases from which a refinement starts; from grey levels if the design has none."""
+    """Return a refinement's initial phases, computed from grey levels if the design has none."""
     if contents.phase is not None:
         return torch.from_numpy(contents.phase)
     panel = camera.panel

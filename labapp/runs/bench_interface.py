@@ -42,7 +42,7 @@ class Bench(Protocol):
 
     @property
     def description(self) -> CameraDescription:
-        """The description of the camera of the run, with its calibration."""
+        """The description of the run's camera, with its calibration."""
 
     @property
     def clock(self) -> Clock: ...
@@ -59,7 +59,7 @@ class Bench(Protocol):
 
     @property
     def wheel(self) -> FilterWheel | None:
-        """The filter of a run's shots, if it is a wheel."""
+        """The filter of a run's shots if it is a wheel, else None."""
 
     @property
     def camera(self) -> Camera: ...
@@ -83,7 +83,7 @@ class Bench(Protocol):
         """Return why the calibration may not hold at a run's wavelengths, in metres."""
 
     def cancellable_by(self, cancelled: Callable[[], bool]) -> AbstractContextManager[None]:
-        """Return a context in which a run's calls of devices end soon after it is cancelled.
+        """Return a context in which a run's device calls end soon after the run is cancelled.
 
         The run is cancelled when `cancelled` returns true.
         """
@@ -98,4 +98,4 @@ class Bench(Protocol):
         """
 
     def device_error(self, role: str, command: str, reply: str) -> DeviceError:
-        """Return an error that ends a run's shot, with a device's role on the bench."""
+        """Return the error of a device that failed in a run's shot, with its role on the bench."""

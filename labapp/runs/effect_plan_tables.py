@@ -49,7 +49,7 @@ def _row(name: str, plans: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def format_share(value: float | None) -> str:
-    """Format a relative error that a run's record states of a picture; None means no bound."""
+    """Format a picture's relative error from a run's record; None means that it has no bound."""
     return "∞" if value is None else f"{value:.1e}" if value else "0"
 
 
@@ -58,7 +58,7 @@ def _size(value: float | None) -> float:
 
 
 def _print_legacy_plans(plans: dict[str, Any]) -> None:
-    """Print the effect plans of a run's old record, in which an effect has an estimate only."""
+    """Print the effect plans in a run's old record, which has only an estimate of each effect."""
     for name, plan in plans.items():
         rows = [
             [

@@ -18,7 +18,7 @@ steps of 0.01 nm."""
 
 
 def is_exposure_as_requested(exposure: float, requested: float) -> bool:
-    """Return whether a run's frame has the requested exposure as closely as a camera can.
+    """Return whether a run's frame has the requested exposure, as closely as cameras keep it.
 
     Both exposures are in seconds.
     """

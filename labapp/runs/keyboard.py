@@ -72,7 +72,7 @@ class Keyboard:
 
     @property
     def _wants_answer(self) -> bool:
-        """Whether a run's prompt waits for its answer; each takes only one line of the input."""
+        """Whether a run's prompt still waits for its answer, a single line of the input."""
         return self._question_pending.is_set() and not self._answer_given.is_set()
 
     def _press(self, key: bytes, terminal: bool) -> None:
@@ -86,10 +86,7 @@ class Keyboard:
 
 
 def _standard_input() -> int | None:
-    """Return the file descriptor from which a run reads its keys; None in a service or a test.
-
-    The keys come from standard input.
-    """
+    """Return standard input's descriptor for the keys of a run; None in a service or a test."""
     try:
         return sys.stdin.fileno()
     except (AttributeError, OSError, ValueError):
@@ -109,10 +106,7 @@ def _is_in_foreground(terminal: int) -> bool:
 
 @contextmanager
 def open_keyboard(progress: Progress) -> Iterator[Keyboard]:
-    """Open the keyboard for a run's prompts and pauses; a terminal delivers each key at once.
-
-    No Enter is needed after a key.
-    """
+    """Open the keyboard for a run's prompts and pauses; in a terminal, keys need no Enter."""
     source = _standard_input()
     terminal = (
         source if source is not None and os.isatty(source) and _is_in_foreground(source) else None

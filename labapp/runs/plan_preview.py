@@ -47,7 +47,7 @@ class Preview:
 def check_plan(
     named_plan: NamedPlan, bench: Path | None, scene: Path | None, *, as_json: bool
 ) -> None:
-    """Print what a run of the plan takes, and that the bench can run it; raise UserError otherwise.
+    """Print what a run of the plan takes, and that the bench can run it; UserError if it can't.
 
     The patterns are computed on trial, with one iteration instead of many.
     """
@@ -105,7 +105,7 @@ def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
 def _require_reconstruction_frames(preview: Preview) -> None:
     """Raise UserError if a run lacks frames for the plan's reconstruction.
 
-    Also raises it if the wavelength is ambiguous.
+    It also raises UserError if the wavelength of such frames is ambiguous.
     """
     roles = preview.plan.reconstruct
     if roles is None:
@@ -133,7 +133,7 @@ def _require_reconstruction_frames(preview: Preview) -> None:
 
 
 def _try_patterns(preview: Preview, bench: Bench) -> None:
-    """Raise UserError if a pattern of a plan to run can't be computed for the bench's panel."""
+    """Compute a run's patterns on trial; raise UserError if the bench's panel can't show one."""
     plan = preview.plan
     quick = {name: pattern.with_least_work() for name, pattern in plan.patterns.items()}
     with terminal_progress() as progress:
@@ -163,7 +163,7 @@ def _print_summary(preview: Preview) -> None:
 
 
 def _limits(preview: Preview) -> list[dict[str, str]]:
-    """Return what a run's plan requests beside what the bench can do, in words."""
+    """Say in words what a run's plan requests, and what the bench can do."""
     plan, abilities, listed = preview.plan, preview.capabilities, preview.shots
     exposures = sorted({shot.exposure * 1e3 for shot in listed})
     wavelengths = _nm(sorted({shot.wavelength for shot in listed}))
@@ -198,7 +198,7 @@ def _limits(preview: Preview) -> list[dict[str, str]]:
 
 
 def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> None:
-    """Print the steps of a plan's run in tables, a new one after each prompt, which is its heading.
+    """Print the steps of a run in tables; each prompt begins a new table, and is its heading.
 
     Unless `every_row` is set, only the first 40 rows are printed.
     """
@@ -230,7 +230,7 @@ def _groups(listed: Sequence[Shot]) -> Iterator[list[Shot]]:
 
 
 def _row(group: Sequence[Shot], wheel: bool) -> list[Any]:
-    """Return the row on a group of a run's shots in the table of its steps."""
+    """Return the row for a group of shots in the table of a run's steps."""
     first, steps = group[0], sorted({shot.step for shot in group})
     exposures = dict.fromkeys(f"{shot.exposure * 1e3:g}" for shot in group)
     return [
@@ -264,7 +264,7 @@ def _as_data(preview: Preview) -> dict[str, Any]:
 
 
 def _shot_data(shot: Shot, prompt: str) -> dict[str, Any]:
-    """Return a planned shot of a run as plain data, with the prompt before it."""
+    """Return a run's planned shot as plain data, with the prompt before it."""
     return {
         "frame": shot.index,
         "step": shot.step,

@@ -89,7 +89,7 @@ def _contents(
 
 
 def _rows(design: PatternDesign) -> list[list[str]]:
-    """Return the rows on a designed pattern: its panel, frames, grey levels and quality."""
+    """Return the printed rows on a designed pattern: panel, frames, grey levels and quality."""
     figures, quality = design.figures_of_merit, design.figures_of_merit["quality"]
     rows = [
         ["panel", "{1} x {0} pixels".format(*design.greys.shape[1:])],

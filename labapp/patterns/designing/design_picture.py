@@ -58,10 +58,10 @@ def _row(axes: list[Axes], design: PatternDesign, moment: int, count: int) -> No
 
 
 def _white_level(psf: NDArray[np.float64], has_target: bool) -> float:
-    """Return the brightness drawn as white in the picture of a pattern's design.
+    """Return the PSF's brightness that is drawn as white in the picture of a pattern's design.
 
-    It is the PSF's peak, beside the zeroth order of a target. The zeroth order, where unmodulated
-    light falls, is within 4 pixels of the axis.
+    This is the PSF's peak. If the pattern has a target, the pixels within 4 of the axis, where
+    unmodulated light falls, are left out.
     """
     rest = psf.copy()
     if has_target:
@@ -81,6 +81,6 @@ def _draw(
 
 
 def _sample_edges(place: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the outer edges of the samples that the picture of a pattern's design shows, in µm."""
+    """Return the outer edges of the first and last sample in a pattern design's picture, in µm."""
     half = (place[-1] - place[0]) / max(len(place) - 1, 1) / 2
     return float(place[0] - half) * 1e6, float(place[-1] + half) * 1e6

@@ -19,7 +19,7 @@ _TAGS = ("kind", "shape")
 
 
 def read_pattern(kind: str, keys: Sequence[str], wavelength_nm: float) -> StillPattern:
-    """Read the pattern to design from its kind and KEY=VALUE; raise UserError if one is wrong."""
+    """Read the pattern to design from its kind and KEY=VALUE texts; UserError if one is wrong."""
     values = _values(kind, keys, STILL_PATTERNS, "pattern")
     if issubclass(STILL_PATTERNS[kind], PhasePattern):
         values = {"wavelength_nm": wavelength_nm} | values
@@ -29,7 +29,7 @@ def read_pattern(kind: str, keys: Sequence[str], wavelength_nm: float) -> StillP
 def read_psf(
     shape: str, keys: Sequence[str], wavelength_nm: float, options: Mapping[str, Any]
 ) -> PSFPattern:
-    """Read a pattern to design from KEY=VALUE: the one whose PSF has a target's shape.
+    """Read the pattern to design whose PSF has a target's shape, from KEY=VALUE texts.
 
     `options` are keys of the pattern for its phase retrieval; None leaves one out. Raises
     UserError if a key is wrong.
@@ -62,7 +62,10 @@ def list_targets(*, as_json: bool) -> None:
 def _values(
     name: str, keys: Sequence[str], tables: Mapping[str, type[Table]], what: str
 ) -> dict[str, Any]:
-    """Parse KEY=VALUE of a pattern to design or of its target; UserError for an unknown kind."""
+    """Parse the KEY=VALUE texts of a pattern to design, or of its target.
+
+    Raises UserError for an unknown kind.
+    """
     if name not in tables:
         raise UserError(f"{what} {name!r} is not known. Choose one of {', '.join(tables)}.")
     return parse_key_values(keys, tables[name], _TAGS)
@@ -75,8 +78,5 @@ def _list_entries(tables: Mapping[str, type[Table]]) -> list[ListEntry]:
 
 
 def _summary(table: type[Table]) -> str:
-    """Return what a kind of pattern is, as one line of the list of patterns.
-
-    This is the first paragraph of the docstring of the kind's table.
-    """
+    """Summarise a kind of pattern or target in one line: its table docstring's first paragraph."""
     return " ".join((table.__doc__ or "").split("\n\n")[0].split())

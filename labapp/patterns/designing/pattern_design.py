@@ -130,9 +130,9 @@ def _compute_frames(
     work: PatternContext,
     keep_phases: bool,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None, int]:
-    """Return the designed pattern's grey levels, its phases if wanted and known, and their orders.
+    """Return the designed pattern's grey levels, its phases if wanted and known, and its orders.
 
-    The orders are the whole waves of the panel's range that the phases use.
+    The orders are the whole waves of the panel's range that the phases use, 1 if they are unknown.
     """
     if not isinstance(spec, PhasePattern):
         return np.stack(list(grey_frames(spec, count, work))), None, 1
@@ -151,7 +151,7 @@ def _compute_frames(
 
 
 def _single_precision_phase(frame: PhaseFrame) -> NDArray[np.float32]:
-    """Return the phase of a pattern's frame as the design keeps it: float32, wrapped if float64.
+    """Convert a pattern's phase to float32 for its design, and wrap it first if it is float64.
 
     Single precision can't hold thousands of radians with the accuracy of a grey level.
     """
@@ -162,9 +162,9 @@ def _single_precision_phase(frame: PhaseFrame) -> NDArray[np.float32]:
 
 
 def _window_side(moments: Sequence[RetrievedMoment], camera: Camera) -> int:
-    """Return how many sensor pixels, an even number, a pattern's design shows of the PSF.
+    """Return the side of a pattern design's PSF window, an even number of sensor pixels.
 
-    It holds the windows in which the targets were designed; without a target it is 256.
+    The window holds those in which the targets were designed. Without a target, its side is 256.
     """
     if not moments:
         return 256

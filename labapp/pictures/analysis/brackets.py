@@ -63,7 +63,7 @@ class Bracket:
 
     @property
     def name(self) -> str:
-        """Return target, pattern and wavelength of the recorded pictures of a bracket, in words."""
+        """Describe a bracket of recorded pictures in words: target, pattern and wavelength."""
         return f"{self.target}, {self.pattern}, {self.wavelength * 1e9:g} nm"
 
 
@@ -98,7 +98,7 @@ def merge_frame(record: Record, index: int) -> Bracket:
 
 
 def dark_target(plan: PlanFile) -> str:
-    """Return the name of the target of the dark pictures that a plan records."""
+    """Return the name of the target under which a plan's run records its dark pictures."""
     return plan.reconstruct.dark if plan.reconstruct else "dark"
 
 
@@ -151,10 +151,10 @@ def _mean_dark(record: Record, dark: str, exposure: float, sensor: Sensor) -> tu
 def find_bracket(
     brackets: list[Bracket], target: str, pattern: str, wavelength: float | None, path: Path
 ) -> Bracket:
-    """Return the merged recorded pictures of a target, pattern and wavelength in metres.
+    """Find the recorded pictures' bracket with a target, pattern and wavelength in metres.
 
-    Without a wavelength, the only one is taken. Raises UserError if the record at `path` lacks it,
-    or has it at several wavelengths.
+    Without a wavelength, the bracket may have any. Raises UserError, which names the record at
+    `path`, if there is no such bracket, or more than one.
     """
     found = [
         bracket

@@ -63,9 +63,9 @@ def _draw_psf(axes: Axes, psf: Light) -> None:
 
 
 def _draw_residual(axes: Axes, residual: Light) -> None:
-    """Draw what the restored picture leaves unexplained, scaled to the noise of one band.
+    """Draw what the restored picture leaves unexplained: the mean residual of all bands.
 
-    It is the mean residual of all bands.
+    The residual is drawn in units of the noise.
     """
     mean = residual.mean(0) * np.sqrt(len(residual))
     axes.set_facecolor("0.25")

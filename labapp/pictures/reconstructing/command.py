@@ -130,10 +130,7 @@ def _as_data(
 
 
 def _score(problem: RestorationProblem, outcome: RestoredPicture) -> dict[str, Any] | None:
-    """Return the scores of the picture before and after its restoration for JSON.
-
-    They are None without a reference picture.
-    """
+    """Return the picture's scores before and after its restoration for JSON; None without any."""
     known = problem.reference
     if known is None or outcome.scores is None:
         return None

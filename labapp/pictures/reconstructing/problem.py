@@ -88,10 +88,7 @@ class RestorationProblem:
         return band if known else replace(band, given_noise=self.noise_floor)
 
     def noise_source(self, noise: float) -> str:
-        """Say in words where the noise of the picture to restore is from.
-
-        The noise is given, computed or estimated.
-        """
+        """Say whether the noise of the picture to restore was given, computed or estimated."""
         if self.noise is not None:
             return "as told"
         return "of photons and read noise" if noise == self.noise_floor else "estimated"

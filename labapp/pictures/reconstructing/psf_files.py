@@ -53,9 +53,9 @@ def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Ligh
 
 
 def _psf_warnings(path: Path, psf: Light) -> list[str]:
-    """Warn that a PSF is unfit for restoring a picture: bright edge, or drawing of a file.
+    """Return warnings about a PSF that may be unfit for restoring a picture.
 
-    The drawing is of another file, which has the PSF itself.
+    Its edge may be too bright, or the file may be a mere drawing of the PSF in a file beside it.
     """
     said = []
     edge = np.concatenate([psf[:, 0], psf[:, -1], psf[:, :, 0], psf[:, :, -1]], axis=1)

@@ -74,15 +74,15 @@ class RecordedPhotograph:
 
     @property
     def source(self) -> str:
-        """Return record, photograph and frame of a recorded picture in words."""
+        """Describe a recorded picture in words: its record, photograph and frame."""
         frame = "" if self.frame is None else f", frame {self.frame}"
         return f"{self.path}, {self.photograph.name}{frame}"
 
     @cached_property
     def clipped_pixels(self) -> NDArray[np.bool_]:
-        """Return the clipped pixels of the recorded picture, (1, rows, columns).
+        """Return a mask of the recorded picture's clipped pixels, (1, rows, columns).
 
-        Their measured light is a lower bound.
+        The measured light of a clipped pixel is only a lower bound.
         """
         return ~np.isfinite(self.photograph.variance)[None]
 
@@ -101,7 +101,7 @@ class RecordedPhotograph:
     ) -> RestorationProblem:
         """Build the restoration problem of the recorded picture.
 
-        The PSF is that of the star if none is given. Reports, commands and the window all use this
+        If no PSF is given, the star's is used. Reports, commands and the window all call this
         function.
         """
         if psf is None:
@@ -129,9 +129,9 @@ class RecordedPhotograph:
 
     @property
     def _least_noise(self) -> float:
-        """Return the least rms noise of a pixel of the recorded picture; 0 if all are clipped.
+        """Return the rms noise of the recorded picture that photons and readout alone cause.
 
-        It is the noise of photons and of reading.
+        Returns 0 if all pixels are clipped.
         """
         known = self.photograph.variance[~self.clipped_pixels[0]]
         return float(np.sqrt(known.mean())) if known.size else 0.0
@@ -150,18 +150,18 @@ class RecordedPhotograph:
 
 
 def is_record(path: Path) -> bool:
-    """Return whether the picture to restore is in a run's record, by the file's ending."""
+    """Return whether a file with a picture to restore is a run's record, by its ending."""
     return path.suffix.lower() in (".h5", ".hdf5")
 
 
 def read_recorded_photograph(
     path: Path, choice: RecordSelection, progress: Progress, *, star: bool
 ) -> RecordedPhotograph:
-    """Read the selected photograph among recorded pictures, and its star's PSF.
+    """Read the photograph to restore from a record's pictures, and the PSF from its star.
 
     By default this is the photograph that the plan's [reconstruct] table names, or else the last
     target that is neither dark nor star, with its exposures merged. The PSF is read only if `star`
-    is true. Raises UserError for what the record lacks.
+    is true. Raises UserError if the record lacks what was selected.
     """
     with Record(path) as record:
         roles = _choose_roles(record, choice)
@@ -180,7 +180,7 @@ def find_photograph(
     star: bool = True,
     frame: int | None = None,
 ) -> RecordedPhotograph:
-    """Find photograph, neutral counterpart and star among the recorded pictures' brackets.
+    """Find the photograph, its neutral counterpart and the star among recorded pictures.
 
     `roles` names targets and patterns. Raises UserError if the photograph is missing.
     """
@@ -200,7 +200,7 @@ def find_photograph(
 
 
 def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
-    """Read the PSF, (rows, columns), in a recorded picture of a star; UserError without one."""
+    """Read the PSF, (rows, columns), from a star's recorded pictures; UserError without any."""
     with Record(path) as record:
         plan = record.plan.reconstruct
         star = choice.star or (plan.star if plan else "star")
@@ -219,7 +219,7 @@ def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
 def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
     """Choose photograph, pattern, star and wavelength among the recorded pictures.
 
-    The choice is from the selection and the record's plan.
+    What the user didn't select is taken from the record's plan.
     """
     plan, path = record.plan.reconstruct, record.path
     star = choice.star or (plan.star if plan else "star")
@@ -275,7 +275,7 @@ def _star_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) ->
 
 
 def _last_stored_frame(record: Record, names: tuple[str, ...]) -> tuple[str, str]:
-    """Return target and pattern of the last recorded picture of some targets."""
+    """Return target and pattern of the picture that was recorded last of the given targets."""
     frames = [index for name in names for index in record.select(target=name)]
     if not frames:
         has = ", ".join(record.target_names)

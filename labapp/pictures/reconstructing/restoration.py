@@ -101,7 +101,7 @@ def describe_residual(residual: float) -> str:
 
 @torch.no_grad()
 def _normalised_residual(observation: Observation, restored: RestoredImage) -> Light:
-    """Return the picture less the blurred restored picture, over the picture's noise."""
+    """Return the picture minus the blurred restored picture, divided by the picture's noise."""
     whole = (
         observation.extended_image * 0 if restored.period_image is None else restored.period_image
     )

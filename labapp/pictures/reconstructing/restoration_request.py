@@ -106,7 +106,7 @@ class RestorationRequest:
     def _require_reference_shape(self, light: NDArray[np.floating]) -> None:
         """Raise UserError if the true picture has another shape than the photograph to restore.
 
-        This comes before the estimation of an unknown PSF, which takes long.
+        The shape is checked before an unknown PSF is estimated, which takes long.
         """
         if self.reference is None or self.reference.light.shape == light.shape:
             return
@@ -170,7 +170,7 @@ class RestorationRequest:
     def _estimate_psf(
         self, light: NDArray[np.floating], clipped: NDArray[np.bool_], progress: Progress
     ) -> tuple[Light, str, list[str]]:
-        """Estimate the PSF for restoring a picture from it alone, from the mean of all bands.
+        """Estimate the PSF from the picture to restore alone, in the mean of its bands.
 
         Returns the PSF, its source in words, and a remark about its reliability.
         """

@@ -56,21 +56,21 @@ def gallery(analysis: RecordAnalysis) -> Figure:
 
 
 def psf_figure(analysis: RecordAnalysis) -> Figure:
-    """Draw the figure of the pictures' report on the PSF: target, pattern, measured, predicted."""
+    """Draw the PSF figure of a report on pictures: target, pattern, measured and predicted PSF."""
     figure = Figure(figsize=(16, 4.2), dpi=100, layout="constrained")
     _psf_row(figure, analysis)
     return figure
 
 
 def profile_figure(analysis: RecordAnalysis) -> Figure:
-    """Draw the figure of the pictures' report on the PSFs' radial profiles."""
+    """Draw the radial profiles of the PSFs as a figure of a report on pictures."""
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
     draw_profile(figure.subplots(), analysis)
     return figure
 
 
 def histogram_figure(analysis: RecordAnalysis) -> Figure:
-    """Draw the histogram of the recorded pictures' digital numbers as a figure of the report."""
+    """Draw the histogram of the recorded pictures' digital numbers as a figure of a report."""
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
     brackets = [b for b in analysis.brackets if _is_coded(analysis, b)] or analysis.brackets
     draw_histogram(figure.subplots(), brackets)
@@ -78,7 +78,7 @@ def histogram_figure(analysis: RecordAnalysis) -> Figure:
 
 
 def gamma_encode(picture: Picture) -> NDArray[np.uint8]:
-    """Return a report's linear picture, 0 to 1, as 8-bit levels for a screen."""
+    """Encode a report's linear picture, 0 to 1, as 8-bit levels for a screen."""
     return (np.clip(picture, 0, 1) ** _GAMMA * 255).round().astype(np.uint8)
 
 
@@ -112,9 +112,9 @@ def _psf_row(figure: FigureBase, analysis: RecordAnalysis) -> None:
 
 
 def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -> None:
-    """Draw a PSF for the report on recorded pictures, logarithmically; `peak` sets the scale.
+    """Draw the logarithm of a PSF for the report on recorded pictures.
 
-    PSFs with the same `peak` have the same scale.
+    The scale covers four decades below `peak`, or below the PSF's own peak if that is None.
     """
     axes.set_title(title)
     axes.set(xticks=[], yticks=[])
@@ -145,7 +145,7 @@ def _photographs(figure: FigureBase, analysis: RecordAnalysis) -> None:
 
 
 def _detail(axes: Axes, analysis: RecordAnalysis) -> None:
-    """Draw the middle of the neutral photograph beside that of the best restored one."""
+    """Draw the middles of the neutral and of the best restored photograph side by side."""
     name = analysis.best_method or "coded"
     cuts = [_middle(gamma_encode(analysis.images[one])) for one in ("neutral", name)]
     axes.imshow(np.concatenate(cuts, axis=1), cmap="gray", vmin=0, vmax=255)
@@ -155,10 +155,7 @@ def _detail(axes: Axes, analysis: RecordAnalysis) -> None:
 
 
 def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Cut out the middle of a recorded picture: half of its height.
-
-    The part is 0.75 times as wide as high.
-    """
+    """Cut out the middle of a report's picture: half its height, and 0.75 times as wide as high."""
     rows, columns = picture.shape
     tall = max(rows // 2, 1)
     wide = min(max(round(0.75 * tall), 1), columns)
@@ -194,7 +191,7 @@ def draw_profile(axes: Axes, analysis: RecordAnalysis) -> None:
 
 
 def _radial_mean(picture: Picture) -> Picture:
-    """Return the radial profile of a PSF in the report on recorded pictures."""
+    """Return the mean of a PSF over circles around its centre, for the report on pictures."""
     n = picture.shape[0]
     y, x = np.indices(picture.shape) - n // 2
     radius = np.hypot(y, x).round().astype(int)

@@ -27,7 +27,7 @@ footer { margin-top: 3rem; font-size: .85rem; opacity: .7 }
 
 
 def document(title: str, parts: Sequence[str]) -> str:
-    """Return the whole HTML page of a report on pictures from the HTML of its parts."""
+    """Assemble the HTML page of a report on pictures from the HTML of its parts."""
     body = "\n".join(parts)
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -61,13 +61,13 @@ def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def html_figure(data: bytes, text: str, kind: str = "png") -> str:
-    """Return the HTML of a report's embedded picture with a caption; `kind` is "png" or "gif"."""
+    """Return the HTML that embeds a report's picture with a caption; `kind` is "png" or "gif"."""
     source = f"data:image/{kind};base64," + base64.b64encode(data).decode()
     under = f"<figcaption>{escape(text)}</figcaption>" if text else ""
     return f'<figure><img src="{source}" alt="{escape(text)}">{under}</figure>'
 
 
 def footer() -> str:
-    """Return the HTML footer of a report of pictures, with the version of labapp and the time."""
+    """Return the HTML footer of a report on pictures, with the version of labapp and the time."""
     made = datetime.now(UTC).isoformat(timespec="seconds")
     return f"<footer>labapp {labapp.__version__}, {made}</footer>"

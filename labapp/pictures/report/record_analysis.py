@@ -79,9 +79,9 @@ class RecordAnalysis:
 
 
 def analyse_record(path: Path, progress: Progress | None = None) -> RecordAnalysis:
-    """Analyse recorded pictures: merge all brackets, and restore the photograph.
+    """Analyse recorded pictures: merge brackets, measure the PSF, and restore the photograph.
 
-    The photograph is restored if the record's plan has a [reconstruct] table.
+    The last two need a [reconstruct] table in the record's plan.
 
     Parameters
     ----------
@@ -152,6 +152,6 @@ def _restore(
 
 
 def _credit(record: Record) -> str:
-    """Return who made the photographs that the recorded pictures show in a simulated scene."""
+    """Return who made the photographs in the simulated scene of the recorded pictures."""
     tables = record.scene.targets.values() if record.scene else ()
     return ", ".join(t.credit for t in tables if isinstance(t, PhotographTable) and t.credit)

@@ -31,7 +31,7 @@ EXPOSURE_NOTE = (
 
 
 def print_tables(analysis: RecordAnalysis) -> None:
-    """Print the tables of a report of recorded pictures: exposures, PSF, restoration and time.
+    """Print the tables of a report on recorded pictures: exposures, PSF, restoration and time.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def percent(share: float) -> str:
 
 
 def as_data(analysis: RecordAnalysis) -> dict[str, Any]:
-    """Return the figures of a report of recorded pictures as plain data for JSON.
+    """Return the figures of a report on recorded pictures as plain data for JSON.
 
     Parameters
     ----------

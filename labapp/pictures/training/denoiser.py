@@ -72,10 +72,10 @@ class _TrainingState:
 
     @classmethod
     def load_or_create(cls, file: Path, plan: dict[str, int]) -> _TrainingState:
-        """Return the state of training on pictures by a checkpoint file, or the initial one.
+        """Load the state of training on pictures from its checkpoint, or create the initial state.
 
-        It is the initial one if there is no file. Raises UserError for a file of other training, or
-        one that can't be read.
+        The initial state is created if there is no file. Raises UserError if the file can't be
+        read, or belongs to other training.
         """
         state = cls.initial(plan["seed"])
         if not file.exists():

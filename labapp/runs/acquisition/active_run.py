@@ -215,7 +215,7 @@ class ActiveRun:
         return asking
 
     def _report(self, message: str) -> None:
-        """Report the run's progress, and a device that is unplugged."""
+        """Report the run's progress, and any device that is unplugged."""
         self._doing = message
         share = self._done / self._expected if self._expected else 1.0
         told = f"UNPLUGGED: {self._unplugged} ({message})" if self._unplugged else message

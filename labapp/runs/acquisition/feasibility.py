@@ -34,7 +34,7 @@ class RunEstimate:
 def estimate_run(
     shots: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities
 ) -> RunEstimate:
-    """Return what a run of a plan will take: its time, frames and disk space."""
+    """Estimate what a run of a plan takes: frames, time, disk space and prompts."""
     return RunEstimate(
         frames=len(shots),
         seconds=sum(shot.duration for shot in shots),
@@ -44,7 +44,7 @@ def estimate_run(
 
 
 def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities) -> int:
-    """Return the size of a run's finished record in bytes, or a little more."""
+    """Estimate the size of a run's finished record in bytes, a little too high."""
     picture, panel = prod(capabilities.frame_shape), prod(capabilities.panel_shape)
     shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
     decided = {(shot.target, shot.pattern, shot.wavelength, shot.exposure) for shot in listed}
@@ -62,7 +62,7 @@ def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapab
 def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> dict[int, str]:
     """Return a run's prompts by the index of the frame that waits for the answer, in order.
 
-    There is one prompt whenever the target changes.
+    Only a frame whose target differs from the last frame's can have a prompt.
     """
     asked = {}
     placed = ""
@@ -74,7 +74,7 @@ def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> 
 
 
 def placement_prompt(shot: Shot, by_hand: bool) -> str:
-    """Return the prompt before a target of a run's shot is placed; empty if the bench places it."""
+    """Return the prompt to place the target of a run's shot; empty if the bench places it."""
     return shot.prompt or (f"Place {shot.place}, then press Enter." if by_hand else "")
 
 

@@ -78,9 +78,10 @@ class FrameStore:
             self._pause(self._disk_full_message(), lambda: self._retry_store(store, shot.index))
 
     def _retry_store(self, store: Callable[[], None], index: int) -> bool:
-        """Try at intervals to store a run's frame again; return whether it is on the disk intact.
+        """Try to store a run's frame again; return whether it is on the disk intact.
 
-        The frame is read back, because the write was refused before.
+        Nothing is tried if the last try was just before. The frame is read back, because an earlier
+        write was refused.
         """
         if time.monotonic() < self._try_at or not self._has_space():
             return False
@@ -106,9 +107,6 @@ class FrameStore:
 
 
 def _require_full(error: OSError) -> None:
-    """Raise an error of storing a run's frame again unless it says that the disk is full.
-
-    That the user's quota is full counts as a full disk.
-    """
+    """Re-raise an error in storing a run's frame, unless the disk or the user's quota is full."""
     if error.errno not in _FULL:
         raise error

@@ -80,7 +80,7 @@ class FrameTaker:
         """Take and store the frame of a run's shot; try again when a device fails.
 
         Raises DeviceError after as many failures as the plan allows. Raises Cancelled if the run
-        was cancelled; then no frame is begun or stored.
+        was cancelled; no frame is begun or stored after that.
         """
         attempt = 1
         while True:
@@ -133,7 +133,7 @@ class FrameTaker:
         return frame
 
     def _request_placement(self, shot: Shot) -> None:
-        """Prompt a person to place the target of a run's shot, once whenever it changes."""
+        """Prompt a person to place the target of a run's shot, if it has changed."""
         if shot.target == self._placed_target:
             return
         text = placement_prompt(shot, self._by_hand)
@@ -154,7 +154,7 @@ class FrameTaker:
         return self._bench.filter.set_wavelength(shot.wavelength)
 
     def _apply(self, what: str, value: str, make: Callable[[], Setting[Any]]) -> float:
-        """Make a setting for a run's shot if it has changed; return when it has settled."""
+        """Make a setting for a run's shot if it has changed; return the time when it is settled."""
         if self._set.get(what) == value:
             return 0.0
         self._set.pop(what, None)
@@ -164,7 +164,7 @@ class FrameTaker:
         return setting.ready_at
 
     def _recover_device(self, error: DeviceError, attempt: int) -> None:
-        """Wait, and open a device again that failed a run's shot, if it was given up.
+        """Wait, then open the device that failed in a run's shot again, if it was given up.
 
         From the second failure on, the device is opened again in any case. A device that was
         unplugged is first given a minute to come back, because attempts before would fail.

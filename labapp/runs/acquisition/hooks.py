@@ -31,7 +31,7 @@ class Hooks:
     def of(plan: PlanFile, bench: Bench) -> Hooks:
         """Load the hooks that a run's plan names; raise UserError if one can't be loaded.
 
-        This happens before any device has moved.
+        Hooks are loaded before any device moves.
         """
         hooks = []
         known = (

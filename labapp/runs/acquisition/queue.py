@@ -39,7 +39,7 @@ def run_all(
 ) -> list[RunOutcome]:
     """Take several runs in turn; the next run begins even if one fails.
 
-    Each is taken as by run_plan(). Cancelling ends the present run and the queue. `on_outcome` is
+    Each run is taken by run_plan(). Cancelling ends the present run and the queue. `on_outcome` is
     called with the outcome of each run. Raises UserError, before anything has moved, if one of the
     plans can't be run, or two share a record.
     """

@@ -17,8 +17,6 @@ def export_record(
 ) -> None:
     """Export frames of a run's record, print what was written, and report missing frames.
 
-    Missing frames are an error.
-
     Parameters
     ----------
     path : Path

@@ -53,10 +53,7 @@ def _round_digits(length: float) -> float:
 
 
 def _bits(record: Record) -> int | None:
-    """Return the bits of the exported frames' digital numbers; None if unknown.
-
-    They are unknown if the record's bench file can't be read.
-    """
+    """Return the bits per exported digital number; None if the record's bench can't be read."""
     with suppress(UserError):
         return record.bench.sensor.bits
     return None

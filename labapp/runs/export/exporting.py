@@ -114,10 +114,7 @@ def _write(work: ExportJob, folder: Path) -> None:
 
 
 def _write_table(work: ExportJob, draft: Path) -> None:
-    """Write the table of a run's export: a line per frame with file, place and all columns.
-
-    The place is that of the frame in its file.
-    """
+    """Write the table of a run's export: each frame's file, place in the file, and columns."""
     simulated = " ".join(work.record.simulated_devices)
     with (draft / TABLE).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

@@ -17,7 +17,7 @@ ONE_FILE_PER_FRAME = ("tiff", "png")
 def file_names(kind: str, frames: Sequence[int], rows: FrameRows, total: int) -> list[str]:
     """Return the names of the files that an export of a run writes, the table last.
 
-    `rows` are those of the exported frames. `total` is the number of frames in the record.
+    `rows` has one row per exported frame. `total` is the number of frames in the record.
     """
     if kind == "npy":
         return ["frames.npy", "frames.json", TABLE]
@@ -42,7 +42,7 @@ def _frame_name(row: dict[str, Any]) -> str:
 
 
 def _plain(name: str) -> str:
-    """Return a target's or pattern's name as the file name of a run's exported frame allows it.
+    """Adapt a target's or pattern's name to the file name of a run's exported frame.
 
     File names allow few characters and have a limited length.
     """

@@ -19,9 +19,9 @@ _ANNOTATIONS = "labapp/frame"
 
 
 def ome_xml(work: ExportJob) -> str:
-    """Return the OME-XML of a run's export as ASCII, for the first page of a TIFF file (TYX).
+    """Return the OME-XML of a run's export as ASCII, for the first page of a TIFF file.
 
-    TYX are the file's axes. Every plane has its exposure, its time, and a map annotation with the
+    The file's axes are TYX. Every plane has its exposure, its time, and a map annotation with the
     record's columns.
     """
     record, simulated = work.record, ", ".join(work.record.simulated_devices)
@@ -113,7 +113,7 @@ def _add(parent: ElementTree.Element, name: str, **attributes: object) -> Elemen
 
 
 def _xml_safe(text: str) -> str:
-    """Return text of a run's export without the control characters that XML can't represent."""
+    """Replace the control characters in a run's exported text that XML can't represent."""
     return "".join(
         one if one.isprintable() or one in "\t\n" else "\N{REPLACEMENT CHARACTER}" for one in text
     )
