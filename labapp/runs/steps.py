@@ -74,9 +74,9 @@ def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> list[Shot]
 def block_exposures(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
 ) -> list[float]:
-    """Return a run's exposures by a plan's block, in seconds, rounded to microseconds.
+    """Return the exposures for a block of a run's plan, in seconds.
 
-    Cameras round exposures to microseconds.
+    They are rounded to microseconds, as cameras do it.
     """
     if block.exposures_ms is not None:
         return [round(ms * 1e3) / 1e6 for ms in block.exposures_ms]
@@ -88,7 +88,7 @@ def block_exposures(
 def _block_shots(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, first: int
 ) -> list[Shot]:
-    """Return a run's shots by a plan's block, and its calibration shots; steps begin at `first`."""
+    """Return a run's shots for a block of its plan, with calibration shots, from step `first`."""
     light = [
         _build_shot(setting, block.role, plan)
         for setting in _axis_combinations(block, plan, capabilities)
@@ -106,7 +106,7 @@ def _block_shots(
 def _axis_combinations(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
 ) -> Iterator[AxisValues]:
-    """Yield every combination of the axes of a plan's block in the order of a run's shots.
+    """Yield all combinations of a plan block's axis values in the order of a run's shots.
 
     Axes of the same group step together.
     """
@@ -180,7 +180,7 @@ def _calibration_shots(request: InterleavedFrames, group: list[Shot], plan: Plan
 
 
 def _assign_steps(listed: Iterable[Shot], first: int) -> list[Shot]:
-    """Return a run's shots with steps numbered from `first`; a step is a setting with its repeats.
+    """Number the steps of a run's shots from `first`; a step is a setting with its repeats.
 
     A setting that occurs again with the same repeat is a new step. The random numbers of a
     simulated frame depend on step and repeat, so no two frames may share both.
@@ -198,7 +198,7 @@ def _assign_steps(listed: Iterable[Shot], first: int) -> list[Shot]:
 
 
 def _schedule_shots(listed: Iterable[Shot], capabilities: BenchCapabilities) -> list[Shot]:
-    """Return a run's shots with planned times: changed settings settle together, then expose."""
+    """Plan the times of a run's shots: changed settings settle together before each exposure."""
     timed: list[Shot] = []
     now = 0.0
     before: Shot | None = None
@@ -211,7 +211,7 @@ def _schedule_shots(listed: Iterable[Shot], capabilities: BenchCapabilities) -> 
 
 
 def _settling_time(before: Shot | None, shot: Shot, capabilities: BenchCapabilities) -> float:
-    """Return how long the settings take to settle that change between two shots of a run."""
+    """Return how long the settings that change between two shots of a run take to settle."""
     changes = (
         (lambda s: s.place, capabilities.target_settling),
         (lambda s: s.pattern, capabilities.slm_settling),

@@ -176,7 +176,7 @@ def frame_layer_indices(shape: tuple[int, ...]) -> NDArray[np.int64]:
 def _defocus_and_strength(camera: Camera, settings: EdofSettings) -> tuple[float, float]:
     """Return the study's defocus of the far star in waves, and its cubic phase's strength in rad.
 
-    Both are at the end of the panel's longer half.
+    Both are the values at the edge of the panel on its longer axis.
     """
     half = camera.panel.shape[1] * camera.panel.pitch / 2
     near, far = STAR_DISTANCES.values()
@@ -243,9 +243,9 @@ def _separable_row(psfs: PSFsByStarAndPattern) -> ResultRow:
 
 
 def separability_residual(psf: Picture) -> float:
-    """Return how far a study's PSF is from separable: its L2 distance from column times row.
+    """Return how far a study's PSF is from separable, 0 to 1.
 
-    This is the distance from the nearest product of a column and a row, relative to the PSF.
+    This is the relative L2 distance of the PSF from the nearest product of a column and a row.
     """
     down, along = separable_parts(psf, math.inf)
     return float(np.linalg.norm(psf - np.outer(down, along)) / np.linalg.norm(psf))

@@ -58,7 +58,7 @@ class DefocusedStar:
 
     @property
     def unmodulated_share(self) -> float:
-        """Return the share of the study's picture without the lens that is left in the one with it.
+        """Return which share of the study's picture without the lens is left in that with it.
 
         Only pixels beside the focus of the lens are compared.
         """
@@ -74,7 +74,7 @@ class DefocusedStar:
 def fit_focus_curve(
     stars: Sequence[DefocusedStar], pictures: Sequence[Picture], camera: Camera
 ) -> FocusCurve:
-    """Fit a parabola to the mean square radii of a study's stars in pictures, by vergence."""
+    """Fit a parabola in vergence to the mean square radii of the stars in a study's pictures."""
     vergences = [1 / star.distance for star in stars]
     squares = [_mean_square(picture) * camera.sensor.pitch**2 for picture in pictures]
     slope, linear, constant = np.polyfit(vergences, squares, 2)
@@ -93,7 +93,7 @@ def _mean_square(picture: Picture) -> float:
 
 
 def mean_square_pupil_radius(camera: Camera) -> float:
-    """Return the study's mean of x² + y² over the part of the panel within the stop, m².
+    """Return the mean of x² + y² in m² over the part of a study's panel within the stop.
 
     Times the square of the image distance, it is the mean square radius of a star that is one
     dioptre out of focus.

@@ -94,7 +94,7 @@ def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> St
 
 
 def _row(shape: str, report: PSFReport) -> ResultRow:
-    """Return the row on a shape in the study's results: light within it, likeness and speckle."""
+    """Return the row for a shape in the study's results: light within it, likeness and speckle."""
     ours = _measured_quality(report)
     asked = (
         {} if report.predicted is None else _shape_quality(_predicted_modulated_psf(report), report)
@@ -114,7 +114,7 @@ def _measured_quality(report: PSFReport) -> dict[str, float]:
 
 
 def _shape_quality(shape: Picture, report: PSFReport) -> dict[str, float]:
-    """Return the quality of a study's PSF without its unmodulated light.
+    """Rate a study's PSF, from which unmodulated light is removed, against its target's shape.
 
     "light" is the share of the star's light within the shape; "contrast" is the speckle contrast.
     """

@@ -133,7 +133,7 @@ def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> Stu
 def _noise_difference(
     record: Record, names: list[str], settings: VideoSettings, progress: Progress
 ) -> float:
-    """Return the L2 difference of the study's video from the frames' mean by noise alone."""
+    """Return the L2 difference that noise causes between the study's video and its frames' mean."""
     summed = psf_noise_variances(
         record, [*names, "video"], settings.wavelength_nm, _WINDOW, progress
     )
@@ -158,8 +158,8 @@ def rms_radius(picture: Picture) -> float:
 
 
 def _filmstrip(frames: list[PSFReport], video: PSFReport, mean: Picture) -> StudyFigure:
-    # The figure shows at most eight frames; the animation shows all.
     """Draw the frames of the study's video beside the whole video."""
+    # The figure shows at most eight frames; the animation shows all.
     count = min(len(frames), 8)
     shown = np.linspace(0, len(frames) - 1, count).round().astype(int)
     columns = min(max(2, count), 4)

@@ -32,7 +32,7 @@ Their PSFs are computed as the authors do it, by one Fourier transform of the pa
 
 
 def published_ring_sizes(camera: Camera, wavelength: float) -> tuple[float, float]:
-    """Return the published ring's radius and width on a sensor, metres, to repeat in a study.
+    """Return the radius and width of the published ring on a study's sensor, in metres.
 
     The width is the ring's standard deviation. A sample of the published transform is wavelength x
     image distance / 15.36 mm. On a bench, B of the ray matrix takes the place of the image
@@ -43,8 +43,8 @@ def published_ring_sizes(camera: Camera, wavelength: float) -> tuple[float, floa
 
 
 def read_published_ring() -> NDArray[np.uint8]:
-    """Return the middle of the thesis' published ring, which a study repeats, 100 x 100 samples.
+    """Read the middle of the published ring that a study repeats, 100 x 100 samples.
 
-    This is the ring after 569 iterations.
+    This is the thesis' ring after 569 iterations.
     """
     return read_grey(bundled_path("studies/published-ring.png"))

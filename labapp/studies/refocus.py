@@ -31,10 +31,7 @@ from optics.stop_shadow import panel_to_focus_distance
 
 
 def added_lens_power(settings: RefocusSettings, camera: Camera) -> float:
-    """Return the power in dioptres that the study's SLM must add to refocus, by thin lenses.
-
-    This is by the thin-lens equation.
-    """
+    """Return the power in dioptres that the study's SLM must add to refocus a thin lens."""
     return 1 / settings.near_m - 1 / panel_to_focus_distance(camera)
 
 
@@ -56,7 +53,7 @@ def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
 
 
 def star_target_name(metres: float) -> str:
-    """Return the target's name of a study's star at a distance in metres, as "star-160cm"."""
+    """Return the target name of a study's star at a distance in metres, such as "star-160cm"."""
     return f"star-{round(100 * metres)}cm"
 
 

@@ -76,10 +76,7 @@ class DeviceList(WrappingPanel):
         self.set_run_active(self._in_run)
 
     def set_run_active(self, on: bool) -> None:
-        """Disable the window's Reconnect buttons during a run, which reopens devices itself.
-
-        A run reopens devices that failed.
-        """
+        """Disable the window's Reconnect buttons during a run, which reopens failed devices."""
         self._in_run = on
         for row in self.rows.values():
             row.reconnect.setEnabled(not on)

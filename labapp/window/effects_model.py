@@ -64,7 +64,7 @@ def bound_text(row: EffectInfo) -> str:
 
 
 def reason_text(row: EffectInfo) -> str:
-    """Return why the window shows an effect at its level, with the level's estimated error."""
+    """Return the window's sentence on why an effect has its level, with the estimated error."""
     forced = "forced by the scene; " if row.forced else ""
     about = f"about {format_share(row.error_estimate)}: " if row.error_estimate else ""
     return _sentence(f"{forced}{about}{row.why}")

@@ -52,10 +52,7 @@ class EffectsTable(RowsTable):
 
     @property
     def line_height(self) -> int:
-        """Return the pixels from the top of a row in the window's table to its sentence.
-
-        The sentence is below the row's cells.
-        """
+        """Return how far below a row's top its sentence begins in the window's table, in pixels."""
         return self.fontMetrics().lineSpacing() + 6
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -63,7 +60,7 @@ class EffectsTable(RowsTable):
         self._fit_rows()
 
     def _fit_rows(self) -> None:
-        """Set the row heights for the present width of the window's table, where text wraps."""
+        """Fit the row heights of the window's table to its text, which wraps at its width."""
         room = QRect(0, 0, self.viewport().width() - 2 * MARGIN, 1000)
         for number, row in enumerate(self.effects.rows):
             needed = self.fontMetrics().boundingRect(room, _WRAPPED, reason_text(row))
@@ -102,7 +99,7 @@ class _EffectPainter(QStyledItemDelegate):
 def _bar(painter: QPainter, place: QRect, row: EffectInfo, tol: float) -> None:
     """Paint an effect's error bound in the window's table as a bar, with number and tolerance.
 
-    The bar is logarithmic, and a mark is at the tolerance.
+    The bar's scale is logarithmic, and a line marks the tolerance.
     """
     paint_bar(
         painter, place, _bar_position(row.error_bound), QColor(effect_colour(row)).darker(250)

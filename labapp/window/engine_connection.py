@@ -103,7 +103,7 @@ class EngineConnection(QObject):
             self._waiting.put(command)
 
     def close(self) -> None:
-        """End the window's engine process, which leaves the bench safe when disconnected."""
+        """End the window's engine process, which leaves the bench safe when it is disconnected."""
         process, self._process = self._process, None
         if process is None:
             return
@@ -166,9 +166,6 @@ class EngineConnection(QObject):
 
 
 def _send(process: ChildProcess, waiting: SimpleQueue[Command | None]) -> None:
-    """Send the window's commands to its engine from a thread, so that a hung engine blocks nothing.
-
-    If the engine hangs, the window mustn't wait.
-    """
+    """Send the window's commands from a thread, so that a hung engine doesn't block the window."""
     while (command := waiting.get()) is not None:
         process.send(command)

@@ -43,7 +43,7 @@ class HistogramView(QWidget):
     def show_counts(self, counts: NDArray[np.float32], width: float) -> None:
         """Plot the window's histogram from counts per bin of `width` DN, in at most 512 bins.
 
-        Neighbouring bins are summed.
+        If there are more, neighbouring bins are summed.
         """
         joined = -(-len(counts) // 512)
         padded = np.pad(counts, (0, -len(counts) % joined))

@@ -87,10 +87,7 @@ class LiveView(QWidget):
         self._redraw()
 
     def set_running(self, on: bool) -> None:
-        """Set whether the window's live view is running; if not, its caption says "STOPPED".
-
-        This is the caption of the last frame.
-        """
+        """Set whether the window's live view runs; if not, the last frame's caption says so."""
         self._running = on
         if self._frame is not None:
             self._describe(self._frame)
@@ -136,9 +133,9 @@ class LiveView(QWidget):
         )
 
     def _rate(self) -> float:
-        """Return the window's live frames per second over about a second.
+        """Return the window's live frames per second, averaged over about a second.
 
-        After a pause it starts anew.
+        After a pause, the count starts anew.
         """
         recent = [t for t in self._arrivals if self._arrivals[-1] - t < _SETTINGS.rate_span]
         span = recent[-1] - recent[0]
@@ -161,6 +158,6 @@ class LiveView(QWidget):
         self.cursor_reading.setText(f"x {column}  y {row}   {value} DN   {share:.1f} %")
 
     def _is_inside(self, row: int, column: int) -> bool:
-        """Return whether the window's live frame has this pixel; another bench's may be smaller."""
+        """Return whether the window's live frame has this pixel; frame sizes differ by bench."""
         rows, columns = self._frame.image.shape if self._frame is not None else (0, 0)
         return 0 <= row < rows and 0 <= column < columns

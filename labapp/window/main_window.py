@@ -95,7 +95,7 @@ class MainWindow(QMainWindow):
         self._restore()
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Ask before the window's run is lost; then save its settings and end its engine."""
+        """Ask before the window gives up a run, then save its settings and end its engine."""
         if (question := self._question()) and not self._confirm(question):
             event.ignore()
             return
@@ -148,7 +148,7 @@ class MainWindow(QMainWindow):
     def _tab_docks(self) -> None:
         """Put the window's docks "Queue" and "Why" into one place as tabs; both are tall.
 
-        Nobody reads both at a time.
+        A person reads only one of them at a time.
         """
         right = Qt.DockWidgetArea.RightDockWidgetArea
         self.setTabPosition(right, QTabWidget.TabPosition.North)

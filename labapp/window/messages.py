@@ -211,7 +211,7 @@ class BenchState:
 
     @property
     def failed_devices(self) -> set[str]:
-        """Return the bench's names of the devices that the window shows as failed or unplugged."""
+        """Return the names of the bench's devices that the window shows as failed or unplugged."""
         return {device.name for device in self.devices if device.error}
 
 

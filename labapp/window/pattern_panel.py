@@ -44,23 +44,17 @@ class PatternPanel(QWidget):
         return self.form.pattern_table(self._wavelength_nm)
 
     def set_wavelength(self, nanometres: float) -> None:
-        """Design the window's patterns for this wavelength from now on; the SLM's stays."""
+        """Design the window's patterns for this wavelength from now on; the SLM's pattern stays."""
         if nanometres != self._wavelength_nm:
             self._wavelength_nm = nanometres
             self.schedule_preview()
 
     def set_run_active(self, on: bool) -> None:
-        """Disable the window's "Show on SLM" during a run; a pattern can still be chosen.
-
-        A pattern for the next bracket can be chosen.
-        """
+        """Disable the window's "Show on SLM" during a run; the next pattern can be chosen."""
         self.show_button.setEnabled(not on)
 
     def schedule_preview(self) -> None:
-        """Request the preview from the window's engine once no pattern setting changes any more.
-
-        That is when nothing has changed for a moment.
-        """
+        """Request a preview from the window's engine when no setting has changed for a moment."""
         self.note.setText("computing the preview …")
         self._pause.start()
 
@@ -79,7 +73,7 @@ class PatternPanel(QWidget):
         )
 
     def show_no_preview(self) -> None:
-        """Remove the window's preview of an earlier pattern: the one requested didn't come."""
+        """Clear the window's preview of an earlier pattern, because the requested one didn't come."""
         if self.note.text().startswith("computing"):
             self.note.setText("no preview")
             self.grey.clear()

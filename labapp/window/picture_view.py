@@ -62,7 +62,7 @@ class PictureView(QWidget):
         return max(1, math.ceil(max(width, height) - 0.01))
 
     def link(self, other: PictureView) -> None:
-        """Zoom and move this picture of the window together with another one."""
+        """Link this picture of the window to another one: both zoom and move together."""
         self.box.setXLink(other.box)
         self.box.setYLink(other.box)
 

@@ -66,10 +66,7 @@ class ReportDisplay:
         self._show[type(report)](report)
 
     def show_engine_death(self, how: str) -> None:
-        """Show in the window that its engine ended by itself, and clear what it showed.
-
-        It clears values that are no longer known.
-        """
+        """Show in the window that its engine ended by itself; clear what is no longer known."""
         window = self._window
         window.bar.badge.show_bench_closed()
         window.settings.clear_read_back()

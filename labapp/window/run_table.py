@@ -36,7 +36,7 @@ class RunModel(RowsModel):
         super().__init__(dict.fromkeys(_COLUMNS, ""), parent)
 
     def show_runs(self, runs: tuple[RunInfo, ...]) -> None:
-        """Update the runs in the window's table: new ones at the end; any may be removed."""
+        """Update the window's table of runs: drop rows of removed runs, and append new ones."""
         numbers = {run.number for run in runs}
         kept = list(self.rows)
         for row in reversed(range(len(kept))):

@@ -58,10 +58,7 @@ class SettingsPanel(QWidget):
         self.exposure.valueChanged.connect(lambda ms: self.exposure_requested.emit(ms * 1e-3))
 
     def adopt_bench_ranges(self, bench: BenchOpened, target: str) -> None:
-        """Take the bench's ranges and targets into the window's fields, and choose a target.
-
-        `target` is chosen if the bench has it.
-        """
+        """Give the window's fields the bench's ranges and targets; choose `target` if it exists."""
         for box, (low, high), unit in (
             (self.wavelength, bench.wavelength_range, 1e-9),
             (self.exposure, bench.exposure_range, 1e-3),

@@ -44,9 +44,9 @@ def histogram(image: NDArray[np.uint16], scale: DigitalScale) -> tuple[NDArray[n
 
 
 def auto_levels(counts: NDArray[np.float32], width: float) -> tuple[float, float]:
-    """Return contrast levels for the window's live view, without the darkest and brightest pixels.
+    """Return automatic contrast levels, (black, white) in DN, for the window's live view.
 
-    The levels exclude the darkest 0.5 % and the brightest 0.01 % of pixels.
+    The darkest 0.5 % and the brightest 0.01 % of the pixels lie outside them.
     """
     share = np.cumsum(counts)
     total = float(share[-1])
@@ -59,7 +59,7 @@ def auto_levels(counts: NDArray[np.float32], width: float) -> tuple[float, float
 def index_picture(
     image: NDArray[np.uint16], levels: tuple[float, float], scale: DigitalScale
 ) -> NDArray[np.uint8]:
-    """Return the palette indices by which the window shows a raw picture at contrast levels.
+    """Return the palette indices that show a raw picture in the window at contrast levels.
 
     The levels are (black, white) in DN.
     """
@@ -73,7 +73,7 @@ def index_picture(
 
 
 def spread_saturated(indices: NDArray[np.uint8], reduction: int) -> NDArray[np.uint8]:
-    """Enlarge saturated pixels so that the window shows each when the screen skips pixels."""
+    """Enlarge saturated pixels so that the window shows all, even where it skips pixels."""
     if reduction <= 1:
         return indices
     saturated = (indices == SATURATED_INDEX).astype(np.uint8)

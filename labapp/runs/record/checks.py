@@ -100,7 +100,7 @@ class _Checks:
         }
 
     def _check_contents(self) -> StatusAndDetail:
-        """Check that every dataset of a run's record exists with type and length, and decodes."""
+        """Check that all datasets of a run's record exist and decode, with right type and length."""
         record = self._record
         for name in ("title", "definition", "start_time"):
             record.text(name)
@@ -120,9 +120,9 @@ class _Checks:
         return "ok", f"{record.frame_count} frames of {columns} x {rows} pixels, by {by}"
 
     def _check_planned_columns(self) -> StatusAndDetail:
-        """Check a run's planned columns in its record: indices exist, settings are positive.
+        """Check the planned columns in a run's record: indices must exist, settings be positive.
 
-        The indices are those of roles, targets and patterns.
+        The indices refer to roles, targets and patterns.
         """
         record = self._record
         known = {
@@ -151,7 +151,7 @@ class _Checks:
         return "WRONG" if record.state is State.COMPLETE else "unfinished", detail
 
     def _check_checksums(self) -> StatusAndDetail:
-        """Check that every stored frame of the run's record has its checksum."""
+        """Check that every stored frame of the run's record still has its checksum."""
         stored = self._stored_indices()
         _, _, self._found.damaged = self._record.read_back(stored, self.progress)
         if damaged := self._found.damaged:
@@ -159,7 +159,7 @@ class _Checks:
         return "ok", f"{len(stored)} stored frames read back as they were"
 
     def _check_patterns(self) -> StatusAndDetail:
-        """Check that a run's record has the patterns that were shown, by SHA-256."""
+        """Check by their SHA-256 that the patterns in a run's record are as they were shown."""
         record = self._record
         if changed := record.changed_patterns():
             return "WRONG", f"not as they were shown: {', '.join(changed)}"
@@ -182,10 +182,7 @@ class _Checks:
         return "ok", "exposures and wavelengths are those asked for"
 
     def _check_camera(self) -> StatusAndDetail:
-        """Check that times, attempts and frame numbers in a run's record are possible.
-
-        The frame numbers are the camera's.
-        """
+        """Check that times, attempts and the camera's numbers in a run's record are possible."""
         record, stored = self._record, self._stored_indices()
         for name in ("time", "timestamp", "attempts"):
             values = record.column(name)[stored]
@@ -264,7 +261,7 @@ class _Checks:
 
 
 def _where(condition: NDArray[np.bool_]) -> list[int]:
-    """Return the places in a run's record where a condition of a check holds."""
+    """Return the indices at which a condition on a run's record holds."""
     return [int(index) for index in np.flatnonzero(condition)]
 
 
@@ -285,7 +282,7 @@ def _is_axis(places: NDArray[Any], size: int) -> bool:
 
 
 def _min_rising_sequences(values: Iterable[float]) -> int:
-    """Return into how few strictly rising subsequences values of a run's record can be divided."""
+    """Return the least number of strictly rising sequences that make up a run record's values."""
     ends: list[float] = []
     for value in values:
         # The value joins the sequence with the highest end below it, which is the best choice.
@@ -302,15 +299,15 @@ def _detail(path: Path, error: UserError) -> str:
 
 
 def _printable(text: str) -> str:
-    """Return text of a run's record without control characters.
+    """Replace control characters in text of a run's record by blanks.
 
-    A damaged record could send such characters to the terminal.
+    A damaged record could otherwise send them to the terminal.
     """
     return "".join(one if one.isprintable() else " " for one in text)
 
 
 def send_verification(line: MessageSocket, path: Path) -> None:
-    """Check a run's record wholly; send the progress (share, message), then the findings."""
+    """Check a run's record; send the progress as (share, message), and at last the findings."""
     progress = Progress(lambda share, message: line.send((share, message)))
     progress.report(0.0, "open the record")
     line.send(CallResult(check_record(path, progress)))

@@ -103,7 +103,7 @@ def utc_timestamp() -> str:
 
 
 def _remove_drafts(path: Path) -> None:
-    """Remove drafts of a run's record that were left by processes that were killed."""
+    """Remove drafts of a run's record that killed processes have left behind."""
     for draft in path.parent.glob(f".{path.name}.*.new"):
         pid = draft.name.rpartition(".new")[0].rpartition(".")[2]
         if pid.isdigit() and not Path("/proc", pid).exists():
@@ -201,7 +201,7 @@ def _fill_data(file: h5py.File, c: RecordContents) -> None:
 def _write(parent: h5py.Group, name: str, text: str | list[str]) -> None:
     """Write text of fixed length to a run's record.
 
-    HDF5 keeps text of variable length in a heap, and may hang if that is damaged.
+    HDF5 keeps text of variable length in a heap, and may hang if the heap is damaged.
     """
     encoded = text.encode() if isinstance(text, str) else [one.encode() for one in text]
     kind = h5py.string_dtype("utf-8", np.array(encoded, dtype=bytes).dtype.itemsize)
@@ -214,10 +214,7 @@ def _allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
 
 
 def _reserve(parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
-    """Create a contiguous dataset at a fixed place in a run's record, without taking disk space.
-
-    The space is taken later.
-    """
+    """Reserve a fixed place for a contiguous dataset in a run's record, without disk space."""
     how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     how.set_layout(h5py.h5d.CONTIGUOUS)
     how.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)

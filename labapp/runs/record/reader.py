@@ -89,10 +89,7 @@ class Record:
 
     @property
     def state(self) -> State:
-        """State of the run in the record; INTERRUPTED if its process is gone before the run's end.
-
-        The process is the one that writes the record.
-        """
+        """State of the recorded run; INTERRUPTED if the writing process is gone before the end."""
         with self._damage_as_user_error("entry/state"):
             written = State(self._single_text("state"))
         with self._damage_as_user_error("entry/writer"):
@@ -120,7 +117,7 @@ class Record:
 
     @property
     def scene(self) -> SceneFile | None:
-        """The scene in a run's record, before simulated devices; None for a real one."""
+        """The recorded run's scene before simulated devices; None if the devices were real."""
         from labapp.files.scene_file import SceneFile
 
         data = self._json("scene")
@@ -196,7 +193,7 @@ class Record:
     def pattern(self, name: str) -> NDArray[np.uint8]:
         """Return a pattern's grey levels from the run's record, (rows, columns).
 
-        Those of a video have frames first.
+        The grey levels of a video are (frames, rows, columns).
         """
         index = self.pattern_names.index(name)
         with self._damage_as_user_error(layout.PATTERNS):
@@ -212,7 +209,7 @@ class Record:
 
     @property
     def faults(self) -> list[dict[str, Any]]:
-        """The script of faults of the recorded run's virtual bench, as plain data."""
+        """The fault script of the recorded run's virtual bench, as plain data."""
         return self._json("faults")
 
     @property
@@ -247,7 +244,7 @@ class Record:
         return np.flatnonzero(self.column("stored") == 0).tolist()
 
     def missing_frames(self) -> list[int]:
-        """Return the indices of a run's frames that were never stored, or lack their checksum."""
+        """Return the indices of a run's frames that were never stored, or are damaged since."""
         _, not_stored, damaged = self.read_back(range(self.frame_count), Progress())
         return sorted(not_stored + damaged)
 
@@ -274,7 +271,7 @@ class Record:
             return False
 
     def select(self, **criteria: Any) -> list[int]:
-        """Return the indices of stored frames of a run's record with given values of columns.
+        """Return the indices of stored frames in a run's record that have given column values.
 
         target and pattern are given by name, others by value, for example exposure_asked.
         """
@@ -307,15 +304,12 @@ class Record:
         return found
 
     def _read(self, name: str, rows: Any = ()) -> Any:
-        """Return the values of a dataset of the run's record by its path, or some rows of it."""
+        """Read a dataset of the run's record by its path, or some of its rows."""
         with self._damage_as_user_error(name):
             return self._file[name][rows]
 
     def _single_text(self, name: str) -> str:
-        """Return the one row of a dataset of text in the run's record.
-
-        The dataset is in the record's entry.
-        """
+        """Read a text that is a dataset with a single row in the entry of the run's record."""
         with self._damage_as_user_error(f"entry/{name}"):
             return self._read(f"entry/{name}")[0].decode()
 
@@ -329,7 +323,7 @@ class Record:
 
     @contextmanager
     def _damage_as_user_error(self, name: str) -> Iterator[None]:
-        """Raise UserError with the name of a part of the run's record if reading it fails."""
+        """Raise UserError that names a part of the run's record if the block can't read it."""
         try:
             yield
         except _DAMAGE_ERRORS as error:
@@ -354,7 +348,7 @@ def _explain_open_failure(path: Path, error: Exception) -> str:
 
 
 def file_sha256(file: Path) -> str:
-    """Return the SHA-256 in hexadecimal that a run records of a file; empty if it can't be read."""
+    """Return a file's SHA-256 for a run's record, in hexadecimal; empty if it can't be read."""
     try:
         return sha256(file.read_bytes()).hexdigest()
     except OSError:

@@ -49,7 +49,7 @@ class Verification:
 
     @property
     def resume_command(self) -> str | None:
-        """The command that completes the run's record; None if there is none."""
+        """The command that completes the run's record; None if none is needed, or none can."""
         if self.is_in_order or self.is_being_written or set(self.failed_checks) - _FIXED_BY_RESUME:
             return None
         return f"labapp resume {shlex.quote(self.path)}"

@@ -112,7 +112,7 @@ class RecordWriter:
         self._put("stored", shot.index, 1)
 
     def is_stored_intact(self, index: int) -> bool:
-        """Return whether a stored frame is in the file of the run's record with its checksum."""
+        """Return whether the file of the run's record holds a frame intact, by its checksum."""
         data, known = self._read("images", index), self._read("checksum", index)
         if len(data) < self._places["images"].row_bytes:
             return False
@@ -144,15 +144,12 @@ class RecordWriter:
             ) from error
 
     def _put(self, name: str, row: int, value: Any) -> None:
-        """Write a row at its place in the file of the run's record."""
+        """Write a row of a dataset at its place in the file of the run's record."""
         place = self._places[name]
         self._write(name, row, memoryview(np.array(value, place.dtype).tobytes()))
 
     def _read(self, name: str, row: int) -> bytes:
-        """Return the bytes of a row in the file of the run's record; fewer if it ends before.
-
-        They are fewer if the file ends within the row or before it.
-        """
+        """Read the bytes of a row in the run's record; fewer if the file ends before the row."""
         place = self._places[name]
         return os.pread(self._handle, place.row_bytes, place.offset + row * place.row_bytes)
 

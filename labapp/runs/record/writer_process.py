@@ -16,8 +16,8 @@ def describe_this_process() -> str:
 def is_alive(writer: str) -> bool:
     """Return whether the writer of a run's record still runs.
 
-    The writer is given as describe_this_process() has described it. A process on another host can't
-    be checked, and counts as running.
+    `writer` is what describe_this_process() returned. A process on another host can't be checked,
+    and counts as running.
     """
     described = json.loads(writer)
     if described["host"] != socket.gethostname():
@@ -26,7 +26,7 @@ def is_alive(writer: str) -> bool:
 
 
 def _start(process: str) -> str | None:
-    """Return when the process that writes a run's record started; None if there is no such one.
+    """Return when the process that writes a run's record started; None if it has ended.
 
     The time is in clock ticks since boot. Number and start together identify a process, because
     numbers are reused.

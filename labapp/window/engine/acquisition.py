@@ -68,7 +68,7 @@ class Acquisition:
         )
 
     def _show(self, shot: Shot, frame: Frame) -> None:
-        """Send a run's stored frame to the window, if one is due and the window has room for it."""
+        """Send a run's stored frame to the window, if the window's next frame is due."""
         self._controller.note_run_frame(frame)
         if not self._pace.is_due:
             return

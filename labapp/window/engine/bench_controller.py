@@ -81,10 +81,7 @@ class BenchController:
             self.show_pattern(wanted.pattern, wanted.grey)
 
     def take_frame(self, cancelled: Callable[[], bool]) -> LiveFrame:
-        """Take a live frame for the window after every setting has settled.
-
-        The frame is returned with its settings.
-        """
+        """Take a live frame, with its settings, for the window when all settings have settled."""
         bench = self._bench
         self.devices.require_alive()
         bench.clock.wait_until(self._ready, cancelled)
@@ -100,10 +97,7 @@ class BenchController:
         )
 
     def note_run_frame(self, frame: Frame) -> None:
-        """Note for the window that a run took a frame: every device worked.
-
-        The run also set the exposure.
-        """
+        """Note a run's frame for the window: every device works, and the exposure is the run's."""
         self._exposure = frame.exposure
         self.devices.mark_working()
 
@@ -143,16 +137,16 @@ class BenchController:
         self._note_settling("camera", setting)
 
     def _note_settling(self, role: str, setting: Setting[Any]) -> None:
-        """Note for the window that a device works, and when its setting has settled.
+        """Note for the window that a device works, and when its setting will have settled.
 
-        The next picture is taken only then.
+        The next live frame waits until that time.
         """
         self._ready = max(self._ready, setting.ready_at)
         self.devices.mark_working(role)
 
 
 def _describe_capabilities(bench: Bench) -> BenchOpened:
-    """Ask the devices what the window's bench can do; their list is added later."""
+    """Ask the devices what the window's bench can do; the list of devices is added later."""
     return BenchOpened(
         name=bench.file.name,
         devices=(),

@@ -46,7 +46,7 @@ class DeviceMonitor:
     def mark_failed(self, error: DeviceError) -> str:
         """Mark a device as failed in the window until it works again; return its role.
 
-        The role is the bench's name of it.
+        The role is the device's name on the bench.
         """
         if error.role:
             self._failed[error.role] = f"{error.command}: {error.reply}"
@@ -101,10 +101,7 @@ class DeviceMonitor:
         return self.last_settings[role]
 
     def _unplugged_reason(self, role: str) -> str:
-        """Return why the window lists a device as unplugged; empty if it is plugged in.
-
-        It is empty, too, if the device can't tell.
-        """
+        """Return why the window lists a device as unplugged; empty if it isn't, or can't tell."""
         return self._bench.supervised_devices[role].unplugged_reason() or ""
 
     def _dead_reason(self, role: str) -> str:

@@ -133,7 +133,7 @@ class Engine:
         self._tell()
 
     def _reporting_errors(self, obey: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Wrap the handler of the window's urgent command to report errors, not raise them.
+        """Wrap a handler of the window's urgent commands so that it reports errors, not raises.
 
         An error must not end the thread that receives Cancel.
         """
@@ -192,9 +192,9 @@ class Engine:
         self._channel.post(StartQueuedRuns())
 
     def _run_all(self, command: StartQueuedRuns) -> None:
-        """Take the window's queued runs in turn; stop live view before, restore it after.
+        """Take the window's queued runs in turn, with live view stopped.
 
-        Live view is restored only if the last run allows it.
+        Live view is restored after the last run, if that run allows it.
         """
         while not self._channel.closed and (run := self._queue.begin()) is not None:
             self._live_again, self._live = self._live_again or self._live, False

@@ -85,7 +85,7 @@ class PatternDesigner:
         return PatternPreview(table, name, np.asarray(small), psf / peak, peak)
 
     def _psf(self, grey: NDArray[np.uint8], wavelength: float) -> NDArray[np.float32]:
-        """Predict a pattern's PSF for the window's preview: object in focus, sensor part shown.
+        """Predict a pattern's PSF for the window's preview, for an object in focus.
 
         The PSF covers the part of the sensor that the window shows.
         """
@@ -95,8 +95,8 @@ class PatternDesigner:
 
 
 def _names_a_file(table: PatternTable) -> bool:
-    """Return whether a pattern of the window depends on a file, which may change unnoticed.
+    """Return whether a pattern chosen in the window depends on a file.
 
-    The file may change while the pattern's table doesn't.
+    The file may change while the pattern's table stays the same.
     """
     return "file" in table or "file" in table.get("target", {})

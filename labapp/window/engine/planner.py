@@ -61,7 +61,7 @@ class RunPlanner:
         self._thread.shutdown(cancel_futures=True)
 
     def enqueue(self, command: AcquireBracket | RunPlan | ResumeRun) -> None:
-        """Begin to build a run that the window requests, for its queue."""
+        """Begin to build a run that the window requests; the run is queued when it is built."""
         self._queue.expect_run()
         self._thread.submit(self._build_and_enqueue, command)
 

@@ -35,7 +35,7 @@ class RunQueue:
             return tuple(run.info for run in self._runs)
 
     def has_record(self, path: Path) -> bool:
-        """Return whether a run in the window's queue that hasn't ended has this record to write."""
+        """Return whether a run in the window's queue writes this record now, or will write it."""
         with self._lock:
             return any(run.path == path and not run.state.has_ended for run in self._runs)
 
@@ -46,7 +46,7 @@ class RunQueue:
             return not self.hold_reason and self._next() is not None
 
     def expect_run(self) -> None:
-        """Announce a run that the window requested and that is being prepared for its queue."""
+        """Announce that a run is being prepared for the window's queue."""
         with self._lock:
             self._expected += 1
 
@@ -124,7 +124,7 @@ class RunQueue:
         self._on_change()
 
     def _arrives(self) -> bool:
-        """Count down the runs announced to the window's queue; return if this one was cancelled."""
+        """Count a run announced to the window's queue as here; return whether it was cancelled."""
         unwanted, self._expected_cancelled = self._expected_cancelled, False
         self._expected = max(0, self._expected - 1)
         return unwanted
@@ -134,7 +134,7 @@ class RunQueue:
         self._hold_after(run)
 
     def _let_go(self) -> None:
-        """End the hold of the window's queue if no run is left that it holds."""
+        """End the hold of the window's queue if no run is waiting any more."""
         if not self._has_waiting():
             self.hold_reason = ""
 

@@ -33,9 +33,9 @@ class RunTiming:
         self._frame_began = None
 
     def count_frame(self, lasts: float) -> None:
-        """Count a stored frame of a run in the window's queue, which takes `lasts` seconds.
+        """Count a stored frame of a run in the window's queue.
 
-        The seconds are on the bench's clock.
+        `lasts` is the frame's time in seconds on the bench's clock.
         """
         now = time.monotonic()
         # The time before the first frame (computing patterns) and pauses don't count.
