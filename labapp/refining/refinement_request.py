@@ -58,7 +58,8 @@ def parse_milliseconds(text: str) -> list[float]:
 def with_star_size(request: RefinementRequest, bench: Bench) -> RefinementRequest:
     """Return the refinement request, completed with the bench star's diameter and distance.
 
-    Values that the request already has stay as they are. Raises UserError if the bench lacks a target, or if the diameter isn't known.
+    Values that the request already has stay as they are. Raises UserError if the bench lacks a
+    target, or if the diameter isn't known.
     """
     table = require_star_target(bench, request.star, request.dark)
     known = {"star_m": panel_to_focus_distance(bench.description)}

@@ -142,7 +142,7 @@ def build_view(
 def nominal_registration(camera: Camera, wavelength: float) -> Registration:
     """Return the registration for refining on a bench without a measured one.
 
-    It follows from the camera's description. The axis meets the middle of the sensor, and nothing
+    The registration follows from the camera's description. The axis meets the middle of the sensor, and nothing
     is rotated or mirrored.
     """
     scale = wavelength * camera.ray_matrix_b / camera.panel.pitch / camera.sensor.pitch

@@ -31,7 +31,7 @@ from optics.stop_shadow import panel_to_focus_distance
 
 
 def added_lens_power(settings: RefocusSettings, camera: Camera) -> float:
-    """Return the power in dioptres that the study's SLM must add to refocus a thin lens."""
+    """Return the power in dioptres that the study's SLM must add to refocus, for thin lenses."""
     return 1 / settings.near_m - 1 / panel_to_focus_distance(camera)
 
 

@@ -73,7 +73,7 @@ class PatternPanel(QWidget):
         )
 
     def show_no_preview(self) -> None:
-        """Clear the window's preview of an earlier pattern, because the requested one didn't come."""
+        """Clear the window's preview of an earlier pattern, as the requested one didn't come."""
         if self.note.text().startswith("computing"):
             self.note.setText("no preview")
             self.grey.clear()

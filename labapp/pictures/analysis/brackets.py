@@ -151,7 +151,7 @@ def _mean_dark(record: Record, dark: str, exposure: float, sensor: Sensor) -> tu
 def find_bracket(
     brackets: list[Bracket], target: str, pattern: str, wavelength: float | None, path: Path
 ) -> Bracket:
-    """Find the recorded pictures' bracket with a target, pattern and wavelength in metres.
+    """Find the bracket of recorded pictures with this target, pattern and wavelength in metres.
 
     Without a wavelength, the bracket may have any. Raises UserError, which names the record at
     `path`, if there is no such bracket, or more than one.

@@ -131,7 +131,7 @@ def crop_star(record: Record, brackets: list[Bracket], roles: Reconstruction) ->
 def _contrast(shape: Picture, target: Picture) -> float | None:
     """Return the speckle contrast of the PSF measured on recorded pictures.
 
-    It is None if the PSF is dark where its target is bright.
+    Returns None if the PSF is dark where its target is bright.
     """
     bright = target > 0.5 * target.max()
     lit = float((shape[bright] / target[bright]).mean()) > 0

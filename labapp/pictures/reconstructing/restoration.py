@@ -63,7 +63,7 @@ def restore_picture(
 ) -> RestoredPicture:
     """Restore each band of a picture; ValueError for one that can't be restored.
 
-    It runs in one thread, so that the same problem always gives the same bits.
+    The restoration runs in one thread, so that the same problem always gives the same bits.
     """
     seen, started = problem.observations(), time.process_time()
     share = 1 / len(seen)

@@ -53,7 +53,7 @@ def print_tables(analysis: RecordAnalysis) -> None:
 def exposure_rows(analysis: RecordAnalysis) -> list[list[str]]:
     """Return the report's rows on the recorded pictures' exposures, one for each bracket.
 
-    They hold the exposures, and the shares of pixels at full scale, clipped in every exposure, and
+    The rows hold the exposures, and the shares of pixels at full scale, clipped in every exposure, and
     dark in every exposure.
     """
     return [

@@ -80,8 +80,8 @@ class FrameStore:
     def _retry_store(self, store: Callable[[], None], index: int) -> bool:
         """Try to store a run's frame again; return whether it is on the disk intact.
 
-        Nothing is tried if the last try was just before. The frame is read back, because an earlier
-        write was refused.
+        Nothing is tried within 0.2 s of the last try, or while the disk is full. The frame is read
+        back, because an earlier write was refused.
         """
         if time.monotonic() < self._try_at or not self._has_space():
             return False

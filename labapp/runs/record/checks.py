@@ -100,7 +100,7 @@ class _Checks:
         }
 
     def _check_contents(self) -> StatusAndDetail:
-        """Check that all datasets of a run's record exist and decode, with right type and length."""
+        """Check that all datasets of a run's record exist, decode, and have right type and size."""
         record = self._record
         for name in ("title", "definition", "start_time"):
             record.text(name)
@@ -299,7 +299,7 @@ def _detail(path: Path, error: UserError) -> str:
 
 
 def _printable(text: str) -> str:
-    """Replace control characters in text of a run's record by blanks.
+    """Replace control characters in text of a run's record with blanks.
 
     A damaged record could otherwise send them to the terminal.
     """

@@ -124,7 +124,7 @@ class RunQueue:
         self._on_change()
 
     def _arrives(self) -> bool:
-        """Count a run announced to the window's queue as here; return whether it was cancelled."""
+        """Count an announced run of the window's queue as arrived; return if it was cancelled."""
         unwanted, self._expected_cancelled = self._expected_cancelled, False
         self._expected = max(0, self._expected - 1)
         return unwanted
