@@ -142,8 +142,8 @@ def build_view(
 def nominal_registration(camera: Camera, wavelength: float) -> Registration:
     """Return the registration for refining on a bench without a measured one.
 
-    The registration follows from the camera's description. The axis meets the middle of the sensor, and nothing
-    is rotated or mirrored.
+    The registration follows from the camera's description. The axis meets the middle of the sensor,
+    and nothing is rotated or mirrored.
     """
     scale = wavelength * camera.ray_matrix_b / camera.panel.pitch / camera.sensor.pitch
     rows, columns = camera.sensor.shape

@@ -76,7 +76,7 @@ def block_exposures(
 ) -> list[float]:
     """Return the exposures for a block of a run's plan, in seconds.
 
-    They are rounded to microseconds, as cameras do it.
+    The exposures are rounded to microseconds, as in cameras.
     """
     if block.exposures_ms is not None:
         return [round(ms * 1e3) / 1e6 for ms in block.exposures_ms]

@@ -95,8 +95,8 @@ def _mean_square(picture: Picture) -> float:
 def mean_square_pupil_radius(camera: Camera) -> float:
     """Return the mean of x² + y² in m² over the part of a study's panel within the stop.
 
-    Times the square of the image distance, it is the mean square radius of a star that is one
-    dioptre out of focus.
+    Multiplied by the square of the image distance, this gives the mean square radius of a star that
+    is one dioptre out of focus.
     """
     panel = camera.panel
     y, x = (np.arange(n) - (n - 1) / 2 for n in panel.shape)

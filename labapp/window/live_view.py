@@ -87,7 +87,7 @@ class LiveView(QWidget):
         self._redraw()
 
     def set_running(self, on: bool) -> None:
-        """Set whether the window's live view runs; if not, the last frame's caption says so."""
+        """Set whether the window's live view runs; if not, the last frame is marked "STOPPED"."""
         self._running = on
         if self._frame is not None:
             self._describe(self._frame)

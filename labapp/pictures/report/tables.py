@@ -53,8 +53,8 @@ def print_tables(analysis: RecordAnalysis) -> None:
 def exposure_rows(analysis: RecordAnalysis) -> list[list[str]]:
     """Return the report's rows on the recorded pictures' exposures, one for each bracket.
 
-    The rows hold the exposures, and the shares of pixels at full scale, clipped in every exposure, and
-    dark in every exposure.
+    The rows hold the exposures, and the shares of pixels at full scale, clipped in every exposure,
+    and dark in every exposure.
     """
     return [
         [

@@ -100,7 +100,7 @@ class _Checks:
         }
 
     def _check_contents(self) -> StatusAndDetail:
-        """Check that all datasets of a run's record exist, decode, and have right type and size."""
+        """Check that all datasets of a run's record decode, and have the right type and length."""
         record = self._record
         for name in ("title", "definition", "start_time"):
             record.text(name)

@@ -133,7 +133,7 @@ class Engine:
         self._tell()
 
     def _reporting_errors(self, obey: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Wrap a handler of the window's urgent commands so that it reports errors, not raises.
+        """Wrap a handler of the window's urgent commands to report errors instead of raising.
 
         An error must not end the thread that receives Cancel.
         """
