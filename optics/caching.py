@@ -33,11 +33,11 @@ class ByteCache:
 
     @property
     def bytes(self) -> int:
-        """The bytes of all cached results."""
+        """The bytes of all optical results in the cache."""
         return self._bytes
 
     def get(self, key: Hashable, compute: Callable[[], T]) -> T:
-        """Return the cached result of a key, or compute and cache it."""
+        """Return the cached optical result of a key, or compute and cache it."""
         with self._lock:
             if key in self._entries:
                 self._entries.move_to_end(key)
@@ -66,7 +66,7 @@ class ByteCache:
 
 
 def byte_limited_cache(limit: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Decorate a function with a cache of its results, of at most `limit` bytes.
+    """Decorate an optical computation with a cache of its results, of at most `limit` bytes.
 
     The cache lives as long as the process. It is for results that follow from a few numbers
     alone. Results that belong to an object (a bench, a picture) are kept by that object instead,
@@ -86,7 +86,7 @@ def byte_limited_cache(limit: int) -> Callable[[Callable[P, T]], Callable[P, T]]
 
 
 def result_bytes(value: object) -> int:
-    """Estimate the bytes that a cached result takes in memory.
+    """Estimate the bytes that a cached result of the optics takes in memory.
 
     Arrays count with their size, and objects with an Account with the bytes that it states. Any
     other object counts as 1 KiB.

@@ -78,12 +78,12 @@ class Lens:
 
     @property
     def stop_diameter(self) -> float:
-        """The diameter of the lens stop in metres."""
+        """The diameter in metres of the lens model's stop: focal length over f-number."""
         return self.focal_length / self.f_number
 
     @property
     def image_distance(self) -> float:
-        """The distance from the lens to the sensor in metres.
+        """The distance in metres from the camera's lens to its sensor.
 
         It follows from the thin-lens equation at `focus_distance`.
         """
@@ -91,7 +91,7 @@ class Lens:
 
     @property
     def image_numerical_aperture(self) -> float:
-        """The numerical aperture on the image side, from the steepest ray behind the lens.
+        """The lens' numerical aperture on the image side, from the steepest ray behind it.
 
         It is the sine of that ray's angle to the axis. For a thin lens it is the tangent, which is
         the same to paraxial order.
@@ -100,12 +100,12 @@ class Lens:
 
     @property
     def has_quadratic_phase(self) -> bool:
-        """Whether the lens' phase is quadratic: a thin lens without aberrations."""
+        """Whether the lens model's phase is quadratic: a thin lens without aberrations."""
         return self.kind == "thin" and not self.aberrations
 
     @property
     def has_clear_stop(self) -> bool:
-        """Whether the lens stop is an unobstructed circle."""
+        """Whether the lens model has an unobstructed, circular stop."""
         return self.stop == Stop(Circle())
 
 
@@ -158,7 +158,7 @@ class Camera:
 
     @property
     def ray_matrix_b(self) -> float:
-        """The shift of light on the sensor in metres for a unit slope at the panel.
+        """The camera's ray-matrix element B: metres on the sensor per unit slope at the panel.
 
         It is the element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis Fig.
         5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). It equals
@@ -169,7 +169,7 @@ class Camera:
         return lens.image_distance * (1 - self.separation / lens.focus_distance)
 
     def magnification(self, distance: float) -> float:
-        """Compute the camera's magnification, metres on the sensor per metre at an object.
+        """Compute the camera lens' magnification, metres on the sensor per metre at an object.
 
         The object is `distance` metres from the panel; for ``math.inf`` the magnification is 0. It
         is the magnification along the chief ray, through the middle of the lens. The image is

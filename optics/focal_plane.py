@@ -21,7 +21,7 @@ def focal_field(
     *,
     distance_before_lens: float = 0.0,
 ) -> torch.Tensor:
-    """Compute the complex field in the back focal plane of a lens from a field before the lens.
+    """Compute the complex field in a lens' back focal plane from a field before the lens.
 
         U_f(u) = exp(i k / (2 f) (1 - d / f) |u|²) / (i wavelength f)
                  x integral of U(x) exp(-2 pi i x u / (wavelength f)) dx
@@ -69,7 +69,7 @@ def focal_field(
 
 
 def _require_no_aliasing(pupil: Plane, image: Plane, scale: float, axis: int) -> None:
-    """Raise ValueError for an image plane wider than the period of the sampled transform."""
+    """Raise ValueError for a focal plane wider than the period of the sampled transform."""
     half = scale / pupil.pitch[axis] / 2
     reach = float(image.coordinates(axis).abs().max())
     if reach > half * (1 + 1e-9):

@@ -19,21 +19,27 @@ from optics.validation import accepts_numpy, require_finite
 
 
 def rfft2_frequencies(plane: Plane) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the spatial frequencies (y, x) of a plane's rfft2 grid, cycles per metre, float64."""
+    """Return an optical plane's spatial frequencies (y, x) for rfft2, cycles per metre.
+
+    The frequencies are float64.
+    """
     fy = torch.fft.fftfreq(plane.shape[0], plane.pitch[0], dtype=torch.float64)
     fx = torch.fft.rfftfreq(plane.shape[1], plane.pitch[1], dtype=torch.float64)
     return fy[:, None], fx[None, :]
 
 
 def spectrum_of_samples(light: torch.Tensor) -> torch.Tensor:
-    """Compute the rfft2 spectrum of light on a plane, (..., rows, columns), origin at n // 2."""
+    """Compute the rfft2 spectrum of light on an optical plane, for incoherent imaging.
+
+    light: (..., rows, columns), with the origin at n // 2.
+    """
     return rfft2(origin_to_corner(light))
 
 
 def spectrum_of_disc(plane: Plane, diameter: float, total: float = 1.0) -> torch.Tensor:
-    """Compute the rfft2 spectrum of a uniform disc at the origin with `total` light.
+    """Compute the rfft2 spectrum of a uniform disc of light on an optical plane.
 
-    diameter: metres.
+    The disc lies at the origin and has `total` light. diameter: metres.
     """
     if not 0 <= diameter < math.inf:
         raise ValueError(f"diameter is {diameter:g} m; it can't be negative")
@@ -53,12 +59,13 @@ def form_image(
     *,
     pixel_aperture: bool = True,
 ) -> torch.Tensor:
-    """Compute the light on each sensor pixel in incoherent imaging, (rows, columns) of `shape`.
+    """Compute the light on each sensor pixel in incoherent imaging of an object by a PSF.
 
-    spectrum: that of the object's geometric image on `plane`, which has `samples_per_pixel`
-    samples per pixel. psf: (rows, columns) with the same pitch as the plane, origin at n // 2, no
-    larger than the plane. The picture wraps around the plane's edges, so the plane needs a margin
-    of half a PSF around `shape`. Raises ValueError for a spectrum or PSF that doesn't fit.
+    The result is (rows, columns) of `shape`. spectrum: of the object's geometric image on `plane`,
+    which has `samples_per_pixel` samples per pixel. psf: (rows, columns) with the same pitch as the
+    plane, origin at n // 2, no larger than the plane. The picture wraps around the plane's edges,
+    so the plane needs a margin of half a PSF around `shape`. Raises ValueError for a spectrum or
+    PSF that doesn't fit.
     """
     expected = (plane.shape[0], plane.shape[1] // 2 + 1)
     if spectrum.shape[-2:] != expected:
@@ -80,15 +87,15 @@ def form_image(
 def form_coherent_image(
     field: torch.Tensor, amplitude_psf: torch.Tensor, shape: tuple[int, int] | None = None
 ) -> torch.Tensor:
-    """Compute the intensity |p * U|² of coherent imaging (thesis Eq. 2.16), (..., `shape`), real.
+    """Compute the intensity ``|p * U|²`` of coherent imaging (thesis Eq. 2.16), real.
 
-    field: U, the object's geometric image, complex, (..., rows, columns); its squared modulus is
-    the light on a sample. amplitude_psf: p, the field that a point makes, complex,
-    (..., rows, columns) of any size with the same pitch. Both have their origin at n // 2, and
-    their leading axes broadcast. The share sum |p|² of a point's light reaches the picture. Fields
-    are added before they are squared, so that the share of a whole object may be larger or
-    smaller. The convolution is computed in complex64, or in complex128 if one of the two is in
-    double precision. It is differentiable.
+    The result is (..., `shape`). field: U, the object's geometric image, complex, (..., rows,
+    columns); its squared modulus is the light on a sample. amplitude_psf: p, the field that a point
+    makes, complex, (..., rows, columns) of any size with the same pitch. Both have their origin at
+    n // 2, and their leading axes broadcast. The share sum |p|² of a point's light reaches the
+    picture. Fields are added before they are squared, so that the share of a whole object may be
+    larger or smaller. The convolution is computed in complex64, or in complex128 if one of the two
+    is in double precision. It is differentiable.
 
     The convolution is linear: nothing wraps around, and the field is dark beyond its edges.
     shape: rows and columns of the central part that is returned; by default those of the field.
@@ -117,7 +124,10 @@ def form_coherent_image(
 
 
 def _require_broadcastable_fields(field: torch.Tensor, amplitude_psf: torch.Tensor) -> None:
-    """Raise ValueError unless both fields are finite and their leading axes broadcast."""
+    """Raise ValueError unless both fields of coherent imaging are finite and broadcast.
+
+    Their leading axes must be alike, or 1.
+    """
     for name, wave in (("field", field), ("amplitude_psf", amplitude_psf)):
         if wave.ndim < 2 or wave.numel() == 0:
             raise ValueError(f"{name} is {tuple(wave.shape)}; give (..., rows, columns)")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @cache
 def gauss_legendre(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the nodes in [-1, 1] and weights of Gauss-Legendre quadrature.
+    """Return nodes in [-1, 1] and weights of Gauss-Legendre quadrature for optical integrals.
 
     The rule is exact for polynomials up to degree 2 count - 1, and its weights sum to 2. All
     callers share the arrays, which are read-only. Raises ValueError if count is less than 1.

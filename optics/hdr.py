@@ -45,7 +45,7 @@ def merge_bracket(
     dark_counts: torch.Tensor,
     sensor: Sensor,
 ) -> RadianceEstimate:
-    """Merge an exposure bracket into a radiance estimate, weighted by inverse variance.
+    """Merge an exposure bracket into an HDR radiance estimate, weighted by inverse variance.
 
     frames: (exposures, rows, columns), digital numbers. exposures: seconds. darks: mean of
     the dark frames of each exposure, the same shape as frames. dark_counts: number of dark frames
@@ -91,7 +91,7 @@ def merge_bracket(
 def _least_squares_rate(
     electrons: torch.Tensor, t: torch.Tensor, weight: torch.Tensor
 ) -> torch.Tensor:
-    """Fit each pixel's rate to electrons = rate x t by weighted least squares.
+    """Fit each HDR pixel's rate, electrons = rate x t, to a bracket by weighted least squares.
 
     The rate is zero where no exposure is usable.
     """

@@ -10,7 +10,7 @@ from optics.validation import accepts_numpy, require_finite, require_positive
 
 
 def _require_same_shape_and_finite(**pictures: torch.Tensor) -> None:
-    """Raise ValueError unless two pictures have the same shape and are finite."""
+    """Raise ValueError unless two pictures for an image metric are finite and of one shape."""
     (first, a), (second, b) = pictures.items()
     if a.shape != b.shape:
         raise ValueError(
@@ -22,15 +22,16 @@ def _require_same_shape_and_finite(**pictures: torch.Tensor) -> None:
 
 
 def _require_bright_target(target: torch.Tensor) -> None:
+    """Raise ValueError for a target without light, for which image metrics aren't defined."""
     if not float(target.max()) > 0:
         raise ValueError("target is dark; it must be positive somewhere")
 
 
 @accepts_numpy
 def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> float:
-    """Compute the share of a PSF's light where the target exceeds 2 % of its peak.
+    """Compute the efficiency metric of a PSF: the share of light where the target isn't dark.
 
-    total: all light of the point source.
+    The target isn't dark where it exceeds 2 % of its peak. total: all light of the point source.
     """
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
@@ -40,9 +41,9 @@ def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> f
 
 @accepts_numpy
 def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
-    """Compute a PSF's speckle contrast: standard deviation over mean of PSF / target.
+    """Compute the speckle contrast metric of a PSF: standard deviation over mean of PSF / target.
 
-    Only samples count at which the target exceeds half its peak.
+    Only samples at which the target exceeds half its peak count.
     """
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
@@ -55,7 +56,7 @@ def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
 
 @accepts_numpy
 def scaled_nrmse(psf: torch.Tensor, target: torch.Tensor) -> float:
-    """Compute the NRMSE of a PSF, ``|PSF - c target| / |c target|`` with the best factor c."""
+    """Compute the image metric NRMSE, ``|PSF - c target| / |c target|`` with the best factor c."""
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
     seen, wanted = psf.to(torch.float64), target.to(torch.float64)
@@ -67,7 +68,10 @@ def scaled_nrmse(psf: torch.Tensor, target: torch.Tensor) -> float:
 
 @accepts_numpy
 def relative_error(value: torch.Tensor, reference: torch.Tensor) -> float:
-    """Compute the relative L2 error ``|value - reference| / |reference|``; no scale is fitted."""
+    """Compute the image metric ``|value - reference| / |reference|``, a relative L2 error.
+
+    No scale is fitted.
+    """
     _require_same_shape_and_finite(value=value, reference=reference)
     if not reference.any():
         raise ValueError(
@@ -79,7 +83,7 @@ def relative_error(value: torch.Tensor, reference: torch.Tensor) -> float:
 
 @accepts_numpy
 def psnr(image: torch.Tensor, reference: torch.Tensor, peak: float = 1.0) -> float:
-    """Compute the peak signal-to-noise ratio of an image in dB; infinite for equal images."""
+    """Compute an image metric, the peak signal-to-noise ratio in dB; infinite for equal images."""
     _require_same_shape_and_finite(image=image, reference=reference)
     require_positive("peak", peak, "")
     error = float(((image.to(torch.float64) - reference.to(torch.float64)) ** 2).mean())
@@ -88,11 +92,11 @@ def psnr(image: torch.Tensor, reference: torch.Tensor, peak: float = 1.0) -> flo
 
 @accepts_numpy
 def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) -> float:
-    """Compute the mean SSIM of two images (Wang et al. 2004, doi 10.1109/TIP.2003.819861).
+    """Compute the mean SSIM metric of two images (Wang et al. 2004, doi 10.1109/TIP.2003.819861).
 
     The window is a Gaussian of sigma 1.5, cut at 3.5 sigma. K1 is 0.01 and K2 is 0.03. The
-    statistics are those of a population, averaged where the window lies inside the picture.
-    Raises ValueError for pictures smaller than the window, 11 x 11.
+    statistics are those of a population, averaged where the window lies inside the picture. Raises
+    ValueError for pictures smaller than the window, 11 x 11.
     """
     _require_same_shape_and_finite(image=image, reference=reference)
     require_positive("data_range", data_range, "")
@@ -118,7 +122,10 @@ def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) 
 
 
 def crop_central_share(image: torch.Tensor, share: float = 0.9) -> torch.Tensor:
-    """Crop an image to its central part, a share of the sides along each axis."""
+    """Crop an image to its central part before an image metric compares it.
+
+    share: the part's side over the image's, along each axis.
+    """
     if not 0 < share <= 1:
         raise ValueError(f"share is {share:g}; it must lie within 0 to 1, and not be 0")
     rows, columns = image.shape[-2:]

@@ -84,7 +84,7 @@ def transfer_function(psf: torch.Tensor, plane: Plane) -> torch.Tensor:
 
 @accepts_numpy
 def modulation_transfer(transfer: torch.Tensor) -> torch.Tensor:
-    """Compute the MTF, the modulus of a transfer function, real, of any shape.
+    """Compute the MTF, the modulus of an optical transfer function, real, of any shape.
 
     Its gradient is zero where the transfer function is zero, and finite everywhere.
     """
@@ -200,14 +200,14 @@ class _Integral(ABC):
         """
 
     def half_phase_range(self, *parameters: torch.Tensor) -> torch.Tensor:
-        """Estimate half the range of the integrand's phase for each value, in radians."""
+        """Estimate half the phase range of an OTF integrand for each value, in radians."""
         _, turn = self(_SETTINGS.coarse_nodes, *parameters)
         assert turn is not None
         turn = turn.flatten(1)
         return (turn.amax(1) - turn.amin(1)) / 2
 
     def integrate(self, tol: float, *parameters: torch.Tensor) -> torch.Tensor:
-        """Compute the integral's value for each entry, with as many nodes as `tol` needs."""
+        """Compute the OTF integral's value for each entry, with as many nodes as `tol` needs."""
         if parameters[0].numel() == 0:
             return parameters[0].to(torch.complex128)
         with torch.no_grad():
@@ -215,10 +215,10 @@ class _Integral(ABC):
         return self._values(nodes, parameters)
 
     def _find_node_count(self, tol: float, parameters: tuple[torch.Tensor, ...]) -> int:
-        """Find the node count at which doubling the nodes changes no probe by more than `tol`.
+        """Find the node count at which an OTF integral keeps `tol`.
 
-        The search begins with half a node per radian and a few more. The probes range from the
-        smoothest integrand to the steepest.
+        Twice as many nodes change no probe by more than `tol`. The search begins with half a node
+        per radian and a few more. The probes range from the smoothest integrand to the steepest.
         """
         steepness = self._map_in_chunks(self.half_phase_range, _SETTINGS.coarse_nodes, parameters)
         count = steepness.numel()
@@ -243,6 +243,8 @@ class _Integral(ABC):
             nodes = min(math.ceil(1.25 * nodes), self.max_nodes)
 
     def _values(self, nodes: int, parameters: tuple[torch.Tensor, ...]) -> torch.Tensor:
+        """Sum the OTF integrand over a number of nodes, one value for each entry."""
+
         def values(*portion: torch.Tensor) -> torch.Tensor:
             amplitude, turn = self(nodes, *portion)
             if turn is None:
@@ -265,7 +267,7 @@ class _Integral(ABC):
         nodes: int,
         parameters: tuple[torch.Tensor, ...],
     ) -> torch.Tensor:
-        """Apply a function to the parameters in chunks of few values, to bound the memory."""
+        """Apply a function to an OTF integral's parameters in chunks, to bound the memory."""
         size = max(1, _SETTINGS.chunk_nodes // nodes**self.dimensions)
         portions = zip(*(torch.split(p, size) for p in parameters), strict=True)
         return torch.cat([function(*portion) for portion in portions])
@@ -328,12 +330,13 @@ class _AberratedOverlap(_Integral):
 
 
 def _overlap_nodes(v: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return the angle, reach and weight of nodes across the overlap of two stops 2 v apart.
+    """Return angle, reach and weight of an OTF integral's nodes in the overlap of two pupils.
 
-    sin(angle) is the position across the shift; along the shift the overlap reaches
-    cos(angle) - v to either side. As a function of this angle the integrand has no square root,
-    neither at the ends of the overlap nor where the stops coincide, so that the sums converge
-    spectrally. The weights are those of an integral over a stop of area 1.
+    The pupils are stops of radius 1, 2 v apart. sin(angle) is the position across the shift; along
+    the shift the overlap reaches cos(angle) - v to either side. As a function of this angle the
+    integrand has no square root, neither at the ends of the overlap nor where the stops coincide,
+    so that the sums converge spectrally. The weights are those of an integral over a stop of area
+    1.
     """
     points, weights = _composite_rule(nodes, v.device)
     widest = torch.arccos(v)[:, None]
@@ -343,9 +346,9 @@ def _overlap_nodes(v: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Ten
 
 
 def _defocus_phase_difference(defocus: float, v: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
-    """Return the defocus phase of one stop less that of the other, in radians.
+    """Return the defocus phase difference of the two pupils that overlap in an OTF, in radians.
 
-    The stops lie 2 v apart; `along` is the position along that shift.
+    The pupils lie 2 v apart; `along` is the position along that shift.
     """
     return -4 * defocus * v * along
 
@@ -385,9 +388,9 @@ def _subinterval_rule(nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _composite_rule(nodes: int, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the nodes from -1 to 1 and weights of a composite Gauss-Legendre rule.
+    """Return a composite Gauss-Legendre rule for OTF integrals: nodes from -1 to 1, and weights.
 
-    It has at least `nodes` nodes, in equal subintervals.
+    The rule has at least `nodes` nodes, in equal subintervals.
     """
     parts = math.ceil(nodes / _SETTINGS.subinterval_nodes)
     points, weights = _subinterval_rule(math.ceil(nodes / parts))
@@ -397,7 +400,7 @@ def _composite_rule(nodes: int, device: torch.device) -> tuple[torch.Tensor, tor
 
 
 def _evaluate_phase(phase: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
-    """Return a pupil phase at the nodes as float64, or raise ValueError if it isn't valid.
+    """Return a pupil phase at the OTF's nodes as float64, or raise ValueError if it isn't valid.
 
     phase: what the caller's phase function returned for the positions `at`.
     """
@@ -416,7 +419,10 @@ def _evaluate_phase(phase: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
 
 
 def _broadcast_pair(**numbers: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Broadcast two arguments to one shape in float64, without gradients; both must be finite."""
+    """Broadcast two arguments of an OTF to one shape in float64, without gradients.
+
+    Both arguments must be finite.
+    """
     (first, a), (second, b) = (
         (name, torch.as_tensor(value).detach().to(torch.float64)) for name, value in numbers.items()
     )
@@ -433,7 +439,7 @@ def _broadcast_pair(**numbers: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor
 
 
 def _scatter_to_mask(values: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    """Put values where the mask `inside` is true, in their order, and exact zeros elsewhere."""
+    """Put OTF values where the mask `inside` is true, in their order, and exact zeros elsewhere."""
     zeros = torch.zeros(inside.numel(), dtype=torch.complex128, device=inside.device)
     where = torch.nonzero(inside.flatten(), as_tuple=True)
     return zeros.index_put(where, values).reshape(inside.shape)

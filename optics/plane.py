@@ -34,17 +34,26 @@ class Plane:
             raise ValueError(f"centre {centre} m must be finite in each axis")
 
     def coordinates(self, axis: int) -> torch.Tensor:
-        """Return the samples' positions along axis 0 (y) or 1 (x), metres, float64."""
+        """Return positions of an optical plane's samples along axis 0 (y) or 1 (x), metres.
+
+        The positions are float64.
+        """
         n = self.shape[axis]
         index = torch.arange(n, dtype=torch.float64) - n // 2
         return index * self.pitch[axis] + self.centre[axis]
 
     def mesh(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the samples' positions (y, x) as a column and a row that broadcast, in metres."""
+        """Return an optical plane's sample positions (y, x) as a column and a row, in metres.
+
+        The column and the row broadcast to the plane's shape.
+        """
         return self.coordinates(0)[:, None], self.coordinates(1)[None, :]
 
     def with_finer_pitch(self, factor: int) -> Plane:
-        """Return a plane of the same centre and size with `factor` times the samples per axis."""
+        """Return an optical plane of the same centre and size with more samples.
+
+        The new plane has `factor` times as many samples per axis.
+        """
         if factor < 1:
             raise ValueError(f"factor is {factor}; a finer plane needs at least 1")
         return Plane(
@@ -70,18 +79,25 @@ class RectilinearGrid:
         return self.y.numel(), self.x.numel()
 
     def coordinates(self, axis: int) -> torch.Tensor:
-        """Return the samples' positions along axis 0 (y) or 1 (x), metres, float64."""
+        """Return positions of an optical grid's samples along axis 0 (y) or 1 (x), metres.
+
+        The positions are float64.
+        """
         return self.x if axis else self.y
 
     def mesh(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the samples' positions (y, x) as a column and a row that broadcast, in metres."""
+        """Return an optical grid's sample positions (y, x) as a column and a row, in metres.
+
+        The column and the row broadcast to the grid's shape.
+        """
         return self.y[:, None], self.x[None, :]
 
 
 def centred_crop(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """Crop the last two axes of an array around the origin, which stays at n // 2.
+    """Crop samples of an optical plane around its origin, which stays at n // 2.
 
-    Raises ValueError if `shape` is larger than the array.
+    The rows and columns are the last two axes. Raises ValueError if `shape` is larger than the
+    array.
     """
     rows, columns = array.shape[-2:]
     if shape[0] > rows or shape[1] > columns:
@@ -91,7 +107,10 @@ def centred_crop(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 
 def centred_pad(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """Pad the last two axes of an array with zeros; the origin stays at n // 2."""
+    """Pad samples of an optical plane with zeros; the origin stays at n // 2.
+
+    The rows and columns are the last two axes.
+    """
     rows, columns = array.shape[-2:]
     if shape[0] < rows or shape[1] < columns:
         raise ValueError(f"cannot pad {(rows, columns)} to the smaller shape {shape}")
@@ -101,10 +120,10 @@ def centred_pad(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 
 def origin_to_corner(array: torch.Tensor) -> torch.Tensor:
-    """Move the origin from n // 2 to index 0 on the last two axes, as FFTs require."""
+    """Move an optical plane's origin from n // 2 to index 0 on the last two axes, as FFTs need."""
     return torch.fft.ifftshift(array, dim=(-2, -1))
 
 
 def origin_to_centre(array: torch.Tensor) -> torch.Tensor:
-    """Move the origin from index 0 to n // 2 on the last two axes."""
+    """Move an optical plane's origin from index 0 to n // 2 on the last two axes."""
     return torch.fft.fftshift(array, dim=(-2, -1))

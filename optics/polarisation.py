@@ -44,7 +44,7 @@ def linear_jones_vector(angle: Scalar) -> torch.Tensor:
 
 
 def diattenuator_matrix(angle: Scalar, along: torch.Tensor, across: torch.Tensor) -> torch.Tensor:
-    """Return the Jones matrix of an element that attenuates two polarisations differently.
+    """Return the Jones matrix of an optical part that attenuates two polarisations differently.
 
     The matrix is (2, 2) complex128. along, across: amplitude factors of light polarised along the
     element's axis, which is at `angle`, and across it. There is no delay between the two.
@@ -71,7 +71,7 @@ class SourcePolarisation:
 
     @property
     def incoherent_components(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """The two incoherent waves of the object's light: shares of the power and Jones vectors."""
+        """The two incoherent waves of polarised light: shares of the power and Jones vectors."""
         degree = _as_float64(self.degree)
         across = _as_float64(self.angle) + math.pi / 2
         return [
@@ -151,7 +151,7 @@ class BeamSplitter:
                 )
 
     def jones_matrix(self, port: Literal["transmitted", "reflected"]) -> torch.Tensor:
-        """Return the Jones matrix of the cube for transmitted or for reflected light."""
+        """Return the Jones matrix of a beam splitter for transmitted or for reflected light."""
         p, s = self.transmitted if port == "transmitted" else self.reflected
         return diattenuator_matrix(
             self.angle, torch.sqrt(_as_float64(p)), torch.sqrt(_as_float64(s))
@@ -202,7 +202,7 @@ class PolarisedPath:
 
     @property
     def jones_to_panel(self) -> torch.Tensor:
-        """The Jones matrix from the object to the panel."""
+        """The Jones matrix of polariser and beam splitter, from the object to the panel."""
         way = [] if self.splitter is None else [self.splitter.jones_matrix(self.first)]
         return _jones_product(
             [*([] if self.polariser is None else [self.polariser.jones_matrix]), *way]
@@ -210,7 +210,7 @@ class PolarisedPath:
 
     @property
     def jones_from_panel(self) -> torch.Tensor:
-        """The Jones matrix from the panel to the lens."""
+        """The Jones matrix of beam splitter and analyser, from the panel to the lens."""
         back: Literal["transmitted", "reflected"]
         back = "reflected" if self.first == "transmitted" else "transmitted"
         way = [] if self.splitter is None else [self.splitter.jones_matrix(back)]
@@ -219,14 +219,15 @@ class PolarisedPath:
         )
 
     def effect(self) -> PathEffect:
-        """Compute the effect of the polarised path with a panel that modulates one axis only.
+        """Compute the effect of polarising optics around the panel on the light, by Jones calculus.
 
-        The panel's Jones matrix is diag(exp(i pattern), 1). Let G = Σ share · m m† be the
-        coherency matrix of the light that falls on it, L the Jones matrix behind it, and
-        N = L† L. The modulated power is then N₀₀ G₀₀, the unmodulated power N₁₁ G₁₁. The two
-        interfere by N₀₁ G₁₀, which is zero where L keeps them orthogonal: without an analyser,
-        and with a splitter that doesn't polarise, or whose axes are the panel's. The result is
-        differentiable in every number of the elements. Raises ValueError where no light passes.
+        The panel modulates one axis only. Its Jones matrix is diag(exp(i pattern), 1). Let G = Σ
+        share · m m† be the coherency matrix of the light that falls on it, L the Jones matrix
+        behind it, and N = L† L. The modulated power is then N₀₀ G₀₀, the unmodulated power N₁₁ G₁₁.
+        The two interfere by N₀₁ G₁₀, which is zero where L keeps them orthogonal: without an
+        analyser, and with a splitter that doesn't polarise, or whose axes are the panel's. The
+        result is differentiable in every number of the elements. Raises ValueError where no light
+        passes.
         """
         before, after = self.jones_to_panel, self.jones_from_panel
         waves = ((share, before @ wave) for share, wave in self.light.incoherent_components)
@@ -245,7 +246,7 @@ class PolarisedPath:
 
 
 def _jones_product(matrices: Sequence[torch.Tensor]) -> torch.Tensor:
-    """Multiply the Jones matrices of elements given in the order in which light meets them."""
+    """Multiply Jones matrices of optical elements in the order in which light meets them."""
     whole = torch.eye(2, dtype=torch.complex128)
     for matrix in matrices:
         whole = matrix @ whole

@@ -24,13 +24,13 @@ class Progress:
         self._pause_event = threading.Event()
 
     def report(self, fraction: float, message: str = "") -> None:
-        """Report the progress of the computation; raise Cancelled if it should stop."""
+        """Report a long optical computation's progress; raise Cancelled if it should stop."""
         self.raise_if_cancelled()
         if self._listener is not None:
             self._listener(min(max(fraction, 0.0), 1.0), message)
 
     def raise_if_cancelled(self) -> None:
-        """Raise Cancelled if the computation should stop."""
+        """Raise Cancelled if the long optical computation should stop."""
         if self.is_cancelled:
             raise Cancelled("cancelled")
 
@@ -43,7 +43,10 @@ class Progress:
 
     @property
     def is_paused(self) -> bool:
-        """Whether the computation should pause until `resume()`, at the next place where it can."""
+        """Whether the long optical computation should pause until `resume()`.
+
+        The computation pauses at the next place where it can.
+        """
         return self._pause_event.is_set()
 
     def pause(self) -> None:
@@ -53,7 +56,7 @@ class Progress:
         self._pause_event.clear()
 
     def part(self, start: float, stop: float) -> Progress:
-        """Return the Progress of one part of the computation, from `start` to `stop`."""
+        """Return the Progress of one part of an optical computation, from `start` to `stop`."""
         part = Progress(lambda f, m: self.report(start + f * (stop - start), m))
         part._cancel_event, part._pause_event = self._cancel_event, self._pause_event
         return part

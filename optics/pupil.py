@@ -34,11 +34,11 @@ _SLOPE_MARGIN = 1.1
 
 
 def pupil_amplitude(camera: Camera) -> torch.Tensor:
-    """Compute the pupil amplitude: each panel pixel's share inside the stop, (rows, columns).
+    """Compute the lens' pupil amplitude: each panel pixel's share inside the stop.
 
-    Edge pixels get the share of their covered area; with a jagged edge the error would be four
-    times as large. The float64 tensor is cached, so don't write into it. If the stop's diameter
-    needs a gradient, the result carries its first derivative.
+    The result is (rows, columns). Edge pixels get the share of their covered area; with a jagged
+    edge the error would be four times as large. The float64 tensor is cached, so don't write into
+    it. If the stop's diameter needs a gradient, the result carries its first derivative.
     """
     radius, plane = camera.lens.stop_diameter / 2, camera.panel.plane
     stop, value = camera.lens.stop, as_number(radius)
@@ -60,7 +60,7 @@ def _cached_coverage_derivative(stop: Stop, radius: float, plane: Plane) -> torc
 
 
 def open_area(camera: Camera) -> float:
-    """Compute the area that panel and stop both leave open, in square metres.
+    """Compute the area of the camera's pupil that panel and stop leave open, in square metres.
 
     Both are treated as if they stood in one plane.
     """
@@ -74,7 +74,7 @@ def open_area(camera: Camera) -> float:
 
 
 def require_open_pupil(camera: Camera) -> None:
-    """Raise ValueError for a lens stop that lets no light of the panel through."""
+    """Raise ValueError if the camera's pupil is closed: its stop passes no light of the panel."""
     if not open_area(camera) > 0:
         raise ValueError(
             "the stop or what obscures it covers the whole panel: no light passes; open it "
@@ -83,7 +83,7 @@ def require_open_pupil(camera: Camera) -> None:
 
 
 def require_valid_source(distance: Scalar, wavelength: Scalar) -> None:
-    """Raise ValueError or TypeError for a bad object distance or wavelength, in metres."""
+    """Raise an error unless a camera's object distance and wavelength are positive lengths."""
     require_number("distance", distance, "m")
     require_number("wavelength", wavelength, "m")
     distance, wavelength = as_number(distance), as_number(wavelength)
@@ -99,7 +99,7 @@ def require_valid_source(distance: Scalar, wavelength: Scalar) -> None:
 
 
 def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
-    """Estimate the error of the lens model against scalar diffraction by an ideal lens.
+    """Estimate the lens model's error against scalar diffraction by an ideal lens.
 
     The parabola of a thin lens differs from the sphere by r⁴/8z³ of path. Both kinds of lens leave
     out the obliquity of the steepest rays. radius: metres from the axis to the farthest light.
@@ -115,7 +115,7 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
 
 
 def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
-    """Compute the cut-off frequency of the light on the sensor, in cycles per metre.
+    """Compute the camera lens' optical cut-off frequency on the sensor, in cycles per metre.
 
     A pixel that the stop cuts counts with its whole width, which reaches beyond the stop. Behind
     a panel that stands apart from the lens the whole stop is lit.
@@ -134,25 +134,25 @@ def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
 
 
 def object_to_lens_distance(camera: Camera, distance: Scalar) -> Scalar:
-    """Return the distance from the lens to an object `distance` metres before the panel."""
+    """Return the distance from a camera's lens to an object `distance` metres before its panel."""
     return distance + camera.separation
 
 
 def vergence_error(lens: Lens, distance: Scalar) -> Scalar:
-    """Compute the vergence error 1/d + 1/z - 1/f of an object at `distance` metres, in dioptres.
+    """Compute a lens' vergence error 1/d + 1/z - 1/f for an object at `distance`, in dioptres.
 
-    It is zero for an object in focus.
+    The error is zero for an object in focus.
     """
     return 1 / distance - 1 / lens.focus_distance
 
 
 def defocus_curvature(lens: Lens, distance: Scalar, wavelength: Scalar) -> Scalar:
-    """Compute the paraxial defocus in radians per square metre of squared radius."""
+    """Compute a lens' paraxial defocus over its pupil, radians per square metre of r²."""
     return math.pi / wavelength * vergence_error(lens, distance)
 
 
 def defocus_path(lens: Lens, distance: Scalar, r2: torch.Tensor) -> torch.Tensor:
-    """Compute the optical path of defocus in metres, at points in the pupil.
+    """Compute the optical path of a lens' defocus in metres, at points in the pupil.
 
     r2: squared distance of the points from the axis, square metres. The path is the sum of the
     object's spherical wave, the lens, and the wave that converges on the sensor. It is quadratic
@@ -165,16 +165,17 @@ def defocus_path(lens: Lens, distance: Scalar, r2: torch.Tensor) -> torch.Tensor
 
 
 def _sag(vergence: Scalar, r2: torch.Tensor) -> torch.Tensor:
-    """Compute a wavefront's sag sqrt(d² + r²) - d for d = 1 / vergence, also for infinite d."""
+    """Compute a pupil wavefront's sag sqrt(d² + r²) - d for d = 1 / vergence, also infinite d."""
     return r2 * vergence / (1 + torch.sqrt(1 + r2 * vergence**2))
 
 
 def pupil_phase(
     lens: Lens, distance: Scalar, wavelength: Scalar, y: torch.Tensor, x: torch.Tensor
 ) -> torch.Tensor:
-    """Compute the pupil phase of a point's light in radians (thesis Eq. 3.2), float64.
+    """Compute a lens' pupil phase for a point's light in radians (thesis Eq. 3.2), float64.
 
-    It is the sum of defocus and aberrations. y, x: in units of the stop's radius; they broadcast.
+    The phase is the sum of defocus and aberrations. y, x: in units of the stop's radius; they
+    broadcast.
     """
     r2 = (y**2 + x**2) * (lens.stop_diameter / 2) ** 2
     path = defocus_path(lens, distance, r2)
@@ -184,7 +185,7 @@ def pupil_phase(
 
 
 def pupil_phase_on_panel(camera: Camera, distance: Scalar, wavelength: Scalar) -> torch.Tensor:
-    """Compute the pupil phase at the panel's pixel centres, (rows, columns), in radians."""
+    """Compute the lens' pupil phase at the panel's pixel centres, (rows, columns), in radians."""
     radius = camera.lens.stop_diameter / 2
     y, x = camera.panel.plane.mesh()
     return pupil_phase(camera.lens, distance, wavelength, y / radius, x / radius)
@@ -193,7 +194,7 @@ def pupil_phase_on_panel(camera: Camera, distance: Scalar, wavelength: Scalar) -
 def phase_slope_bound(
     lens: Lens, distance: float, wavelength: float, tilt: float
 ) -> PhaseSlopeBound:
-    """Bound the slope of a lens' phase over its stop, for the choice of quadrature nodes.
+    """Bound the slope of a lens' pupil phase, for the choice of quadrature nodes.
 
     tilt: the slope that belongs to the farthest image sample. The bound is analytic for pure
     defocus. With aberrations it is found from samples along rays and circles.
@@ -227,17 +228,17 @@ def phase_slope_bound(
 
 
 def open_pupil_radius(camera: Camera) -> float:
-    """Return the largest distance from the axis to the edge of the open pupil, in metres."""
+    """Return the largest distance from the axis to the camera's open pupil's edge, in metres."""
     return min(camera.lens.stop_diameter / 2, panel_half_diagonal(camera))
 
 
 def panel_half_diagonal(camera: Camera) -> float:
-    """Return the distance from the axis to the panel's corner, in metres."""
+    """Return the distance from the camera's optical axis to its panel's corner, in metres."""
     return math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape)) / 2
 
 
 def phase_step_per_pixel(camera: Camera, distance: float, wavelength: float) -> float:
-    """Compute the largest change of the lens' phase across one open panel pixel, in radians."""
+    """Compute the lens' largest pupil phase change across an open panel pixel, in radians."""
     lens, panel = to_plain_numbers(camera.lens), camera.panel
     radius = lens.stop_diameter / 2
     if lens.aberrations:
@@ -254,7 +255,7 @@ def phase_step_per_pixel(camera: Camera, distance: float, wavelength: float) -> 
 
 
 def _largest_pixel_phase_step(camera: Camera, distance: float, wavelength: float) -> float:
-    """Compute the largest phase change between the corners of a panel pixel, in radians.
+    """Compute the lens' largest pupil phase change between a panel pixel's corners, in radians.
 
     Only pixels that are at least partly open count, because Zernike polynomials grow fast beyond
     the stop.
@@ -273,7 +274,7 @@ def _largest_pixel_phase_step(camera: Camera, distance: float, wavelength: float
 
 
 def numeric_camera(camera: Camera) -> Camera:
-    """Return a camera with plain numbers in place of the lens' and the separation's tensors."""
+    """Return a camera model with plain numbers in place of its lens' and separation's tensors."""
     return replace(
         camera, lens=to_plain_numbers(camera.lens), separation=as_number(camera.separation)
     )

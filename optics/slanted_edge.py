@@ -28,7 +28,7 @@ class EdgeResponse:
     edge_spread: Array
 
     def mtf_at(self, frequencies: ArrayLike) -> Array:
-        """Interpolate the MTF linearly at frequencies in cycles per pixel.
+        """Interpolate the slanted edge's MTF linearly at frequencies in cycles per pixel.
 
         Raises ValueError for frequencies beyond the highest measured one.
         """
@@ -42,7 +42,7 @@ class EdgeResponse:
 
 
 def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResponse:
-    """Measure the MTF across a slanted edge from its picture.
+    """Measure the camera's MTF across a slanted edge from its picture (ISO 12233).
 
     picture: (rows, columns), linear in the light, of one edge between two uniform sides. The edge
     passes through all rows, or all columns, at an angle of a few degrees. Each row's edge is the
@@ -71,7 +71,7 @@ def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResp
 
 
 def _fit_edge_line(values: Array) -> tuple[float, float]:
-    """Fit a line to the slanted edge: its column at row 0, and its slope in columns per row."""
+    """Fit a line to the slanted edge for the MTF: column at row 0, and slope in columns per row."""
     derivative = np.diff(values, axis=1)
     if not np.abs(derivative).max() > 1e-9 * max(np.abs(values).max(), 1e-300):
         raise ValueError("picture has no edge: it is the same everywhere")
@@ -98,7 +98,7 @@ def _fit_edge_line(values: Array) -> tuple[float, float]:
 def _edge_spread(
     values: Array, offset: float, slope: float, oversampling: int
 ) -> tuple[Array, Array]:
-    """Compute the oversampled edge spread function.
+    """Compute the oversampled edge spread function of a slanted edge, for the MTF.
 
     Returns the centres of the bins in pixels from the edge, and the mean of the pixels in each.
     """
@@ -127,6 +127,7 @@ def _edge_spread(
 
 
 def _mtf_from_edge_spread(edge: Array, oversampling: int) -> tuple[Array, Array]:
+    """Compute the MTF from the edge spread function of a slanted edge."""
     spread = np.diff(edge)
     window = _tukey_window(len(spread))
     transform = np.abs(np.fft.rfft(spread * window))
@@ -137,7 +138,7 @@ def _mtf_from_edge_spread(edge: Array, oversampling: int) -> tuple[Array, Array]
 
 
 def _tukey_window(count: int) -> Array:
-    """Return Tukey's window, flat with cosine tapers, for the line spread function."""
+    """Return Tukey's window, flat with cosine tapers, for the MTF's line spread function."""
     taper = 0.3  # The tapers take this share of the window.
     place = np.abs(np.arange(count) - (count - 1) / 2) / (count / 2)
     fall = np.clip((place - (1 - taper)) / taper, 0, 1)

@@ -12,7 +12,7 @@ from optics.validation import as_number
 
 
 def panel_to_focus_distance(camera: Camera) -> float:
-    """Return the distance from the panel to the plane in focus, in metres.
+    """Return the distance from the camera's panel to the plane in focus, in metres.
 
     Raises ValueError for a panel in that plane or beyond it: the lens then images the panel's
     pixels, and the light of an object in focus doesn't reach the panel as a spreading wave.
@@ -27,7 +27,7 @@ def panel_to_focus_distance(camera: Camera) -> float:
 
 
 def with_stop_shadow_on_panel(camera: Camera) -> Camera:
-    """Return a camera whose stop lies in the panel's plane, as large as the stop's shadow there.
+    """Return a camera model whose pupil lies on the panel, as large as the lens stop's shadow.
 
     Light of a point in focus, d metres before the panel, spreads by the factor
     1 + separation / d on its way to the stop. The light that passes therefore comes from an area
@@ -46,11 +46,11 @@ def with_stop_shadow_on_panel(camera: Camera) -> Camera:
 
 
 def share_through_stop(camera: Camera, distance: float, field: tuple[float, float]) -> float:
-    """Compute the share of a point's light on the panel that passes the stop, geometrically.
+    """Compute the share of a point's light on the camera's panel that passes the lens.
 
-    distance: metres from the point to the panel, math.inf allowed. field: metres (y, x) on the
-    sensor from the axis to the point's image. As in a PSF, the share is relative to the light
-    that panel and stop would both pass if they stood in one plane.
+    This is geometric optics. distance: metres from the point to the panel, math.inf allowed. field:
+    metres (y, x) on the sensor from the axis to the point's image. As in a PSF, the share is
+    relative to the light that panel and stop would both pass if they stood in one plane.
 
     The ray through the middle of the lens has the slope field / image distance and meets the
     panel at -separation times this slope, in the middle of the stop's shadow. Light that a

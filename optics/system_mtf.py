@@ -41,9 +41,9 @@ def neutral_panel_otf(
     angle: float = 0.0,
     distance: float | None = None,
 ) -> Array:
-    """Compute the OTF of panel and lens without the pixels, for a neutral panel; 1 at frequency 0.
+    """Compute the OTF of camera lens and neutral panel without the pixels; 1 at frequency 0.
 
-    It is real and may be negative. The parameters are those of system_mtf(). The pupil is the
+    The OTF is real and may be negative. The parameters are those of system_mtf(). The pupil is the
     intersection of the lens' round stop and the panel's rectangle, projected from the object's
     point into the lens' plane. Its autocorrelation at a shift of λ z f (Goodman, Introduction to
     Fourier Optics, 6.3) is integrated along x in closed form, and along y by Gauss' rule; defocus
@@ -94,9 +94,9 @@ class _Pupil:
         self.defocus = 1 / from_lens - 1 / focus
 
     def autocorrelation(self, dy: float, dx: float, curvature: float) -> float:
-        """Compute the pupil's autocorrelation at a shift of (dy, dx) metres, in square metres.
+        """Compute the autocorrelation of the camera's pupil for its OTF, in square metres.
 
-        Defocus adds the phase curvature (dy y + dx x).
+        The shift is (dy, dx) metres. Defocus adds the phase curvature (dy y + dx x).
         """
         half = self.half_height - abs(dy) / 2
         if half <= 0:
@@ -116,6 +116,6 @@ class _Pupil:
         return float((step * line * np.cos(turn * (low + high) / 2 + curvature * dy * y)).sum())
 
     def _half_chord(self, y: Array) -> Array:
-        """Return half the pupil's width at a height y, in metres."""
+        """Return half the width of the camera's pupil at a height y for its MTF, in metres."""
         round_part = np.sqrt(np.maximum(self.radius**2 - y**2, 0.0))
         return np.minimum(round_part, self.half_width)

@@ -18,15 +18,18 @@ def electron_rate(
     wavelength: float,
     distance: float = math.inf,
 ) -> float:
-    """Compute the photo-electrons per second and square metre of sensor from a diffuse object.
+    """Compute the rate of photo-electrons that a diffuse object causes behind a camera's lens.
 
-    radiance: W / (sr m² m), per metre of wavelength. bandwidth: metres of wavelength. distance:
-    metres from the object to the panel; it matters where the lens stands apart from the panel.
+    The rate is per second and square metre of sensor. radiance: W / (sr m² m), per metre of
+    wavelength. bandwidth: metres of wavelength. distance: metres from the object to the panel; it
+    matters where the lens stands apart from the panel.
+
     The camera equation is E = L A / z², where A is the area that stop and panel leave open, and z
-    the image distance. Photons have the energy h c / wavelength. It holds near the axis, where
-    cos⁴ is one. The shares of a PSF refer to the light through A in the panel's plane. At the
-    lens, from which the light converges to the image, this light is wider by the factor
-    1 + separation / distance.
+    the image distance. Photons have the energy h c / wavelength. The equation holds near the axis,
+    where cos⁴ is one. The shares of a PSF refer to the light through A in the panel's plane. At the
+    lens, from which the light converges to the image, this light is wider by the factor 1 +
+    separation / distance.
+
     Raises ValueError for a negative radiance, or lengths that aren't positive.
     """
     if not 0 <= radiance < math.inf:

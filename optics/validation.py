@@ -46,10 +46,11 @@ def _to_numpy(value: Any) -> Any:
 
 
 def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a function of tensors to accept numpy arrays, and to return numpy arrays for them.
+    """Decorate an optical function of tensors to accept and return numpy arrays.
 
-    Without a numpy array among the arguments, the function is called unchanged, so that gradients
-    propagate. Results are converted if they are tensors or tuples of tensors.
+    The function returns numpy arrays if one of its arguments is a numpy array. Otherwise it is
+    called unchanged, so that gradients propagate. Results are converted if they are tensors or
+    tuples of tensors.
     """
 
     @functools.wraps(function)
@@ -65,17 +66,20 @@ def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def as_floating_point(value: torch.Tensor) -> torch.Tensor:
-    """Return a floating-point tensor unchanged, and one of whole numbers as float32."""
+    """Return an optical floating-point tensor unchanged, and an integer tensor as float32."""
     return value if value.is_floating_point() else value.to(torch.float32)
 
 
 def as_number(value: Any) -> float:
-    """Convert a number or a 0-d tensor to a float, without its derivative."""
+    """Convert an optical parameter (a number or 0-d tensor) to a float without its derivative."""
     return float(value.detach() if isinstance(value, torch.Tensor) else value)
 
 
 def to_plain_numbers(value: Any) -> Any:
-    """Replace every 0-d tensor in a value by a float, also inside dataclasses and tuples."""
+    """Replace every 0-d tensor in an optical value, such as a camera or a lens, by a float.
+
+    Tensors inside dataclasses and tuples are replaced too.
+    """
     if isinstance(value, (torch.Tensor, np.ndarray, np.floating)):
         return as_number(value)
     if isinstance(value, tuple):
@@ -90,14 +94,14 @@ def to_plain_numbers(value: Any) -> Any:
 
 
 def needs_gradient(value: object) -> bool:
-    """Tell whether a number is a tensor that requires a gradient."""
+    """Tell whether an optical parameter is a tensor that requires a gradient."""
     return isinstance(value, torch.Tensor) and value.requires_grad
 
 
 def require_unchanged_attributes(
     names: Iterable[str], at_planning: object, now: object, kind: str
 ) -> None:
-    """Raise ValueError if attributes have changed since an operator was planned.
+    """Raise ValueError if an optical computation's attributes changed since it was planned.
 
     kind: what kind of operator it is, for the message.
     """
@@ -140,20 +144,23 @@ def require_tolerance(tol: Any) -> None:
 
 
 def require_positive(name: str, value: Any, unit: str) -> None:
-    """Raise ValueError for an argument that isn't positive and finite."""
+    """Raise ValueError for an optical parameter that isn't positive and finite."""
     value = as_number(value)
     if not (value > 0 and math.isfinite(value)):
         raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
 
 
 def require_count(name: str, value: int) -> None:
-    """Raise ValueError for a count below 1."""
+    """Raise ValueError for a count below 1 in an optical function's arguments."""
     if value < 1:
         raise ValueError(f"{name} is {value}; at least 1 is needed")
 
 
 def require_same_shape(name: str, picture: torch.Tensor, **others: torch.Tensor | None) -> None:
-    """Raise ValueError for arguments whose shape isn't that of a picture; None is allowed."""
+    """Raise ValueError for optical arguments whose shape isn't that of a picture.
+
+    An argument of None is allowed.
+    """
     for other, given in others.items():
         if given is not None and given.shape != picture.shape:
             raise ValueError(
@@ -163,26 +170,32 @@ def require_same_shape(name: str, picture: torch.Tensor, **others: torch.Tensor 
 
 
 def require_share(name: str, value: Any) -> None:
-    """Raise ValueError for an argument that isn't between 0 and 1."""
+    """Raise ValueError for an optical parameter that isn't a share between 0 and 1."""
     value = as_number(value)
     if not 0 <= value <= 1:
         raise ValueError(f"{name} is {value:g}; it is a share and must lie between 0 and 1")
 
 
 def rounded_up(value: float) -> str:
-    """Format a positive number with three digits, rounded up, for a message of "at least"."""
+    """Format a number for an optical error message of "at least": three digits, rounded up.
+
+    value: positive.
+    """
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.3g}"
 
 
 def rounded_down(value: float) -> str:
-    """Format a positive number with three digits, rounded down, for a message of "at most"."""
+    """Format a number for an optical error message of "at most": three digits, rounded down.
+
+    value: positive.
+    """
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.floor(value / unit * (1 + 1e-12)) * unit:.3g}"
 
 
 def require_finite(name: str, value: torch.Tensor) -> None:
-    """Raise ValueError, with a count, for an argument with NaN or infinite entries."""
+    """Raise ValueError for NaN or infinite entries of an optical argument, with their count."""
     # A sum is quick to compute, and it isn't finite if any entry is NaN or infinite.
     if bool(torch.isfinite(value.detach().sum())):
         return

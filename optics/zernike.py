@@ -12,7 +12,7 @@ from optics.zernike_order import require_zernike_indices as require_zernike_indi
 
 @accepts_numpy
 def zernike(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Compute the Zernike polynomial Z(n, m) at points (y, x), also beyond the disc.
+    """Compute the Zernike polynomial Z(n, m) at points (y, x) of a pupil, also beyond the disc.
 
     y, x: in units of the disc's radius. n: degree, 0 or more. m: cycles around the axis, from -n
     to n in steps of two; cosines for m >= 0, sines for m < 0, of the angle from x towards y. The
@@ -34,7 +34,10 @@ def zernike(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
 
 
 def _jacobi(degree: int, a: int, t: torch.Tensor) -> torch.Tensor:
-    """Compute the Jacobi polynomial P(degree; a, 0) at t (Abramowitz and Stegun 22.7.1)."""
+    """Compute a Zernike polynomial's radial part, the Jacobi polynomial P(degree; a, 0), at t.
+
+    The recurrence is that of Abramowitz and Stegun 22.7.1.
+    """
     before, now = torch.ones_like(t), (a + 2) * (t - 1) / 2 + a + 1
     if degree == 0:
         return before

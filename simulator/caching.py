@@ -22,7 +22,7 @@ class Cache:
         self._lock = threading.Lock()
 
     def get(self, key: Hashable, compute: Callable[[], T]) -> T:
-        """Return the result kept under `key`, or compute and keep it."""
+        """Return the simulation result kept under `key`, or compute and keep it."""
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
@@ -37,6 +37,6 @@ class Cache:
         return result
 
     def clear(self) -> None:
-        """Remove all results from the cache."""
+        """Remove all simulation results from the cache."""
         with self._lock:
             self._kept.clear()

@@ -22,7 +22,7 @@ fields' PSFs."""
 def exposure_fields(
     modulator: Modulator, panel_state: PictureShares | FrameSequence, pictures: Pictures, tol: float
 ) -> WeightedFields:
-    """Yield the panel's fields during an exposure, with the share of the exposure of each.
+    """Yield the fields on the simulator's panel during an exposure, with each field's share of it.
 
     Each field is computed when it is asked for. tol: relative error of averages over time.
     """
@@ -37,14 +37,14 @@ def exposure_fields(
 
 
 def _settled_phase(modulator: Modulator, pictures: Pictures, name: str) -> torch.Tensor:
-    """Return the phase in radians that the liquid crystal reaches for a still pattern."""
+    """Return the phase in radians that the simulator's panel reaches for a still pattern."""
     return torch.as_tensor(modulator.phase(torch.from_numpy(pictures[name].copy())))
 
 
 def _moving(
     modulator: Modulator, seen: FrameSequence, pictures: Pictures, tol: float
 ) -> WeightedFields:
-    """Yield the fields of a video that is repeated for ever, while the liquid crystal responds.
+    """Yield the fields of a repeated video while the simulator's liquid crystal responds.
 
     A span within a frame is treated as a shorter frame, which begins with the phase that the
     crystal has reached by then.

@@ -65,19 +65,22 @@ class Imaging:
         self._pictures, self._patterns = Cache(4), Cache(3)
 
     def with_tolerance(self, tol: float) -> Imaging:
-        """Return an Imaging with another tolerance and no forced effects; it shares the caches."""
+        """Return a copy of the simulator's Imaging with another tolerance and no forced effects.
+
+        The copy shares the caches.
+        """
         require_tolerance(tol)
         other = copy.copy(self)
         other.tol, other.forced = tol, {}
         return other
 
     def forget(self) -> None:
-        """Remove all results from the caches; they are computed again when they are needed."""
+        """Empty the simulator's caches of pictures and plans; they are computed again if needed."""
         for cache in (self._cache, self._plans, self._streams, self._pictures, self._patterns):
             cache.clear()
 
     def force(self, forced: Mapping[str, str | bool], s: Situation) -> None:
-        """Set effects to on, off or a level for the following pictures, whatever error that makes.
+        """Force effects on, off or to a level in the next simulated pictures, whatever the error.
 
         Raises ValueError for an effect that doesn't exist, for a level that it doesn't have, or for
         an effect that is on and requires one that is off. No plan is computed for this check.
@@ -87,7 +90,7 @@ class Imaging:
         self.forced = dict(forced)
 
     def plan(self, s: Situation) -> EffectPlan:
-        """Return the effect plan of a situation.
+        """Return the simulator's effect plan of a situation, from the cache if possible.
 
         Raises ValueError for a filter wavelength at which the panel's phase range isn't known.
         """
@@ -103,12 +106,12 @@ class Imaging:
     def _compute_plan(
         self, s: Situation, tol: float, forced: Mapping[str, str | bool]
     ) -> EffectPlan:
-        """Compute the effect plan of a situation."""
+        """Compute the simulator's effect plan of a situation."""
         self._attach_probes(s)
         return plan_effects(EFFECTS, s, minimum_norms(s), tol, forced)
 
     def _attach_probes(self, s: Situation) -> None:
-        """Give a situation the probes of its picture and pattern that are already known.
+        """Attach the known probes of its picture and its pattern to a simulated situation.
 
         The probes don't depend on the exposure time.
         """
@@ -128,13 +131,13 @@ class Imaging:
     def electrons(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
     ) -> torch.Tensor:
-        """Return the mean number of electrons that light frees on each pixel, (rows, columns)."""
+        """Simulate the mean number of electrons that light frees on each pixel, (rows, columns)."""
         return expected_electrons(s, recipe, self._cache, self.ledger, check)
 
     def picture_moments(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
     ) -> PictureMoments:
-        """Return mean and variance of every pixel of a situation's picture."""
+        """Return mean and variance of every pixel in a situation's simulated picture."""
         electrons = self.electrons(s, recipe, check)
         mean, variance = moments(electrons, s.exposure, s.camera.sensor, **asdict(recipe.stages))
         return PictureMoments(electrons, mean, variance)
@@ -142,7 +145,7 @@ class Imaging:
     def stream(
         self, s: Situation, plan: EffectPlan, check: Callable[[], None] = lambda: None
     ) -> FrameSimulator:
-        """Return a simulator of a situation's frames; it is kept while nothing changes."""
+        """Return a frame simulator of a situation; it is kept while nothing changes."""
 
         def compute() -> FrameSimulator:
             recipe = plan.recipe
@@ -153,7 +156,7 @@ class Imaging:
 
 
 def picture_key(s: Situation) -> Hashable:
-    """Return a cache key of all that a picture depends on.
+    """Return a cache key of all that a situation's simulated picture depends on.
 
     The start of the exposure is part of it only if the video or the lamp changes with time.
     """

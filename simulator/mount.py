@@ -47,21 +47,21 @@ class Mount:
 
     @property
     def is_aligned(self) -> bool:
-        """Whether the panel is neither mirrored nor rotated against the sensor."""
+        """Return whether the simulator's panel and sensor are aligned, not mirrored or rotated."""
         return not (self.flip_x or self.flip_y or self.rotation % (2 * math.pi))
 
     @property
     def _quarters(self) -> int:
-        """Return the number of quarter turns nearest to the rotation."""
+        """Return the simulator's panel rotation as the nearest number of quarter turns."""
         return round(self.rotation / (math.pi / 2))
 
     @property
     def _rest(self) -> float:
-        """Return the rotation beyond its quarter turns in radians."""
+        """Return the simulator's panel rotation beyond its quarter turns, in radians."""
         return self.rotation - self._quarters * math.pi / 2
 
     def lens_in_panel_axes(self, lens: Lens) -> Lens:
-        """Return the lens, which is aligned with the sensor, as seen in the panel's axes."""
+        """Return the lens, aligned with the sensor, as seen in the simulator's panel axes."""
         stop = replace(
             lens.stop,
             opening=self._shape(lens.stop.opening),
@@ -70,24 +70,27 @@ class Mount:
         return replace(lens, stop=stop, aberrations=self._aberrations(lens))
 
     def _shape(self, shape: Shape) -> Shape:
-        """Transform a shape of the lens' stop to the panel's axes."""
+        """Transform a shape of the lens' stop to the axes of the simulator's mounted panel."""
         if isinstance(shape, Polygon):
             return Polygon(tuple(self._point(corner) for corner in shape.corners))
         return Circle(shape.radius, self._point(shape.centre))
 
     def _point(self, point: Point) -> Point:
-        """Transform a point (y, x) from the sensor's to the panel's axes: rotate, then mirror."""
+        """Transform a point (y, x) on the sensor to the axes of the simulator's mounted panel.
+
+        The point is rotated first and then mirrored.
+        """
         y, x = self.to_panel_axes(*(np.asarray(one) for one in point))
         return float(y), float(x)
 
     def to_panel_axes(self, y: Array, x: Array) -> tuple[Array, Array]:
-        """Transform sensor coordinates, or frequencies on the sensor, to the panel's axes."""
+        """Transform coordinates or frequencies on the sensor to the simulator's panel axes."""
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         y, x = y * cos - x * sin, x * cos + y * sin
         return (-y if self.flip_y else y), (-x if self.flip_x else x)
 
     def _aberrations(self, lens: Lens) -> tuple[tuple[int, int, float], ...]:
-        """Return the lens' Zernike coefficients in the panel's axes.
+        """Return the lens' Zernike coefficients in the axes of the simulator's mounted panel.
 
         Rotation mixes the cosine and sine terms of the same degree and order. The panel's angle t
         is the lens' angle c + s t.
@@ -104,11 +107,11 @@ class Mount:
         return tuple((n, m, path) for (n, m), path in turned.items())
 
     def place_in_panel_axes(self, place: Point) -> Point:
-        """Transform a place (y, x) on the sensor to the panel's axes."""
+        """Transform a place (y, x) on the sensor to the axes of the simulator's mounted panel."""
         return self._point(place)
 
     def plane_in_panel_axes(self, plane: Plane) -> Plane:
-        """Return the plane in the panel's axes on which a PSF has to be computed.
+        """Return the plane in the axes of the simulator's panel on which to compute a PSF.
 
         plane: the square plane around the axis on which the PSF is needed in the sensor's axes. The
         result has the same number of samples on both sides of the origin.
@@ -120,9 +123,9 @@ class Mount:
         return replace(plane, shape=(side + 1 - side % 2,) * 2)
 
     def to_sensor_axes(self, psf: torch.Tensor, plane: Plane) -> torch.Tensor:
-        """Resample a PSF from the panel's axes onto a plane in the sensor's, (rows, columns).
+        """Resample a simulated PSF from the mounted panel's axes onto a plane in the sensor's axes.
 
-        psf: a PSF on `plane_in_panel_axes(plane)`.
+        psf: a PSF on `plane_in_panel_axes(plane)`. The result is (rows, columns).
         """
         flips = [axis for axis, on in ((-2, self.flip_y), (-1, self.flip_x)) if on]
         psf = psf.flip(flips)
@@ -134,7 +137,7 @@ class Mount:
 
 
 def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Tensor:
-    """Evaluate the Fourier series of a square PSF at the samples of a rotated plane."""
+    """Resample a square PSF by its Fourier series, for the simulator's rotated panel."""
     side, pitch = psf.shape[-1], plane.pitch[0]
     fading = _fading(side).to(psf)
     spectrum = origin_to_corner(psf * fading[:, None] * fading).to(torch.complex128)
@@ -156,9 +159,9 @@ def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Te
 
 
 def _fading(side: int) -> torch.Tensor:
-    """Return a window that is 1 inside and falls smoothly to 0 at both ends of a PSF's side.
+    """Return the window that fades a simulated PSF to 0 at both ends of a side, before rotation.
 
-    Its ramps are those of the Vorbis window, whose spectrum decays fast.
+    The window is 1 inside. Its ramps are those of the Vorbis window, whose spectrum decays fast.
     """
     ramp = torch.linspace(0, 1, _FADE_SAMPLES + 1, dtype=torch.float64)
     for _ in range(2):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 def picture_name(grey: NDArray[np.uint8]) -> str:
-    """Return a pattern's name; patterns with the same grey levels have the same name."""
+    """Return a pattern's name in the simulator; the same grey levels have the same name."""
     return hashlib.sha256(grey.tobytes()).hexdigest()
 
 
@@ -63,7 +63,7 @@ class PanelContent:
 
     @staticmethod
     def of(video: NDArray[np.uint8], frame_time: float) -> PanelContent:
-        """Return the content of a panel that shows a video, (frames, rows, columns)."""
+        """Return the simulator's panel content for a video, (frames, rows, columns)."""
         # Names are hashes, computed once per video and not once per exposure.
         names = tuple(picture_name(grey) for grey in video)
         pictures: dict[str, NDArray[np.uint8]] = {}
@@ -75,28 +75,29 @@ class PanelContent:
 
     @property
     def first(self) -> NDArray[np.uint8]:
-        """Return the grey levels of the first frame."""
+        """Return the grey levels of the first frame that the simulator's panel shows."""
         return self.pictures[self.names[0]]
 
     @property
     def is_changing(self) -> bool:
-        """Whether the panel shows more than one picture."""
+        """Return whether the simulator's panel shows more than one picture."""
         return len(self.pictures) > 1
 
     def _covers_whole_periods(self, seconds: float) -> bool:
-        """Whether an exposure sees all frames equally; an exposure of no time counts as such.
+        """Return whether a simulated exposure sees all frames of the panel's video equally.
 
-        It may differ from whole periods of the video by 1e-4, as cameras count whole
-        microseconds.
+        This also holds for an exposure of zero length. An exposure may differ from whole periods of
+        the video by 1e-4, because cameras count whole microseconds.
         """
         n = len(self.names)
         periods = seconds / (n * self.frame_time)
         return n == 1 or seconds == 0 or abs(periods - round(periods)) <= 1e-4 * round(periods)
 
     def picture_shares(self, start: float, seconds: float) -> PictureShares:
-        """Return the share of an exposure that each picture has, by name.
+        """Return the share of a simulated exposure in which the panel shows each picture, by name.
 
-        start, seconds: of the exposure. With no time, the shares are those of a whole period.
+        start, seconds: of the exposure. An exposure of zero length has the shares of a whole
+        period.
         """
         n = len(self.names)
         if self._covers_whole_periods(seconds):
@@ -111,7 +112,10 @@ class PanelContent:
         return PictureShares(tuple((name, share / total) for name, share in mixed.items()))
 
     def frame_sequence(self, start: float, seconds: float) -> FrameSequence:
-        """Return the video's frames in their order, and the spans that an exposure sees of them."""
+        """Return the video on the simulator's panel, and the spans of it that an exposure sees.
+
+        The frames and spans are in the video's order.
+        """
         n, frame_time = len(self.names), self.frame_time
         if self._covers_whole_periods(seconds):
             spans = [(k, 0.0, 1.0, 1 / n) for k in range(n)]
@@ -125,13 +129,13 @@ class PanelContent:
 
 
 def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
-    """Return the share of an interval in which each of a video's `n` frames is shown.
+    """Return the share of a simulated exposure in which each of a video's `n` frames is shown.
 
     The frames are shown in turn for one unit of time each.
     """
 
     def shown_until(time: float) -> NDArray[np.float64]:
-        """Return the time for which each frame was shown since 0."""
+        """Return how long the simulator shows each video frame between 0 and `time`."""
         rounds, rest = divmod(time, n)
         return rounds + np.clip(rest - np.arange(n), 0, 1)
 
@@ -140,7 +144,7 @@ def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
 
 
 def spans_of_time(n: int, start: float, length: float) -> list[tuple[int, float, float, float]]:
-    """Return the parts of a video's `n` frames that an interval sees.
+    """Return the parts of the simulator's video of `n` frames that an exposure sees.
 
     The frames are shown in turn for one unit of time each. Each part is (frame, begin, end, share
     of the interval), in the frames' order; the shares add up to one.

@@ -14,10 +14,11 @@ from optics.zernike import zernike
 
 
 def nonlinear_response(levels: int, gamma: float, wiggle: float, highest: float) -> PhaseResponse:
-    """Return a panel's phase response highest (x^gamma + wiggle sin 2πx).
+    """Return a nonlinear phase response of the simulator's panel.
 
-    x runs from 0 to 1 over the grey levels. highest: share of the panel's highest phase at the
-    last level. Raises ValueError for a phase that falls from one level to the next.
+    The phase is `highest` times (x^gamma + wiggle sin 2πx), where x runs from 0 to 1 over the grey
+    levels. highest: share of the panel's highest phase at the last level. Raises ValueError for a
+    phase that falls from one level to the next.
     """
     x = np.linspace(0, 1, levels)
     # A response of one wavelength holds at all wavelengths; 550 nm has no further meaning.
@@ -25,7 +26,9 @@ def nonlinear_response(levels: int, gamma: float, wiggle: float, highest: float)
 
 
 def flatness_map(panel: Panel, terms: Iterable[tuple[int, int, float]]) -> PanelMap:
-    """Return a panel's flatness as a sum of Zernike polynomials over its circumscribed circle.
+    """Return the flatness of the simulator's panel as a sum of Zernike polynomials.
+
+    The polynomials are defined on the panel's circumscribed circle.
 
     terms: (degree n, order m, metres rms) of each polynomial.
     """
@@ -38,7 +41,7 @@ def flatness_map(panel: Panel, terms: Iterable[tuple[int, int, float]]) -> Panel
 
 
 def illumination_map(panel: Panel, radius: float, centre: tuple[float, float]) -> PanelMap:
-    """Return the irradiance of a Gaussian beam on a panel, 1 at its centre.
+    """Return a Gaussian beam's irradiance on the simulator's panel, 1 at its centre.
 
     radius: to 1/e² of the peak, in metres. centre: (y, x) in metres.
     """

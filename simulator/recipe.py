@@ -68,7 +68,7 @@ class Recipe:
 
     @staticmethod
     def minimal(s: Situation) -> Recipe:
-        """Return the recipe of the simplest picture of a situation.
+        """Return the simulation recipe of the simplest picture of a situation.
 
         It has an ideal panel and lens, one wavelength, place and time, and a sensor that counts
         electrons.
@@ -77,7 +77,7 @@ class Recipe:
 
     @property
     def stages(self) -> Stages:
-        """Return which of the sensor's stages are simulated."""
+        """Return which of the sensor's stages a simulation recipe includes."""
         return Stages(
             self.dark_current,
             self.fixed_pattern,
@@ -88,5 +88,5 @@ class Recipe:
         )
 
     def with_changes(self, **changes: object) -> Recipe:
-        """Return a recipe with some fields changed."""
+        """Return a simulation recipe with some fields changed."""
         return replace(self, **changes)  # type: ignore[arg-type]

@@ -60,23 +60,29 @@ class Situation:
 
     @property
     def wavelength(self) -> float:
-        """Return the centre of the filter's band in metres."""
+        """Return the centre of the filter's band in a simulated situation, in metres."""
         return self.band.centre
 
     @property
     def exposure_span(self) -> float:
-        """Return the seconds from the start of the first row's exposure to the last row's end."""
+        """Return the seconds over which the sensor's rows are exposed in a simulated situation.
+
+        The time runs from the start of the first row's exposure to the end of the last row's.
+        """
         return frame_duration(self.camera.sensor, self.exposure)
 
     @property
     def image_motion(self) -> float:
-        """Return the metres that a moving target's image travels on the sensor, at most."""
+        """Return how far a moving target's image travels at most in a simulated situation.
+
+        The distance is in metres on the sensor, for the nearest part of the target.
+        """
         scale = self.camera.magnification(min(self.picture_probe.distances))
         return math.hypot(*self.target.velocity) * scale * self.exposure_span
 
     @property
     def picture_probe(self) -> PictureProbe:
-        """Return what is known of the target's picture without any blur."""
+        """Return the probe of the target's unblurred picture in a simulated situation."""
         if self.cache.picture_probe is None:
             middle = self.exposure / 2
             shift = (self.target.velocity[0] * middle, self.target.velocity[1] * middle)
@@ -85,7 +91,7 @@ class Situation:
 
     @property
     def pattern_probe(self) -> PatternProbe:
-        """Return what is known of the PSFs of the shown pattern or video."""
+        """Return the probe of the shown pattern's or video's PSFs in a simulated situation."""
         if self.cache.pattern_probe is None:
             self.cache.pattern_probe = PatternProbe(
                 self.camera, self.panel_content, self.wavelength, self.picture_probe.distances
@@ -94,15 +100,15 @@ class Situation:
 
     @property
     def ideal_panel(self) -> Panel:
-        """Return the panel without any of its effects."""
+        """Return the panel of a simulated situation without any of its effects."""
         return panel_without_effects(self.camera.panel)
 
     @property
     def coarsest_sampling(self) -> int:
-        """Return the fewest samples along a pixel that resolve the finest fringe of the light.
+        """Return the fewest samples along a pixel that suffice in a simulated situation.
 
-        The finest fringe is that of the shortest wavelength; 5 % more samples than it needs are
-        taken.
+        The samples resolve the finest fringe of the light, which is that of the shortest
+        wavelength. 5 % more samples than necessary are taken.
         """
         shortest = self.band.support[0]
         if self.band.leak:

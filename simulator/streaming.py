@@ -88,7 +88,7 @@ class FrameSimulator:
         return sum(block.bytes for block in self._blocks)
 
     def frame(self, generator: torch.Generator) -> NDArray[np.uint16]:
-        """Draw one raw frame, (rows, columns) of digital numbers.
+        """Simulate one raw frame of an unchanged picture, (rows, columns) of digital numbers.
 
         The frame depends on the generator's state alone, and advances it.
         """
@@ -111,13 +111,13 @@ class FrameSimulator:
 
 
 def _parts(count: int) -> list[slice]:
-    """Return the slices of a frame's pixels that are drawn together."""
+    """Return the slices of a simulated frame's pixels whose noise is drawn together."""
     step = _SETTINGS.block_pixels
     return [slice(start, start + step) for start in range(0, count, step)]
 
 
 def _offsets(held: CollectedCharge) -> torch.Tensor | None:
-    """Return the pixels' offsets in electrons, or None if they have none of their own."""
+    """Return the pixels' own offsets in a simulated frame, in electrons, or None without any."""
     return None if isinstance(held.offset, float) else held.offset.flatten()
 
 
@@ -196,7 +196,7 @@ class _Stepwise:
         return held.div_(self._gain).add_(self._black)
 
     def _electrons(self, generator: torch.Generator) -> torch.Tensor:
-        """Draw the electrons of each pixel from the distribution of shot noise."""
+        """Draw the electrons of each pixel of a simulated frame, with shot noise."""
         if len(self._few) == len(self._mean):
             return torch.poisson(self._mean, generator=generator)
         noise = torch.empty_like(self._mean).normal_(generator=generator)
@@ -210,19 +210,19 @@ _Block = _Still | _Normal | _Stepwise
 
 
 def _poisson_limit(stages: Stages) -> float:
-    """Return the mean number of electrons from which on Poisson's distribution isn't drawn."""
+    """Return the mean electron number at which the frame simulator stops drawing Poisson noise."""
     return _SETTINGS.min_skewed_electrons if stages.shot == "Poisson" else FEW_ELECTRONS
 
 
 def _shot(stages: Stages) -> Literal["Gaussian", "skewed"]:
-    """Return the distribution that replaces Poisson's for many electrons."""
+    """Return which distribution the frame simulator draws for many electrons, not Poisson's."""
     return "Gaussian" if stages.shot == "Gaussian" else "skewed"
 
 
 def _block(
     mean: torch.Tensor, offset: torch.Tensor | None, sensor: Sensor, stages: Stages
 ) -> _Block:
-    """Return the fastest way to draw some pixels that is as accurate as drawing every stage."""
+    """Return the frame simulator's fastest way to draw pixels as accurately as stage by stage."""
     read = sensor.read_noise if stages.read_noise else 0.0
     chancy = stages.shot != "none"
     if stages.clipping:
@@ -249,10 +249,10 @@ def _block(
 def _can_merge_noises(
     mean: torch.Tensor, reach: torch.Tensor, read: float, sensor: Sensor, stages: Stages
 ) -> torch.Tensor:
-    """Return which pixels' shot and read noise may be drawn as one noise.
+    """Return for which pixels the frame simulator may draw shot and read noise as one noise.
 
-    These have many electrons, enough read noise to hide their whole numbers, and surely no full
-    well.
+    These pixels have many electrons, enough read noise to hide their whole numbers, and surely no
+    full well.
     """
     many = mean >= max(_poisson_limit(stages), _SETTINGS.min_merged_electrons)
     smooth = read >= _SETTINGS.min_read_noise

@@ -67,7 +67,9 @@ class World:
         self.force(forced or {})
 
     def force(self, forced: Mapping[str, str | bool]) -> None:
-        """Set effects to on (True), off (False) or a level by its name, whatever error that makes.
+        """Force effects of the simulator on (True), off (False) or to a named level.
+
+        Effects are forced whatever error that causes.
 
         Raises ValueError at once, not with the first picture, for an effect that doesn't exist, for
         a level that it doesn't have, or for an effect that is on and requires one that is off.
@@ -75,12 +77,12 @@ class World:
         self.imaging.force(forced, self.situation())
 
     def forget(self) -> None:
-        """Remove the pictures that were computed, and the intermediate results, from the caches."""
+        """Remove the simulator's computed pictures and intermediate results from the caches."""
         self.imaging.forget()
 
     @property
     def wavelength(self) -> float:
-        """Return the centre of the filter's band in metres."""
+        """Return the centre of the band that the simulator's filter transmits, in metres."""
         return self.band.centre
 
     @wavelength.setter
@@ -89,7 +91,7 @@ class World:
 
     @property
     def bandwidth(self) -> float:
-        """Return the full width at half maximum of the filter's band in metres."""
+        """Return the full width at half maximum of the simulator's filter band in metres."""
         return self.band.fwhm
 
     @bandwidth.setter
@@ -99,7 +101,7 @@ class World:
     def begin_frame(
         self, run: int, step: int, frame: int, *, index: int = 0, start_time: float = 0
     ) -> None:
-        """Begin a frame of a run: its noise and its time depend on these numbers alone.
+        """Begin a frame of a run on the simulator; these numbers alone set its noise and its time.
 
         index: of the planned frame. start_time: seconds of the plan at which its exposure begins.
         """
@@ -107,14 +109,17 @@ class World:
         self.faults.frame, self._exposure_start = index, start_time
 
     def random_generator(self) -> torch.Generator:
-        """Return the random generator of one picture; each call returns another one."""
+        """Return the random generator for one picture of the simulator, a new one at each call."""
         state = np.random.SeedSequence([*self._seed, self._draws]).generate_state(2)
         self._draws += 1
         return torch.Generator().manual_seed(int(state[0]) << 31 ^ int(state[1]))
 
     @property
     def grey(self) -> NDArray[np.uint8]:
-        """Return the grey levels on the panel, (rows, columns); of a video, its first frame."""
+        """Return the grey levels (rows, columns) on the simulator's panel.
+
+        For a video they are the grey levels of its first frame.
+        """
         return self._panel_content.first
 
     @grey.setter
@@ -122,13 +127,16 @@ class World:
         self.play(grey[None], math.inf)
 
     def play(self, video: NDArray[np.uint8], frame_time: float) -> None:
-        """Show frames (n, rows, columns) on the panel in turn, for `frame_time` seconds each."""
+        """Show a video's frames in turn on the simulator's panel, each for `frame_time` seconds.
+
+        video: (n, rows, columns).
+        """
         self._panel_content = PanelContent.of(video, frame_time)
 
     def situation(self, exposure: float = TYPICAL_EXPOSURE) -> Situation:
-        """Return the situation of a picture that is taken now with an exposure in seconds.
+        """Return the situation of a picture that the simulator takes now.
 
-        Raises ValueError for an exposure that isn't positive and finite.
+        Raises ValueError for an exposure in seconds that isn't positive and finite.
         """
         require_positive("exposure", exposure, "s")
         return Situation(
@@ -151,10 +159,10 @@ class World:
         target: str | None = None,
         bandwidth: float | None = None,
     ) -> EffectPlan:
-        """Return the effect plan of a pattern, or of a video (n, rows, columns), on the panel.
+        """Return the simulator's effect plan for a pattern or video on its panel.
 
-        A video is shown at the panel's frame rate. target, bandwidth: the present ones if None.
-        Nothing is rendered.
+        A video is (n, rows, columns) and is shown at the panel's frame rate. target, bandwidth: the
+        present ones if None. Nothing is rendered.
         """
         frames = pattern if pattern.ndim == 3 else pattern[None]
         video = PanelContent.of(
@@ -169,7 +177,9 @@ class World:
         return self.imaging.plan(asked)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the radiance of a white part of the target, seen through the filter, W/(sr m² m).
+        """Return the radiance of the simulator's target through the filter, W/(sr m² m).
+
+        The white parts of the target have this radiance.
 
         wavelengths: metres, (n,). The filter's transmission is 1 at its peak.
         """
@@ -180,7 +190,7 @@ class World:
     def electron_rates(
         self, exposure: float = TYPICAL_EXPOSURE, check: Callable[[], None] = lambda: None
     ) -> tuple[torch.Tensor, EffectPlan]:
-        """Return the photo-electrons per second on each pixel and the effect plan.
+        """Return the simulator's photo-electrons per second on each pixel, and the effect plan.
 
         The rates are (rows, columns) float32, means over an exposure in seconds; the exposure
         matters when anything changes with time. check: is called between the steps of a long
@@ -193,14 +203,14 @@ class World:
     def stream(
         self, exposure: float, check: Callable[[], None] = lambda: None
     ) -> tuple[FrameSimulator, EffectPlan]:
-        """Return a simulator of frames of the present situation, and the effect plan."""
+        """Return a frame simulator for the simulator's present situation, and the effect plan."""
         s, plan = self._situation_and_plan(exposure, check)
         return self.imaging.stream(s, plan, check), plan
 
     def _situation_and_plan(
         self, exposure: float, check: Callable[[], None]
     ) -> tuple[Situation, EffectPlan]:
-        """Return the present situation of an exposure and its effect plan."""
+        """Return the simulator's present situation at an exposure, and its effect plan."""
         s = self.situation(exposure)
         check()
         plan = self.imaging.plan(s)

@@ -18,7 +18,7 @@ Row = tuple[str, bool, str]
 
 
 def check_bench(bench: Path, scene: Path | None, *, open_devices: bool, as_json: bool) -> bool:
-    """Check a bench file and each of its devices, print results, and return whether all is well.
+    """Check a bench file and its devices, print the results, and return whether all is well.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def _check_device(setup: BenchSetup, role: str, open_devices: bool) -> Row:
 
 
 def _describe_device(setup: BenchSetup, role: str, open_devices: bool) -> str:
-    """Say which device was found, or that its driver accepts the options.
+    """Say which device the bench has in a role, or that its driver accepts the options.
 
     Raises UserError or DeviceError for what is wrong.
     """
@@ -80,7 +80,10 @@ def _describe_device(setup: BenchSetup, role: str, open_devices: bool) -> str:
 
 
 def _require_matching_shape(setup: BenchSetup, role: str, opened: OpenDevice) -> None:
-    """Raise UserError if an SLM or camera has another number of pixels than the bench file says."""
+    """Raise UserError if an SLM's or camera's pixel counts differ from the bench file's.
+
+    Other devices aren't checked.
+    """
     camera = setup.bench.build_camera()
     described = {"slm": ("panel", camera.panel.shape), "camera": ("sensor", camera.sensor.shape)}
     if role not in described:

@@ -39,7 +39,7 @@ _DECISIVE_ROLES = ("slm", "camera")
 
 
 def calibration_summary(calibration: CalibrationFile) -> str:
-    """Summarise in one line which calibration is in force."""
+    """Summarise in one line which calibration is in force on the bench."""
     found = []
     if calibration.responses:
         listed = ", ".join(f"{w * 1e9:g}" for w in calibration.wavelengths)
@@ -59,7 +59,7 @@ def validity_warnings(
     identities: Mapping[str, Identity],
     now: datetime | None = None,
 ) -> list[str]:
-    """Return the reasons why a calibration may no longer hold on a bench, each with a remedy.
+    """Return the reasons why the bench's calibration may no longer hold, each with a remedy.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def validity_warnings(
 
 
 def _keys_at_default(table: FileModel | None) -> set[str]:
-    """Return the keys of a table of the bench file that have their default value.
+    """Return the keys of a bench file's table that have their default value.
 
     A calibration from before such a key existed means the default, so that it agrees.
     """
@@ -103,7 +103,7 @@ def _keys_at_default(table: FileModel | None) -> set[str]:
 
 
 def wavelength_warnings(calibration: CalibrationFile, wavelengths: Iterable[float]) -> list[str]:
-    """Return a warning if wavelengths in metres lie too far outside the calibrated ones."""
+    """Return a warning if wavelengths in metres lie too far outside the bench's calibrated ones."""
     known = calibration.wavelengths
     if not known:
         return []
@@ -150,5 +150,6 @@ def _settings_warnings(part: str, then: Mapping[str, Any], now: Mapping[str, Any
 
 
 def _short(value: Any) -> str:
+    """Shorten a value of the bench file to a text of 30 characters at most."""
     text = str(value)
     return text if len(text) <= 30 else f"{text[:27]}..."

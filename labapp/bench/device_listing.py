@@ -15,7 +15,7 @@ from labapp.common.console import out, print_json, print_table, terminal_progres
 
 
 def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> None:
-    """Print the devices of a bench with their ranges, the installed drivers, and the ports."""
+    """Print the bench's devices with their ranges, the installed drivers, and the ports."""
     setup = BenchFiles.with_defaults(bench, scene).read()
     roles = list(setup.bench.devices.tables)
     described = []
@@ -52,7 +52,7 @@ def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> No
 
 
 def describe_device(setup: BenchSetup, role: str) -> dict[str, str]:
-    """Describe a device of a bench: name, model, real or simulated, and its limits.
+    """Describe a device of the bench: name, model, real or simulated, and its limits.
 
     The device is opened alone, so that a missing one doesn't prevent the others from being listed.
     For a missing device the limits say why it can't be opened.
@@ -97,7 +97,7 @@ _LIMITS: dict[str, Callable[[Any], str]] = {
 
 
 def _load_error(entry: Any) -> str:
-    """Return why a driver doesn't load, or an empty text if it does.
+    """Return why a driver for bench devices doesn't load, or an empty text if it does.
 
     Every exception is caught, so that a broken driver doesn't prevent the others from being listed.
     """
@@ -109,7 +109,7 @@ def _load_error(entry: Any) -> str:
 
 
 def _ports() -> tuple[list[Port], list[str]]:
-    """Return the ports that can be listed, and messages that say why others can't be."""
+    """Return the ports where bench devices may be, and messages on ports that can't be listed."""
     ports: list[Port] = []
     trouble = []
     for find in (serial_ports, usb_devices, cameras, screens):

@@ -24,7 +24,7 @@ _ADDRESSES = frozenset(
 
 @contextmanager
 def lock_devices(tables: Mapping[str, DeviceTable]) -> Iterator[None]:
-    """Lock real devices for this process on this computer while the block runs.
+    """Lock the bench's real devices on this computer for this process while the block runs.
 
     Simulated devices need no lock, because each application creates its own. The operating system
     releases the locks of a process that dies.
@@ -48,6 +48,7 @@ def lock_devices(tables: Mapping[str, DeviceTable]) -> Iterator[None]:
 
 @contextmanager
 def _lock(role: str, table: DeviceTable) -> Iterator[None]:
+    """Lock one of the bench's real devices while the block runs."""
     path = _path(table)
     try:
         handle = _open_lock_file(path)
@@ -72,7 +73,7 @@ def _lock(role: str, table: DeviceTable) -> Iterator[None]:
 
 
 def _open_lock_file(path: Path) -> int:
-    """Open the lock file of a device, which all users of the computer may lock.
+    """Open the lock file of a bench device, which all users of the computer may lock.
 
     The file is never deleted, because a process could delete the lock of its successor.
     """
@@ -88,7 +89,7 @@ def _open_lock_file(path: Path) -> int:
 
 
 def _path(table: DeviceTable) -> Path:
-    """Return the path of the lock file, which driver and address of the device determine.
+    """Return the path of a bench device's lock file, which its driver and address determine.
 
     Two bench files may describe the same device with different options.
     """

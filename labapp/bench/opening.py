@@ -98,28 +98,28 @@ class Bench:
 
     @property
     def devices(self) -> dict[str, Device]:
-        """Return the open devices of the bench by name."""
+        """Return the bench's open devices by name."""
         return {name: getattr(self, name) for name in ("slm", "filter", "camera", "targets")}
 
     @property
     def wheel(self) -> FilterWheel | None:
-        """Return the filter if it is a filter wheel, else None."""
+        """Return the bench's filter if it is a filter wheel, else None."""
         return cast(FilterWheel, self.filter) if hasattr(self.filter, "set_slot") else None
 
     @property
     def simulated_devices(self) -> list[str]:
-        """Return the names of the devices that are simulated."""
+        """Return the names of the bench's simulated devices."""
         return [name for name, device in self.devices.items() if device.identity.simulated]
 
     def calibration_warnings_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
-        """Return the reasons why the calibration may not hold at wavelengths in metres."""
+        """Return the reasons why the bench's calibration may not hold at wavelengths in metres."""
         calibration = self.file.active_calibration
         if calibration is None:
             return ()
         return (*self.calibration_warnings, *wavelength_warnings(calibration, wavelengths))
 
     def make_safe(self) -> list[DeviceError]:
-        """Make all devices safe at once, and return the errors of those that fail.
+        """Make all of the bench's devices safe at once, and return the errors of those that fail.
 
         Safe means that the SLM shows the neutral pattern, the filter is parked and the camera is
         stopped.
@@ -135,7 +135,7 @@ class Bench:
         return failures
 
     def failed_devices(self) -> list[str]:
-        """Return a message for each device that was given up, with the reason."""
+        """Return a message with the reason for each of the bench's devices that was given up."""
         return [
             f"the {role} {one.failure_reason}"
             for role, one in self.supervised_devices.items()
@@ -144,7 +144,7 @@ class Bench:
 
     @contextmanager
     def cancellable_by(self, cancelled: Callable[[], bool]) -> Iterator[None]:
-        """End device calls soon after `cancelled` returns true, while the block runs."""
+        """Within the block, end calls to the bench's devices once `cancelled` returns true."""
         for device in self.supervised_devices.values():
             device.cancelled = cancelled
         try:
@@ -154,7 +154,7 @@ class Bench:
                 device.cancelled = lambda: False
 
     def device_error(self, role: str, command: str, reply: str) -> DeviceError:
-        """Return a DeviceError of a device for a command and its reply."""
+        """Build the DeviceError of one of the bench's devices from a command and its reply."""
         device = self.devices[role]
         error = DeviceError(device.identity.model, command, reply, "If it stays, restart it")
         error.role = role
@@ -198,7 +198,7 @@ class BenchFiles:
         return BenchFiles(bench, scene, image, faults)
 
     def read(self) -> BenchSetup:
-        """Read the bench, scene and fault files; UserError names the file and key that is wrong."""
+        """Read a bench's files: bench, scene and faults; UserError names the wrong file and key."""
         bench = read_bench(self.bench)
         faults = read_faults(self.faults) if self.faults else ()
         if not bench.is_virtual:
@@ -235,7 +235,7 @@ class BenchSetup:
 
 @cache
 def installed_drivers() -> dict[str, EntryPoint]:
-    """Return the entry points of the installed device drivers, by name."""
+    """Return the entry points of the installed drivers for bench devices, by name."""
     return {entry.name: entry for entry in entry_points(group=DRIVER_GROUP)}
 
 
@@ -243,7 +243,7 @@ def installed_drivers() -> dict[str, EntryPoint]:
 def open_bench(
     files_or_setup: BenchFiles | BenchSetup, *, speed: float = math.inf
 ) -> Iterator[Bench]:
-    """Open the devices of a bench; make them safe and close them however the block ends.
+    """Open the bench's devices; make them safe and close them however the block ends.
 
     A device that doesn't open is never replaced by a simulated one.
 
@@ -305,7 +305,7 @@ class OpenDevice:
 
 @contextmanager
 def open_device(files_or_setup: BenchFiles | BenchSetup, role: str) -> Iterator[OpenDevice]:
-    """Open one device of a bench alone, whether or not the others are there.
+    """Open one device of the bench alone, whether or not the others are there.
 
     The device is made safe and closed however the block ends.
 
@@ -347,7 +347,7 @@ def open_device(files_or_setup: BenchFiles | BenchSetup, role: str) -> Iterator[
 def _surroundings(
     setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
 ) -> Surroundings:
-    """Return the clock for some devices of a bench, and the world behind the simulated ones."""
+    """Return the clock for the bench's devices, and the world behind the simulated ones."""
     # If any device is real, the simulated ones run in real time, too.
     virtual = all(table.is_simulated for table in tables.values())
     clock: Clock = VirtualClock(speed) if virtual else RealClock()
@@ -358,7 +358,7 @@ def _surroundings(
 
 
 def _forget(world: World) -> None:
-    """Free the pictures that a virtual world keeps, even if something still refers to it."""
+    """Free the pictures of a closed bench's virtual world, even if something refers to it."""
     world.forget()
     give_back_freed_memory()
 
@@ -367,7 +367,7 @@ def _forget(world: World) -> None:
 def _open_devices(
     setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
 ) -> Iterator[tuple[Surroundings, dict[str, SupervisedDevice]]]:
-    """Lock and open devices of a bench under supervision, by name, while the block runs."""
+    """Lock and open the bench's devices under supervision, by name, while the block runs."""
     surroundings = _surroundings(setup, tables, speed)
     with ExitStack() as stack:
         if surroundings.world is not None:
@@ -386,7 +386,7 @@ def _open_devices(
 
 
 def _log_calibration(bench: Bench) -> tuple[str, ...]:
-    """Log which calibration of the bench is in force, and return warnings if it may not hold."""
+    """Log which calibration is in force on the bench, and return warnings if it may not hold."""
     calibration = bench.file.active_calibration
     if calibration is None:
         return ()
@@ -399,7 +399,7 @@ def _log_calibration(bench: Bench) -> tuple[str, ...]:
 
 
 def read_scene(files: BenchFiles) -> SceneFile:
-    """Read the scene file, and put the user's own picture into its photographs if one is given."""
+    """Read the bench's scene file, and put the user's own picture into its photographs if given."""
     scene = read_file(files.scene, SceneFile)
     if files.image is None:
         return scene.with_files_in(files.scene.resolve().parent)
@@ -408,7 +408,7 @@ def read_scene(files: BenchFiles) -> SceneFile:
 
 
 def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> World:
-    """Build the virtual world of a scene; UserError names the scene file if that fails.
+    """Build the virtual world of the bench's scene; UserError names the scene file if that fails.
 
     `camera` is the camera as the bench file describes it. Where the scene states the true
     properties of the devices, only the world has them.
@@ -441,7 +441,7 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
 def device_maker(
     name: str, table: DeviceTable, surroundings: Surroundings, source: str
 ) -> Callable[[], Any]:
-    """Return a function that opens a device with its driver.
+    """Return a function that opens a device of the bench file with its driver.
 
     Raises UserError at once for an unknown driver, one that doesn't load, or wrong options.
     """
@@ -492,7 +492,7 @@ def _hosted_device_maker(
 
 
 def _with_user_errors(where: str, table: DeviceTable, make: Callable[[], Any]) -> Callable[[], Any]:
-    """Wrap a device's maker, so that its errors about options name the key of the bench file."""
+    """Wrap a bench device's maker, so that its errors about options name the bench file's key."""
 
     def make_device() -> Any:
         try:

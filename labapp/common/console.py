@@ -20,7 +20,7 @@ err = Console(stderr=True, highlight=False)
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """Print a table; columns whose heading ends in a blank are aligned to the right."""
+    """Print a table in the terminal; right-align columns whose heading ends in a blank."""
     out.print(title, style="bold", markup=False)
     made = Table(box=SIMPLE_HEAD, pad_edge=False)
     for name in columns:
@@ -34,17 +34,17 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
 
 
 def print_json(data: Any) -> None:
-    """Print data as plain JSON on standard output, for programs."""
+    """Print data as plain JSON on the terminal's standard output, for programs to read."""
     print(json.dumps(data, indent=2, allow_nan=False))
 
 
 def print_message(text: str) -> None:
-    """Print a message on standard error, so that standard output holds only data."""
+    """Print a message on the terminal's standard error; standard output holds only data."""
     err.print(text, markup=False, soft_wrap=True)
 
 
 def print_error(text: str) -> None:
-    """Print an error on standard error, unwrapped so that it can be searched and copied."""
+    """Print an error on the terminal's standard error, unwrapped for searching and copying."""
     err.print(text, style="bold red", markup=False, soft_wrap=True)
 
 
@@ -91,7 +91,7 @@ def _redirect_terminal_to_null() -> None:
 
 @contextmanager
 def _cancel_on_signals(progress: Progress) -> Iterator[None]:
-    """Cancel the progress on Ctrl-C, SIGTERM or a closed terminal while the block runs."""
+    """While the block runs, cancel the progress on Ctrl-C, SIGTERM or a closed terminal."""
 
     def stop(number: int, frame: Any) -> None:
         if number == signal.SIGHUP:

@@ -11,7 +11,9 @@ class UserError(Exception):
 
 
 def suggest_spelling(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
-    """Return "Did you mean …?" with the known word most similar to `word`; empty without one.
+    """Return the hint "Did you mean …?" with the nearest known word, for labapp's error messages.
+
+    The hint is empty if no known word is similar.
 
     likeness: least similarity, from 0 (any word) to 1 (the same word).
     """

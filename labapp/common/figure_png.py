@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 
 def figure_to_png(figure: Figure) -> bytes:
-    """Return the bytes of a PNG file of a figure."""
+    """Encode a figure as the bytes of a PNG file, for all packages of labapp."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=figure.dpi)
     return buffer.getvalue()

@@ -38,17 +38,19 @@ class Topic:
 
     @property
     def text(self) -> str:
-        """Return the guide page as Markdown."""
+        """Return this page of the user guide, which terminal and window share, as Markdown."""
         return self.path.read_text(encoding="utf-8")
 
 
 def list_topics() -> list[Topic]:
-    """List all pages of the guide in the recommended reading order."""
+    """List the pages of the user guide, which terminal and window share, in reading order."""
     return sorted(map(_read_topic, PAGES.glob("*.md")), key=lambda one: (_rank(one.name), one.name))
 
 
 def find_topic(name: str) -> Topic:
-    """Find the guide's page on a topic; otherwise UserError suggests the most similar topic.
+    """Find the page on a topic in the user guide that terminal and window share.
+
+    Raises UserError, which suggests a similar topic, if there is no such page.
 
     Capitals, blanks and the ending ".md" don't matter.
     """
@@ -65,7 +67,10 @@ def find_topic(name: str) -> Topic:
 
 
 def terminal_text(topic: Topic) -> str:
-    """Return a guide page as Markdown with each link replaced by the command that shows it."""
+    """Return a guide page as Markdown for the terminal, with a `labapp help` command per link.
+
+    The command shows the linked page.
+    """
     return _LINK.sub(r"\1 (`labapp help \2`)", topic.text)
 
 
@@ -77,6 +82,6 @@ def _read_topic(path: Path) -> Topic:
 
 
 def _rank(name: str) -> int:
-    """Return a guide page's place in the reading order; unlisted pages come last."""
+    """Rank a page in the reading order of the shared user guide; unlisted pages come last."""
     fits = [k for k, word in enumerate(_ORDER) if name == word or name.startswith(f"{word}-")]
     return fits[0] if fits else len(_ORDER)

@@ -31,7 +31,7 @@ def print_list(
     common_keys: Sequence[Mapping[str, str]] = (),
     example: str,
 ) -> None:
-    """Print a list as JSON with all data, or as text in which common keys appear once.
+    """Print a list in the terminal as JSON with all data, or as text that shows common keys once.
 
     common_keys: keys that most entries have. example: a command that uses an entry.
     """
@@ -55,6 +55,7 @@ def print_list(
 
 
 def _data(one: ListEntry) -> dict[str, Any]:
+    """Return all data of a list entry, for printing the list in the terminal as JSON."""
     return {"name": one.name, "what": one.what, "keys": list(one.keys), **one.facts}
 
 

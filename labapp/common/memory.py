@@ -19,7 +19,7 @@ _KEPT_BYTES = (1 << 31) - 1
 
 
 def keep_freed_memory() -> None:
-    """Have new large arrays reuse the memory of freed ones.
+    """Let the labapp process's new large arrays reuse the memory of freed ones.
 
     By default, glibc returns it to the system, which clears every page of the next array: work on
     pictures of some megapixels was measured to take two to three times as long. Other C libraries
@@ -34,7 +34,7 @@ def keep_freed_memory() -> None:
 
 
 def give_back_freed_memory() -> None:
-    """Return freed memory to the operating system, after a bench was closed.
+    """Give freed memory of the labapp process back to the system, after a bench was closed.
 
     Otherwise glibc keeps hundreds of megabytes below the last allocation that is still in use.
     """

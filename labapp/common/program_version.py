@@ -17,7 +17,7 @@ _HASH_DIGITS = 10
 
 @cache
 def source_commit() -> str:
-    """Return the commit that labapp was installed or checked out from; "" if it isn't known.
+    """Return the commit that labapp's packages were installed or checked out from; "" if unknown.
 
     Returns
     -------
@@ -29,13 +29,13 @@ def source_commit() -> str:
 
 
 def describe_version() -> str:
-    """Return version and commit as one line for a person, such as "0.2.0, commit 1a2b3c4d5e"."""
+    """Return the version line that all of labapp shows, such as "0.2.0, commit 1a2b3c4d5e"."""
     commit = source_commit()
     return f"{labapp.__version__}, commit {commit}" if commit else labapp.__version__
 
 
 def _checkout_commit() -> str:
-    """Ask git, if this file lies in a checkout of the project and not in installed packages."""
+    """Ask git for the commit in labapp's version line; "" outside a checkout or if git fails."""
     if not (_CHECKOUT / ".git").exists():
         return ""
     words = ["describe", "--always", "--exclude=*", f"--abbrev={_HASH_DIGITS}", "--dirty=+"]
@@ -47,7 +47,7 @@ def _checkout_commit() -> str:
 
 
 def _installed_commit() -> str:
-    """Read what pip notes of an installation from a repository (PEP 610)."""
+    """Read the commit in labapp's version line from pip's notes (PEP 610); "" without a note."""
     try:
         noted = distribution("labapp").read_text("direct_url.json")
     except PackageNotFoundError:

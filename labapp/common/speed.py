@@ -47,9 +47,10 @@ class BenchmarkJob:
 
 
 def machine_speed(progress: Progress | None = None) -> MachineSpeed:
-    """Return this machine's speed from the file; otherwise measure it in a few seconds.
+    """Return this machine's speed from the file that labapp's packages share, or measure it.
 
-    A speed that was measured on a busy machine is measured again once the load has halved.
+    Measuring takes a few seconds. A speed that was measured on a busy machine is measured again
+    once the load has halved.
     """
     kept, load = _read(), _load_per_processor()
     if kept is not None and not (kept[1] > _BUSY and load < kept[1] / 2):
@@ -60,18 +61,21 @@ def machine_speed(progress: Progress | None = None) -> MachineSpeed:
 
 
 def _load_per_processor() -> float:
-    """Return the machine's load over the last minute, divided by the number of processors."""
+    """Return this machine's load per processor over the last minute, to judge a measured speed."""
     return os.getloadavg()[0] / (os.cpu_count() or 1)
 
 
 def speed_file_path() -> Path:
-    """Return the path of the file with the machine speed; $XDG_CACHE_HOME moves it."""
+    """Return the path of labapp's shared file of the machine speed; $XDG_CACHE_HOME moves it."""
     cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(cache) / "labapp" / "speed.json"
 
 
 def _machine_fingerprint() -> dict[str, str]:
-    """Identify machine and library versions; a stored speed is invalid after any change."""
+    """Identify the machine and its libraries in labapp's shared file of the machine speed.
+
+    A stored speed is invalid after any change of the machine or of a library's version.
+    """
     return {
         "machine": platform.processor() or platform.machine(),
         "node": platform.node(),
@@ -83,7 +87,10 @@ def _machine_fingerprint() -> dict[str, str]:
 
 
 def _read() -> tuple[MachineSpeed, float] | None:
-    """Read the stored machine speed, and the load during its measurement; None without one."""
+    """Read the machine speed from labapp's shared file, and the load when it was measured.
+
+    Returns None without a file, and after any change of the machine or of a library's version.
+    """
     try:
         found = json.loads(speed_file_path().read_text())
         names = {field.name for field in fields(MachineSpeed)}
@@ -96,7 +103,7 @@ def _read() -> tuple[MachineSpeed, float] | None:
 
 
 def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
-    """Write the machine speed to its file; if that fails, it is measured again next time.
+    """Write the machine speed to labapp's shared file; if that fails, it is measured again.
 
     load: load per processor during the measurement.
     """
@@ -110,7 +117,10 @@ def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
 
 
 def benchmark_jobs() -> list[BenchmarkJob]:
-    """Return benchmark jobs of every method at two sizes or more, some milliseconds each."""
+    """Return the benchmark jobs that measure this machine's speed for all of labapp.
+
+    They cover every method at two sizes or more, and take some milliseconds each.
+    """
     found: list[BenchmarkJob] = []
     rng = np.random.default_rng(0)
     for side, window, pitch in ((700, 200, 3e-6), (2000, 300, 2.5e-6), (300, 400, 3e-6)):
@@ -172,10 +182,10 @@ def _axial_jobs() -> list[BenchmarkJob]:
 
 @single_threaded
 def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[BenchmarkJob, float]]:
-    """Time each benchmark job in processor seconds: the minimum over interleaved calls.
+    """Time the benchmark jobs of labapp's shared machine speed, in processor seconds.
 
-    Other processes can only add to a time (Chen and Revels, "Robust benchmarking in noisy
-    environments", 2016).
+    The time is the minimum over interleaved calls, because other processes can only add to a time
+    (Chen and Revels, "Robust benchmarking in noisy environments", 2016).
     """
     seconds: dict[int, list[float]] = {number: [] for number in range(len(jobs))}
     for repeat in range(_REPEATS + 1):
@@ -191,7 +201,10 @@ def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[Benchm
 
 
 def fit_speed(timings: list[tuple[BenchmarkJob, float]]) -> MachineSpeed:
-    """Fit non-negative machine speeds to benchmark times, by least squares of relative errors."""
+    """Fit the non-negative machine speeds that all of labapp shares to benchmark times.
+
+    The fit minimises the sum of squares of the relative errors.
+    """
     names = [field.name for field in fields(MachineSpeed) if field.name != "double"]
     nothing = replace(MachineSpeed(), **dict.fromkeys(names, 0.0))
     best, least = MachineSpeed(), float("inf")

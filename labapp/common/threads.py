@@ -6,6 +6,9 @@ import os
 
 
 def use_one_thread() -> None:
-    """Limit OpenMP and BLAS to one thread; call this before they are loaded and read it."""
+    """Limit OpenMP and BLAS to one thread in a labapp process.
+
+    Call this before these libraries are loaded, because they read the limit then.
+    """
     for library in ("OMP", "OPENBLAS", "MKL", "NUMEXPR"):
         os.environ[f"{library}_NUM_THREADS"] = "1"

@@ -22,12 +22,12 @@ BUNDLED_WEIGHTS = bundled_path("denoiser.npz")
 
 @functools.cache
 def bundled_denoiser() -> Denoise:
-    """Return the bundled denoiser of plug-and-play restoration."""
+    """Return the bundled denoising network for plug-and-play restoration of pictures."""
     return read_denoiser(BUNDLED_WEIGHTS)
 
 
 def read_denoiser(path: Path) -> Denoise:
-    """Read a denoiser from a file of weights; UserError says what is wrong with the file."""
+    """Read the weights file of a network that restores pictures; UserError if it is damaged."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             weights = {name: torch.from_numpy(stored[name]) for name in stored.files}
@@ -39,7 +39,10 @@ def read_denoiser(path: Path) -> Denoise:
 
 
 def weights_file(weights: Mapping[str, torch.Tensor]) -> bytes:
-    """Return a network's weights, by name, as the bytes of an .npz file in half precision."""
+    """Return the trained weights of a network that restores pictures, as bytes of an .npz file.
+
+    The file holds each weight under its name, in half precision.
+    """
     buffer = io.BytesIO()
     halves = {name: value.to(torch.float16).numpy() for name, value in weights.items()}
     np.savez_compressed(buffer, **halves)  # type: ignore[arg-type]

@@ -30,7 +30,7 @@ def refine_design(
     files: BenchFiles,
     manner: ExecutionOptions,
 ) -> None:
-    """Refine a design file on a bench, write the result and its picture, and print a report.
+    """Refine a design on a bench, write the refined file and its picture, and print a report.
 
     `runs` is the folder of the pictures' records. Raises UserError if the design, the bench or an
     output path doesn't allow it.

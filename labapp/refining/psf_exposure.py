@@ -43,11 +43,11 @@ def take_picture(
     progress: Progress,
     ask: AskOperator | None,
 ) -> Bracket:
-    """Show grey levels (frames, rows, columns) on the SLM, and return the merged bracket.
+    """Take a refinement's picture with these grey levels on the SLM; return the merged bracket.
 
-    The bracket is in electrons per second. Plan and patterns are written to `folder`/picture-N/,
-    and the frames to `folder`/picture-N.h5. Raises UserError if the bench or the run fails, and
-    Cancelled if the progress was cancelled.
+    The grey levels are (frames, rows, columns). The bracket is in electrons per second. Plan and
+    patterns are written to `folder`/picture-N/, and the frames to `folder`/picture-N.h5. Raises
+    UserError if the bench or the run fails, and Cancelled if the progress was cancelled.
     """
     name, path = picture_name(number), record_path(folder, number)
     plan = build_plan(request, wavelength_nm, number, len(greys), bench.slm.frame_time)
@@ -74,7 +74,7 @@ def take_picture(
 def build_plan(
     request: RefinementRequest, wavelength_nm: float, number: int, frames: int, frame_time: float
 ) -> PlanFile:
-    """Build the plan of one picture: the star with a still or a video, preceded by dark frames.
+    """Build the plan of a refinement's picture: the star with a still or video, after dark frames.
 
     Each exposure has two dark frames. `frame_time` is the time in seconds for which a frame of a
     video is shown.
@@ -108,7 +108,7 @@ def build_plan(
 
 
 def whole_periods(request: RefinementRequest, period: float) -> list[int]:
-    """Return the requested exposures as numbers of video periods, rounded up, each once.
+    """Convert a refinement's exposures to whole video periods, rounded up, without duplicates.
 
     `period` is in seconds.
     """

@@ -127,7 +127,7 @@ class PSFMeasurer:
         return float(squared[bright & middle].sum() / squared[bright].sum())
 
     def _require_unclipped(self, variance: torch.Tensor, bracket: Bracket, record: Path) -> None:
-        """Raise UserError if pixels of the PSF are clipped in every exposure of the bracket.
+        """Raise UserError if a refinement's picture has PSF pixels clipped in every exposure.
 
         The merged bracket gives such pixels an infinite variance.
         """

@@ -28,7 +28,7 @@ def draw_refinement(title: str, notes: str, result: RefinementResult) -> bytes:
 
 
 def _draw(axes: Axes, result: RefinementResult, light: torch.Tensor) -> None:
-    """Draw a measured PSF on the design grid, in units of the target."""
+    """Draw a refinement's measured PSF on the design grid, in units of the target."""
     plane = result.start.goal.plane
     y, x = (plane.coordinates(axis).numpy() * 1e6 for axis in (0, 1))
     half = plane.pitch[0] * 0.5e6

@@ -10,7 +10,7 @@ from labapp.refining.result import RefinementResult
 
 
 def print_report(result: RefinementResult, files: list[Path], *, as_json: bool) -> None:
-    """Print the errors of all pictures of a refinement, advice, and the files written."""
+    """Print a refinement's report: the errors of its pictures, advice, and the files written."""
     if as_json:
         print_json(report_data(result, files))
         return

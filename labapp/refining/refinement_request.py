@@ -46,7 +46,7 @@ class RefinementRequest(FileModel):
 
 
 def parse_milliseconds(text: str) -> list[float]:
-    """Parse a list of exposures in milliseconds, such as "1,8,64"."""
+    """Parse the exposures of a refinement in milliseconds, such as "1,8,64"."""
     try:
         return [float(word) for word in text.split(",")]
     except ValueError as error:
@@ -56,9 +56,10 @@ def parse_milliseconds(text: str) -> list[float]:
 
 
 def with_star_size(request: RefinementRequest, bench: Bench) -> RefinementRequest:
-    """Return the request with diameter and distance of the bench's star.
+    """Return the refinement request, completed with the bench star's diameter and distance.
 
-    Raises UserError if the bench lacks a target, or if the diameter isn't known.
+    Values that the request already has stay as they are. Raises UserError if the bench lacks a
+    target, or if the diameter isn't known.
     """
     table = require_star_target(bench, request.star, request.dark)
     known = {"star_m": panel_to_focus_distance(bench.description)}

@@ -37,7 +37,7 @@ class RefinementResult:
 
     @cached_property
     def best(self) -> int:
-        """Index of the picture with the least error; 0 is the start."""
+        """Index of the refinement's picture with the least error; 0 is the start."""
         errors = [seen.nrmse for seen in self.pictures]
         return errors.index(min(errors))
 
@@ -67,7 +67,7 @@ def refined_design_contents(
     bench: BenchFile,
     progress: Progress,
 ) -> DesignContents:
-    """Return the contents of the refined design file; `before` are those of the file `design`."""
+    """Return the contents of a refined design file; `before` holds those of the file `design`."""
     start, goal = result.start, result.start.goal
     camera, phases = goal.camera, result.phases
     greys = start.grey_levels(phases)
@@ -96,7 +96,7 @@ def refined_design_contents(
 
 
 def _settings(result: RefinementResult, design: Path, before: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the design's settings with an account of this refinement added to earlier ones."""
+    """Return the settings of a refined design, with this refinement added to earlier ones."""
     account = {
         "from": str(design.resolve()),
         "request": result.request.model_dump(mode="json"),

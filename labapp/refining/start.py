@@ -39,7 +39,7 @@ class RefinementStart:
         return len(self.phases)
 
     def phases_on_panel(self, phases: torch.Tensor) -> torch.Tensor:
-        """Return phases as the panel shows them.
+        """Return a refinement's phases as the panel shows them.
 
         For a video on a slow panel, whole waves are added so that its liquid crystal has the
         least to change from frame to frame.
@@ -51,7 +51,7 @@ class RefinementStart:
         return shortest_panel_phases(self.goal, phases)
 
     def grey_levels(self, phases: torch.Tensor) -> NDArray[np.uint8]:
-        """Return the grey levels (frames, rows, columns) that show these phases on the panel."""
+        """Return the grey levels of a refinement's phases on the panel, (frames, rows, columns)."""
         panel, wavelength = self.goal.camera.panel, self.goal.wavelength
         return np.stack(
             [phase_to_grey(panel, phase, wavelength, self.orders).numpy() for phase in phases]
@@ -105,7 +105,7 @@ def _require_panel(contents: DesignContents, path: Path, camera: Camera) -> None
 
 
 def _phases(contents: DesignContents, camera: Camera, wavelength: float) -> torch.Tensor:
-    """Return the design's phases, computed from its grey levels if it doesn't hold phases."""
+    """Return a refinement's initial phases, computed from grey levels if the design has none."""
     if contents.phase is not None:
         return torch.from_numpy(contents.phase)
     panel = camera.panel

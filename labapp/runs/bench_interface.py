@@ -34,22 +34,22 @@ class Bench(Protocol):
 
     @property
     def file(self) -> BenchFile:
-        """The bench file as it was read; the record keeps it."""
+        """The bench file with which the run began; the run's record keeps it."""
 
     @property
     def scene_file(self) -> SceneFile | None:
-        """The scene before simulated devices; None without any."""
+        """The scene that a run photographs with simulated devices; None without any."""
 
     @property
     def description(self) -> CameraDescription:
-        """The description of the camera, with its calibration."""
+        """The description of the run's camera, with its calibration."""
 
     @property
     def clock(self) -> Clock: ...
 
     @property
     def world(self) -> World | None:
-        """The state that simulated devices share; None without any."""
+        """The state that the simulated devices of a run share; None without any."""
 
     @property
     def slm(self) -> SLM: ...
@@ -59,7 +59,7 @@ class Bench(Protocol):
 
     @property
     def wheel(self) -> FilterWheel | None:
-        """The filter, if it is a wheel."""
+        """The filter of a run's shots if it is a wheel, else None."""
 
     @property
     def camera(self) -> Camera: ...
@@ -69,27 +69,33 @@ class Bench(Protocol):
 
     @property
     def devices(self) -> Mapping[str, Device]:
-        """All devices of the bench by role."""
+        """All devices that a run uses, by role."""
 
     @property
     def supervised_devices(self) -> Mapping[str, SupervisedDevice]:
-        """All devices of the bench by role, with what is needed to open them again."""
+        """All devices that a run uses, by role, with what is needed to open them again."""
 
     @property
     def simulated_devices(self) -> list[str]:
-        """Roles of the simulated devices."""
+        """Roles of the simulated devices that a run uses."""
 
     def calibration_warnings_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
-        """Return warnings why the calibration may not hold at wavelengths in metres."""
+        """Return why the calibration may not hold at a run's wavelengths, in metres."""
 
     def cancellable_by(self, cancelled: Callable[[], bool]) -> AbstractContextManager[None]:
-        """Return a context in which calls of devices end soon after `cancelled` returns true."""
+        """Return a context in which a run's device calls end soon after the run is cancelled.
+
+        The run is cancelled when `cancelled` returns true.
+        """
 
     def failed_devices(self) -> list[str]:
-        """Return the devices that were given up, and why."""
+        """Return the devices that were given up during a run, and why."""
 
     def make_safe(self) -> list[DeviceError]:
-        """Set the SLM to neutral, park the filter, stop the camera; return the errors."""
+        """Leave a run's devices safe, and return the errors.
+
+        The SLM is set to neutral, the filter is parked and the camera stopped.
+        """
 
     def device_error(self, role: str, command: str, reply: str) -> DeviceError:
-        """Return an error that names a device by its role on the bench."""
+        """Return the error of a device that failed in a run's shot, with its role on the bench."""

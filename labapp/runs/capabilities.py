@@ -59,7 +59,7 @@ class BenchCapabilities:
         )
 
     def wavelength_in_metres(self, nm: float) -> float:
-        """Convert a plan's wavelength to metres, rounded to picometres.
+        """Convert a wavelength in a run's plan from nanometres to metres, rounded to picometres.
 
         A value at an end of the filter's range becomes exactly that end. 400e3 * 1e-12 and
         400 * 1e-9 differ in the last bit, and a filter from 400 nm on refuses the smaller one.

@@ -10,7 +10,7 @@ from labapp.common.console import out, print_table
 
 
 def show_effects(effect_plan: dict[str, Any]) -> None:
-    """Print a record's effect plans: each effect's levels, and its largest error bound."""
+    """Print the effect plans in a run's record: each effect's levels and largest error bound."""
     if "plans" in effect_plan:
         _show_plans(effect_plan["plans"])
     else:
@@ -37,7 +37,7 @@ def _show_plans(plans: Sequence[dict[str, Any]]) -> None:
 
 
 def _row(name: str, plans: Sequence[dict[str, Any]]) -> list[str]:
-    """Return a row on an effect: its levels, its largest error bound, and the reason for it."""
+    """Return the row on an effect in a run's record: levels, largest error bound, and reason."""
     found = [one for plan in plans for one in plan["decisions"] if one["effect"] == name]
     levels = list(dict.fromkeys(one["level"] for one in found))
     level = " or ".join(levels)
@@ -49,7 +49,7 @@ def _row(name: str, plans: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def format_share(value: float | None) -> str:
-    """Format a relative error of a picture; None means that it has no bound."""
+    """Format a picture's relative error from a run's record; None means that it has no bound."""
     return "∞" if value is None else f"{value:.1e}" if value else "0"
 
 
@@ -58,7 +58,7 @@ def _size(value: float | None) -> float:
 
 
 def _print_legacy_plans(plans: dict[str, Any]) -> None:
-    """Print the effect plans of an old record, in which each effect has an estimate only."""
+    """Print the effect plans in a run's old record, which has only an estimate of each effect."""
     for name, plan in plans.items():
         rows = [
             [

@@ -18,7 +18,10 @@ steps of 0.01 nm."""
 
 
 def is_exposure_as_requested(exposure: float, requested: float) -> bool:
-    """Return whether a frame's exposure in seconds is as near to the request as a camera can."""
+    """Return whether a run's frame has the requested exposure, as closely as cameras keep it.
+
+    Both exposures are in seconds.
+    """
     seconds, share = EXPOSURE_TOLERANCE
     return abs(exposure - requested) <= max(seconds, share * requested)
 
@@ -39,7 +42,7 @@ class CaptureConditions:
 def require_valid_frame(
     frame: Frame, shot: Shot, conditions: CaptureConditions, bench: Bench
 ) -> float:
-    """Check that a frame was taken with the settings of a shot; return its wavelength in metres.
+    """Check that a frame has the settings of the run's shot; return its wavelength in metres.
 
     Raises DeviceError if the frame is stale or has another exposure, or if a device doesn't have
     the setting that it was given. A missing frame does less harm than a wrong one that looks

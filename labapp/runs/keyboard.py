@@ -34,7 +34,7 @@ class Keyboard:
         threading.Thread(target=self._read, name="keyboard", daemon=True).start()
 
     def wait_for_enter(self, progress: Progress) -> None:
-        """Wait until Enter is pressed during a run; raise UserError if standard input has ended."""
+        """Wait until Enter answers a run's prompt; raise UserError if standard input has ended."""
         self._answer_given.clear()
         self._question_pending.set()
         try:
@@ -72,10 +72,11 @@ class Keyboard:
 
     @property
     def _wants_answer(self) -> bool:
-        """Whether a prompt waits for its answer; each prompt takes only one line of the input."""
+        """Whether a run's prompt still waits for its answer, a single line of the input."""
         return self._question_pending.is_set() and not self._answer_given.is_set()
 
     def _press(self, key: bytes, terminal: bool) -> None:
+        """Obey a key pressed during the run: Enter answers, p pauses and r resumes."""
         if key in b"\r\n":
             self._answer_given.set()
         elif terminal and key in b"pP":
@@ -85,7 +86,7 @@ class Keyboard:
 
 
 def _standard_input() -> int | None:
-    """Return the file descriptor of standard input; None in a service or a test."""
+    """Return standard input's descriptor for the keys of a run; None in a service or a test."""
     try:
         return sys.stdin.fileno()
     except (AttributeError, OSError, ValueError):
@@ -93,7 +94,7 @@ def _standard_input() -> int | None:
 
 
 def _is_in_foreground(terminal: int) -> bool:
-    """Return whether this process is in the terminal's foreground.
+    """Return whether this run's process is in the terminal's foreground.
 
     The system stops a process that reads the terminal from the background.
     """
@@ -105,7 +106,7 @@ def _is_in_foreground(terminal: int) -> bool:
 
 @contextmanager
 def open_keyboard(progress: Progress) -> Iterator[Keyboard]:
-    """Open the keyboard for a run; a terminal delivers each key at once, without Enter."""
+    """Open the keyboard for a run's prompts and pauses; in a terminal, keys need no Enter."""
     source = _standard_input()
     terminal = (
         source if source is not None and os.isatty(source) and _is_in_foreground(source) else None

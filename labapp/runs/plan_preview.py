@@ -47,7 +47,7 @@ class Preview:
 def check_plan(
     named_plan: NamedPlan, bench: Path | None, scene: Path | None, *, as_json: bool
 ) -> None:
-    """Print what a plan takes, and that the bench can run it; raise UserError if it can't.
+    """Print what a run of the plan takes, and that the bench can run it; UserError if it can't.
 
     The patterns are computed on trial, with one iteration instead of many.
     """
@@ -70,7 +70,7 @@ def check_plan(
 def show_plan(
     named_plan: NamedPlan, bench: Path | None, scene: Path | None, *, every_row: bool, as_json: bool
 ) -> None:
-    """Print what a plan takes, and its steps in order; raise UserError if it can't be run."""
+    """Print what a plan's run takes, and its steps in order; raise UserError if it can't be run."""
     with open_bench(BenchFiles.with_defaults(bench, scene)) as opened:
         preview = preview_plan(named_plan.plan, named_plan.path, opened)
     prompts = prompts_by_frame(preview.shots, preview.capabilities)
@@ -83,7 +83,7 @@ def show_plan(
 
 
 def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
-    """Preview a plan on an open bench; raise UserError if the bench can't run it.
+    """Preview a plan's run on an open bench; raise UserError if the bench can't run it.
 
     `source` is the plan's file.
     """
@@ -103,7 +103,10 @@ def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
 
 
 def _require_reconstruction_frames(preview: Preview) -> None:
-    """Raise UserError if a plan's reconstruction lacks frames, or its wavelength is ambiguous."""
+    """Raise UserError if a run lacks frames for the plan's reconstruction.
+
+    It also raises UserError if the wavelength of such frames is ambiguous.
+    """
     roles = preview.plan.reconstruct
     if roles is None:
         return
@@ -130,7 +133,7 @@ def _require_reconstruction_frames(preview: Preview) -> None:
 
 
 def _try_patterns(preview: Preview, bench: Bench) -> None:
-    """Raise UserError if a pattern of a plan can't be computed for the bench's panel."""
+    """Compute a run's patterns on trial; raise UserError if the bench's panel can't show one."""
     plan = preview.plan
     quick = {name: pattern.with_least_work() for name, pattern in plan.patterns.items()}
     with terminal_progress() as progress:
@@ -160,7 +163,7 @@ def _print_summary(preview: Preview) -> None:
 
 
 def _limits(preview: Preview) -> list[dict[str, str]]:
-    """Return a plan's requests beside the bench's capabilities, in words."""
+    """Say in words what a run's plan requests, and what the bench can do."""
     plan, abilities, listed = preview.plan, preview.capabilities, preview.shots
     exposures = sorted({shot.exposure * 1e3 for shot in listed})
     wavelengths = _nm(sorted({shot.wavelength for shot in listed}))
@@ -195,7 +198,7 @@ def _limits(preview: Preview) -> list[dict[str, str]]:
 
 
 def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> None:
-    """Print the steps of a plan in tables, a new one after each prompt, which is its heading.
+    """Print the steps of a run in tables; each prompt begins a new table, and is its heading.
 
     Unless `every_row` is set, only the first 40 rows are printed.
     """
@@ -217,7 +220,7 @@ def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> 
 
 
 def _groups(listed: Sequence[Shot]) -> Iterator[list[Shot]]:
-    """Group consecutive frames of a plan that differ only in exposure and repeat."""
+    """Group consecutive shots of a run that differ only in exposure and repeat."""
 
     def setting(shot: Shot) -> tuple[Any, ...]:
         return shot.role, shot.target, shot.pattern, shot.wavelength, shot.slot
@@ -227,6 +230,7 @@ def _groups(listed: Sequence[Shot]) -> Iterator[list[Shot]]:
 
 
 def _row(group: Sequence[Shot], wheel: bool) -> list[Any]:
+    """Return the row for a group of shots in the table of a run's steps."""
     first, steps = group[0], sorted({shot.step for shot in group})
     exposures = dict.fromkeys(f"{shot.exposure * 1e3:g}" for shot in group)
     return [
@@ -260,7 +264,7 @@ def _as_data(preview: Preview) -> dict[str, Any]:
 
 
 def _shot_data(shot: Shot, prompt: str) -> dict[str, Any]:
-    """Return a planned frame as plain data, with the prompt before it."""
+    """Return a run's planned shot as plain data, with the prompt before it."""
     return {
         "frame": shot.index,
         "step": shot.step,

@@ -14,7 +14,7 @@ from labapp.runs.record.reader import Record
 
 
 def show_record(path: Path, *, as_json: bool) -> None:
-    """Print a record's state, devices, frames, simulator decisions and log."""
+    """Print a summary of a run's record: state, frames, devices, simulator decisions and log."""
     with Record(path) as record:
         data = record_data(record)
     if as_json:
@@ -42,7 +42,7 @@ def show_record(path: Path, *, as_json: bool) -> None:
 
 
 def record_data(record: Record) -> dict[str, Any]:
-    """Return a summary of a record as plain data."""
+    """Return a summary of a run's record as plain data."""
     stored = record.column("stored").astype(bool)
     rows, columns = record.image(0).shape
     return {
@@ -71,7 +71,7 @@ def record_data(record: Record) -> dict[str, Any]:
 
 
 def _groups(record: Record) -> list[dict[str, Any]]:
-    """Return the planned frames of a record, grouped by role, target, pattern and wavelength."""
+    """Group the planned frames of a run's record by role, target, pattern and wavelength."""
     targets, patterns = record.target_names, record.pattern_names
     columns = ("role", "target", "pattern", "wavelength_asked", "exposure_asked")
     exposures: dict[tuple[Any, ...], list[float]] = {}

@@ -95,7 +95,7 @@ def resume_file(
 
 
 def bench_setup_of(record: Record, faults: Path | None = None) -> BenchSetup:
-    """Return the bench setup in a record; raise UserError if a picture of its scene has changed."""
+    """Return the bench setup in a run's record; UserError if a picture of its scene has changed."""
     for file, known in record.scene_picture_digests.items():
         if file_sha256(Path(file)) != known:
             raise UserError(

@@ -22,6 +22,7 @@ class State(StrEnum):
 
     @property
     def is_under_way(self) -> bool:
+        """Whether the run is under way: running or paused."""
         return self in (State.RUNNING, State.PAUSED)
 
     @property

@@ -62,7 +62,7 @@ class Shot:
 
 
 def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> list[Shot]:
-    """Return the shots of a plan on a bench, in the order in which they are taken."""
+    """Return the shots of a plan's run on a bench, in the order in which they are taken."""
     listed: list[Shot] = []
     for block in plan.acquire:
         first = max((shot.step for shot in listed), default=-1) + 1
@@ -74,7 +74,10 @@ def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> list[Shot]
 def block_exposures(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
 ) -> list[float]:
-    """Return the exposures of a plan's block in seconds, rounded to microseconds as cameras do."""
+    """Return the exposures for a block of a run's plan, in seconds.
+
+    The exposures are rounded to microseconds, as in cameras.
+    """
     if block.exposures_ms is not None:
         return [round(ms * 1e3) / 1e6 for ms in block.exposures_ms]
     # Periods are those common to all videos, so that frames of different patterns compare.
@@ -85,7 +88,7 @@ def block_exposures(
 def _block_shots(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, first: int
 ) -> list[Shot]:
-    """Return the shots of a plan's block with its calibration frames; steps begin at `first`."""
+    """Return a run's shots for a block of its plan, with calibration shots, from step `first`."""
     light = [
         _build_shot(setting, block.role, plan)
         for setting in _axis_combinations(block, plan, capabilities)
@@ -103,7 +106,7 @@ def _block_shots(
 def _axis_combinations(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
 ) -> Iterator[AxisValues]:
-    """Yield every combination of the axes of a plan's block, in its order.
+    """Yield all combinations of a plan block's axis values in the order of a run's shots.
 
     Axes of the same group step together.
     """
@@ -154,7 +157,7 @@ def _build_shot(setting: AxisValues, role: Role, plan: PlanFile) -> Shot:
 
 
 def _calibration_shots(request: InterleavedFrames, group: list[Shot], plan: PlanFile) -> list[Shot]:
-    """Return the calibration shots for a group of shots: each needed setting, with its repeats."""
+    """Return a run's calibration shots for a group of shots: each needed setting, with repeats."""
     needed: dict[Any, Shot] = {}
     for shot in group:
         made = _build_shot(
@@ -177,7 +180,7 @@ def _calibration_shots(request: InterleavedFrames, group: list[Shot], plan: Plan
 
 
 def _assign_steps(listed: Iterable[Shot], first: int) -> list[Shot]:
-    """Return shots with their steps numbered from `first`; a step is a setting with its repeats.
+    """Number the steps of a run's shots from `first`; a step is a setting with its repeats.
 
     A setting that occurs again with the same repeat is a new step. The random numbers of a
     simulated frame depend on step and repeat, so no two frames may share both.
@@ -195,7 +198,7 @@ def _assign_steps(listed: Iterable[Shot], first: int) -> list[Shot]:
 
 
 def _schedule_shots(listed: Iterable[Shot], capabilities: BenchCapabilities) -> list[Shot]:
-    """Return shots with their planned times: changed settings settle together, then expose."""
+    """Plan the times of a run's shots: changed settings settle together before each exposure."""
     timed: list[Shot] = []
     now = 0.0
     before: Shot | None = None
@@ -208,6 +211,7 @@ def _schedule_shots(listed: Iterable[Shot], capabilities: BenchCapabilities) -> 
 
 
 def _settling_time(before: Shot | None, shot: Shot, capabilities: BenchCapabilities) -> float:
+    """Return how long the settings that change between two shots of a run take to settle."""
     changes = (
         (lambda s: s.place, capabilities.target_settling),
         (lambda s: s.pattern, capabilities.slm_settling),

@@ -24,7 +24,7 @@ _CHECKS = "labapp.runs.record.checks:send_verification"
 
 
 def verify_record(path: Path, *, as_json: bool) -> bool:
-    """Verify a record and print the findings; return whether the record is in order.
+    """Verify a run's record and print the findings; return whether the record is in order.
 
     Raises UserError if there is no such file.
     """
@@ -42,7 +42,7 @@ def verify_record(path: Path, *, as_json: bool) -> bool:
 def verify(
     path: Path, progress: Progress | None = None, *, timeout: float = _STALL_TIMEOUT
 ) -> Verification:
-    """Verify a record by all checks that its state allows, however damaged it is.
+    """Verify a run's record by all checks that its state allows, however damaged it is.
 
     The checks run in a process of their own, see labapp.runs.record.checks. That process is ended
     after `timeout` seconds without progress. Raises UserError if there is no such file.

@@ -45,7 +45,7 @@ def brick_regions(record: Record, camera: Camera) -> list[BrickRegion]:
 def sharpness_rows(
     scenes: Sequence[Picture], regions: Sequence[BrickRegion], near: float
 ) -> list[ResultRow]:
-    """Compare the sharpness of each brick without and with the lens on the SLM.
+    """Compare the sharpness of the study's bricks without and with the lens on the SLM.
 
     `scenes` are the pictures without and with the lens; `near` is the distance in metres that the
     lens brings into focus.
@@ -70,10 +70,10 @@ def sharpness_rows(
 
 
 def edge_steepness(picture: Picture) -> float:
-    """Return the steepness of a picture's steepest edges, relative to the picture's range.
+    """Return the steepness of the steepest edges in a study's picture, relative to its range.
 
-    It is the 99th percentile of the gradient. The gradient is taken over two pixels, which
-    reduces the influence of noise.
+    This is the 99th percentile of the gradient over the range of the picture's values. The gradient
+    is taken over two pixels, which reduces the influence of noise.
     """
     y = picture[2:, 1:-1] - picture[:-2, 1:-1]
     x = picture[1:-1, 2:] - picture[1:-1, :-2]

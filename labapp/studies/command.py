@@ -60,7 +60,7 @@ def carry_out_study(
     progress: Progress | None = None,
     ask: AskOperator | None = None,
 ) -> CompletedStudy:
-    """Acquire and evaluate a study without printing anything.
+    """Carry out a study without printing anything: acquire its record and evaluate it.
 
     The folder gets run.h5, study.png, study.html and study.json. Raises UserError if a setting is
     wrong, a file exists, the folder can't be written, or the bench can't do the study. After

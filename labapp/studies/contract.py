@@ -148,6 +148,6 @@ class Study(Generic[S]):
         return plan
 
     def evaluate(self, record: Record, settings: S, progress: Progress) -> StudyResults:
-        """Evaluate the complete record of a run of the study's plan."""
+        """Evaluate the study: get its results from the complete record of a run of its plan."""
         results: StudyResults = import_module(self.module).evaluate(record, settings, progress)
         return results

@@ -157,7 +157,7 @@ def _to_numpy(image: torch.Tensor) -> Picture:
 
 
 def frame_layer_indices(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return for each pixel of a frame which depth layer it sees: 0 is near, 1 is far."""
+    """Return which depth layer of the study's scene each pixel of a frame sees: 0 near, 1 far."""
     depth = read_grey(bundled_path("studies/edof-depth.png"))
     rows, columns = shape[-2:]
     # A pixel of the photograph has this side on the sensor, in sensor pixels. The photograph is
@@ -174,9 +174,9 @@ def frame_layer_indices(shape: tuple[int, ...]) -> NDArray[np.int64]:
 
 
 def _defocus_and_strength(camera: Camera, settings: EdofSettings) -> tuple[float, float]:
-    """Return the far star's defocus in waves, and the cubic phase's strength in radians.
+    """Return the study's defocus of the far star in waves, and its cubic phase's strength in rad.
 
-    Both are at the end of the panel's longer half.
+    Both are the values at the edge of the panel on its longer axis.
     """
     half = camera.panel.shape[1] * camera.panel.pitch / 2
     near, far = STAR_DISTANCES.values()
@@ -222,11 +222,12 @@ def _zeros_row(waves: float, strength: float) -> ResultRow:
 
 
 def _cubic_phase(strength: float) -> Any:
+    """Return the study's cubic phase as a function of the place in the pupil, -1 to 1."""
     return lambda x: strength * x**3
 
 
 def _separable_row(psfs: PSFsByStarAndPattern) -> ResultRow:
-    """Compare the measured PSF with a separable one, with and without its unmodulated light."""
+    """Compare the study's measured PSF with a separable one, also without its unmodulated light."""
     straight, coded = psfs["star", "neutral"], psfs["star", "cubic"]
     shares = np.linspace(0, 0.1, 41)
     found = [separability_residual(coded - share * straight) for share in shares]
@@ -242,7 +243,10 @@ def _separable_row(psfs: PSFsByStarAndPattern) -> ResultRow:
 
 
 def separability_residual(psf: Picture) -> float:
-    """Return the relative L2 distance of a PSF from the nearest product of a column and a row."""
+    """Return how far a study's PSF is from separable, 0 to 1.
+
+    This is the relative L2 distance of the PSF from the nearest product of a column and a row.
+    """
     down, along = separable_parts(psf, math.inf)
     return float(np.linalg.norm(psf - np.outer(down, along)) / np.linalg.norm(psf))
 

@@ -136,7 +136,7 @@ def _blind(
 
 
 def _centroid(psf: Picture) -> Picture:
-    """Return a PSF's centroid (y, x) from the origin, in pixels.
+    """Return the centroid (y, x) of a study's PSF relative to the origin, in pixels.
 
     Light below a hundredth of the peak is left out as noise.
     """
@@ -146,7 +146,10 @@ def _centroid(psf: Picture) -> Picture:
 
 
 def _statistics(sharp: Picture) -> StudyFigure:
-    """Draw the distribution of the photograph's gradients with fitted models, as Fig. 2.10."""
+    """Draw the distribution of gradients in the study's photograph, as in Fig. 2.10 of the thesis.
+
+    Models that are fitted to it are drawn as well.
+    """
     lengths, density = log_histogram(torch.from_numpy(sharp), 161, 0.6)
     mixture, heavy = (
         fit(torch.from_numpy(sharp)) for fit in (fit_mixture, fit_generalised_gaussian)

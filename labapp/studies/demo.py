@@ -21,7 +21,7 @@ from optics.progress import Progress
 def run_demo(
     folder: Path, *, image: Path | None, seed: int | None, force: bool, as_json: bool
 ) -> None:
-    """Run the demo: the bundled plan on the bundled bench, with its record and its report."""
+    """Run the demo study: the bundled plan on the bundled bench, with its record and its report."""
     with terminal_progress() as progress:
         analysis = run_first_light(folder, image=image, seed=seed, force=force, progress=progress)
     if as_json:
@@ -40,7 +40,7 @@ def run_first_light(
     force: bool = False,
     progress: Progress | None = None,
 ) -> RecordAnalysis:
-    """Run the demo without printing anything: run.h5, report.png and report.html in a folder.
+    """Run the demo study without printing anything: run.h5, report.png, report.html in a folder.
 
     Raises UserError if a file exists already, or the folder can't be written.
     """

@@ -58,7 +58,7 @@ class DefocusedStar:
 
     @property
     def unmodulated_share(self) -> float:
-        """Return the share of the picture without the lens that remains in the one with it.
+        """Return which share of the study's picture without the lens is left in that with it.
 
         Only pixels beside the focus of the lens are compared.
         """
@@ -74,7 +74,7 @@ class DefocusedStar:
 def fit_focus_curve(
     stars: Sequence[DefocusedStar], pictures: Sequence[Picture], camera: Camera
 ) -> FocusCurve:
-    """Fit a parabola to the mean square radii of stars in pictures, by vergence."""
+    """Fit a parabola in vergence to the mean square radii of the stars in a study's pictures."""
     vergences = [1 / star.distance for star in stars]
     squares = [_mean_square(picture) * camera.sensor.pitch**2 for picture in pictures]
     slope, linear, constant = np.polyfit(vergences, squares, 2)
@@ -85,7 +85,7 @@ def fit_focus_curve(
 
 
 def _mean_square(picture: Picture) -> float:
-    """Return the mean square distance of a picture's light from its centroid, pixels²."""
+    """Return the mean square distance of light in a study's picture from its centroid, pixels²."""
     light = picture / picture.sum()
     y, x = np.indices(picture.shape)
     cy, cx = (y * light).sum(), (x * light).sum()
@@ -93,10 +93,10 @@ def _mean_square(picture: Picture) -> float:
 
 
 def mean_square_pupil_radius(camera: Camera) -> float:
-    """Return the mean of x² + y² over the part of the panel within the stop, m².
+    """Return the mean of x² + y² in m² over the part of a study's panel within the stop.
 
-    Times the square of the image distance, it is the mean square radius of a star that is one
-    dioptre out of focus.
+    Multiplied by the square of the image distance, this gives the mean square radius of a star that
+    is one dioptre out of focus.
     """
     panel = camera.panel
     y, x = (np.arange(n) - (n - 1) / 2 for n in panel.shape)

@@ -116,6 +116,6 @@ def _settings(account: CompletedStudy) -> list[list[str]]:
 
 
 def _without_infinities(row: dict[str, Any]) -> dict[str, Any]:
-    """Replace a value that isn't finite by None, since JSON can't express it."""
+    """Replace a value of a study that isn't finite by None, since JSON can't express it."""
     value = row["value"]
     return row | {"value": value if value is None or math.isfinite(value) else None}

@@ -94,6 +94,7 @@ def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> St
 
 
 def _row(shape: str, report: PSFReport) -> ResultRow:
+    """Return the row for a shape in the study's results: light within it, likeness and speckle."""
     ours = _measured_quality(report)
     asked = (
         {} if report.predicted is None else _shape_quality(_predicted_modulated_psf(report), report)
@@ -113,7 +114,7 @@ def _measured_quality(report: PSFReport) -> dict[str, float]:
 
 
 def _shape_quality(shape: Picture, report: PSFReport) -> dict[str, float]:
-    """Return the quality of a PSF without its unmodulated light.
+    """Rate a study's PSF, from which unmodulated light is removed, against its target's shape.
 
     "light" is the share of the star's light within the shape; "contrast" is the speckle contrast.
     """
@@ -156,7 +157,7 @@ def _ring_row(report: PSFReport, camera: Camera, settings: ShapesSettings) -> Re
 
 
 def ring_energy_share(shape: Picture, camera: Camera, wavelength: float) -> float:
-    """Return a PSF's light in the band around the published ring, as a share of the star's."""
+    """Return the light of a study's PSF in the published ring's band, as a share of the star's."""
     y, x = (np.indices(shape.shape) - shape.shape[0] // 2) * camera.sensor.pitch
     radius = np.hypot(y, x) / (published_ring_sizes(camera, wavelength)[0] / RING_RADIUS_SAMPLES)
     low, high = RING_BAND

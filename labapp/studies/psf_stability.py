@@ -114,10 +114,10 @@ def _speckle_contrast(report: PSFReport) -> float:
 
 
 def independent_frames_error(frames: int, reference: int) -> float:
-    """Return the expected error of the mean of a video's first frames, for independent frames.
+    """Return the error that the study expects of the mean of a video's first frames.
 
-    It is relative to the error of one frame against a reference of infinitely many frames, and
-    follows from the variance of a mean.
+    The frames are taken to be independent. The error is relative to that of one frame against a
+    reference of infinitely many frames, and follows from the variance of a mean.
     """
     return 1 / frames - 1 / reference
 

@@ -32,15 +32,19 @@ Their PSFs are computed as the authors do it, by one Fourier transform of the pa
 
 
 def published_ring_sizes(camera: Camera, wavelength: float) -> tuple[float, float]:
-    """Return the radius and width (standard deviation) of the published ring on a sensor, metres.
+    """Return the radius and width of the published ring on a study's sensor, in metres.
 
-    A sample of the published transform is wavelength x image distance / 15.36 mm. On a bench, B of
-    the ray matrix takes the place of the image distance.
+    The width is the ring's standard deviation. A sample of the published transform is wavelength x
+    image distance / 15.36 mm. On a bench, B of the ray matrix takes the place of the image
+    distance.
     """
     sample = wavelength * camera.ray_matrix_b / _SIDE
     return RING_RADIUS_SAMPLES * sample, _RING_WIDTH_SAMPLES * sample
 
 
 def read_published_ring() -> NDArray[np.uint8]:
-    """Return the middle of the published ring after 569 iterations, 100 x 100 samples."""
+    """Read the middle of the published ring that a study repeats, 100 x 100 samples.
+
+    This is the thesis' ring after 569 iterations.
+    """
     return read_grey(bundled_path("studies/published-ring.png"))

@@ -31,7 +31,7 @@ from optics.stop_shadow import panel_to_focus_distance
 
 
 def added_lens_power(settings: RefocusSettings, camera: Camera) -> float:
-    """Return the power in dioptres that the SLM must add to refocus, by the thin-lens equation."""
+    """Return the power in dioptres that the study's SLM must add to refocus, for thin lenses."""
     return 1 / settings.near_m - 1 / panel_to_focus_distance(camera)
 
 
@@ -53,7 +53,7 @@ def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
 
 
 def star_target_name(metres: float) -> str:
-    """Return the name of the target with a star at a distance in metres, as "star-160cm"."""
+    """Return the target name of a study's star at a distance in metres, such as "star-160cm"."""
     return f"star-{round(100 * metres)}cm"
 
 
@@ -149,6 +149,7 @@ def _square_radius_at(focus: FocusCurve, vergence: float) -> float:
 
 
 def _halo(share: float, star: DefocusedStar, camera: Camera) -> ResultRow:
+    """Return the study's row on the halo: the light of a star that stays out of focus."""
     return ResultRow(
         f"halo: light of a star at {star.distance:g} m that stays out of focus",
         "a halo around each object (picture only)",

@@ -30,7 +30,7 @@ def build_study_plan(
 
 
 def psf_pattern_table(settings: Any, shape: str, **sizes: Any) -> dict[str, Any]:
-    """Return the table of a pattern to be retrieved for a PSF's shape, by a study's settings."""
+    """Return the plan table of a study's pattern whose PSF has a shape, from the settings."""
     return {
         "kind": "psf",
         "target": {"shape": shape, "width_um": settings.width_um, **sizes},

@@ -37,7 +37,7 @@ ACTION_SPECS = (
 
 
 def make_actions(window: QMainWindow) -> dict[str, QAction]:
-    """Create the actions of a window and return them by name."""
+    """Create the actions of the window and return them by name."""
     actions = {declared.name: _make(declared, window) for declared in ACTION_SPECS}
     window.addActions(list(actions.values()))
     return actions

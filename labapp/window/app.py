@@ -17,7 +17,7 @@ from labapp.window.remembered_settings import RememberedSettings, default_settin
 
 
 def main(**files: Path | None) -> int:
-    """Run the window on a bench until it closes, and return the exit status.
+    """Run the window on a bench until it is closed, and return the exit status.
 
     Without a bench file, the window opens on the virtual bench.
     """

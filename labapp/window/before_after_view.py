@@ -36,7 +36,10 @@ class BeforeAfterView(PictureView):
             caption.hide()
 
     def show_before_after(self, before: NDArray[np.uint8], after: NDArray[np.uint8]) -> None:
-        """Show two pictures of one shape, (rows, columns) uint8, with the divider in the middle."""
+        """Show two pictures of one shape in the window, with a divider in the middle.
+
+        The pictures are (rows, columns) uint8.
+        """
         columns = before.shape[1]
         self._before, self._after = before, after
         self.divider.setBounds((0, columns))
@@ -48,7 +51,7 @@ class BeforeAfterView(PictureView):
         self.fit()
 
     def show_only_before(self, on: bool) -> None:
-        """Show the picture before reconstruction alone, or both pictures again."""
+        """Show only the picture before reconstruction in the window, or both pictures again."""
         self._only_before = on
         self._redraw()
 

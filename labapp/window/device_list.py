@@ -59,7 +59,7 @@ class DeviceList(WrappingPanel):
         fill_layout(self._layout, self._empty, 1, margins=PANEL_MARGINS, spacing=4)
 
     def clear(self, text: str) -> None:
-        """Remove all devices from the list, and show the reason instead."""
+        """Remove all devices from the window's list, and show the reason instead."""
         for row in self.rows.values():
             self._layout.removeWidget(row)
             row.deleteLater()
@@ -76,7 +76,7 @@ class DeviceList(WrappingPanel):
         self.set_run_active(self._in_run)
 
     def set_run_active(self, on: bool) -> None:
-        """Disable the Reconnect buttons during a run, which reopens failed devices itself."""
+        """Disable the window's Reconnect buttons during a run, which reopens failed devices."""
         self._in_run = on
         for row in self.rows.values():
             row.reconnect.setEnabled(not on)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 
 def format_duration(seconds: float) -> str:
+    """Format a duration as a short text for the window."""
     if seconds < 1:
         return "under 1 s"
     if seconds < 90:

@@ -29,7 +29,10 @@ class EffectsModel(RowsModel):
         super().__init__(_COLUMNS, parent)
 
     def show_rows(self, rows: tuple[EffectInfo, ...]) -> None:
-        """Show new rows; if the effects are the same as before, the scroll position stays."""
+        """Show new rows in the window's table of effects.
+
+        If the effects are the same as before, the scroll position stays.
+        """
         if [row.name for row in rows] != [row.name for row in self.rows]:
             self.beginResetModel()
             self.rows = rows
@@ -54,13 +57,14 @@ def format_share(number: float) -> str:
 
 
 def bound_text(row: EffectInfo) -> str:
+    """Return an effect's error bound as the window's table shows it."""
     if row.error_bound is None:
         return "no limit known"
     return format_share(row.error_bound) if row.error_bound else "nothing"
 
 
 def reason_text(row: EffectInfo) -> str:
-    """Return why a simulated effect is at its level, with the estimated error of that level."""
+    """Return the window's sentence on why an effect has its level, with the estimated error."""
     forced = "forced by the scene; " if row.forced else ""
     about = f"about {format_share(row.error_estimate)}: " if row.error_estimate else ""
     return _sentence(f"{forced}{about}{row.why}")

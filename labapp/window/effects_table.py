@@ -52,7 +52,7 @@ class EffectsTable(RowsTable):
 
     @property
     def line_height(self) -> int:
-        """Return the pixels from the top of a table row's cells to the sentence below them."""
+        """Return how far below a row's top its sentence begins in the window's table, in pixels."""
         return self.fontMetrics().lineSpacing() + 6
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -60,7 +60,7 @@ class EffectsTable(RowsTable):
         self._fit_rows()
 
     def _fit_rows(self) -> None:
-        """Set the rows' heights for the present width of the table, at which sentences wrap."""
+        """Fit the row heights of the window's table to its text, which wraps at its width."""
         room = QRect(0, 0, self.viewport().width() - 2 * MARGIN, 1000)
         for number, row in enumerate(self.effects.rows):
             needed = self.fontMetrics().boundingRect(room, _WRAPPED, reason_text(row))
@@ -97,7 +97,10 @@ class _EffectPainter(QStyledItemDelegate):
 
 
 def _bar(painter: QPainter, place: QRect, row: EffectInfo, tol: float) -> None:
-    """Paint an error bound as a logarithmic bar, with its number and a mark at the tolerance."""
+    """Paint an effect's error bound in the window's table as a bar, with number and tolerance.
+
+    The bar's scale is logarithmic, and a line marks the tolerance.
+    """
     paint_bar(
         painter, place, _bar_position(row.error_bound), QColor(effect_colour(row)).darker(250)
     )
@@ -112,7 +115,7 @@ def _elide_text(painter: QPainter, text: str, width: int) -> str:
 
 
 def _bar_position(share: float | None) -> float:
-    """Return where an error bound lies on its bar, from 0 to 1; an unknown bound is at 1."""
+    """Return where an error bound lies on its bar in the window, 0 to 1; an unknown one is at 1."""
     if share is None:
         return 1.0
     if share <= _BAR_MINIMUM:

@@ -67,11 +67,11 @@ class EngineConnection(QObject):
 
     @property
     def process_id(self) -> int:
-        """Return the process id of the engine; 0 if there is none."""
+        """Return the process id of the window's engine; 0 if there is none."""
         return self._process.pid if self._process else 0
 
     def start(self) -> None:
-        """Start an engine process, after closing the one that is running."""
+        """Start an engine process for the window, after closing the one that is running."""
         self.close()
         self._last_words = ""
         reading, theirs = os.pipe()
@@ -95,7 +95,7 @@ class EngineConnection(QObject):
             self._notifiers.append(notifier)
 
     def send(self, command: Command) -> None:
-        """Send a command to the engine.
+        """Send a command of the window to its engine.
 
         If no engine is running, the command is lost; the window shows that the engine is gone.
         """
@@ -103,7 +103,7 @@ class EngineConnection(QObject):
             self._waiting.put(command)
 
     def close(self) -> None:
-        """End the engine process, which leaves the bench safe when the connection closes."""
+        """End the window's engine process, which leaves the bench safe when it is disconnected."""
         process, self._process = self._process, None
         if process is None:
             return
@@ -127,7 +127,7 @@ class EngineConnection(QObject):
                 self.report_received.emit(message)
 
     def _messages(self) -> list[object]:
-        """Return all messages of the engine that have arrived."""
+        """Return all messages of the window's engine that have arrived."""
         messages: list[object] = []
         # _end() handles the end of the engine.
         with contextlib.suppress(EOFError, OSError):
@@ -139,7 +139,7 @@ class EngineConnection(QObject):
         return messages
 
     def _forward_stderr(self, end: int) -> None:
-        """Pass on the engine's error output, in a thread of its own."""
+        """Pass on the error output of the window's engine, in a thread of its own."""
         with open(end, errors="replace") as printed:
             for line in printed:
                 self._note(line)
@@ -151,7 +151,7 @@ class EngineConnection(QObject):
             self._last_words = line.strip()[: _SETTINGS.kept_characters]
 
     def _end(self) -> None:
-        """Handle an engine that ended by itself: read its last messages and report its end."""
+        """Report to the window that its engine ended by itself, after reading its last messages."""
         self._read()
         process = self._process
         if process is None:
@@ -166,6 +166,6 @@ class EngineConnection(QObject):
 
 
 def _send(process: ChildProcess, waiting: SimpleQueue[Command | None]) -> None:
-    """Send commands to the engine from a thread: if the engine hangs, the window mustn't wait."""
+    """Send the window's commands from a thread, so that a hung engine doesn't block the window."""
     while (command := waiting.get()) is not None:
         process.send(command)

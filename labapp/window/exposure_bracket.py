@@ -18,5 +18,8 @@ class ExposureBracket:
 
     @property
     def exposures_ms(self) -> tuple[float, ...]:
-        """Return the exposure times in milliseconds, rounded to the cameras' whole microseconds."""
+        """Return the exposures that the window requests, in ms, rounded to microseconds.
+
+        Cameras expose for whole microseconds.
+        """
         return tuple(round(self.shortest_ms * self.ratio**n, 3) for n in range(self.count))

@@ -93,7 +93,7 @@ class HelpWindow(QDialog):
         self.topics.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def show_topic(self, name: str) -> None:
-        """Show the guide's page on a topic, if there is one."""
+        """Show the guide's page on a topic in the help window, if there is one."""
         for row, one in enumerate(self._pages):
             if one.name == name:
                 self.topics.setCurrentRow(row)
@@ -102,7 +102,7 @@ class HelpWindow(QDialog):
         self.page.show_page(self._pages[row].text)
 
     def _follow(self, link: QUrl) -> None:
-        """Open a link: pages of the guide open here, web addresses in the person's browser."""
+        """Open a link: the guide's pages in the help window, web addresses in the browser."""
         if link.scheme() in ("http", "https"):
             QDesktopServices.openUrl(link)
         elif link.fileName().endswith(".md"):

@@ -41,7 +41,10 @@ class HistogramView(QWidget):
         fill_layout(QVBoxLayout(self), self._plot)
 
     def show_counts(self, counts: NDArray[np.float32], width: float) -> None:
-        """Plot counts per bin of `width` DN; neighbouring bins are summed to 512 at most."""
+        """Plot the window's histogram from counts per bin of `width` DN, in at most 512 bins.
+
+        If there are more, neighbouring bins are summed.
+        """
         joined = -(-len(counts) // 512)
         padded = np.pad(counts, (0, -len(counts) % joined))
         columns = padded.reshape(-1, joined).sum(axis=1)

@@ -77,17 +77,17 @@ class LiveView(QWidget):
         self._scale = scale
 
     def set_auto_contrast(self, on: bool) -> None:
-        """Set whether the contrast levels follow every live frame or stay as they are."""
+        """Set whether the contrast of the window's live view follows every frame or stays."""
         self._auto = on
         self._redraw()
 
     def set_clipping_marks(self, on: bool) -> None:
-        """Set whether the live view shows saturated and black pixels in colour."""
+        """Set whether the window's live view shows saturated and black pixels in colour."""
         self._palette = tone_mapping.build_palette(mark_clipping=on)
         self._redraw()
 
     def set_running(self, on: bool) -> None:
-        """Set whether live view is running; if not, the last frame's caption says "STOPPED"."""
+        """Set whether the window's live view runs; if not, the last frame is marked "STOPPED"."""
         self._running = on
         if self._frame is not None:
             self._describe(self._frame)
@@ -116,7 +116,10 @@ class LiveView(QWidget):
             self._histogram.show_levels(*self.levels)
 
     def _describe(self, frame: LiveFrame) -> None:
-        """Write the frame's settings over the picture, and its saturated share and rate below."""
+        """Write the live frame's settings over the window's picture, and saturation and rate below.
+
+        The saturation is the share of saturated pixels.
+        """
         self.caption.setText(
             f"{frame.target}  ·  {frame.pattern}  ·  {frame.wavelength * 1e9:.2f} nm  ·  "
             f"{frame.exposure * 1e3:.3f} ms" + ("" if self._running else "  ·  STOPPED")
@@ -130,7 +133,10 @@ class LiveView(QWidget):
         )
 
     def _rate(self) -> float:
-        """Return the live frames per second over about a second; after a pause it starts anew."""
+        """Return the window's live frames per second, averaged over about a second.
+
+        After a pause, the count starts anew.
+        """
         recent = [t for t in self._arrivals if self._arrivals[-1] - t < _SETTINGS.rate_span]
         span = recent[-1] - recent[0]
         return (len(recent) - 1) / span if span > 0 else 0.0
@@ -152,6 +158,6 @@ class LiveView(QWidget):
         self.cursor_reading.setText(f"x {column}  y {row}   {value} DN   {share:.1f} %")
 
     def _is_inside(self, row: int, column: int) -> bool:
-        """Return whether the frame has this pixel; another bench's camera may be smaller."""
+        """Return whether the window's live frame has this pixel; frame sizes differ by bench."""
         rows, columns = self._frame.image.shape if self._frame is not None else (0, 0)
         return 0 <= row < rows and 0 <= column < columns

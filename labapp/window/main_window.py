@@ -95,7 +95,7 @@ class MainWindow(QMainWindow):
         self._restore()
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Ask before a run is lost; then save the window's settings and end the engine."""
+        """Ask before the window gives up a run, then save its settings and end its engine."""
         if (question := self._question()) and not self._confirm(question):
             event.ignore()
             return
@@ -106,7 +106,7 @@ class MainWindow(QMainWindow):
         event.accept()
 
     def show_reconstruction(self) -> None:
-        """Show the tab of the reconstruction, unless the person is viewing "Side by side"."""
+        """Show the window's tab "Reconstruction", unless the person views "Side by side"."""
         if self.tabs.currentWidget() is not self.side_by_side:
             self.tabs.setCurrentWidget(self.reconstruction)
 
@@ -125,7 +125,7 @@ class MainWindow(QMainWindow):
             self.prompt_bar.done_button.click()
 
     def show_queue(self) -> None:
-        """Show the tab of the run queue, which shares its place with "Why"."""
+        """Show the window's tab of the run queue, which shares its place with "Why"."""
         self._queue_dock.raise_()
 
     def _show_help(self) -> None:
@@ -146,9 +146,9 @@ class MainWindow(QMainWindow):
         return dock
 
     def _tab_docks(self) -> None:
-        """Put the docks "Queue" and "Why" into one place as tabs, since both are tall.
+        """Put the window's docks "Queue" and "Why" into one place as tabs; both are tall.
 
-        Nobody reads both at a time.
+        A person reads only one of them at a time.
         """
         right = Qt.DockWidgetArea.RightDockWidgetArea
         self.setTabPosition(right, QTabWidget.TabPosition.North)
@@ -165,7 +165,7 @@ class MainWindow(QMainWindow):
         self._mark_why()
 
     def _mark_why(self) -> None:
-        """Check the action "Why" as long as its dock is visible, in a tab or by itself."""
+        """Check the window's action "Why" as long as its dock is visible, in a tab or alone."""
         self.actions_["why"].setChecked(not self._why_dock.visibleRegion().isEmpty())
 
     def _arrange_docks(self) -> None:
@@ -218,6 +218,7 @@ class MainWindow(QMainWindow):
         return fields
 
     def _restore(self) -> None:
+        """Restore layout and fields of the window as the person left them."""
         self._remembered.restore_fields(self._remembered_fields())
         self.session.first_target = self._remembered.text("target")
         geometry: QByteArray = self._remembered.layout("geometry")

@@ -211,7 +211,7 @@ class BenchState:
 
     @property
     def failed_devices(self) -> set[str]:
-        """Return the bench's names of the devices that have failed or are unplugged."""
+        """Return the names of the bench's devices that the window shows as failed or unplugged."""
         return {device.name for device in self.devices if device.error}
 
 
@@ -404,12 +404,12 @@ class QueueState:
 
     @property
     def waiting_count(self) -> int:
-        """Return how many runs of the queue are waiting."""
+        """Return how many runs of the window's queue are waiting."""
         return sum(run.state is State.WAITING for run in self.runs)
 
     @property
     def is_busy(self) -> bool:
-        """Return whether a run of the queue is using the bench, or is about to."""
+        """Return whether a run of the window's queue is using the bench, or is about to."""
         return self.current_run is not None or (self.waiting_count > 0 and not self.hold_reason)
 
 

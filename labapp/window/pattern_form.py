@@ -58,12 +58,12 @@ class PatternForm(QWidget):
 
     @property
     def file(self) -> QLineEdit:
-        """Return the field for the file of a picture that is used as a pattern."""
+        """Return the window's field for the file of a picture that is used as a pattern."""
         return self.texts["image", "file"]
 
     @property
     def missing_input(self) -> str:
-        """Return what the person must still enter for the pattern; empty if nothing."""
+        """Return what the person must still enter in the window's pattern form, or ""."""
         kind = self._selected_kind
         for field in kind.fields:
             if isinstance(field, NumberField) or self.texts[kind.name, field.key].text():
@@ -72,7 +72,10 @@ class PatternForm(QWidget):
         return ""
 
     def pattern_table(self, wavelength_nm: float) -> PatternTable:
-        """Return the chosen pattern in the form of a plan file, designed for a wavelength."""
+        """Return the pattern chosen in the window as a table of a plan file.
+
+        The pattern is designed for the given wavelength.
+        """
         kind = self._selected_kind
         table = kind.build_table({field.key: self._value(kind, field) for field in kind.fields})
         return (

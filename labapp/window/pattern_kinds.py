@@ -89,6 +89,7 @@ def _kind(table: type[Table]) -> PatternKind:
 
 
 def _field(key: str, kind: type[Any], key_info: Key) -> PatternField:
+    """Describe the window's input field for a key of a pattern."""
     if key == "file":
         return FileField(key, key_info.label)
     if kind is str:

@@ -44,22 +44,22 @@ class PatternPanel(QWidget):
         return self.form.pattern_table(self._wavelength_nm)
 
     def set_wavelength(self, nanometres: float) -> None:
-        """Design patterns for this wavelength from now on; what the SLM shows stays as it is."""
+        """Design the window's patterns for this wavelength from now on; the SLM's pattern stays."""
         if nanometres != self._wavelength_nm:
             self._wavelength_nm = nanometres
             self.schedule_preview()
 
     def set_run_active(self, on: bool) -> None:
-        """Disable "Show on SLM" during a run; a pattern for the next bracket can be chosen."""
+        """Disable the window's "Show on SLM" during a run; the next pattern can be chosen."""
         self.show_button.setEnabled(not on)
 
     def schedule_preview(self) -> None:
-        """Request the pattern's preview from the engine once nothing has changed for a moment."""
+        """Request a preview from the window's engine when no setting has changed for a moment."""
         self.note.setText("computing the preview …")
         self._pause.start()
 
     def show_preview(self, preview: PatternPreview) -> None:
-        """Show a pattern's preview, unless another pattern has been chosen since."""
+        """Show a pattern's preview in the window, unless another one has been chosen since."""
         if preview.pattern != self.pattern_table():
             return
         self._chosen = preview.name
@@ -73,7 +73,7 @@ class PatternPanel(QWidget):
         )
 
     def show_no_preview(self) -> None:
-        """Remove the preview of an earlier pattern, because the one requested didn't come."""
+        """Clear the window's preview of an earlier pattern, as the requested one didn't come."""
         if self.note.text().startswith("computing"):
             self.note.setText("no preview")
             self.grey.clear()
@@ -84,7 +84,7 @@ class PatternPanel(QWidget):
         self._compare()
 
     def _compare(self) -> None:
-        """Name the pattern on the SLM, in another colour if it isn't the chosen one."""
+        """Name the SLM's pattern in the window, in another colour if it isn't the chosen one."""
         self.displayed_label.setText(f"On the SLM: {self._on_panel}")
         mark_difference(self.displayed_label, self._chosen not in ("", self._on_panel))
 

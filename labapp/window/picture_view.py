@@ -41,7 +41,10 @@ class PictureView(QWidget):
         return QSize(320, 200)
 
     def show_indices(self, indices: NDArray[np.uint8], palette: NDArray[np.uint8]) -> None:
-        """Show a picture, (rows, columns) uint8, of indices into a (256, 3) palette of colours."""
+        """Show a picture of palette indices, (rows, columns) uint8, in the window.
+
+        The palette is (256, 3) colours.
+        """
         self._item.setImage(indices, levels=(0, 255), lut=palette, autoLevels=False)
         if indices.shape != self._shape:
             self._shape = (indices.shape[0], indices.shape[1])
@@ -53,18 +56,18 @@ class PictureView(QWidget):
 
     @property
     def reduction(self) -> int:
-        """Return how many picture pixels share a pixel of the screen along an axis, at least 1."""
+        """Return how many picture pixels share a pixel of the window along an axis, at least 1."""
         width, height = self.box.viewPixelSize()
         # The tolerance of 0.01 gives a picture at its own size 1, despite rounding errors.
         return max(1, math.ceil(max(width, height) - 0.01))
 
     def link(self, other: PictureView) -> None:
-        """Zoom and move this view together with another one."""
+        """Link this picture of the window to another one: both zoom and move together."""
         self.box.setXLink(other.box)
         self.box.setYLink(other.box)
 
     def pixel_position(self, row: int, column: int) -> QPointF:
-        """Return the position of the centre of a picture's pixel on this widget."""
+        """Return where the centre of a picture's pixel is on this widget of the window."""
         scene = self.box.mapViewToScene(QPointF(column + 0.5, row + 0.5))
         return QPointF(self._view.mapFromScene(scene))
 

@@ -39,7 +39,7 @@ class PromptBar(QWidget):
 
     @property
     def is_asking(self) -> bool:
-        """Return whether the bar shows a prompt, which Enter confirms."""
+        """Return whether the window's bar shows a prompt, which Enter confirms."""
         return self.isVisible() and self.done_button.isVisible()
 
     def show_queue(self, queue: QueueState) -> None:

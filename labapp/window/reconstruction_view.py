@@ -61,7 +61,7 @@ class ReconstructionView(QWidget):
 
     @property
     def method_and_budget(self) -> tuple[str, float | None]:
-        """Return the chosen method and its processor seconds; None for the usual time."""
+        """Return method and processor seconds chosen in the window; None for the usual time."""
         return METHODS[self.method.currentText()], self.budget.value() or None
 
     def show_result(self, result: ReconstructionResult) -> None:

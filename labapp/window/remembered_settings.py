@@ -55,13 +55,14 @@ class RememberedSettings:
             self._settings.setValue(key, _get(field))
 
     def save(self) -> None:
-        """Write the settings file; if that isn't possible, log a warning."""
+        """Write the file of the window's settings; if that isn't possible, log a warning."""
         self._settings.sync()
         if self._settings.status() != QSettings.Status.NoError:
             log.warning("%s: the settings could not be kept", self._settings.fileName())
 
 
 def _set(field: QWidget, text: str) -> None:
+    """Set a field of the window to its saved value."""
     if isinstance(field, QDoubleSpinBox):
         value = float(text)
         if not math.isfinite(value):
@@ -76,6 +77,7 @@ def _set(field: QWidget, text: str) -> None:
 
 
 def _get(field: QWidget) -> str:
+    """Return the value of a field of the window, to be saved."""
     if isinstance(field, QDoubleSpinBox | QSpinBox):
         return str(field.value())
     if isinstance(field, QLineEdit):

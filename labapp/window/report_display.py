@@ -62,10 +62,11 @@ class ReportDisplay:
         }
 
     def show_report(self, report: object) -> None:
+        """Show a report of the window's engine where it belongs."""
         self._show[type(report)](report)
 
     def show_engine_death(self, how: str) -> None:
-        """Show that the engine ended by itself, and clear values that are no longer known."""
+        """Show in the window that its engine ended by itself; clear what is no longer known."""
         window = self._window
         window.bar.badge.show_bench_closed()
         window.settings.clear_read_back()
@@ -160,7 +161,7 @@ class ReportDisplay:
         self._window.message.show_message(f"{name} is open again. Live view starts with F5.")
 
     def _reconstruction_result(self, report: ReconstructionResult) -> None:
-        """Show the result of a reconstruction, and bring its tab to the front."""
+        """Show a reconstruction's result in the window, and bring its tab to the front."""
         window = self._window
         window.reconstruction.show_result(report)
         window.side_by_side.show_result(report)
@@ -174,7 +175,7 @@ class ReportDisplay:
 
 
 def _rest(report: RunEnded) -> str:
-    """Describe what an incomplete run left on disk, and the state of the bench."""
+    """Describe for the window what an incomplete run left on disk, and the bench's state."""
     if report.path is None:
         return "Nothing was moved or written."
     return (

@@ -71,7 +71,7 @@ class RunPanel(WrappingPanel):
         self.message.setText(message)
 
     def show_run(self, run: RunInfo) -> None:
-        """Show the progress of the run under way, or the state of the run that ended last."""
+        """Show in the window how the run under way proceeds, or how the last one ended."""
         under_way = run.state.is_under_way
         shown = under_way or run.state is State.COMPLETE
         self.bar.setValue(round(1000 * run.fraction) if shown else 0)
@@ -111,6 +111,7 @@ class RunPanel(WrappingPanel):
         fill_layout(QVBoxLayout(self), *asked, *told, margins=PANEL_MARGINS, spacing=5)
 
     def _sum_up(self) -> None:
+        """Say in the window how many frames the requested brackets have, and their size."""
         star, photograph = self.star.bracket, self.photograph.bracket
         darks = len({*star.exposures_ms, *photograph.exposures_ms}) * DARK_FRAMES
         # Star and photograph are taken with two patterns, the neutral and the chosen one.
@@ -130,7 +131,7 @@ class RunPanel(WrappingPanel):
 
 
 def _describe(run: RunInfo) -> str:
-    """Describe what a run of the queue is doing now."""
+    """Describe for the window what a run of its queue is doing now."""
     if run.state is State.PAUSED:
         return "paused"
     return f"pausing after this frame: {run.message}" if run.pause_requested else run.message

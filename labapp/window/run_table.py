@@ -36,7 +36,7 @@ class RunModel(RowsModel):
         super().__init__(dict.fromkeys(_COLUMNS, ""), parent)
 
     def show_runs(self, runs: tuple[RunInfo, ...]) -> None:
-        """Update the table's runs: new ones are added at the end, and any may be removed."""
+        """Update the window's table of runs: drop rows of removed runs, and append new ones."""
         numbers = {run.number for run in runs}
         kept = list(self.rows)
         for row in reversed(range(len(kept))):
@@ -120,6 +120,7 @@ class RunTable(RowsTable):
 
 
 def _time(run: RunInfo) -> str:
+    """Return the time of a run as the window's table shows it."""
     if run.state is State.WAITING:
         return f"takes {format_duration(run.expected_bench_seconds)}"
     if run.state is State.PAUSED:
@@ -137,7 +138,7 @@ def _two_lines(
     *,
     bold: bool = False,
 ) -> None:
-    """Paint two lines of a table, each a text with its colour.
+    """Paint two lines in the window's table of runs, each a text with its colour.
 
     A second line that is too long loses its middle, where names of records differ least.
     """
@@ -155,7 +156,7 @@ def _two_lines(
 
 
 def _bar(painter: QPainter, place: QRect, run: RunInfo, colour: QColor) -> None:
-    """Paint a bar of a run's stored frames as a share of the planned ones."""
+    """Paint a bar in the window's table of runs: stored frames as a share of the planned ones."""
     bar = QRect(place.left(), place.top(), place.width(), painter.fontMetrics().height() + 3)
     bar.moveCenter(place.center())
     share = run.stored_frames / run.planned_frames if run.planned_frames else 0.0

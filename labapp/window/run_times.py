@@ -25,7 +25,7 @@ class RunTimes(QLabel):
         self._timer.timeout.connect(self._update)
 
     def set_virtual(self, on: bool) -> None:
-        """Set whether the bench has a virtual clock, which runs faster than real time."""
+        """Set whether the window's bench has a virtual clock, which runs faster than real time."""
         self._unit = " of bench time" if on else ""
 
     def show_run(self, run: RunInfo) -> None:

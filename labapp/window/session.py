@@ -57,11 +57,11 @@ class Session(QObject):
 
     @property
     def is_run_active(self) -> bool:
-        """Return whether a run is using the bench, or is about to."""
+        """Return whether a run of the window is using the bench, or is about to."""
         return self.queue.is_busy
 
     def on_bench_opened(self, bench: BenchOpened) -> None:
-        """Send the person's settings to a newly opened bench, and start live view."""
+        """Send the window's settings to a newly opened bench, and start live view."""
         window = self._window
         self._open = True
         window.settings.adopt_bench_ranges(
@@ -73,7 +73,7 @@ class Session(QObject):
         self._allow()
 
     def on_run_completed(self, run: Path) -> None:
-        """Note the record of a complete run, so that the person can reconstruct it."""
+        """Note a complete run's record, so that the person can reconstruct it in the window."""
         self._last_run = run
         self._allow()
 
@@ -120,6 +120,7 @@ class Session(QObject):
             actions[name].triggered.connect(change)
 
     def _allow(self) -> None:
+        """Enable the window's actions that are possible now, and disable the others."""
         window, free = self._window, self._open and not self.job
         idle = free and not self.is_run_active
         # The next run can be prepared and queued while one is under way.
@@ -149,7 +150,7 @@ class Session(QObject):
             self._connection.send(SetWavelength(wavelength))
 
     def send_pending_wavelength(self) -> None:
-        """Send the wavelength that was chosen during a run, once live view is running again."""
+        """Send the wavelength chosen in the window during a run, once live view runs again."""
         if (
             self._wavelength_pending
             and not self.is_run_active

@@ -58,7 +58,7 @@ class SettingsPanel(QWidget):
         self.exposure.valueChanged.connect(lambda ms: self.exposure_requested.emit(ms * 1e-3))
 
     def adopt_bench_ranges(self, bench: BenchOpened, target: str) -> None:
-        """Take over the bench's ranges and targets, and choose `target` if the bench has it."""
+        """Give the window's fields the bench's ranges and targets; choose `target` if it exists."""
         for box, (low, high), unit in (
             (self.wavelength, bench.wavelength_range, 1e-9),
             (self.exposure, bench.exposure_range, 1e-3),
@@ -74,13 +74,16 @@ class SettingsPanel(QWidget):
                 self.target.setCurrentText(name)
 
     def request_all_settings(self) -> None:
-        """Request every setting of the panel from a bench that has just opened."""
+        """Request every setting in the window from a bench that has just opened."""
         self.target_requested.emit(self.target.currentText())
         self.wavelength_requested.emit(self.wavelength.value() * 1e-9)
         self.exposure_requested.emit(self.exposure.value() * 1e-3)
 
     def set_run_active(self, on: bool) -> None:
-        """Disable target and exposure during a run; the wavelength can be set for the next one."""
+        """Disable the window's target and exposure during a run, but not the wavelength.
+
+        The wavelength can be set for the next run.
+        """
         self.target.setEnabled(not on)
         self.exposure.setEnabled(not on)
 
@@ -106,6 +109,6 @@ class SettingsPanel(QWidget):
 
 
 def _read(value_label: QLabel, text: str, differs: bool) -> None:
-    """Show a value that was read back, in another colour if it differs from the value set."""
+    """Show a value read back in the window, in another colour if it differs from the value set."""
     value_label.setText(text)
     mark_difference(value_label, differs)

@@ -73,7 +73,7 @@ class RowsTable(QTableView):
     def set_up(
         self, model: RowsModel, painter: QAbstractItemDelegate, wide: int, widths: dict[int, int]
     ) -> None:
-        """Attach the table's model and painter, and set the widths of its columns.
+        """Attach model and painter to a table of the window, and set the widths of its columns.
 
         The column `wide` takes the room that is left; `widths` are the others' widths in pixels.
         """
@@ -93,7 +93,7 @@ class RowsTable(QTableView):
 
 
 def paint_bar(painter: QPainter, place: QRect, share: float, colour: QColor) -> None:
-    """Paint a bar in a table: a frame, filled from the left to a share of its width.
+    """Paint a bar in a table of the window: a frame, filled from the left to a share of its width.
 
     The painter's pen is left at the colour of text.
     """

@@ -91,6 +91,7 @@ QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {EDGE}; }}
 
 
 def apply_theme(application: QApplication) -> None:
+    """Give the window its theme: palette, font and style sheet."""
     application.setStyle("Fusion")
     palette = QPalette()
     role = QPalette.ColorRole

@@ -36,7 +36,7 @@ class Thumbnail(QWidget):
         self.update()
 
     def show_decades(self, psf: NDArray[np.float32], decades: int) -> None:
-        """Show the logarithm of a PSF over some decades below its peak."""
+        """Show a PSF's logarithm as a thumbnail in the window, down to `decades` below the peak."""
         share = np.maximum(psf / psf.max(), 10.0**-decades)
         self.show_grey(np.rint(255 * (np.log10(share) / decades + 1)).astype(np.uint8))
 

@@ -34,14 +34,20 @@ class DigitalScale:
 
 
 def histogram(image: NDArray[np.uint16], scale: DigitalScale) -> tuple[NDArray[np.float32], float]:
-    """Return a live frame's pixels per bin over the whole range, and a bin's width in DN."""
+    """Return the window's histogram of a live frame: pixels per bin, and a bin's width in DN.
+
+    The bins cover the whole range of digital numbers.
+    """
     bins = min(4096, scale.numbers)
     counts = cv2.calcHist([image], [0], None, [bins], [0, scale.numbers])
     return np.asarray(counts, dtype=np.float32).ravel(), scale.numbers / bins
 
 
 def auto_levels(counts: NDArray[np.float32], width: float) -> tuple[float, float]:
-    """Return contrast levels that exclude the darkest 0.5 % and the brightest 0.01 % of pixels."""
+    """Return automatic contrast levels, (black, white) in DN, for the window's live view.
+
+    The darkest 0.5 % and the brightest 0.01 % of the pixels lie outside them.
+    """
     share = np.cumsum(counts)
     total = float(share[-1])
     low = float(np.searchsorted(share, 0.005 * total)) * width
@@ -53,7 +59,10 @@ def auto_levels(counts: NDArray[np.float32], width: float) -> tuple[float, float
 def index_picture(
     image: NDArray[np.uint16], levels: tuple[float, float], scale: DigitalScale
 ) -> NDArray[np.uint8]:
-    """Return the palette indices of a raw picture at contrast levels (black, white) in DN."""
+    """Return the palette indices that show a raw picture in the window at contrast levels.
+
+    The levels are (black, white) in DN.
+    """
     low, high = levels
     numbers = np.arange(max(scale.numbers, int(image.max(initial=0)) + 1), dtype=np.float32)
     share = np.clip((numbers - low) / max(high - low, 1e-6), 0, 1)
@@ -64,7 +73,7 @@ def index_picture(
 
 
 def spread_saturated(indices: NDArray[np.uint8], reduction: int) -> NDArray[np.uint8]:
-    """Enlarge saturated pixels so that none is lost when the screen skips picture pixels."""
+    """Enlarge saturated pixels so that the window shows all, even where it skips pixels."""
     if reduction <= 1:
         return indices
     saturated = (indices == SATURATED_INDEX).astype(np.uint8)
@@ -73,7 +82,10 @@ def spread_saturated(indices: NDArray[np.uint8], reduction: int) -> NDArray[np.u
 
 
 def build_palette(*, mark_clipping: bool) -> NDArray[np.uint8]:
-    """Return the palette's colours, (256, 3): clipped pixels are marked, or black and white."""
+    """Return the window's palette for pictures, (256, 3), with clipped pixels marked or not.
+
+    Clipped pixels are black and white if they aren't marked.
+    """
     grey = np.zeros(256)
     grey[_BLACK_INDEX : _WHITE_INDEX + 1] = np.linspace(0, 255, _WHITE_INDEX - _BLACK_INDEX + 1)
     grey[SATURATED_INDEX] = 255

@@ -58,7 +58,7 @@ def fill_layout(
     margins: Margins = (0, 0, 0, 0),
     spacing: int | None = None,
 ) -> QBoxLayout:
-    """Put widgets and layouts of a panel into a row or a column.
+    """Put widgets and layouts into a row or a column of a panel in the window.
 
     A part may come with a stretch factor; a number alone is empty room with that factor.
     """

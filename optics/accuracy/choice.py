@@ -35,14 +35,16 @@ class CandidateMethod(ABC):
     @property
     @abstractmethod
     def bytes(self) -> int:
-        """The size of the candidate method's largest arrays in bytes."""
+        """The size in bytes of a candidate method's largest arrays, part of its predicted cost."""
 
     @abstractmethod
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the method's processor time per call in seconds, for a given machine speed."""
+        """Predict a candidate method's cost per call, in processor seconds at a machine's speed."""
 
     def prepare(self) -> None:  # noqa: B027 (many methods prepare nothing)
-        """Prepare the candidate method: compute what is reused between calls.
+        """Prepare a candidate method, or raise ToleranceError if it misses its tolerance.
+
+        The preparation computes what is reused between calls.
 
         Raises
         ------
@@ -55,7 +57,7 @@ O = TypeVar("O", bound=CandidateMethod)  # noqa: E741
 
 
 def select_methods(methods: Collection[str], method: str | None, what: str = "") -> list[str]:
-    """List the names of all methods, or only of the requested one.
+    """List the names of all methods to choose from by accuracy and cost, or the requested one.
 
     Parameters
     ----------
@@ -134,6 +136,7 @@ class MethodChoice(Generic[O]):
         return offer.cpu_seconds(self._budget.speed)
 
     def _require_affordable(self, offer: O) -> None:
+        """Raise ToleranceError for a candidate method beyond the budget of memory or time."""
         what = f"{self._what} by {offer.name}"
         require_memory(what, offer.bytes, self._budget.memory, self._remedy)
         seconds = self._seconds_of(offer)
@@ -145,7 +148,7 @@ class MethodChoice(Generic[O]):
 
     @property
     def seconds(self) -> float:
-        """The predicted seconds of the cheapest candidate's call; infinite without a candidate."""
+        """The predicted seconds of the cheapest method within the tolerance; infinite if none."""
         return self._seconds_of(self.candidates[0]) if self.candidates else math.inf
 
     def prepared_candidates(self) -> Iterator[O]:
@@ -170,7 +173,7 @@ class MethodChoice(Generic[O]):
 
 
 def cheapest_candidate(candidates: Iterable[O], budget: Budget, what: str) -> O:
-    """Choose the candidate of least predicted processor time that fits in memory.
+    """Choose the method of least predicted processor time within the memory budget.
 
     Parameters
     ----------
@@ -227,7 +230,7 @@ class IterationOption:
 
 
 def best_within(budget: float, settings: Sequence[IterationOption]) -> IterationOption:
-    """Choose the iterative method that gains most within a time budget.
+    """Choose, by predicted cost, the iterative method that gains most within a time budget.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ class ToleranceError(ValueError):
 
 
 def unreachable_tolerance_error(tol: float, floor: float) -> ToleranceError:
-    """Build the error for a tolerance that is smaller than can be kept.
+    """Build the ToleranceError for a tolerance that is smaller than can be kept.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def unreachable_tolerance_error(tol: float, floor: float) -> ToleranceError:
 
 
 def require_memory(what: str, needed_bytes: float, allowed_bytes: int, remedy: str) -> None:
-    """Raise ToleranceError if a computation needs more memory than is allowed.
+    """Raise ToleranceError if a method needs more memory than its budget allows.
 
     Parameters
     ----------

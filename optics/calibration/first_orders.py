@@ -40,11 +40,11 @@ def measure_first_orders(
     sensor: Sensor,
     wavelength: float,
 ) -> list[FirstOrders]:
-    """Measure the first-order light of every region in a sweep, weighted by its spots' shapes.
+    """Measure every region's first-order light in a calibration sweep of gratings.
 
-    frames: digital numbers as read. dark: the mean dark frame of the same exposure time. vectors:
-    those of the regions' gratings, (regions, 2). region_shape: (rows, columns) of a region's panel
-    pixels.
+    The light is weighted by the shapes of the region's spots. frames: digital numbers as read.
+    dark: the mean dark frame of the same exposure time. vectors: grating vectors of the regions,
+    (regions, 2). region_shape: (rows, columns) of a region's panel pixels.
 
     A pixel's weight is its mean in the brighter half of the sweep less that in the dimmer half.
     All pixels of a spot vary in proportion, so that any weights keep the dependence on the phase
@@ -72,7 +72,10 @@ def _windows(
     shape: tuple[int, ...],
     wavelength: float,
 ) -> list[tuple[slice, slice]]:
-    """Return pixel windows around those of the two first orders that lie wholly on the sensor."""
+    """Return pixel windows around a calibration grating's two first orders.
+
+    A window that doesn't lie wholly on the sensor is left out.
+    """
     stretch = wavelength / registration.wavelength
     line = stretch * np.hypot(*(registration.matrix / np.array(region_shape)).T)
     # A spot extends over three line widths of its region's grating, and at least two more pixels
@@ -95,6 +98,8 @@ def _measure_region(
     sensor: Sensor,
     number: int,
 ) -> FirstOrders:
+    """Measure one region's first-order light in the frames of a calibration sweep."""
+
     def cut(frame: NDArray[Any]) -> Array:
         return np.concatenate([frame[window].ravel() for window in windows]).astype(np.float64)
 

@@ -38,7 +38,10 @@ rotation and no reflection maps this set onto itself."""
 
 
 def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tuple[slice, slice]]:
-    """Return the (rows, columns) of every region of a panel, region row by region row."""
+    """Return the slices (rows, columns) of every panel region that is calibrated.
+
+    The regions follow each other row by row.
+    """
     if min(regions) < 1 or regions[0] > shape[0] or regions[1] > shape[1]:
         raise ValueError(
             f"regions is {regions}; a panel of {shape[0]}x{shape[1]} pixels has 1x1 to as many "
@@ -50,7 +53,7 @@ def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tupl
 
 
 def registration_vectors(max_frequency: float) -> Array:
-    """Return six grating vectors for a registration, (6, 2).
+    """Return six vectors of calibration gratings that register panel and sensor, (6, 2).
 
     No rotation and no reflection maps the set onto itself. max_frequency: cycles per panel pixel,
     low enough for the spots to fall on the sensor in any orientation.
@@ -70,7 +73,7 @@ def registration_vectors(max_frequency: float) -> Array:
 def region_vectors(
     shape: tuple[int, int], regions: tuple[int, int], max_frequency: float, blur: float = 0.0
 ) -> Array:
-    """Choose a grating vector for every region, (regions, 2), so that spots don't overlap.
+    """Choose one calibration grating vector per region, (regions, 2), so that spots don't overlap.
 
     Each vector has whole numbers of cycles in its region. A region's light is then dark where the
     other regions send theirs, because the line shape of a rectangle is zero at all other points of
@@ -101,9 +104,9 @@ def region_vectors(
 
 
 def _lattice(lines: NDArray[np.int64], max_frequency: float) -> NDArray[np.int64]:
-    """Return the grating vectors up to a length, one of each pair of opposites.
+    """Return the calibration grating vectors up to a length, one of each pair of opposites.
 
-    They are in cycles per region, (y, x).
+    The vectors are in cycles per region, (y, x).
     """
     most = np.floor(max_frequency * lines).astype(int)
     grid = np.mgrid[-most[0] : most[0] + 1, 0 : most[1] + 1].reshape(2, -1).T
@@ -113,7 +116,7 @@ def _lattice(lines: NDArray[np.int64], max_frequency: float) -> NDArray[np.int64
 def _choose_lattice_points(
     grid: NDArray[np.int64], count: int, separation: Array
 ) -> list[NDArray[np.int64]]:
-    """Choose up to `count` grating vectors whose spots lie apart from each other.
+    """Choose up to `count` calibration grating vectors whose spots lie apart from each other.
 
     separation: least distance in line widths, (y, x).
     """
@@ -138,9 +141,10 @@ def _choose_lattice_points(
 def stripe_pattern(
     shape: tuple[int, int], regions: tuple[int, int], vectors: Array, low: int, high: int
 ) -> NDArray[np.uint8]:
-    """Draw a pattern of equally wide stripes of two grey levels in every region.
+    """Draw a calibration grating in every region: equally wide stripes of two grey levels.
 
-    It is (rows, columns). vectors: grating vectors of the regions, row by row.
+    The result is the pattern's grey levels, (rows, columns). vectors: grating vectors of the
+    regions, row by row.
     """
     grey = np.empty(shape, dtype=np.uint8)
     for (rows, columns), vector in zip(region_slices(shape, regions), vectors, strict=True):
@@ -155,9 +159,9 @@ def stripe_pattern(
 
 
 def blazed_grating_phase(shape: tuple[int, int], vector: Sequence[float]) -> Array:
-    """Compute the phase of a blazed grating, (rows, columns), in radians, 0 at the panel's centre.
+    """Compute the phase of a blazed calibration grating in radians, (rows, columns).
 
-    vector: (y, x) in cycles per panel pixel.
+    The phase is 0 at the panel's centre. vector: (y, x) in cycles per panel pixel.
     """
     rows, columns = shape
     y = (np.arange(rows) - rows // 2)[:, None]
@@ -168,7 +172,7 @@ def blazed_grating_phase(shape: tuple[int, int], vector: Sequence[float]) -> Arr
 def max_grating_frequency(
     shape: tuple[int, int], sensor_pitch: float, panel_pitch: float, scale: float
 ) -> float:
-    """Compute the highest grating frequency whose light surely falls on the sensor.
+    """Compute the highest calibration grating frequency whose light surely falls on the sensor.
 
     The result is in cycles per panel pixel. shape: (rows, columns) of the sensor. The pitches are
     in metres. scale: wavelength times the distance from lens to sensor, in square metres. The

@@ -77,7 +77,7 @@ class PhaseCurve:
 
     @property
     def _prior_sigmas(self) -> dict[int, float]:
-        """The prior standard deviations of a phase curve's parameters, by index."""
+        """The prior standard deviations of the calibration fit's parameters, by index."""
         return {
             BLUR2: SETTINGS.usual_blur2,
             RIPPLE2: SETTINGS.usual_ripple2,
@@ -94,12 +94,12 @@ class PhaseCurve:
 
     @property
     def phase_range(self) -> float:
-        """The phase at the highest grey level, radians."""
+        """The fitted phase of the calibration curve at the highest grey level, radians."""
         return float(self.increments.sum())
 
     @cached_property
     def basis(self) -> Array:
-        """The derivative of the phase step of each frame by each increment, (n, count)."""
+        """The derivative of each calibration frame's phase step by each increment, (n, count)."""
         low, high = (
             monotone_spline_basis(levels, self.top, self.increment_count)
             for levels in (self.sweep.low, self.sweep.high)
@@ -107,7 +107,7 @@ class PhaseCurve:
         return high - low
 
     def predicted_light(self, parameters: Array | None = None) -> Array:
-        """Predict the light in the first orders of each frame, (n,)."""
+        """Predict the first-order light of each calibration frame from the phase curve, (n,)."""
         p = self.parameters if parameters is None else parameters
         return p[SWING] * self._relative_light(p) + p[OFFSET]
 
@@ -116,16 +116,16 @@ class PhaseCurve:
         return self.sweep.law(steps, p[BLUR2], p[RIPPLE2]) + p[GHOST] * np.sin(steps)
 
     def residuals(self, parameters: Array) -> Array:
-        """Compute the phase curve's residuals in standard deviations, (n + 3,).
+        """Compute the calibration fit's residuals in standard deviations, (n + 3,).
 
-        The last three are those of the priors.
+        The last three residuals belong to the priors.
         """
         misfit = (self.predicted_light(parameters) - self.sweep.light) / self.sweep.noise
         known = [parameters[k] / usual for k, usual in self._prior_sigmas.items()]
         return np.concatenate([misfit, known])
 
     def jacobian(self, parameters: Array) -> Array:
-        """Compute the derivatives of the phase curve's residuals, (n + 3, parameters)."""
+        """Compute the derivatives of the calibration fit's residuals, (n + 3, parameters)."""
         p, law, dr = parameters, self.sweep.law, SETTINGS.difference_step
         steps = self.basis @ p[FIRST_INCREMENT:]
         share = law(steps, p[BLUR2], p[RIPPLE2])
@@ -142,7 +142,7 @@ class PhaseCurve:
 
     @property
     def misfit(self) -> Array:
-        """The residuals of the light without the priors, in standard deviations, (n,)."""
+        """The calibration fit's residuals without the priors, in standard deviations, (n,)."""
         return self.residuals(self.parameters)[: -len(self._prior_sigmas)]
 
     @property
@@ -151,12 +151,15 @@ class PhaseCurve:
 
     @property
     def information_criterion(self) -> float:
-        """The fit's Bayesian information criterion, for noise of unknown scale; less is better."""
+        """The calibration fit's Bayesian information criterion; less is better.
+
+        The criterion assumes noise of unknown scale.
+        """
         n = len(self.sweep.light)
         return n * math.log(max(self.cost, 1e-3 * n) / n) + len(self.parameters) * math.log(n)
 
     def covariance(self, inliers: NDArray[np.bool_]) -> Array:
-        """Compute the covariance of the curve's parameters from the inlier frames, (p, p).
+        """Compute the covariance of the calibration fit's parameters from inlier frames, (p, p).
 
         A parameter on a bound counts as free, so that the covariance isn't too small.
         """
@@ -165,14 +168,17 @@ class PhaseCurve:
         return np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
 
     def with_fitted_swing(self) -> PhaseCurve:
-        """Return the phase curve with the best-fitting swing and offset, which are linear."""
+        """Return the calibration curve with its linear parameters, swing and offset, fitted."""
         share = self._relative_light(self.parameters)
         design = np.column_stack([share, np.ones_like(share)]) / self.sweep.noise[:, None]
         lamp, *_ = np.linalg.lstsq(design, self.sweep.light / self.sweep.noise, rcond=None)
         return replace(self, parameters=np.concatenate([lamp, self.parameters[2:]]))
 
     def fit(self) -> PhaseCurve:
-        """Fit the phase curve to its sweep by least squares, from its own parameters on."""
+        """Fit the phase curve to its calibration sweep by least squares.
+
+        The fit starts from the curve's own parameters.
+        """
         lower = np.zeros_like(self.parameters)
         upper = np.full_like(self.parameters, np.inf)
         ghost = SETTINGS.most_ghost
@@ -190,7 +196,7 @@ class PhaseCurve:
         return replace(self, parameters=found.x)
 
     def with_increments(self, count: int) -> PhaseCurve:
-        """Return the same phase curve with another number of increments."""
+        """Return the same calibration curve with another number of spline increments."""
         fine = np.linspace(0, self.top, 8 * count)
         phase = monotone_spline_basis(fine, self.top, self.increment_count) @ self.increments
         basis = monotone_spline_basis(fine, self.top, count)
@@ -200,10 +206,11 @@ class PhaseCurve:
 
 
 def monotone_spline_basis(levels: Array | NDArray[np.int64], top: int, count: int) -> Array:
-    """Compute the basis of a monotone phase spline: its change by each increment, (levels, count).
+    """Compute the basis of a monotone phase spline for calibration fits, (levels, count).
 
-    The curve is 0 at level 0. It is a cubic spline over 0 to `top`, with denser knots at the ends.
-    It rises if its coefficients rise (de Boor 1978), that is, if no increment is negative.
+    Each column is the change of the spline by one increment. The curve is 0 at level 0. It is a
+    cubic spline over 0 to `top`, with denser knots at the ends. It rises if its coefficients rise
+    (de Boor 1978), that is, if no increment is negative.
     """
     x = np.linspace(0, 1, count - 1)
     density = SETTINGS.end_knot_density

@@ -64,39 +64,43 @@ class Registration:
     inliers: NDArray[np.bool_]
 
     def to_pixels(self, vectors: Array, wavelength: float | None = None) -> Array:
-        """Convert grating vectors (..., 2) to positions on the sensor in pixels, (y, x) of both."""
+        """Convert grating vectors (..., 2) to sensor pixels by the calibrated registration.
+
+        Vectors and pixels are (y, x).
+        """
         return np.asarray(self.centre) + self._wavelength_ratio(wavelength) * (
             vectors @ self.matrix.T
         )
 
     def to_vectors(self, pixels: Array, wavelength: float | None = None) -> Array:
-        """Convert positions on the sensor in pixels to the grating vectors that send light there.
+        """Convert sensor pixels (..., 2) to grating vectors by the calibrated registration.
 
-        Both are (..., 2).
+        A grating of the returned vector sends light to the pixel. The vectors are (..., 2).
         """
         away = (pixels - np.asarray(self.centre)) / self._wavelength_ratio(wavelength)
         return away @ np.linalg.inv(self.matrix).T
 
     def uncertainty(self, vectors: Array) -> Array:
-        """Compute the registration's standard deviation at grating vectors, in pixels, (...).
+        """Compute the calibrated registration's standard deviation in pixels, (...).
 
-        It holds along either axis.
+        vectors: grating vectors, (..., 2). The standard deviation is the same along both axes.
         """
         ones = np.ones((*vectors.shape[:-1], 1))
         design = np.concatenate([ones, vectors], axis=-1)
         return np.sqrt(np.einsum("...i,ij,...j", design, self.covariance, design))
 
     def field_uncertainty(self, shape: tuple[int, int]) -> float:
-        """Compute the registration's largest uncertainty at the corners of a sensor, in pixels.
+        """Compute the calibrated registration's largest uncertainty on a sensor, in pixels.
 
-        shape: (rows, columns) of the sensor.
+        The uncertainty is largest at one of the sensor's corners. shape: (rows, columns) of the
+        sensor.
         """
         corners = np.array(list(itertools.product((0, shape[0] - 1), (0, shape[1] - 1))), float)
         return float(self.uncertainty(self.to_vectors(corners)).max())
 
     @property
     def residual(self) -> float:
-        """The root mean square distance between the inlier spots and the fit, in pixels."""
+        """The root mean square misfit of inlier spots to the calibrated registration, pixels."""
         return float(np.sqrt((self.residuals[self.inliers] ** 2).sum(1).mean()))
 
     @property
@@ -104,11 +108,12 @@ class Registration:
         return decompose_affine(self.matrix)
 
     def _wavelength_ratio(self, wavelength: float | None) -> float:
+        """Return a wavelength divided by the wavelength of the calibrated registration."""
         return 1.0 if wavelength is None else wavelength / self.wavelength
 
 
 def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Registration:
-    """Fit the registration to grating vectors and the spots that they made.
+    """Fit the calibrated registration of panel and sensor to grating vectors and their spots.
 
     vectors: (spots, 2) cycles per panel pixel; (0, 0) is the zeroth order of a neutral pattern,
     which must be among them. If the panel's response differs from region to region and isn't
@@ -157,7 +162,10 @@ def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Regist
 
 
 def _find_steered_spots(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.bool_]:
-    """Tell which spots are steered; raise ValueError if they don't determine a registration."""
+    """Tell which calibration spots are steered.
+
+    Raises ValueError if the spots don't determine a registration.
+    """
     if vectors.shape != (len(spots), 2):
         raise ValueError(f"vectors are {vectors.shape}; {len(spots)} spots need ({len(spots)}, 2)")
     steered: NDArray[np.bool_] = np.hypot(*vectors.T) > 0
@@ -174,7 +182,7 @@ def _find_steered_spots(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.boo
 
 
 def _find_consensus(design: Array, places: Array, sigma: Array) -> NDArray[np.bool_]:
-    """Find the spots that agree with the best map through any three of them."""
+    """Find the calibration spots that agree with the best map through any three of them."""
     # A spot is an inlier within 5 standard deviations, or within half a pixel, because the lens
     # distorts.
     allowed = np.maximum(0.5, 5.0 * sigma)
@@ -191,7 +199,7 @@ def _find_consensus(design: Array, places: Array, sigma: Array) -> NDArray[np.bo
 
 
 def decompose_affine(matrix: Array) -> AffineParts:
-    """Decompose a registration's matrix into flip, rotation, scale and shear.
+    """Decompose the calibrated registration's matrix into flip, rotation, scale and shear.
 
     matrix: (2, 2), of (y, x). Raises ValueError if it is singular.
     """

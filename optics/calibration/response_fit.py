@@ -119,7 +119,7 @@ class ResponseFit:
 
 
 def fit_response(sweep: Sweep, levels: int, expected_range: float) -> ResponseFit:
-    """Fit the phase response of `levels` grey levels to a sweep.
+    """Fit the phase response of `levels` grey levels to a calibration sweep.
 
     expected_range: radians at the highest level, as stated by a data sheet.
 
@@ -148,6 +148,7 @@ def fit_response(sweep: Sweep, levels: int, expected_range: float) -> ResponseFi
 
 
 def _require_swing(sweep: Sweep) -> None:
+    """Raise ValueError for a calibration sweep whose light hardly varies."""
     low, high = np.percentile(sweep.light, [5, 95])
     if not high - low > _SETTINGS.min_swing_to_noise * np.median(sweep.noise):
         raise ValueError(
@@ -158,16 +159,19 @@ def _require_swing(sweep: Sweep) -> None:
 
 
 def _scatter(misses: Array, noise: Array) -> Array:
-    """Estimate the standard deviation of each frame's residual from the median of all frames.
+    """Estimate the standard deviation of each calibration frame's residual.
 
-    It is at least that of the frame's noise.
+    The estimate follows from the median residual, and is at least the frame's noise.
     """
     typical = 1.4826 * float(np.median(np.abs(misses / noise)))
     return noise * max(typical, 1.0)
 
 
 def _fit_curves(sweep: Sweep, levels: int, expected_range: float) -> list[PhaseCurve]:
-    """Fit phase curves from several starts, each with its best number of increments, best first."""
+    """Fit phase curves to a calibration sweep from several starts; the best comes first.
+
+    Each curve has the number of increments that suits it best.
+    """
     top = levels - 1
     found: list[PhaseCurve] = []
     coarse = [start.fit() for start in _starts(sweep, top, expected_range)]
@@ -187,7 +191,7 @@ def _fit_curves(sweep: Sweep, levels: int, expected_range: float) -> list[PhaseC
 
 
 def _distinct_curves(curves: list[PhaseCurve]) -> list[PhaseCurve]:
-    """Drop phase curves whose phase range is that of a better curve; the best come first."""
+    """Drop calibration curves whose phase range is that of a better curve; the best come first."""
     kept: list[PhaseCurve] = []
     for curve in curves:
         if all(abs(curve.phase_range - other.phase_range) > _SETTINGS.same_range for other in kept):
@@ -196,7 +200,10 @@ def _distinct_curves(curves: list[PhaseCurve]) -> list[PhaseCurve]:
 
 
 def _starts(sweep: Sweep, top: int, expected_range: float) -> Iterable[PhaseCurve]:
-    """Choose the best of many starting phase curves, which differ in range and shape."""
+    """Choose the starting curves of a calibration fit: the best of many trial curves.
+
+    The trial curves differ in phase range and shape.
+    """
     count = _SETTINGS.increment_counts[0]
     fine = np.linspace(0, top, 200)
     basis = monotone_spline_basis(fine, top, count)
@@ -214,9 +221,10 @@ def _starts(sweep: Sweep, top: int, expected_range: float) -> Iterable[PhaseCurv
 
 
 def _rival_margin(curves: list[PhaseCurve]) -> float:
-    """Compute how much the best fit with another count of waves is worse than the best fit.
+    """Compute by how much the best calibration fit of another phase range is worse.
 
-    The result is a difference of information criteria.
+    The result is a difference of information criteria. Another phase range differs by more than
+    π/2.
     """
     best = curves[0]
     others = [
@@ -230,6 +238,7 @@ def _rival_margin(curves: list[PhaseCurve]) -> float:
 def _build_response_fit(
     best: PhaseCurve, inliers: NDArray[np.bool_], levels: int, rival: float
 ) -> ResponseFit:
+    """Build the calibrated response from the best curve, or raise ValueError for a bad fit."""
     sweep, p = best.sweep, best.parameters
     predicted = best.predicted_light()
     misses = (sweep.light - predicted)[inliers]

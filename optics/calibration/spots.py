@@ -68,16 +68,16 @@ class Spot:
 
 
 def frame_variance(numbers: Array, sensor: Sensor) -> Array:
-    """Compute the variance of a frame's digital numbers from shot noise, read noise and rounding.
+    """Compute the variance of a calibration frame's digital numbers by EMVA 1288.
 
-    It follows EMVA 1288.
+    Shot noise, read noise and rounding add up.
     """
     electrons = np.clip(numbers - sensor.black_level, 0, None) * sensor.gain
     return (electrons + sensor.read_noise**2) / sensor.gain**2 + 1 / 12
 
 
 def without_hot_pixels(frame: Array, variance: Array) -> Array:
-    """Replace a frame's hot pixels by the median of their neighbours.
+    """Replace a calibration frame's hot pixels by the median of their neighbours.
 
     A pixel is hot if it stands out of the noise and is far brighter than each of its neighbours.
     Light through a lens never makes such a pixel.
@@ -98,10 +98,11 @@ def find_spot(
     clipped: NDArray[np.bool_] | None = None,
     excluded: NDArray[np.bool_] | None = None,
 ) -> Spot:
-    """Find the spot that stands out most in a frame whose background was subtracted.
+    """Find the spot that stands out most in a calibration frame.
 
-    light, variance: (rows, columns). clipped: pixels at full scale. excluded: pixels that aren't
-    searched. Raises ValueError if no spot stands out of the noise.
+    light, variance: (rows, columns); the background is already subtracted. clipped: pixels at full
+    scale. excluded: pixels that aren't searched. Raises ValueError if no spot stands out of the
+    noise.
     """
     _require_frame(light, variance)
     clean = without_hot_pixels(light, variance)
@@ -131,11 +132,12 @@ def measure_spot(
     start: tuple[float, float],
     clipped: NDArray[np.bool_] | None = None,
 ) -> Spot:
-    """Measure the spot near a position (y, x) by its centroid in a Gaussian window that follows it.
+    """Measure a calibration spot near a position (y, x) by its windowed centroid.
 
-    The window is as wide as the spot (Bertin, SExtractor's windowed positions). The noise of far
-    pixels therefore doesn't count, and the centroid isn't biased towards pixel centres. Raises
-    ValueError if there is no light, or the spot leaves the frame.
+    The window is a Gaussian that follows the spot and is as wide as the spot (Bertin, SExtractor's
+    windowed positions). The noise of far pixels therefore doesn't count, and the centroid isn't
+    biased towards pixel centres. Raises ValueError if there is no light, or the spot leaves the
+    frame.
     """
     _require_frame(light, variance)
     (y, x), width = start, 2.0
@@ -171,6 +173,7 @@ def _spot_at(
     width: float,
     clipped: NDArray[np.bool_] | None,
 ) -> Spot:
+    """Measure light, noise and accuracy of a calibration spot at a known place and width."""
     part, py, px = _window_pixels(place, width, light.shape)
     y, x = place
     weight = np.exp(-((py - y) ** 2 + (px - x) ** 2) / (2 * width**2))
@@ -191,7 +194,10 @@ def _spot_at(
 def _window_pixels(
     place: tuple[float, float], width: float, shape: tuple[int, int]
 ) -> tuple[tuple[slice, slice], Array, Array]:
-    """Return the pixels within four widths of a spot, and their y and x as a column and a row."""
+    """Return the window of pixels within four widths of a calibration spot, and its y and x.
+
+    The window is two slices. y is a column, and x is a row.
+    """
     reach = math.ceil(4 * width)
     spans = [
         slice(max(round(c) - reach, 0), min(round(c) + reach + 1, n))

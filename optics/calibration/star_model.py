@@ -124,7 +124,7 @@ class StarModel:
         return self._sample_pixels(light, place) * area
 
     def _sample_pixels(self, light: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
-        """Sample the light at the sensor pixels' centres by cubic interpolation."""
+        """Sample the calibration star's light at the sensor pixels by cubic interpolation."""
         places = self._pixel_positions - (self._position_per_pixel @ place)
         unit = [
             (places[..., axis] / self._grid.pitch[axis] + n // 2) * 2 / (n - 1) - 1
@@ -138,7 +138,7 @@ class StarModel:
 
 
 def _with_lens_at_panel(camera: Camera, distance: float) -> Camera:
-    """Return an equivalent camera whose lens stands at the panel.
+    """Return an equivalent camera with its lens at the panel, for the calibration star's model.
 
     The equivalent follows from the ray matrix and the stop's shadow. The lens' aberrations are
     mapped back to the panel along the rays. The light that the stop's edge scatters is left out:
@@ -155,7 +155,10 @@ def _with_lens_at_panel(camera: Camera, distance: float) -> Camera:
 
 
 def _coarsening_factor(shape: tuple[int, int]) -> int:
-    """Return the smallest common divisor of a panel's sides that leaves few enough pixels."""
+    """Return the factor that coarsens the panel enough for the calibration star's model.
+
+    The factor is the smallest common divisor of the panel's sides that leaves few enough pixels.
+    """
     common = math.gcd(*shape)
     divisors = [d for d in range(1, common + 1) if common % d == 0]
     few = [d for d in divisors if max(shape) / d <= _SETTINGS.most_pixels]
@@ -163,7 +166,7 @@ def _coarsening_factor(shape: tuple[int, int]) -> int:
 
 
 def _coarse_panel(panel: Panel, factor: int) -> Panel:
-    """Return a panel with coarser pixels and without imperfections."""
+    """Return a panel with coarser, perfect pixels for the calibration star's model."""
     rows, columns = panel.shape
     return Panel(
         shape=(rows // factor, columns // factor),
@@ -178,7 +181,7 @@ def _coarse_panel(panel: Panel, factor: int) -> Panel:
 def _block_average(
     phase: torch.Tensor, amplitude: torch.Tensor | None, factor: int
 ) -> torch.Tensor:
-    """Compute the mean complex field of blocks of panel pixels, complex128."""
+    """Compute the mean field of blocks of panel pixels for the calibration star, complex128."""
     phase = phase.to(torch.float64)
     wave = torch.polar(torch.ones_like(phase) if amplitude is None else amplitude, phase)
     rows, columns = phase.shape
@@ -189,9 +192,9 @@ def _block_average(
 def _window_vectors(
     registration: Registration, wavelength: float, corner: tuple[int, int], shape: tuple[int, int]
 ) -> torch.Tensor:
-    """Return the grating vectors (y, x) that send light to a window's pixels.
+    """Return the calibrated grating vectors for a window's pixels, (rows, columns, 2).
 
-    They are (rows, columns, 2).
+    A grating of such a vector (y, x) sends light to the pixel.
     """
     y = corner[0] + np.arange(shape[0], dtype=np.float64)
     x = corner[1] + np.arange(shape[1], dtype=np.float64)
@@ -200,15 +203,15 @@ def _window_vectors(
 
 
 def _vector_per_pixel(registration: Registration, wavelength: float) -> torch.Tensor:
-    """Return the change of the grating vector from sensor pixel to pixel, (2, 2)."""
+    """Return the calibrated change of the grating vector from sensor pixel to pixel, (2, 2)."""
     stretch = wavelength / registration.wavelength
     return torch.from_numpy(np.linalg.inv(registration.matrix * stretch))
 
 
 def _grid(camera: Camera, wavelength: float, places: torch.Tensor) -> Plane:
-    """Return a grid along the panel's axes that covers the window of sensor pixels.
+    """Return the calibration star model's grid along the panel's axes, over the sensor window.
 
-    It is fine enough for cubic interpolation.
+    The grid is fine enough for cubic interpolation.
     """
     finer = math.ceil(_SETTINGS.oversampling * nyquist_samples_per_pixel(camera, wavelength))
     pitch = camera.sensor.pitch / finer
@@ -218,7 +221,10 @@ def _grid(camera: Camera, wavelength: float, places: torch.Tensor) -> Plane:
 
 
 def _disc_and_pixel_transfer(grid: Plane, star: float, step: torch.Tensor) -> torch.Tensor:
-    """Compute the transfer function of the star's disc and of a rotated pixel, in rfft2 layout."""
+    """Compute the transfer function of the calibration star's disc and of a rotated pixel.
+
+    The array has the layout of rfft2.
+    """
     fy = torch.fft.fftfreq(grid.shape[0], grid.pitch[0], dtype=torch.float64)[:, None]
     fx = torch.fft.rfftfreq(grid.shape[1], grid.pitch[1], dtype=torch.float64)[None, :]
     argument = math.pi * star * torch.hypot(fy, fx)

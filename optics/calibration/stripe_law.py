@@ -87,7 +87,7 @@ class StripeLaw:
         return light
 
     def derivatives(self, step: Array, blur2: float, ripple2: float) -> tuple[Array, Array]:
-        """Compute the derivatives of the first-order light by step and by blur2."""
+        """Compute derivatives of a calibration grating's first-order light by step and blur2."""
         by_step, by_blur = np.zeros(np.shape(step)), np.zeros(np.shape(step))
         for stretch, weight in _ripple_nodes(ripple2):
             by_step += (
@@ -102,16 +102,17 @@ class StripeLaw:
 
 
 def _ripple_nodes(ripple2: float) -> list[tuple[float, float]]:
+    """Return Gauss-Hermite nodes and weights over the ripple of a calibration frame's phase."""
     if ripple2 == 0:
         return [(1.0, 1.0)]
     return [(1 + node * math.sqrt(ripple2), weight) for node, weight in _GAUSS_HERMITE]
 
 
 def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.complex128]:
-    """Return the first order's wave exp(-2πi k·r) at pixels, under a tapered window.
+    """Return a calibration grating's first-order wave exp(-2πi k·r) at the panel's pixels.
 
-    Its mean is subtracted, because a constant phase of the whole panel sends no light into the
-    first order.
+    The wave is multiplied by a tapered window. Its mean is subtracted, because a constant phase of
+    the whole panel sends no light into the first order.
     """
     fading = np.outer(*(np.hanning(n + 2)[1:-1] for n in shape))
     y, x = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
@@ -122,7 +123,10 @@ def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.compl
 def _wave_by_height(
     patch: Array, wave: NDArray[np.complex128], vector: Array, blur: float, side: float
 ) -> NDArray[np.complex128]:
-    """Sum the first order's wave over a blurred grating's points of each height, (heights,)."""
+    """Sum the first-order wave over a blurred calibration grating's points, by their height.
+
+    The result has one sum per height, (heights,).
+    """
     total = np.zeros(_HEIGHTS, dtype=np.complex128)
     nodes = list(zip(_NODES * side / 2, _WEIGHTS / 2, strict=True))
     for dy, high in nodes:
@@ -139,10 +143,10 @@ def _wave_by_height(
 
 
 def _blur_axis(values: Array, blur: float, place: float, axis: int) -> Array:
-    """Blur a staircase of panel pixels along an axis by a Gaussian, and sample it once per pixel.
+    """Blur a calibration grating's pixel staircase along an axis by a Gaussian.
 
-    place: the position of the sample in its pixel, in pixels from the centre. The outermost pixels
-    are continued.
+    The result has one sample per pixel. place: the position of the sample in its pixel, in pixels
+    from the centre. The outermost pixels are continued.
     """
     if blur == 0:
         return values

@@ -45,7 +45,7 @@ class Sweep:
             raise ValueError("light must be finite and its noise positive")
 
     def select(self, inliers: NDArray[np.bool_]) -> Sweep:
-        """Return the sweep with its inlier frames only."""
+        """Return the calibration sweep with its inlier frames only."""
         return Sweep(
             self.low[inliers],
             self.high[inliers],

@@ -94,9 +94,9 @@ class WavefrontFit:
 
     @property
     def vergence(self) -> tuple[float, float]:
-        """The focus error in dioptres, and its standard deviation.
+        """The calibrated focus error in dioptres, and its standard deviation.
 
-        It is the vergence error of a star that stands outside of the plane in focus.
+        A star outside of the plane in focus has this vergence error.
         """
         k = self.terms.index(_DEFOCUS)
         scale = 4 * math.sqrt(3) / self.radius**2
@@ -104,14 +104,17 @@ class WavefrontFit:
         return scale * float(self.coefficients[k]), scale * sigma
 
     def path(self, panel: Panel) -> torch.Tensor:
-        """Compute the wavefront at the panel's pixels in metres, (rows, columns) float64."""
+        """Compute the calibrated wavefront at the panel's pixels in metres, (rows, columns).
+
+        The values are float64.
+        """
         return zernike_path(self.terms, self.coefficients, self.radius, panel.plane)
 
 
 def zernike_path(
     terms: Sequence[Term], coefficients: Sequence[float] | Array, radius: float, plane: Plane
 ) -> torch.Tensor:
-    """Sum Zernike polynomials over a disc to a wavefront on a plane, metres, (rows, columns)."""
+    """Sum the calibration's Zernike terms to a wavefront on a plane, metres, (rows, columns)."""
     y, x = plane.mesh()
     total = torch.zeros(plane.shape, dtype=torch.float64)
     for (n, m), strength in zip(terms, coefficients, strict=True):
@@ -148,7 +151,7 @@ def fit_wavefront(
     terms: Sequence[Term] = TERMS,
     progress: Progress | None = None,
 ) -> WavefrontFit:
-    """Fit a wavefront of Zernike polynomials to pictures of the star.
+    """Fit a wavefront of Zernike polynomials to calibration pictures of the star.
 
     model: the model of the star through panel and lens, with the displayed patterns. The fit is
     by least squares in units of the noise, with gradients through the PSF (L-BFGS). It begins at
@@ -210,12 +213,12 @@ class _WavefrontProblem:
     def _split_parameters(
         self, parameters: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Split the wavefront fit's parameters into polynomials, star position and beam."""
+        """Split the calibration fit's parameters into Zernike terms, star position and beam."""
         n = len(self._terms)
         return parameters[:n], parameters[n : n + 2], parameters[n + 2 :]
 
     def predict_pictures(self, parameters: torch.Tensor) -> torch.Tensor:
-        """Compute the model's pictures, each with the best-fitting light and background."""
+        """Predict the calibration star's pictures, each with fitted light and background."""
         polynomials, place, beam = self._split_parameters(parameters)
         path = torch.tensordot(polynomials, self._shapes, 1) * self._path_unit
         amplitude = torch.exp(torch.tensordot(beam, self._beam, 1))
@@ -235,7 +238,7 @@ class _WavefrontProblem:
             return float(self.misfit(parameters))
 
     def chi2(self, parameters: torch.Tensor) -> float:
-        """Compute the wavefront fit's chi², the mean squared misfit per degree of freedom."""
+        """Compute the wavefront calibration's chi², the squared misfit per degree of freedom."""
         used = int((self._weight > 0).sum())
         return self.cost(parameters) / max(used - len(parameters) - 2 * len(self._light), 1)
 
@@ -260,6 +263,7 @@ class _WavefrontProblem:
         return parameters.detach()
 
     def build_fit(self, parameters: torch.Tensor) -> WavefrontFit:
+        """Build the calibrated wavefront and its uncertainty from the best parameters."""
         step = _SETTINGS.difference_step
         with torch.no_grad():
             seen = self.predict_pictures(parameters)
@@ -296,7 +300,10 @@ class _WavefrontProblem:
         )
 
     def _rms_over_pupil(self, coefficients: Array, covariance: Array) -> tuple[float, float]:
-        """Compute the wavefront's rms over the open pupil, without mean and tilt, and its sigma."""
+        """Compute the calibrated wavefront's rms over the open pupil, and its sigma.
+
+        The mean and the tilt are removed first.
+        """
         lit = self._model.light_on_panel.numpy()
         weight = (lit / lit.sum()).ravel()
         y, x = self._model.plane.mesh()
@@ -309,9 +316,10 @@ class _WavefrontProblem:
 
 
 def _correlation_area(misfit: torch.Tensor) -> float:
-    """Estimate the area in pixels over which misfits (pictures, rows, columns) are correlated.
+    """Estimate the area in pixels over which a calibration picture's misfits are correlated.
 
-    The correlation is assumed to fall exponentially with distance.
+    misfit: (pictures, rows, columns). The correlation is assumed to fall exponentially with
+    distance.
     """
     area = 1.0
     power = float((misfit**2).sum())
@@ -327,7 +335,10 @@ def _correlation_area(misfit: torch.Tensor) -> float:
 def _fit_light_and_background(
     share: torch.Tensor, light: torch.Tensor, weight: torch.Tensor
 ) -> torch.Tensor:
-    """Fit light and background of a star's picture, and return share x light + background."""
+    """Fit light and background of a calibration star's picture, and return the fitted picture.
+
+    The fitted picture is share x light + background.
+    """
     with torch.no_grad():
         design = torch.stack([share.ravel(), torch.ones(share.numel(), dtype=share.dtype)], dim=1)
         root = weight.ravel().sqrt()

@@ -32,7 +32,7 @@ def measure_zeroth_order(
     centre: tuple[float, float],
     usable: NDArray[np.bool_],
 ) -> ZerothOrder:
-    """Measure the zeroth order that gratings leave in the centre, relative to a neutral pattern.
+    """Measure the zeroth order that calibration gratings leave, relative to a neutral pattern.
 
     neutral_picture: light less its dark frame, (rows, columns), of a pattern that leaves all light
     in the centre. steered_pictures: those of gratings that send the light away, at the same
@@ -68,7 +68,7 @@ def measure_zeroth_order(
 
 
 def zeroth_order_share(field: NDArray[np.complexfloating]) -> float:
-    """Compute the share of modulated light that stays in the zeroth order.
+    """Compute the share of modulated light left in the zeroth order of calibration gratings.
 
     field: (rows, columns) on the panel, with amplitude 1 where no light is lost.
     """

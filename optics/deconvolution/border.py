@@ -11,19 +11,22 @@ from optics.plane import centred_pad
 
 
 def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Extend a picture to the period `shape` so that its opposite edges meet smoothly.
+    """Extend a photograph smoothly to the period `shape` of its deconvolution.
 
     The picture is mirrored at each edge. Across the gap, the mirrored parts of two opposite edges
-    are blended into each other by a raised cosine.
+    are blended into each other by a raised cosine, so that opposite edges meet smoothly.
     """
     whole = centred_pad(image, shape)
     for dim in (-1, -2):
-        _fill(whole, image.shape[dim], dim)
+        _fill_gap(whole, image.shape[dim], dim)
     return whole
 
 
-def _fill(whole: torch.Tensor, n: int, dim: int) -> None:
-    """Fill in place the samples before and after the n known ones of a picture along an axis."""
+def _fill_gap(whole: torch.Tensor, n: int, dim: int) -> None:
+    """Fill the samples around a photograph's frame for deconvolution, along one axis, in place.
+
+    The n samples in the middle are known and don't change.
+    """
     length = whole.shape[dim]
     gap, first = length - n, length // 2 - n // 2
     if gap == 0:
@@ -41,6 +44,6 @@ def _fill(whole: torch.Tensor, n: int, dim: int) -> None:
 
 
 def _mirror(index: torch.Tensor, n: int, period: int) -> torch.Tensor:
-    """Fold an index beyond a picture of n samples back into it by mirroring at its edges."""
+    """Mirror an index beyond a photograph's edge back into its n samples, for deconvolution."""
     folded = index % period
     return torch.where(folded < n, folded, period - folded)

@@ -80,7 +80,7 @@ def minimise_within_bounds(
     tol: float = 1e-4,
     progress: Progress | None = None,
 ) -> Minimum:
-    """Restore a picture by minimising ``|A x - y|² / 2 + weight * prior(x)`` within bounds.
+    """Restore a blurred picture within bounds by minimising ``|A x - y|² / 2 + weight * prior(x)``.
 
     The minimiser is L-BFGS-B (Byrd et al. 1995, doi 10.1137/0916069; thesis Eq. 2.32), in double
     precision.
@@ -129,14 +129,14 @@ def minimise_within_bounds(
     progress = progress or Progress()
     _require(operator, data, weight, prior, iterations, tol)
     y = data.to(torch.float64)
-    gain = _gain(operator)
+    gain = _even_light_gain(operator)
     light = max(float(y.std(correction=0)), 1e-3 * float(y.abs().mean())) / gain or 1.0
     length = _SMOOTHING * light if smoothing is None else float(smoothing)
     require_positive("smoothing", length, "")
     trust, full = _validate_weights(y, weights, clipped)
     misfit = Misfit(operator, y, trust, full)
     smooth = Smoothness(prior, length, periodic)
-    low, high = _bounds(operator, lower, upper)
+    low, high = _broadcast_bounds(operator, lower, upper)
     unit = light * gain**2
 
     def evaluate(z: Array) -> tuple[float, Array]:
@@ -183,7 +183,7 @@ def restore_within_bounds(
     tol: float = 1e-3,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a photograph so that no pixel lies below or above given bounds.
+    """Restore a blurred photograph so that no pixel lies below or above given bounds.
 
     The result minimises ``|A x - y|² / 2 + weight · prior(x)`` within the bounds; the minimiser is
     L-BFGS-B in double precision. With an unknown border, the scene around the frame is estimated
@@ -281,7 +281,7 @@ class _ProgressCallback:
 def _require(
     operator: Operator, data: torch.Tensor, weight: float, prior: str, iterations: int, tol: float
 ) -> None:
-    """Raise ValueError for arguments that a restoration within bounds can't use."""
+    """Raise ValueError for arguments that a deconvolution within bounds can't use."""
     if prior not in SMOOTH_PRIORS:
         raise ValueError(f"prior is {prior!r}; take one of {', '.join(SMOOTH_PRIORS)}")
     if not (weight >= 0 and math.isfinite(weight)):
@@ -293,8 +293,11 @@ def _require(
     require_finite("data", data)
 
 
-def _gain(operator: Operator) -> float:
-    """Return the gain of a forward operator for even light, or its norm if that gain is 0."""
+def _even_light_gain(operator: Operator) -> float:
+    """Return the gain for even light of the blur that a deconvolution undoes.
+
+    If the gain is 0, the operator's norm is returned.
+    """
     even = float(operator(torch.ones(operator.domain, dtype=torch.float64)).mean())
     gain = abs(even) or operator.norm()
     if not gain > 0:
@@ -305,7 +308,7 @@ def _gain(operator: Operator) -> float:
 def _validate_weights(
     y: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
-    """Check the weights and the clipping map of the data, and convert them for the misfit."""
+    """Check the pixel weights and the clipping map for a deconvolution, and convert their types."""
     require_same_shape("data", y, weights=weights, clipped=clipped)
     if weights is not None:
         require_weights(weights)
@@ -313,10 +316,10 @@ def _validate_weights(
     return weights, None if clipped is None else clipped.to(torch.bool)
 
 
-def _bounds(
+def _broadcast_bounds(
     operator: Operator, lower: float | torch.Tensor, upper: float | torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Broadcast the bounds of the restored picture to its shape, and check that none cross."""
+    """Broadcast the deconvolved picture's bounds to its shape; raise ValueError if they cross."""
     low, high = (
         torch.as_tensor(one, dtype=torch.float64).broadcast_to(operator.domain)
         for one in (lower, upper)
@@ -330,7 +333,7 @@ def _bounds(
 def _extend_bound(
     bound: float | torch.Tensor, observation: Observation, name: str
 ) -> float | torch.Tensor:
-    """Extend a bound of the frame's pixels to the whole period on which the scene is restored."""
+    """Extend a bound of the restored photograph from the frame to the deconvolution's period."""
     given = torch.as_tensor(bound, dtype=torch.float64)
     if not given.ndim:
         return float(given)
@@ -348,7 +351,7 @@ def _extend_bound(
 
 
 def _default_weight(observation: Observation, prior: SmoothPrior) -> float:
-    """Estimate the regularisation weight of a restoration within bounds by a faster method."""
+    """Estimate the prior's weight in a deconvolution within bounds, by a faster restoration."""
     if prior == "total variation":
         found = total_variation(observation, iterations=15).weight
     elif prior == "gradient":
@@ -360,7 +363,7 @@ def _default_weight(observation: Observation, prior: SmoothPrior) -> float:
 
 
 def _residual(observation: Observation, spread: torch.Tensor) -> float:
-    """Return the rms residual of a restoration's trusted pixels, relative to the noise."""
+    """Return the rms residual of a deconvolution's trusted pixels, relative to the noise."""
     squares = (spread - observation.normalised_image).square()
     if observation.effective_weights is not None:
         squares = (

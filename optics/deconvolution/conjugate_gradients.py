@@ -18,7 +18,7 @@ def conjugate_gradients(
     tolerance: float,
     steps: int,
 ) -> tuple[torch.Tensor, int]:
-    """Solve a linear system normal(x) = b by preconditioned conjugate gradients, from `start`.
+    """Solve a deconvolution's linear system normal(x) = b by preconditioned conjugate gradients.
 
     The method is that of Hestenes and Stiefel (1952, doi 10.6028/jres.049.044).
 

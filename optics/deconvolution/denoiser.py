@@ -29,7 +29,7 @@ class _ResidualBlock(nn.Module):
 
 
 def _blocks(width: int) -> nn.Sequential:
-    """Build the two residual blocks that the denoiser has at each resolution."""
+    """Build the two residual blocks that a deconvolution denoiser has at each resolution."""
     return nn.Sequential(*(_ResidualBlock(width) for _ in range(2)))
 
 
@@ -62,8 +62,9 @@ class Denoiser(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, pictures: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """Denoise a batch of pictures, (pictures, 1, rows, columns), each side a multiple of 8.
+        """Denoise a batch of pictures; plug-and-play deconvolution does this in each iteration.
 
+        The batch is (pictures, 1, rows, columns), with rows and columns that are multiples of 8.
         `level` is the standard deviation of the noise of each picture, (pictures,).
         """
         folded = functional.pixel_unshuffle(pictures, 2)
@@ -79,7 +80,10 @@ class Denoiser(nn.Module):
 
     @torch.no_grad()
     def denoise(self, picture: torch.Tensor, level: float) -> torch.Tensor:
-        """Denoise one picture, (rows, columns) of any size, with noise of the given level."""
+        """Denoise one picture with noise of the given level, for plug-and-play deconvolution.
+
+        The picture is (rows, columns) and may have any size.
+        """
         rows, columns = picture.shape
         more = (0, -columns % MULTIPLE, 0, -rows % MULTIPLE)
         single = picture[None, None].to(torch.float32)
@@ -89,9 +93,10 @@ class Denoiser(nn.Module):
 
 
 def load_denoiser(weights: Mapping[str, torch.Tensor]) -> Denoiser:
-    """Build a denoiser with trained weights, named as in its state_dict(), for inference.
+    """Build the denoiser of plug-and-play deconvolution with trained weights, for inference.
 
-    Raises ValueError if a weight is missing, isn't expected, or has another shape.
+    The keys of `weights` are those of Denoiser.state_dict(). Raises ValueError if a weight is
+    missing, isn't expected, or has another shape.
     """
     network = Denoiser()
     try:

@@ -34,7 +34,7 @@ def hyper_laplacian(
     rounds: int = 10,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a photograph with a hyper-Laplacian prior, the sum of gradients to a power.
+    """Restore a blurred photograph with a hyper-Laplacian prior, the sum of gradients to a power.
 
     The result minimises |H x - y|² / 2 + weight * the sum of |∇x|^power, where the first term
     counts trusted pixels only (Krishnan and Fergus 2009, "Fast image deconvolution using
@@ -105,7 +105,7 @@ def hyper_laplacian(
 
 
 def _couplings(scale: float, power: float, rounds: int) -> list[float]:
-    """Return the couplings of the split gradient, from loose to tight.
+    """Return the couplings of hyper-Laplacian deconvolution's split gradient, from loose to tight.
 
     For pictures of unit scale they go from 1 to 1000.
     """
@@ -116,7 +116,7 @@ def _couplings(scale: float, power: float, rounds: int) -> list[float]:
 def _fit_shrunk_gradient(
     picture: torch.Tensor, power: float, coupling: float, square: torch.Tensor
 ) -> torch.Tensor:
-    """Return the spectrum of the picture whose gradient is nearest to the shrunk gradient."""
+    """Return the spectrum of the deconvolved picture whose gradient is nearest to a shrunk one."""
     down, along = torch.zeros_like(picture), torch.zeros_like(picture)
     add_gradient(picture, down, along)
     share = shrinkage_factor(torch.addcmul(down * down, along, along), power, coupling)
@@ -129,7 +129,10 @@ def _fit_shrunk_gradient(
 def _estimate_weight(
     observation: Observation, picture: torch.Tensor, power: float, residual: float
 ) -> float:
-    """Estimate the hyper-Laplacian's weight from the evidence of the restored picture."""
+    """Estimate the weight of deconvolution's hyper-Laplacian prior from the restored picture.
+
+    See weight_by_evidence().
+    """
     freedom = max(1 - residual**2, MIN_EXPLAINED_SHARE)
     return weight_by_evidence(
         mean_gradient(picture, power), power, observation.scene_noise, freedom
@@ -139,12 +142,12 @@ def _estimate_weight(
 def _solve(
     observation: Observation, weight: float | None, *, iterations: int, progress: Progress
 ) -> RestoredImage:
-    """Restore with the hyper-Laplacian method through the interface of all restorations."""
+    """Run hyper-Laplacian deconvolution through the interface of all restorations."""
     return hyper_laplacian(observation, weight=weight, rounds=iterations, progress=progress)
 
 
 def _round_cost(observation: Observation) -> RestorationCost:
-    """Return the cost of one round of the hyper-Laplacian restoration."""
+    """Return the cost of one round of hyper-Laplacian deconvolution."""
     return RestorationCost(2, 60) if observation.is_fully_measured else RestorationCost(14, 200)
 
 

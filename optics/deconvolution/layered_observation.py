@@ -34,12 +34,12 @@ class LayeredObservation(Observation):
 
     @cached_property
     def areas(self) -> torch.Tensor:
-        """The share of the frame that each depth layer covers, (layers,)."""
+        """The share of the photograph that each deconvolved depth layer covers, (layers,)."""
         return self.shares.mean((-2, -1))
 
     @cached_property
     def period_shares(self) -> torch.Tensor:
-        """The depth layers' shares on the whole period.
+        """The depth layers' shares on the whole period of the deconvolution.
 
         Pixels beyond the frame have the shares of the nearest pixel in it.
         """
@@ -51,12 +51,12 @@ class LayeredObservation(Observation):
 
     @cached_property
     def squared_mtf(self) -> torch.Tensor:
-        """The mean of the layers' squared MTFs on the whole period, weighted by their areas."""
+        """The depth layers' mean squared MTF on the deconvolution's period, weighted by area."""
         return self._squared_mtf_on(self.period_shape)
 
     @cached_property
     def power_law(self) -> PowerLaw:
-        """The power law and noise of the spectrum of a photograph with depth layers.
+        """The power law and noise of a photograph whose depth layers are to be deconvolved.
 
         The spectra of the layers add in power. The result is on the photograph's scale.
         """
@@ -76,19 +76,22 @@ class LayeredObservation(Observation):
         )
 
     def as_single_layer(self, number: int) -> Observation:
-        """Return the observation of the photograph with one layer's PSF everywhere."""
+        """Return the deconvolution's observation with one depth layer's PSF everywhere."""
         return Observation(
             self.image, self.psfs[number], self.noise, self.border, self.weights, self.clipped
         )
 
     def _squared_mtf_on(self, shape: tuple[int, int]) -> torch.Tensor:
-        """Compute the layers' mean squared MTF on a period of the given shape."""
+        """Compute the depth layers' mean squared MTF for deconvolution on a given period."""
         powers = squared_modulus(transfer_function(self.psfs / self.psf_sum, shape))
         return (self.areas[:, None, None] * powers).sum(0)
 
 
 def _interior_window(share: torch.Tensor) -> torch.Tensor:
-    """Compute a window inside a depth layer that rises smoothly from its edge over 16 pixels."""
+    """Compute a smooth window inside a depth layer of a photograph to be deconvolved.
+
+    The window rises from the layer's edge over 16 pixels.
+    """
     depth = distance_transform_edt(np.pad(share.numpy() > 1 - _SHARE_TOLERANCE, 1, mode="edge"))
     rise = torch.from_numpy(depth[1:-1, 1:-1] / 16).clamp(0, 1)
     return (torch.pi * rise / 2).sin().square()
@@ -104,7 +107,7 @@ def build_layered_observation(
     weights: torch.Tensor | None = None,
     clipped: torch.Tensor | None = None,
 ) -> LayeredObservation:
-    """Build the observation of a scene with several depth layers, each blurred by its own PSF.
+    """Build the deconvolution's observation of depth layers, each blurred by its own PSF.
 
     Arrays may be of any kind. The photograph is restored in double precision if `image` is double,
     otherwise in single precision.
@@ -163,7 +166,10 @@ def build_layered_observation(
 
 
 def _layer_shares(layers: torch.Tensor, count: int, shape: tuple[int, ...]) -> torch.Tensor:
-    """Check a map of depth layers or their shares, and return shares (layers, rows, columns)."""
+    """Check the depth layers of a deconvolution; return their shares (layers, rows, columns).
+
+    `layers` is a map of layer numbers, (rows, columns), or the shares themselves.
+    """
     require_finite("layers", layers)
     if tuple(layers.shape) == shape:
         return layer_weights(layers, count)

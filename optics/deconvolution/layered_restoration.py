@@ -41,7 +41,7 @@ def restore_layers(
     positive: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a photograph with several depth layers, each blurred by its own PSF.
+    """Restore a blurred photograph of several depth layers, each deconvolved with its own PSF.
 
     The result X minimises |H X - O|² / 2 + weight * the sum of |∇X|^power, where the first term
     counts trusted pixels only, and H blurs each depth layer by its PSF (thesis Fig. 2.17).
@@ -148,7 +148,7 @@ def restore_layers_linearly(
     occlusion: bool = True,
     steps: int = 40,
 ) -> RestoredImage:
-    """Restore a photograph with several depth layers by a linear filter.
+    """Restore a blurred photograph of several depth layers by linear deconvolution.
 
     The filter penalises the squared gradient, as wiener() does with "gradient", for PSFs that
     differ with depth. If `weight` is None, it is the one with the least predicted error.
@@ -173,7 +173,7 @@ def restore_layers_linearly(
 def paste_layers(
     observation: LayeredObservation, restore: Callable[[Observation], RestoredImage]
 ) -> torch.Tensor:
-    """Restore the photograph once with each depth layer's PSF, and compose the layers' parts.
+    """Deconvolve a photograph with each depth layer's PSF, and paste the layers' parts together.
 
     This is fast, but it is wrong where the blurred light of one layer covers another.
     """
@@ -196,18 +196,24 @@ class _PicturePriors:
         self._all: list[Prior] = [self.gradients, *bounds]
 
     def denominator(self, weight: float) -> torch.Tensor:
-        """Return what the priors add to the denominator of the picture's step, per frequency."""
+        """Return the priors' part of the denominator in depth-layer deconvolution's picture step.
+
+        The array has one value per frequency.
+        """
         parts = [prior.coupling(weight, 1.0) * prior.gram_spectrum for prior in self._all]
         return sum(parts[1:], parts[0])
 
     def right_hand_side(self, weight: float) -> torch.Tensor | None:
-        """Return what the priors add to the right-hand side of the picture's step, on pixels."""
+        """Return the priors' part of the right-hand side in depth-layer deconvolution's step.
+
+        The result is on pixels, or None if no prior has a part.
+        """
         backs = [prior.adjoint_target * prior.coupling(weight, 1.0)
                  for prior in self._all if prior.adjoint_target is not None]  # fmt: skip
         return sum(backs[1:], backs[0]) if backs else None
 
     def update(self, picture: torch.Tensor) -> None:
-        """Update the splits of all priors for the next picture."""
+        """Update the splits of all priors of depth-layer deconvolution for the next picture."""
         for prior in self._all:
             prior.update(picture)
 
@@ -241,7 +247,7 @@ class _LayerEquations:
         self.mean_squared_residual = 1.0
 
     def visible_picture(self, pictures: torch.Tensor) -> torch.Tensor:
-        """Compose the visible parts of all depth layers to one picture on the whole period."""
+        """Compose the visible parts of all deconvolved depth layers to one period-wide picture."""
         return (
             (pictures * self._observation.period_shares).sum(0) if self._occlusion else pictures[0]
         )
@@ -253,7 +259,7 @@ class _LayerEquations:
         targets: Sequence[torch.Tensor | None],
         steps: int,
     ) -> torch.Tensor:
-        """Solve the normal equations of the depth layers for the spectra of x.
+        """Solve the normal equations of depth-layer deconvolution for the spectra of x.
 
         Conjugate gradients start from `spectra`. `denominators` are K of each frequency of each
         picture, and `targets` are the priors' right-hand sides.
@@ -275,7 +281,7 @@ class _LayerEquations:
         return found
 
     def update_residual(self, pictures: torch.Tensor) -> None:
-        """Update the residual of the depth layers, and the weights of clipped pixels.
+        """Update depth-layer deconvolution's residual and the weights of clipped pixels.
 
         A clipped pixel has weight only where the blurred pictures are below the measured value.
         """
@@ -291,11 +297,11 @@ class _LayerEquations:
         self._weighted_data = seen.normalised_image * self._weights
 
     def _blur_pictures(self, pictures: torch.Tensor) -> torch.Tensor:
-        """Blur the pictures of the depth layers to one photograph on the whole period."""
+        """Blur the deconvolved depth layers' pictures to one photograph on the whole period."""
         light: torch.Tensor = self._blur(pictures if self._occlusion else pictures[0])
         return light
 
     def _blur_adjoint(self, frame: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of the depth layers' blur to light in the frame."""
+        """Apply the adjoint of the blur of depth-layer deconvolution to light in the frame."""
         back: torch.Tensor = self._blur.adjoint(centred_pad(frame, self._observation.period_shape))
         return back if self._occlusion else back[None]

@@ -42,7 +42,7 @@ class RestorationCost:
     centre_passes: float = 0.0
 
     def seconds(self, observation: Observation, speed: MachineSpeed) -> float:
-        """Predict the seconds of a restoration in one thread, for a photograph and a machine."""
+        """Predict the seconds of a deconvolution in one thread, for a photograph and a machine."""
         pixels = math.prod(observation.period_shape)
         number = 0.5 * fft_operations(pixels) * self.transforms * speed.fft
         number += pixels * (self.passes * speed.touch + self.multiply_adds * speed.multiply_add)
@@ -51,7 +51,7 @@ class RestorationCost:
         return 10 * speed.call + number + self.centre_passes * min(pixels, 1 << 18) * speed.touch
 
     def plus(self, other: RestorationCost, times: float = 1.0) -> RestorationCost:
-        """Add another restoration cost, `times` times."""
+        """Add `times` times the cost of another deconvolution step."""
         return RestorationCost(
             self.transforms + times * other.transforms,
             self.passes + times * other.passes,
@@ -103,7 +103,7 @@ class RestorationMethod:
     needs_denoiser: bool = False
 
     def seconds(self, observation: Observation, count: int, speed: MachineSpeed) -> float:
-        """Predict the processor time of a restoration with `count` iterations, in seconds."""
+        """Predict the processor time in seconds of a deconvolution with `count` iterations."""
         return self.setup_cost.plus(self.iteration_cost(observation), count).seconds(
             observation, speed
         )
@@ -114,7 +114,7 @@ SETUP_COST = RestorationCost(5, 60, centre_passes=250)
 
 
 def splitting_cost(observation: Observation) -> RestorationCost:
-    """Return the cost of one ADMM iteration of a restoration with a split gradient.
+    """Return the cost of one ADMM iteration of a deconvolution with a split gradient.
 
     If part of the period wasn't measured, the blurred light is split off too, which costs more.
     """

@@ -80,7 +80,7 @@ class PowerLaw:
     def wiener_prediction(
         self, squared_mtf: torch.Tensor, shape: tuple[int, int]
     ) -> WienerPrediction:
-        """Predict what the Wiener filter restores of a photograph with this power spectrum.
+        """Predict what Wiener deconvolution restores of a photograph with this power spectrum.
 
         The Wiener filter has the least mean square error for the spectrum (Wiener 1949).
         `squared_mtf` is |H|² on the rfft2 grid of a period of `shape`.
@@ -99,13 +99,14 @@ class PowerLaw:
 
 @torch.no_grad()
 def fit_power_law(image: torch.Tensor, psf: torch.Tensor) -> PowerLaw:
-    """Fit a power law and white noise to the spectrum of a blurred photograph, (rows, columns).
+    """Fit a power law and white noise to a blurred photograph's spectrum, for deconvolution.
 
-    `psf` has a sum of 1. The spectrum of the frame, with a Hann window, is modelled as the sum of
-    white noise and of a scene blurred by the PSF, whose power falls as a power of the frequency.
-    Strength, slope and noise maximise the likelihood of independent, exponentially distributed
-    powers (Whittle 1953). Frequencies that the PSF suppresses show the noise. In a photograph
-    without blur, the finest detail of the scene counts as noise.
+    The photograph is (rows, columns). `psf` has a sum of 1. The spectrum of the frame, with a Hann
+    window, is modelled as the sum of white noise and of a scene blurred by the PSF, whose power
+    falls as a power of the frequency. Strength, slope and noise maximise the likelihood of
+    independent, exponentially distributed powers (Whittle 1953). Frequencies that the PSF
+    suppresses show the noise. In a photograph without blur, the finest detail of the scene counts
+    as noise.
     """
     transfer = transfer_function(psf.to(image), (image.shape[0], image.shape[1]))
     return fit_power_law_with_mtf(image, squared_modulus(transfer))
@@ -115,10 +116,11 @@ def fit_power_law(image: torch.Tensor, psf: torch.Tensor) -> PowerLaw:
 def fit_power_law_with_mtf(
     image: torch.Tensor, squared_mtf: torch.Tensor, region: torch.Tensor | None = None
 ) -> PowerLaw:
-    """Fit a power law and noise to a blurred photograph's spectrum, for a given squared MTF.
+    """Fit a power law and noise to a blurred photograph's spectrum for deconvolution, given an MTF.
 
-    `squared_mtf` is on the photograph's rfft2 grid; for several PSFs it is the mean of theirs.
-    `region` is a smooth window, (rows, columns), of the part that is used.
+    `squared_mtf` is the squared MTF on the photograph's rfft2 grid; for several PSFs it is the mean
+    of their squared MTFs. `region` is a smooth window, (rows, columns), around the part of the
+    photograph that is used.
     """
     shape = int(image.shape[0]), int(image.shape[1])
     if min(shape) < 2 * _SETTINGS.min_periods + 2 or float(image.std()) == 0:
@@ -131,9 +133,9 @@ def fit_power_law_with_mtf(
 
 
 def _windowed_periodogram(image: torch.Tensor, region: torch.Tensor | None) -> torch.Tensor:
-    """Compute the power spectrum of a photograph with a Hann window.
+    """Compute the power spectrum of a photograph to be deconvolved, with a Hann window.
 
-    It is scaled so that white noise gives its variance.
+    The scale is chosen so that the mean power of white noise is its variance.
     """
     rows, columns = (torch.hann_window(n + 2, False, dtype=image.dtype)[1:-1] for n in image.shape)
     window = rows[:, None] * columns
@@ -146,22 +148,27 @@ def _windowed_periodogram(image: torch.Tensor, region: torch.Tensor | None) -> t
 
 
 def squared_frequencies(shape: tuple[int, int]) -> torch.Tensor:
-    """Return the squared spatial frequencies of an rfft2 grid, (cycles per pixel)², float64."""
+    """Return the squared spatial frequencies of a deconvolution's rfft2 grid, in (cycles/pixel)².
+
+    The result is float64.
+    """
     fy, fx = rfft2_frequencies(Plane(shape, (1.0, 1.0)))
     return fy.square() + fx.square()
 
 
 def squared_modulus(spectrum: torch.Tensor) -> torch.Tensor:
-    """Return the squared modulus of a complex spectrum."""
+    """Return the squared modulus of a complex spectrum or OTF in a deconvolution."""
     return spectrum.real.square().addcmul_(spectrum.imag, spectrum.imag)
 
 
 def _fit_binned_spectrum(
     power: torch.Tensor, squares: torch.Tensor, squared_mtf: torch.Tensor
 ) -> PowerLaw:
-    """Fit a power law and noise to a photograph's power spectrum, whose frequencies are binned.
+    """Fit a power law and noise to the binned spectrum of a photograph to be deconvolved.
 
-    The fit starts from two noise levels, and the likelier result is used.
+    The likelihood is maximised from two initial noise levels, and the likelier fit is kept. Its
+    noise is then replaced by the mean power above the signal at frequencies where the signal is
+    weak.
     """
     pools = _SpectrumBins.of(power, squares, squared_mtf)
     lowest = float(pools.power.min())
@@ -195,7 +202,10 @@ class _SpectrumBins:
     def of(
         cls, power: torch.Tensor, squares: torch.Tensor, squared_mtf: torch.Tensor
     ) -> _SpectrumBins:
-        """Average a power spectrum over bins of the frequency's modulus and of the MTF."""
+        """Average a power spectrum over frequency and MTF bins, for a deconvolution's noise fit.
+
+        Frequencies are binned by their modulus.
+        """
         radius_bins, mtf_bins = _SETTINGS.radius_bins, _SETTINGS.mtf_bins
         radius = 0.5 * squares.log()
         ring = _bin_index(radius, radius_bins)
@@ -212,19 +222,27 @@ class _SpectrumBins:
         return cls(number / number.sum(), mean(power), mean(radius), mean(squared_mtf))
 
     def signal_power(self, strength: float, slope: float) -> torch.Tensor:
-        """Return the blurred scene's power in each bin of the spectrum, without noise."""
+        """Return the blurred scene's power in each bin of the spectrum, for deconvolution.
+
+        The noise isn't included.
+        """
         return strength * self.squared_mtf * torch.exp(-slope * self.radius)
 
     def negative_log_likelihood(self, fit: tuple[float, float, float]) -> float:
-        """Return Whittle's negative log-likelihood of a strength, slope and noise variance."""
+        """Return Whittle's negative log-likelihood of a photograph's power law, for deconvolution.
+
+        `fit` is the strength, the slope and the noise variance.
+        """
         model = self.signal_power(*fit[:2]) + fit[2]
         return float((self.share * (model.log() + self.power / model)).sum())
 
     def fit(self, noise: float) -> tuple[float, float, float]:
-        """Fit strength, slope and noise variance of the power law by Fisher scoring.
+        """Fit strength, slope and noise of the power law of a photograph to be deconvolved.
 
-        `noise` is the first noise variance. Strength and noise are fitted as logarithms. A step
-        that doesn't raise the likelihood is repeated with more damping.
+        The likelihood is maximised by Fisher scoring. The search starts from the noise variance
+        `noise`. Strength and noise are fitted as logarithms. A step that doesn't raise the
+        likelihood is repeated with more damping. Returns the strength, the slope and the noise
+        variance.
         """
         above = (self.share * (self.power - noise).clamp(min=0)).sum()
         signal = (self.share * self.signal_power(1.0, 2.4)).sum()
@@ -245,7 +263,10 @@ class _SpectrumBins:
     def _scoring_step(
         self, now: tuple[float, float, float], damping: float
     ) -> tuple[float, float, float]:
-        """Do one damped scoring step of the power law's fit; return strength, slope and noise."""
+        """Do one damped Fisher-scoring step in the fit of a power law for deconvolution.
+
+        Returns the strength, the slope and the noise variance.
+        """
         strength, slope, noise = now
         signal = self.signal_power(strength, slope)
         model = signal + noise
@@ -263,7 +284,10 @@ class _SpectrumBins:
 
 
 def _bin_index(value: torch.Tensor, count: int) -> torch.Tensor:
-    """Return the index of each value's bin among `count` bins of equal width over its range."""
+    """Return the index of each spectrum value's bin, for the noise fit of a deconvolution.
+
+    The `count` bins have equal width over the range of the values.
+    """
     low, high = value.min(), value.max()
     place = (value - low) / (high - low).clamp(min=1e-12) * count
     return place.long().clamp(0, count - 1)

@@ -32,7 +32,7 @@ class NormalEquations:
 
     @cached_property
     def _data(self) -> torch.Tensor:
-        """The spectrum of H* M y, the data's part of the right-hand side."""
+        """The spectrum of H* M y, the photograph's part of a deconvolution's right-hand side."""
         return self._apply_adjoint(
             centred_pad(
                 self._observation.inpainted_image - self.mean, self._observation.period_shape
@@ -40,7 +40,7 @@ class NormalEquations:
         )
 
     def initial_spectrum(self, penalty: torch.Tensor) -> torch.Tensor:
-        """Solve the restoration as if the photograph's smooth continuation had been measured."""
+        """Solve the deconvolution as if the photograph's smooth extension had been measured."""
         spectrum = rfft2(self._observation.extended_image - self.mean).mul_(
             self._observation.conjugate_otf
         )
@@ -53,7 +53,7 @@ class NormalEquations:
         steps: int,
         target_spectrum: torch.Tensor | None = None,
     ) -> tuple[torch.Tensor, int]:
-        """Solve the normal equations of the restoration; return x's spectrum and the step count.
+        """Solve the normal equations of the deconvolution; return x's spectrum and step count.
 
         The solver starts from `spectrum`. `penalty` is K of each frequency. `target_spectrum` is
         the spectrum of z less the mean, or 0 if None.
@@ -69,27 +69,27 @@ class NormalEquations:
         )
 
     def picture(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Convert a spectrum to the restored picture on the whole period, with its mean."""
+        """Convert a spectrum to the deconvolved picture on the whole period, with its mean."""
         return irfft2(spectrum, self._observation.period_shape).add_(self.mean)
 
     def residual(self, spectrum: torch.Tensor) -> float:
-        """Return the restoration's rms residual of trusted pixels, relative to the noise."""
+        """Return the deconvolution's rms residual of trusted pixels, relative to the noise."""
         return (
             self._observation.mean_squared_residual(self.picture(spectrum * self._observation.otf))
             ** 0.5
         )
 
     def _denominator(self, penalty: torch.Tensor) -> torch.Tensor:
-        """Return |H|² + K, with a lower limit that allows its inversion."""
+        """Return the deconvolution's denominator ``|H|² + K``, kept above 0 for its inversion."""
         return (self._observation.squared_mtf + penalty).clamp_(min=1e-12)
 
     def _apply_normal(self, x: torch.Tensor, penalty: torch.Tensor) -> torch.Tensor:
-        """Apply H* M H + K to a spectrum."""
+        """Apply the deconvolution's normal matrix H* M H + K to a spectrum."""
         light = irfft2(x * self._observation.otf, self._observation.period_shape)
         return self._apply_adjoint(light).add_(x * penalty)
 
     def _apply_adjoint(self, light: torch.Tensor) -> torch.Tensor:
-        """Apply H* M to light on the whole period; return the spectrum."""
+        """Apply a deconvolution's adjoint blur H* M to light on the period; return the spectrum."""
         inside, trust = self._observation.crop_to_frame(light), self._observation.effective_weights
         kept = inside if trust is None else inside * trust
         return rfft2(centred_pad(kept, self._observation.period_shape)).mul_(
@@ -105,13 +105,13 @@ def solve_on_frequencies(
     count: torch.Tensor,
     steps: int,
 ) -> tuple[torch.Tensor, int]:
-    """Solve a restoration's normal equations on rfft2 spectra by conjugate gradients.
+    """Solve a deconvolution's normal equations on rfft2 spectra by conjugate gradients.
 
     The solver starts from `spectrum` and returns the solution's spectrum and the number of steps:
     see conjugate_gradients(). `count` comes from optics.fourier.rfft_column_weights().
     """
 
-    inner = partial(_inner, count=count)
+    inner = partial(_inner_product, count=count)
     # The residual may be 1e-5 of the right-hand side, in the preconditioner's norm.
     enough = 1e-5**2 * inner(right_hand_side, right_hand_side * preconditioner)
     left = right_hand_side - normal(spectrum)
@@ -119,7 +119,10 @@ def solve_on_frequencies(
 
 
 @torch.no_grad()
-def _inner(a: torch.Tensor, b: torch.Tensor, count: torch.Tensor) -> float:
-    """Compute the inner product of two real pictures from their rfft2 spectra, up to a factor."""
+def _inner_product(a: torch.Tensor, b: torch.Tensor, count: torch.Tensor) -> float:
+    """Compute the inner product of two real deconvolved pictures from their rfft2 spectra.
+
+    The result is right up to a constant factor.
+    """
     products = (a.real * b.real + a.imag * b.imag) * count
     return float(products.sum(dtype=torch.float64))

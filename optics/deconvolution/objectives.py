@@ -65,9 +65,10 @@ class Smoothness:
 
 
 def differences(x: torch.Tensor, periodic: bool) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute a picture's forward differences down the columns and along the rows.
+    """Compute a picture's forward differences, on which a deconvolution's prior acts.
 
-    At the last row and column they are 0, or for a periodic picture the differences to the first.
+    Returns the differences down the columns and those along the rows. In the last row and column
+    they are 0, or for a periodic picture the differences to the first row and column.
     """
     down, along = x.roll(-1, -2).sub_(x), x.roll(-1, -1).sub_(x)
     if not periodic:
@@ -77,5 +78,5 @@ def differences(x: torch.Tensor, periodic: bool) -> tuple[torch.Tensor, torch.Te
 
 
 def differences_adjoint(down: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
-    """Apply the adjoint of a picture's forward differences."""
+    """Apply the adjoint of the forward differences on which a deconvolution's prior acts."""
     return down.roll(1, -2).sub_(down).add_(along.roll(1, -1)).sub_(along)

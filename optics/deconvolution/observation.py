@@ -81,12 +81,12 @@ class Observation:
 
     @property
     def psf_sum(self) -> float:
-        """The sum of the PSF, which is the share of the scene's light that reaches the sensor."""
+        """The PSF's sum in a deconvolution: the share of the scene's light on the sensor."""
         return float(self.psf.sum(dtype=torch.float64))
 
     @cached_property
     def effective_weights(self) -> torch.Tensor | None:
-        """The photograph's pixel weights with 0 for clipped pixels; None if all are 1."""
+        """The pixel weights for deconvolution, 0 for clipped pixels; None if all are 1."""
         if self.clipped is None or not bool(self.clipped.any()):
             return self.weights
         sound = (~self.clipped).to(self.image)
@@ -94,24 +94,24 @@ class Observation:
 
     @property
     def is_fully_measured(self) -> bool:
-        """Whether the photograph is a whole period of which all pixels have weight 1."""
+        """Whether the photograph to be deconvolved is a whole period, all with weight 1."""
         return self.border == "periodic" and self.effective_weights is None
 
     @cached_property
     def period_shape(self) -> tuple[int, int]:
-        """The (rows, columns) of the period on which the scene is restored."""
+        """The (rows, columns) of the period on which the photograph is deconvolved."""
         rows, columns = self.image.shape
         frame = rows, columns
         return frame if self.border == "periodic" else blur_shape(frame, self.psf.shape)
 
     @cached_property
     def otf(self) -> torch.Tensor:
-        """The OTF of the normalised PSF on the period of the restoration, complex."""
+        """The OTF of the normalised PSF on the period of the deconvolution, complex."""
         return transfer_function(self.psf / self.psf_sum, self.period_shape)
 
     @cached_property
     def scale(self) -> float:
-        """The scale of the scene's light, by which a restoration chooses thresholds and weights.
+        """The scale of the scene's light, which sets a deconvolution's thresholds and weights.
 
         It is the photograph's standard deviation over the sum of the PSF, but at least 1e-3 of the
         mean; 1 for a dark photograph.
@@ -123,35 +123,38 @@ class Observation:
 
     @cached_property
     def squared_mtf(self) -> torch.Tensor:
-        """The squared MTF ``|H|²`` on the period of the restoration."""
+        """The squared MTF ``|H|²`` on the period of the deconvolution."""
         return squared_modulus(self.otf)
 
     @cached_property
     def conjugate_otf(self) -> torch.Tensor:
-        """The complex conjugate H* of the OTF on the period of the restoration."""
+        """The complex conjugate H* of the OTF on the period of the deconvolution."""
         return self.otf.conj().resolve_conj()
 
     @cached_property
     def power_law(self) -> PowerLaw:
-        """The power law and noise of the spectrum of the photograph's middle, on its own scale."""
+        """The power law and noise of the spectrum of the photograph to be deconvolved.
+
+        Only the middle of the photograph is used. The power law is on the photograph's own scale.
+        """
         rows, columns = self._centre_shape
         middle = centred_crop(self.inpainted_image, (rows, columns)) * self.psf_sum
         return fit_power_law(middle, self.psf / self.psf_sum)
 
     @property
     def wiener_prediction(self) -> WienerPrediction:
-        """The prediction of what the Wiener filter restores, from the photograph's power law."""
+        """The prediction of what Wiener deconvolution restores, from the photograph's power law."""
         return self.power_law.wiener_prediction(
             self._squared_mtf_on(self._centre_shape), self._centre_shape
         )
 
     def _squared_mtf_on(self, shape: tuple[int, int]) -> torch.Tensor:
-        """Compute the squared MTF |H|² on a period of the given shape."""
+        """Compute the squared MTF ``|H|²`` for deconvolution on a period of the given shape."""
         return squared_modulus(transfer_function(self.psf / self.psf_sum, shape))
 
     @property
     def _centre_shape(self) -> tuple[int, int]:
-        """The (rows, columns) of the photograph's middle, whose spectrum is fitted.
+        """The (rows, columns) of the photograph's middle, whose spectrum a deconvolution fits.
 
         512 pixels, or four times the PSF, are enough for the fit.
         """
@@ -162,9 +165,10 @@ class Observation:
 
     @cached_property
     def noise(self) -> float:
-        """The noise of the photograph: the standard deviation of a pixel of weight 1.
+        """The noise of the photograph to be deconvolved: a pixel's standard deviation.
 
-        It is given or estimated, in the unit of the image.
+        The deviation is for a pixel of weight 1. It is given or estimated, in the unit of the
+        image.
         """
         return (
             math.sqrt(self.power_law.noise_variance)
@@ -174,17 +178,26 @@ class Observation:
 
     @property
     def scene_noise(self) -> float:
-        """The photograph's noise over the sum of the PSF, but at least the rounding error."""
+        """The noise of the photograph to be deconvolved, divided by the sum of the PSF.
+
+        The result isn't below the rounding error.
+        """
         return max(self.noise / self.psf_sum, LEAST_NOISE * self.scale)
 
     @cached_property
     def normalised_image(self) -> torch.Tensor:
-        """The photograph divided by the sum of the PSF, on the scale of the scene's light."""
+        """The photograph to be deconvolved on the scale of the scene's light.
+
+        The photograph is divided by the sum of the PSF.
+        """
         return self.image / self.psf_sum
 
     @cached_property
     def inpainted_image(self) -> torch.Tensor:
-        """The normalised photograph, with pixels of weight 0 filled in from their neighbours."""
+        """The normalised photograph for deconvolution, with unusable pixels filled in.
+
+        Pixels of weight 0 are filled in from their neighbours.
+        """
         if self.effective_weights is None:
             return self.normalised_image
         known = self.effective_weights > 0
@@ -194,7 +207,7 @@ class Observation:
 
     @cached_property
     def extended_image(self) -> torch.Tensor:
-        """The inpainted photograph, extended to the whole period with smooth transitions.
+        """The inpainted photograph, extended smoothly to the whole period of the deconvolution.
 
         Opposite edges of the period meet smoothly. With a dark border, zeros surround the
         photograph instead.
@@ -205,18 +218,21 @@ class Observation:
 
     @cached_property
     def support(self) -> torch.Tensor | None:
-        """The mask of the scene on the period, 1 where it may have light; None if everywhere."""
+        """The mask of where the deconvolved scene may have light: 1 there; None if everywhere.
+
+        The mask covers the whole period.
+        """
         if self.border != "dark":
             return None
         return centred_pad(torch.ones_like(self.image), self.period_shape)
 
     def crop_to_frame(self, period_image: torch.Tensor) -> torch.Tensor:
-        """Crop a picture on the whole period to the photograph's frame; the result is a view."""
+        """Crop a deconvolved picture on the whole period to the photograph's frame, as a view."""
         return centred_crop(period_image, self.image.shape)
 
     @torch.no_grad()
     def mean_squared_residual(self, light: torch.Tensor) -> float:
-        """Compute the mean squared residual of the photograph, relative to the noise variance.
+        """Compute a deconvolution's mean squared residual, relative to the noise variance.
 
         The residual is the normalised photograph less `light`, the blurred picture on the whole
         period. The mean is over pixels with a weight.
@@ -232,14 +248,14 @@ class Observation:
 
 
 def require_weights(weights: torch.Tensor) -> None:
-    """Raise ValueError for pixel weights that are negative, all zero or not finite."""
+    """Raise ValueError for deconvolution weights that are negative, all zero or not finite."""
     require_finite("weights", weights)
     if float(weights.min()) < 0 or not float(weights.max()) > 0:
         raise ValueError("weights must be positive somewhere, and negative nowhere")
 
 
 def require_psf(psf: torch.Tensor) -> None:
-    """Raise ValueError for a PSF with values that aren't finite or without a positive sum."""
+    """Raise ValueError for a PSF that can't be deconvolved: not finite, or no positive sum."""
     if not torch.isfinite(psf).all():
         raise ValueError("psf has NaN or infinite values; measure or compute it again")
     if not float(psf.sum()) > 0:
@@ -247,7 +263,7 @@ def require_psf(psf: torch.Tensor) -> None:
 
 
 def _inpaint(image: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
-    """Fill pixels that aren't valid with the mean of the nearest valid pixels around them."""
+    """Fill pixels that a deconvolution can't use with the mean of the nearest valid ones."""
     value = torch.where(valid, image, 0.0)[None, None]
     share = valid.to(image)[None, None]
     answer, missing = value.clone(), share == 0

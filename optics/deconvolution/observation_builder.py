@@ -18,10 +18,10 @@ def build_observation(
     weights: torch.Tensor | None = None,
     clipped: torch.Tensor | None = None,
 ) -> Observation:
-    """Build the observation of a blurred photograph from arrays of any kind.
+    """Gather what a deconvolution needs: the blurred photograph, PSF, noise and weights.
 
-    The photograph is restored in double precision if `image` is double, otherwise in single
-    precision. See `Observation` for what the quantities mean.
+    The arrays may be of any kind. The photograph is restored in double precision if `image` is
+    double, otherwise in single precision. See `Observation` for what the quantities mean.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ def plug_and_play(
     rounds: int = 12,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a photograph by plug-and-play, with a denoiser in place of a prior.
+    """Restore a blurred photograph by plug-and-play, with a denoiser in place of a prior.
 
     The method is that of Venkatakrishnan et al. (2013, doi 10.1109/GlobalSIP.2013.6737048) with
     half-quadratic splitting (Zhang et al. 2021, doi 10.1109/TPAMI.2021.3088914). The first picture
@@ -160,7 +160,10 @@ class _RemainingNoise:
 
     @classmethod
     def of(cls, observation: Observation, white: float) -> _RemainingNoise:
-        """Sample about 16,000 frequencies of a photograph's blur to predict the noise left."""
+        """Sample a blur's frequencies to predict the noise that plug-and-play deconvolution leaves.
+
+        About 16,000 frequencies are sampled.
+        """
         every = max(1, math.isqrt(observation.squared_mtf.numel() // (1 << 14)))
         count = rfft_column_weights(observation.period_shape[1])[::every].expand(
             observation.squared_mtf[::every, ::every].shape
@@ -172,7 +175,7 @@ class _RemainingNoise:
         )
 
     def denoiser_level(self, penalty: float) -> float:
-        """Return the noise level that the denoiser gets for a penalty K."""
+        """Return the noise level of plug-and-play deconvolution's denoiser for a penalty K."""
         share = _SETTINGS.worst_frequency_share
         squares = self.power / (self.power + penalty).square() * self.count
         mean = math.sqrt(float(squares.sum() / self.count.sum()))
@@ -180,9 +183,9 @@ class _RemainingNoise:
         return _SETTINGS.level_factor * self.noise * mean ** (1 - share) * worst**share
 
     def penalty_for(self, level: float) -> float:
-        """Find the penalty K for which the denoiser's noise level is `level`, by bisection.
+        """Find the penalty K of plug-and-play deconvolution for the denoiser's noise level `level`.
 
-        The result isn't below the smallest penalty.
+        The search is a bisection. The result isn't below the smallest penalty.
         """
         low, high = math.log(_SETTINGS.min_penalty), math.log(1e3)
         for _ in range(40):
@@ -194,7 +197,7 @@ class _RemainingNoise:
 
 
 def _subsample(picture: torch.Tensor) -> torch.Tensor:
-    """Return about 2^18 evenly spaced values of a large picture, for statistics."""
+    """Return about 2^18 evenly spaced values of a deconvolved picture, for statistics."""
     return picture.flatten()[:: max(1, picture.numel() >> 18)]
 
 
@@ -206,7 +209,7 @@ def _solve(
     progress: Progress,
     denoise: Denoise | None = None,
 ) -> RestoredImage:
-    """Restore by plug-and-play through the interface of all restorations."""
+    """Run plug-and-play deconvolution through the interface of all restorations."""
     if denoise is None:
         raise ValueError("method is plug-and-play, and no denoiser is given; give one")
     chosen = {} if weight is None else {"strength": weight}
@@ -214,9 +217,9 @@ def _solve(
 
 
 def _round_cost(observation: Observation) -> RestorationCost:
-    """Return the cost of one round of plug-and-play: denoising, and perhaps conjugate gradients.
+    """Return the cost of one round of plug-and-play deconvolution, including the denoiser.
 
-    Conjugate gradients are needed if part of the period wasn't measured.
+    Conjugate gradients are included if part of the period wasn't measured.
     """
     # The denoiser takes 4.4e4 multiplications and additions per pixel.
     network = RestorationCost(2, 100, 1.4 * 4.4e4)

@@ -26,7 +26,7 @@ def poisson_total_variation(
     positive: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a photograph with the Poisson likelihood of photons and total variation.
+    """Restore a blurred photograph with a Poisson likelihood and a total-variation prior.
 
     The result x minimises m * the sum of (H x - y log H x) + weight * the sum of |∇x|. The first
     sum is over trusted pixels y, and m is their mean. total_variation() has squares instead of
@@ -77,7 +77,7 @@ def poisson_total_variation(
 
 
 def poisson_data_prox(observation: Observation) -> DataProx:
-    """Build the proximal step of the Poisson data term of a photograph.
+    """Build the proximal step of a deconvolution's Poisson data term.
 
     The step returns the light v that minimises m t (v - y log v) + coupling / 2 * (v - light)²,
     where t is a pixel's weight. There the derivative m t (1 - y / v) + coupling * (v - light) is 0,

@@ -9,7 +9,7 @@ import torch
 
 
 def weight_by_evidence(penalty: float, power: float, noise: float, explained_share: float) -> float:
-    """Estimate the regularisation weight of a prior from the evidence of a picture.
+    """Estimate the weight of a deconvolution's prior from the evidence of a picture.
 
     For a penalty that grows with a power of the picture, the evidence (MacKay 1992, doi
     10.1162/neco.1992.4.3.415) gives power * weight * penalty = freedom * noise². `penalty` is the
@@ -39,11 +39,14 @@ class Prior(ABC):
 
     @abstractmethod
     def update(self, x: torch.Tensor) -> None:
-        """Update the prior's split and dual variable for the next picture, (rows, columns)."""
+        """Update a deconvolution prior's split and dual variable for the next picture.
+
+        The picture `x` is (rows, columns).
+        """
 
     @abstractmethod
     def coupling(self, weight: float, data: float) -> float:
-        """Return the coupling of the prior's split, for a weight and the data's coupling."""
+        """Return the coupling of a deconvolution prior's split, for a weight and data coupling."""
 
 
 class Penalty(Prior):
@@ -51,7 +54,7 @@ class Penalty(Prior):
 
     @abstractmethod
     def estimate_weight(self, noise: float, explained_share: float) -> float:
-        """Estimate the prior's weight from the last picture: see weight_by_evidence()."""
+        """Estimate a deconvolution prior's weight from the last picture by weight_by_evidence()."""
 
 
 class TotalVariation(Penalty):
@@ -121,9 +124,10 @@ class NonNegativity(Prior):
 
 
 def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
-    """Return the spectrum of the negative Laplacian, the gradient's adjoint times the gradient.
+    """Return the spectrum of the negative Laplacian, as a deconvolution's prior uses it.
 
-    It is on the rfft2 grid of a period, (rows, columns // 2 + 1), in double precision.
+    The negative Laplacian is the gradient's adjoint times the gradient. The spectrum is on the
+    rfft2 grid of a period, (rows, columns // 2 + 1), in double precision.
     """
     y = 2 - 2 * torch.cos(2 * math.pi * torch.fft.fftfreq(shape[0], dtype=torch.float64))
     x = 2 - 2 * torch.cos(2 * math.pi * torch.fft.rfftfreq(shape[1], dtype=torch.float64))
@@ -131,7 +135,10 @@ def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
 
 
 def add_gradient(x: torch.Tensor, down: torch.Tensor, along: torch.Tensor) -> None:
-    """Add the periodic forward differences of a picture to `down` and `along`, in place."""
+    """Add a picture's periodic gradient, for a deconvolution prior, to `down` and `along` in place.
+
+    The gradient consists of forward differences.
+    """
     down[:-1].add_(x[1:]).sub_(x[:-1])
     down[-1].add_(x[0]).sub_(x[-1])
     along[:, :-1].add_(x[:, 1:]).sub_(x[:, :-1])
@@ -139,7 +146,7 @@ def add_gradient(x: torch.Tensor, down: torch.Tensor, along: torch.Tensor) -> No
 
 
 def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
-    """Apply the adjoint of a picture's periodic gradient, and write the result to `out`."""
+    """Apply the adjoint of a deconvolution prior's periodic gradient; write the result to `out`."""
     torch.add(down, along, out=out).neg_()
     out[1:].add_(down[:-1])
     out[0].add_(down[-1])
@@ -149,7 +156,10 @@ def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor)
 
 
 def mean_gradient(x: torch.Tensor, power: float) -> float:
-    """Compute the mean of a picture's gradient length to a power, from every fourth row."""
+    """Compute a deconvolved picture's mean gradient length to a power, for the prior's weight.
+
+    The mean is taken over every fourth row.
+    """
     rows = x[:-1:4]
     down, along = (x[1::4] - rows)[:, :-1], rows[:, 1:] - rows[:, :-1]
     length = torch.addcmul(along * along, down, down).sqrt_()
@@ -157,7 +167,10 @@ def mean_gradient(x: torch.Tensor, power: float) -> float:
 
 
 def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
-    """Compute div(∇x / |∇x|) of a picture, with |∇x| replaced by √(|∇x|² + smooth²)."""
+    """Compute the total-variation term div(∇x / ``|∇x|``) of a deconvolved picture.
+
+    To avoid division by 0, ``|∇x|`` is replaced by √(``|∇x|²`` + smooth²).
+    """
     down, along = torch.zeros_like(x), torch.zeros_like(x)
     add_gradient(x, down, along)
     length = torch.addcmul(down * down, along, along).add_(smooth**2).rsqrt_()
@@ -165,7 +178,10 @@ def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
 
 
 def laplacian_of(x: torch.Tensor) -> torch.Tensor:
-    """Compute the Laplacian ∇²x of a periodic picture by differences."""
+    """Compute the Laplacian ∇²x of a deconvolved picture, for the Tikhonov term.
+
+    The picture is periodic. The Laplacian is computed from differences of neighbouring pixels.
+    """
     down, along = torch.zeros_like(x), torch.zeros_like(x)
     add_gradient(x, down, along)
     return gradient_adjoint(down, along, torch.empty_like(x)).neg_()

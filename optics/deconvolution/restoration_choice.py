@@ -33,7 +33,7 @@ def restore(
     denoise: Denoise | None = None,
     speed: MachineSpeed | None = None,
 ) -> RestoredImage:
-    """Restore a photograph with a known blur, by the best method that the given time allows.
+    """Restore a photograph with a known blur, by the best deconvolution that the time allows.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def restore(
 def _require(
     budget: float | None, method: str | None, weight: float | None, count: int | None
 ) -> None:
-    """Raise ValueError for arguments of restore() that are out of range or exclude each other."""
+    """Raise ValueError for invalid or conflicting arguments of restore(), the deconvolution."""
     if budget is not None:
         require_positive("budget", budget, "s")
     select_methods(METHODS, method)
@@ -104,7 +104,7 @@ def _choose_method(
     denoise: Denoise | None,
     speed: MachineSpeed,
 ) -> tuple[str, int]:
-    """Return the restoration method with the largest gain in the budget, and its iterations."""
+    """Return the deconvolution method with the largest gain in the budget, and its iterations."""
     if budget is None:
         name = method or DEFAULT_METHOD
         return name, METHODS[name].default_count if count is None else count

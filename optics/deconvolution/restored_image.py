@@ -48,9 +48,10 @@ class RestoredImage:
 
     @property
     def residual(self) -> float:
-        """The rms of the photograph less the blurred restoration, relative to the noise.
+        """The deconvolution's rms residual, relative to the noise.
 
-        It is about 1 if model, PSF and noise are right. Above 1.2, one of them is wrong.
+        The residual is the photograph less the blurred restoration. It is about 1 if model, PSF and
+        noise are right. Above 1.2, one of them is wrong.
         """
         if not callable(self.residual_source):
             return self.residual_source
@@ -62,7 +63,10 @@ class RestoredImage:
 
 @torch.no_grad()
 def relative_change(now: torch.Tensor, before: torch.Tensor) -> float:
-    """Return the relative L2 change between two iterations' pictures, from every fourth row."""
+    """Return the relative L2 change between the pictures of two iterations of a deconvolution.
+
+    The change is measured on every fourth row.
+    """
     rows, old = now[::4], before[::4]
     scale = float(torch.linalg.vector_norm(rows))
     return float(torch.linalg.vector_norm(rows - old)) / scale if scale else 0.0

@@ -29,7 +29,7 @@ def richardson_lucy(
     continue_past_noise: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a photograph by the Richardson-Lucy iteration, (rows, columns).
+    """Restore a blurred photograph by the Richardson-Lucy iteration, (rows, columns).
 
     The iteration converges towards the picture of greatest likelihood under photon noise. Negative
     light, which the subtraction of dark frames leaves, counts as 0, and so do negative values of
@@ -112,7 +112,7 @@ class _Likelihood:
 
     @classmethod
     def of(cls, observation: Observation) -> _Likelihood:
-        """Precompute the Poisson likelihood of an observation."""
+        """Precompute the Poisson likelihood of a blurred photograph for Richardson-Lucy."""
         psf = observation.psf.clamp(min=0) / observation.psf_sum
         transfer = transfer_function(psf, observation.period_shape)
         data = observation.normalised_image.clamp(min=0)
@@ -140,20 +140,20 @@ class _Likelihood:
         )
 
     def initial_picture(self) -> torch.Tensor:
-        """Return the first picture of Richardson-Lucy, even light inside the scene's support."""
+        """Return Richardson-Lucy's first picture, even light inside the scene's support."""
         even = torch.full_like(self.data, self.mean_light)
         return even if self.observation.support is None else even * self.observation.support
 
     def blur(self, picture: torch.Tensor) -> torch.Tensor:
-        """Blur a picture on the whole period by the PSF."""
+        """Blur Richardson-Lucy's picture by the PSF, on the whole period of the deconvolution."""
         return irfft2(rfft2(picture) * self.otf, self.observation.period_shape)
 
     def updated_picture(
         self, picture: torch.Tensor, expected: torch.Tensor, factor: torch.Tensor | None
     ) -> torch.Tensor:
-        """Update a picture by one Richardson-Lucy step (thesis Eq. 2.30).
+        """Update a deconvolved picture by one Richardson-Lucy step (thesis Eq. 2.30).
 
-        `expected` is the blurred picture, and `factor` is that of the regulariser.
+        `expected` is the blurred picture, and `factor` is the regulariser's factor, or None.
         """
         # The lower limit avoids a division by 0.
         ratio = self.data / expected.clamp(min=1e-6 * self.mean_light)
@@ -174,7 +174,7 @@ class _Iterates:
         self._gains: list[torch.Tensor] = []
 
     def extrapolate(self) -> torch.Tensor:
-        """Extrapolate the last two pictures of Richardson-Lucy to where the next step starts."""
+        """Extrapolate Richardson-Lucy's last two deconvolved pictures to the next step's start."""
         if not self._accelerate or self._direction is None or len(self._gains) < 2:
             return self.current
         before, last = self._gains
@@ -195,7 +195,7 @@ class _Iterates:
 def _regulariser_factor(
     picture: torch.Tensor, level: float, total_variation: float, tikhonov: float
 ) -> torch.Tensor | None:
-    """Return the factor 1 / (1 - w Γ) of the regulariser of Richardson-Lucy, or None."""
+    """Return the regulariser's factor 1 / (1 - w Γ) in Richardson-Lucy deconvolution, or None."""
     if not total_variation and not tikhonov:
         return None
     taken = torch.zeros_like(picture)
@@ -210,7 +210,7 @@ def _regulariser_factor(
 def _solve(
     observation: Observation, weight: float | None, *, iterations: int, progress: Progress
 ) -> RestoredImage:
-    """Restore by Richardson-Lucy through the interface of all restorations."""
+    """Run Richardson-Lucy deconvolution through the interface of all restorations."""
     return richardson_lucy(
         observation, iterations, total_variation=weight or 0.0, progress=progress
     )

@@ -43,11 +43,11 @@ SCENE_PRIORS: tuple[ScenePrior, ...] = ("neighbours", "flat")
 
 @accepts_numpy
 def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor, torch.Tensor]:
-    """Split a separable PSF, (rows, columns), into a column and a row: psf = down x along.
+    """Split a separable PSF into a column and a row for deconvolution: psf = down x along.
 
-    Their product is the nearest one to the PSF (Eckart and Young 1936). `down` sums to 1. `tol` is
-    the largest relative L2 difference between PSF and product that is allowed; a larger one raises
-    a ValueError that states it.
+    The PSF is (rows, columns). Of all products of a column and a row, the result is nearest to it
+    (Eckart and Young 1936). `down` sums to 1. `tol` is the largest relative L2 difference between
+    PSF and product that is allowed; a larger one raises a ValueError that states it.
     """
     require_finite("psf", psf)
     if psf.ndim != 2:
@@ -68,11 +68,11 @@ def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor,
 
 @accepts_numpy
 def blur_matrix(kernel: torch.Tensor, length: int, border: Border) -> torch.Tensor:
-    """Build the blur matrix of one axis, (length, scene), from a kernel (n,) with origin n // 2.
+    """Build the blur matrix of one axis, which a separable deconvolution inverts.
 
-    The scene is as long as the frame of `length` pixels. With an "unknown" border it is n - 1
-    pixels longer, which are all that send light into the frame; n - 1 - n // 2 of them lie before
-    the frame.
+    `kernel` is (n,) with its origin at n // 2, and the matrix is (length, scene). The scene is as
+    long as the frame of `length` pixels. With an "unknown" border it is n - 1 pixels longer, which
+    are all that send light into the frame; n - 1 - n // 2 of them lie before the frame.
     """
     require_border(border)
     n = len(kernel)
@@ -104,7 +104,7 @@ class _Axis:
 
     @classmethod
     def of(cls, kernel: torch.Tensor, length: int, border: Border, prior: ScenePrior) -> _Axis:
-        """Decompose the blur of one axis of a separable PSF."""
+        """Decompose the blur of one axis for a separable deconvolution."""
         blur = blur_matrix(kernel.to(torch.float64), length, border)
         root = _prior_root(blur.shape[1], border, prior)
         u, s, vh = torch.linalg.svd(blur if root is None else blur @ root, full_matrices=False)
@@ -115,9 +115,9 @@ class _Axis:
 
 
 def _prior_root(length: int, border: Border, prior: ScenePrior) -> torch.Tensor | None:
-    """Return the root R of the scene prior's correlation R R^T along an axis.
+    """Return the root R of a separable deconvolution's prior correlation R R^T, along one axis.
 
-    The result is None for the identity.
+    The prior describes the scene. The result is None if R is the identity.
     """
     if prior == "flat":
         return None
@@ -198,9 +198,10 @@ class SeparableFilter:
 
     @property
     def multiplications(self) -> int:
-        """The number of multiplications of one separable restoration.
+        """The number of multiplications of one separable deconvolution.
 
-        It has four products of matrices and the gain; with a filter for each axis it has two.
+        A joint filter takes four matrix products and the gain. One filter for each axis takes two
+        matrix products.
         """
         m, n = self.shape
         p, q = len(self._rows.singular_values), len(self._columns.singular_values)
@@ -210,15 +211,18 @@ class SeparableFilter:
 
     @accepts_numpy
     def coefficients(self, image: torch.Tensor) -> torch.Tensor:
-        """Return the coefficients of photographs, (..., rows, columns), in the two SVD bases."""
+        """Return blurred photographs' coefficients in the separable filter's two SVD bases.
+
+        The photographs are (..., rows, columns).
+        """
         if tuple(image.shape[-2:]) != self.shape:
             raise ValueError(f"image is {tuple(image.shape)}; its last axes must be {self.shape}")
         return self._rows.left_vectors.mT @ image @ self._columns.left_vectors
 
     def coefficient_gain(self, weight: float) -> torch.Tensor:
-        """Return the factor from each SVD coefficient of the photograph to that of the scene.
+        """Return the deconvolution's gain of each SVD coefficient, from photograph to scene.
 
-        Its product with the singular values is 1 where nothing is lost.
+        The gain times the singular values is 1 where nothing is lost.
         """
         require_positive("weight", weight, "")
         s, t = self._rows.singular_values[:, None], self._columns.singular_values
@@ -228,7 +232,7 @@ class SeparableFilter:
 
     @accepts_numpy
     def restore(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
-        """Restore the scene in the frame from the photograph's coefficients()."""
+        """Deconvolve: restore the scene in the frame from the photograph's coefficients()."""
         return (
             self._rows.right_vectors
             @ (coefficients * self.coefficient_gain(weight))
@@ -248,7 +252,7 @@ class SeparableFilter:
         return down @ image @ along.mT
 
     def axis_filters(self, weight: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the restoring filter of each axis, (rows, rows) and (columns, columns)."""
+        """Return the deconvolving filter of each axis, (rows, rows) and (columns, columns)."""
         require_positive("weight", weight, "")
         down, along = (
             (axis.right_vectors * (axis.singular_values / (axis.singular_values.square() + weight)))
@@ -258,7 +262,7 @@ class SeparableFilter:
         return down, along
 
     def residual_coefficients(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
-        """Return the residual of a separable restoration as coefficients of the photograph."""
+        """Return a separable deconvolution's residual as coefficients of the photograph."""
         through = (
             self._rows.singular_values[:, None]
             * self._columns.singular_values
@@ -276,7 +280,7 @@ def restore_separable(
     joint: bool = True,
     tol: float = 1e-3,
 ) -> RestoredImage:
-    """Restore a photograph with a separable PSF by a linear filter, without iterations.
+    """Restore a photograph blurred by a separable PSF by a linear filter, without iterations.
 
     The result X minimises |H X - O|² + weight * (X in the norm of the inverse prior covariance)
     exactly. It is linear, so that it may be negative where the light is dim, and differentiable.
@@ -333,7 +337,7 @@ def _choose_weight(
     coefficients: torch.Tensor,
     kernels: tuple[torch.Tensor, torch.Tensor],
 ) -> float:
-    """Choose the weight of a separable restoration.
+    """Choose the weight of a separable deconvolution's prior.
 
     A flat prior describes photographs too poorly for cross-validation. Its weight therefore comes
     from the error that the photograph's spectrum predicts.
@@ -347,9 +351,9 @@ def _choose_weight(
 
 
 def _predicted_weight(observation: Observation, down: torch.Tensor, along: torch.Tensor) -> float:
-    """Predict the best weight of one filter for each axis with a flat prior.
+    """Predict the best weight of a separable deconvolution with one filter for each axis.
 
-    The prediction assumes that the whole period was measured.
+    The prior is flat. The prediction assumes that the whole period was measured.
     """
     rows, columns = observation.period_shape
     y = squared_modulus(torch.fft.fft(down.to(torch.float64), rows))[:, None]
@@ -363,7 +367,7 @@ def _predicted_weight(observation: Observation, down: torch.Tensor, along: torch
 
 
 def _cross_validated_weight(separable_filter: SeparableFilter, coefficients: torch.Tensor) -> float:
-    """Choose the weight of a separable restoration by generalised cross-validation.
+    """Choose the weight of a separable deconvolution by generalised cross-validation.
 
     With this weight, each pixel is predicted best from the others (Golub, Heath and Wahba 1979, doi
     10.1080/00401706.1979.10489751). The method takes the border into account and doesn't need the

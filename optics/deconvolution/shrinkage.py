@@ -13,19 +13,20 @@ _ENTRIES = 2048
 
 
 def require_power(power: float) -> None:
-    """Raise ValueError unless the power of a gradient penalty is above 0 and up to 1."""
+    """Raise ValueError unless a deconvolution prior's power of gradients is above 0 and up to 1."""
     if not 0 < power <= 1:
         raise ValueError(f"power is {power:g}; give one above 0, up to 1")
 
 
 @accepts_numpy
 def shrink(value: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
-    """Shrink each value to the v that minimises |v|^power + coupling / 2 (v - value)².
+    """Shrink each value as a deconvolution's hyper-Laplacian prior requires.
 
-    v is 0 up to a threshold of |value|. Beyond it, |v| is the largest root of
-    v - |value| = -(power / coupling) v^(power - 1) (Krishnan and Fergus 2009, "Fast image
-    deconvolution using hyper-Laplacian priors", NIPS 22). The result is accurate to 1e-6 of the
-    value. Raises ValueError for a power outside 0 to 1, or a coupling that isn't positive.
+    The result is the v that minimises ``|v|^power + coupling / 2 (v - value)²``. v is 0 up to a
+    threshold of |value|. Beyond it, |v| is the largest root of v - |value| = -(power / coupling)
+    v^(power - 1) (Krishnan and Fergus 2009, "Fast image deconvolution using hyper-Laplacian
+    priors", NIPS 22). The result is accurate to 1e-6 of the value. Raises ValueError for a power
+    outside 0 to 1, or a coupling that isn't positive.
     """
     require_power(power)
     require_positive("coupling", coupling, "")
@@ -34,8 +35,11 @@ def shrink(value: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
 
 
 def shrinkage_factor(squares: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
-    """Return the share of a gradient's length that shrink() keeps, from the squared length."""
-    threshold, table = _table(power)
+    """Return the share of a gradient that a deconvolution prior's shrink() keeps.
+
+    `squares` are the squared lengths of the gradients.
+    """
+    threshold, table = _shrinkage_table(power)
     table = table.to(squares)
     place = (squares + torch.finfo(squares.dtype).tiny).rsqrt_()
     place.mul_(threshold * coupling ** (-1 / (2 - power)) * _ENTRIES)
@@ -47,10 +51,11 @@ def shrinkage_factor(squares: torch.Tensor, power: float, coupling: float) -> to
 
 
 @lru_cache
-def _table(power: float) -> tuple[float, torch.Tensor]:
-    """Compute the shrinkage threshold for a coupling of 1, and the table of the kept shares.
+def _shrinkage_table(power: float) -> tuple[float, torch.Tensor]:
+    """Compute a deconvolution prior's shrinkage threshold, and a table of the shares kept.
 
-    Entry i is the share that is kept of the length threshold / (i / _ENTRIES).
+    The threshold is for a coupling of 1. Entry i is the share that is kept of a gradient of length
+    threshold / (i / _ENTRIES).
     """
     least = (2 * (1 - power)) ** (1 / (2 - power))
     threshold = least + power * least ** (power - 1) if power < 1 else 1.0

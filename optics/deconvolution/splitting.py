@@ -48,7 +48,7 @@ class SplittingSettings:
 
 
 def damped_weight(target: float, weight: float, initial: float, max_factor: float = 2.5) -> float:
-    """Move the regularisation weight 30 % of the way to its target, in logarithms.
+    """Move the weight of a deconvolution's prior 30 % of the way to its target, in logarithms.
 
     The target is limited to `max_factor` times the initial weight, up or down.
     """
@@ -64,23 +64,26 @@ class _DataTerm(ABC):
 
     @abstractmethod
     def right_hand_side(self, data_coupling: float) -> torch.Tensor:
-        """Return the spectrum that the data add to the right-hand side of the picture's step.
+        """Return the photograph's part of a deconvolution step's right-hand side, as a spectrum.
 
-        It includes the coupling. Callers mustn't overwrite it.
+        The part includes the coupling. Callers mustn't overwrite it.
         """
 
     @abstractmethod
     def coupling(self, data_coupling: float) -> float:
-        """Return the factor of |H|² in the denominator of the picture's step."""
+        """Return the factor of ``|H|²`` in the denominator of a deconvolution's picture step."""
 
     @abstractmethod
     def update(self, spectrum: torch.Tensor, data_coupling: float) -> None:
-        """Update the data term's split for the next picture; it may overwrite the spectrum."""
+        """Update the split of a deconvolution's data term for the next picture.
+
+        The method may overwrite the spectrum.
+        """
 
     @property
     @abstractmethod
     def mean_squared_residual(self) -> float:
-        """The last picture's mean squared residual, relative to the noise variance."""
+        """The last deconvolved picture's mean squared residual, relative to the noise variance."""
 
 
 class _FullPeriodData(_DataTerm):
@@ -139,7 +142,7 @@ class _SplitDataTerm(_DataTerm):
         torch.sub(wanted, self._dual, out=light)
 
     def _least_squares(self, light: torch.Tensor, data_coupling: float) -> torch.Tensor:
-        """Do the proximal step of the weighted least-squares data term."""
+        """Do the proximal step of a deconvolution's weighted least-squares data term."""
         data, trust = self.observation.normalised_image, self.observation.effective_weights
         if trust is None:
             return torch.lerp(light, data, 1 / (1 + data_coupling))
@@ -181,7 +184,10 @@ class Splitting:
         self._inverse_for = 0.0
 
     def solve(self, method: str, progress: Progress) -> RestoredImage:
-        """Run the iterations of the restoration; `method` names it in reports and in the result."""
+        """Run the iterations of a deconvolution by splitting, and return the restored picture.
+
+        `method` is the name for progress reports and for the result.
+        """
         steps, change = self._steps, list[float]()
         picture, converged = self._observation.extended_image, steps.tol == 0
         for number in range(steps.iterations):
@@ -209,7 +215,7 @@ class Splitting:
         )
 
     def _picture(self) -> torch.Tensor:
-        """Compute the next picture from the right-hand sides of the data and the priors."""
+        """Compute the deconvolution's next picture from the photograph and the priors' splits."""
         # A factor of 2 was the fastest of 0.5 to 4, for kernels and noise of all kinds.
         held = 2.0 * (self._weight / self._observation.scale) ** 0.5
         own = self._data.coupling(held)
@@ -219,7 +225,10 @@ class Splitting:
         return picture
 
     def _right_hand_side(self, data_coupling: float, data_factor: float) -> torch.Tensor:
-        """Add up the right-hand sides of data and priors; callers may overwrite the spectrum."""
+        """Add up the parts of photograph and priors in a deconvolution step's right-hand side.
+
+        Callers may overwrite the spectrum.
+        """
         first, *others = self._priors
         wanted, pull = first.adjoint_target, self._data.right_hand_side(data_coupling)
         if wanted is None:
@@ -233,7 +242,10 @@ class Splitting:
         return torch.add(pull, spectrum, alpha=coupled, out=spectrum)
 
     def _inverse_denominator(self, data_factor: float) -> torch.Tensor:
-        """Return the inverse denominator of the picture's step; it is kept while weights stay."""
+        """Return the inverse denominator of a deconvolution's picture step.
+
+        The result is kept in memory until the weight changes.
+        """
         if self._inverse is None or self._inverse_for != self._weight:
             below = self._observation.squared_mtf * data_factor
             # This keeps frequencies at 0 that neither the blur nor a prior determines.
@@ -244,7 +256,7 @@ class Splitting:
         return self._inverse
 
     def _reweigh(self) -> None:
-        """Move the regularisation weight towards the one by the evidence of the last picture."""
+        """Move the weight of a deconvolution's prior towards its estimate from the last picture."""
         freedom = max(1 - self._data.mean_squared_residual, MIN_EXPLAINED_SHARE)
         wanted = self._penalty.estimate_weight(self._observation.scene_noise, freedom)
         self._weight = damped_weight(wanted, self._weight, self._steps.initial_weight)

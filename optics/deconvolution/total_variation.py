@@ -37,7 +37,9 @@ def total_variation(
     data_prox: DataProx | None = None,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a photograph with total variation, which keeps edges sharp (thesis Eq. 2.27).
+    """Restore a blurred photograph with the total-variation prior, which keeps edges sharp.
+
+    See thesis Eq. 2.27.
 
     Parameters
     ----------
@@ -93,7 +95,10 @@ def total_variation(
 
 
 def _gradient_threshold(observation: Observation) -> float:
-    """Return the length of gradients that a first iteration of total variation sets to 0."""
+    """Return the gradient threshold of total-variation deconvolution.
+
+    The first iteration sets gradients below this length to 0.
+    """
     bright = observation.clipped is not None and bool(observation.clipped.any())
     # Clipped light may be many times brighter than the measured value. With a small threshold, it
     # would take many iterations to reach it.
@@ -101,9 +106,10 @@ def _gradient_threshold(observation: Observation) -> float:
 
 
 def initial_weight(observation: Observation, power: float = 1.0) -> float:
-    """Predict the weight of total variation from the photograph's spectrum.
+    """Predict the weight of deconvolution's total-variation prior from the photograph's spectrum.
 
-    It is the weight by the evidence of the Wiener filter's restoration, which is predicted.
+    The prediction estimates what the Wiener filter would restore, and takes the weight from the
+    evidence of that picture.
     """
     explained = observation.wiener_prediction
     # The mean length of photographs' gradients is 0.32 of the rms length.

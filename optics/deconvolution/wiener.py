@@ -36,7 +36,7 @@ def wiener(
     *,
     steps: int = 30,
 ) -> RestoredImage:
-    """Restore a photograph by the Wiener filter, H* O / (|H|² + K), (rows, columns).
+    """Restore a blurred photograph by the Wiener filter, ``H* O / (|H|² + K)``, (rows, columns).
 
     The filter is linear, so that the result may be negative where the light is dim, and it is
     differentiable. The mean of the photograph isn't changed by K.
@@ -96,7 +96,7 @@ def wiener(
 def penalty_of(
     observation: Observation, weight: float | None, penalty_kind: PenaltyKind
 ) -> tuple[torch.Tensor, float]:
-    """Return the Wiener filter's penalty K of each frequency of the period, and its weight."""
+    """Return Wiener deconvolution's penalty K of each frequency of the period, and its weight."""
     squares = squared_frequencies(observation.period_shape)
     if penalty_kind == "spectrum":
         shape, best = _noise_to_signal(observation, squares), 1.0
@@ -113,9 +113,9 @@ def penalty_of(
 
 
 def _noise_to_signal(observation: Observation, squares: torch.Tensor) -> torch.Tensor:
-    """Return the noise-to-signal power ratio of a photograph, by squared frequency.
+    """Return the noise-to-signal power ratio for Wiener deconvolution, by squared frequency.
 
-    Frequencies below the lowest one of the period have the ratio of that one.
+    Frequencies below the lowest one of the period get the ratio of the lowest one.
     """
     law, at = observation.power_law, squares.clamp(min=max(observation.period_shape) ** -2)
     noise = (observation.scene_noise * observation.psf_sum) ** 2
@@ -125,10 +125,10 @@ def _noise_to_signal(observation: Observation, squares: torch.Tensor) -> torch.T
 def least_error_weight(
     observation: Observation, system_response: Callable[[float, Frequencies], torch.Tensor]
 ) -> float:
-    """Find the weight of a linear filter with the least mean square error that is predicted.
+    """Find the weight of a linear deconvolution with the least predicted mean square error.
 
-    The prediction uses the photograph's spectrum. `system_response` returns, for a weight and some
-    of the frequencies of the period, the transfer function of blur and filter together.
+    The prediction uses the photograph's spectrum. For a weight and some frequencies of the period,
+    `system_response` returns the transfer function of blur and filter together.
     """
     # About 4000 frequencies are enough for the prediction.
     every = slice(None, None, max(1, math.isqrt(observation.squared_mtf.numel() // (1 << 12))))
@@ -146,14 +146,17 @@ def least_error_weight(
 def _solve(
     observation: Observation, weight: float | None, *, iterations: int, progress: Progress
 ) -> RestoredImage:
-    """Restore by the Wiener filter through the interface of all restorations."""
+    """Run Wiener deconvolution through the interface of all restorations."""
     # Pixels that are missing within the frame need at least 10 steps.
     least = 0 if observation.effective_weights is None else 10
     return wiener(observation, weight, steps=max(iterations - 1, least))
 
 
 def _iteration_cost(observation: Observation) -> RestorationCost:
-    """Return the cost of a step of conjugate gradients; a fully measured period needs none."""
+    """Return the cost of a conjugate-gradient step of Wiener deconvolution.
+
+    If the period is fully measured, no step is needed and the cost is 0.
+    """
     return RestorationCost(0, 0) if observation.is_fully_measured else RestorationCost(2, 24)
 
 

@@ -10,7 +10,7 @@ from optics.deconvolution.priors import laplacian_spectrum
 
 
 def helmert_matrix(bands: int) -> torch.Tensor:
-    """Compute Helmert's orthonormal matrix of colour axes, (bands, bands).
+    """Compute Helmert's orthonormal matrix of colour axes for demosaicing, (bands, bands).
 
     The first row is the mean of all bands, which is the brightness. Row k is the difference
     between band k and the mean of the bands before it.
@@ -49,7 +49,7 @@ class CurvaturePrior:
         self._dual = torch.zeros((3, bands, *shape), dtype=dtype)
 
     def update(self, colours: torch.Tensor) -> torch.Tensor:
-        """Update the colour prior's split and return D^T (d - b) for the next picture.
+        """Update the demosaicing prior's split; return D^T (d - b) for the next picture.
 
         `colours` is the current picture on the colour axes, (bands, rows, columns); so is the
         result. d is the split of D x, and b is its scaled dual variable.
@@ -68,9 +68,9 @@ class CurvaturePrior:
 
 
 def _second_differences(x: torch.Tensor) -> torch.Tensor:
-    """Compute second differences of a periodic colour picture.
+    """Compute second differences of a periodic colour picture, for the demosaicing prior.
 
-    The result holds those down the columns, those along the rows, and the mixed ones times √2.
+    Returns the differences down the columns, those along the rows, and the mixed ones times √2.
     """
     down = x.roll(-1, -2).sub_(x)
     along = x.roll(-1, -1).sub_(x)
@@ -84,7 +84,10 @@ def _second_differences(x: torch.Tensor) -> torch.Tensor:
 
 
 def _second_differences_adjoint(d: torch.Tensor) -> torch.Tensor:
-    """Apply the adjoint of `_second_differences` to d, (3, bands, rows, columns)."""
+    """Apply the adjoint of the demosaicing prior's second differences.
+
+    `d` is (3, bands, rows, columns), as _second_differences() returns it.
+    """
     across = d[2] * math.sqrt(2)
     down = (d[0] - d[0].roll(-1, -2)).add_(across.roll(1, -1)).sub_(across)
     along = d[1] - d[1].roll(-1, -1)

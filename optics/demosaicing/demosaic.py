@@ -118,7 +118,7 @@ def demosaic(
 
 
 def _validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
-    """Return the rows of a colour filter pattern; raise ValueError if they are malformed."""
+    """Return the rows of a mosaic's filter pattern; raise ValueError if they are malformed."""
     rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
     if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
         raise ValueError(
@@ -132,7 +132,7 @@ def _validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
 
 
 def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
-    """Return a mosaic's raw picture in floating point; raise ValueError if it isn't usable."""
+    """Return a raw mosaic for demosaicing in floating point; raise ValueError if it's unusable."""
     if raw.ndim != 2:
         raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
     require_finite("raw", raw)
@@ -140,7 +140,10 @@ def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
 
 
 def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
-    """Return the colour filters' response, by default the identity; check its shape."""
+    """Return the response of a mosaic's colour filters, by default the identity.
+
+    Raises ValueError for a response that isn't finite or has the wrong shape.
+    """
     if response is None:
         return torch.eye(len(channels))
     require_finite("response", response)

@@ -138,7 +138,7 @@ class _Splitting:
         return _transform_bands(self._curvature_prior.colour_axes, x)
 
     def _blur(self, spectrum: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """Return the blurred light before the colour filters; callers may overwrite it."""
+        """Return the blurred light before the mosaic's filters; callers may overwrite it."""
         transfer = self._observation.otf
         return (
             x.clone()
@@ -147,9 +147,10 @@ class _Splitting:
         )
 
     def _update_data_split(self, light: torch.Tensor) -> torch.Tensor:
-        """Update the split v of the light before the filters and its dual u; return v - u.
+        """Update the demosaicing's split v of the light before the mosaic's filters; return v - u.
 
-        Outside the frame, where nothing was measured, the light is returned as it is.
+        u is the dual variable of v. Outside the frame, where nothing was measured, the light is
+        returned as it is.
         """
         inside = self._observation.crop_to_frame(light)
         moved = inside + self._dual
@@ -183,7 +184,10 @@ class _Splitting:
         return torch.linalg.inv(own + bends.gram_spectrum[..., None, None] * shared)
 
     def _solve_spectrum(self, right_hand_side: torch.Tensor) -> torch.Tensor:
-        """Multiply the right-hand side's spectrum by the inverse of the normal matrix."""
+        """Solve a demosaicing step for the spectrum of the colour picture.
+
+        The solution is the spectrum of the right-hand side times the inverse of the normal matrix.
+        """
         if self._inverse.ndim == 3:
             colours = self._curvature_prior.colour_axes
             return _transform_bands(
@@ -194,5 +198,5 @@ class _Splitting:
 
 
 def _transform_bands(matrix: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Multiply the bands of each pixel by a matrix."""
+    """Multiply the bands of each pixel of a demosaiced picture by a matrix."""
     return torch.tensordot(matrix.to(x.dtype), x, 1)

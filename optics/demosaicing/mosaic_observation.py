@@ -98,12 +98,12 @@ class MosaicObservation:
 
     @cached_property
     def filter_gain(self) -> float:
-        """The gain of the colour filters: the norm over the bands, as an rms over the pixels."""
+        """The gain of the mosaic's filters: the norm over the bands, as an rms over the pixels."""
         return math.sqrt(float(self.filters.square().sum(0).mean()))
 
     @cached_property
     def scale(self) -> float:
-        """The scale of the scene's light, by which weights of the demosaicing are chosen.
+        """The scale of the scene's light, which sets the weights of the demosaicing prior.
 
         It is the standard deviation of the raw picture over the gain of the filters, but at least
         1e-3 of the mean; 1 for a dark picture.
@@ -114,7 +114,10 @@ class MosaicObservation:
 
     @cached_property
     def otf(self) -> torch.Tensor | None:
-        """The OTF on the period, (1 or bands, rows, columns // 2 + 1), or None without a PSF."""
+        """The OTF on the period of the demosaicing, or None without a PSF.
+
+        The OTF is (1 or bands, rows, columns // 2 + 1).
+        """
         if self.psf is None:
             return None
         psf = self.psf if self.psf.ndim == 3 else self.psf[None]
@@ -139,7 +142,10 @@ class MosaicObservation:
 
 
 def _tent_filter(pictures: torch.Tensor, period: Sequence[int]) -> torch.Tensor:
-    """Convolve pictures with a tent, whose weights fall linearly to 0 at a pattern's period."""
+    """Interpolate a mosaic's samples by convolution with a tent-shaped kernel.
+
+    The kernel falls linearly from its middle to 0 at a distance of the filter pattern's period.
+    """
     kernels = [1 - torch.arange(1 - n, n).abs() / n for n in (max(int(m), 2) for m in period)]
     down, along = (kernel.to(pictures) for kernel in kernels)
     rows = torch.nn.functional.conv2d(

@@ -43,7 +43,7 @@ def estimate_mosaic_noise(raw: torch.Tensor, period: Sequence[int]) -> float:
 
 
 def _block_variances(plane: torch.Tensor) -> list[torch.Tensor]:
-    """Compute the noise variance of each block of one filter's samples by second differences.
+    """Estimate the noise variance of blocks of one mosaic filter's samples by second differences.
 
     White noise of unit variance gives 1.
     """

@@ -46,7 +46,7 @@ class _ChirpRule(AxisRule):
 
 
 def chirp_length(n: int, m: int) -> int:
-    """Return the length of the FFTs of a chirp-Z transform from n samples to m samples."""
+    """Return the length of the FFTs of a chirp-Z Fourier transform from n samples to m samples."""
     return scipy.fft.next_fast_len(n + m - 1)
 
 
@@ -80,12 +80,12 @@ class ChirpTransform(SeparableTransform):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the largest arrays of the transform."""
+        """The memory in bytes of the chirp Fourier transform's largest arrays."""
         sizes = (a * b for a, b in zip(self._lengths(), self.lines(), strict=True))
         return self.dtype.itemsize * 3 * max(sizes)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one Fourier transform in seconds, for a machine speed."""
+        """Predict the processor seconds of one chirp Fourier transform at a machine's speed."""
         each = zip(self._lengths(), self.lines(), strict=True)
         sizes = [(length, count) for length, count in each]
         operations = sum(2 * count * fft_operations(length) for length, count in sizes)

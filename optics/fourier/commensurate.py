@@ -45,7 +45,7 @@ class _CommensurateRule(AxisRule):
         return spectrum.index_select(-2, self.index) * self.phase
 
     def _fold_periods(self, field: torch.Tensor) -> torch.Tensor:
-        """Add up all input samples of the FFT that lie a whole number of periods apart."""
+        """Add up the Fourier sum's input samples that lie a whole number of FFT periods apart."""
         if self.n <= self.length:
             return field
         periods = -(-self.n // self.length)
@@ -94,7 +94,7 @@ class CommensurateTransform(SeparableTransform):
 
     @staticmethod
     def is_commensurate(geometry: FourierGeometry) -> bool:
-        """Tell whether one over the step of a Fourier geometry is whole along both axes."""
+        """Tell whether one over a Fourier geometry's step is whole along both axes."""
         return all(commensurate_length(geometry, axis) for axis in (0, 1))
 
     def build_axis_rule(self, axis: int) -> AxisRule:
@@ -104,12 +104,12 @@ class CommensurateTransform(SeparableTransform):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the largest arrays of the transform."""
+        """The memory in bytes of the commensurate Fourier transform's largest arrays."""
         sizes = (a * b for a, b in zip(self._lengths, self.lines(), strict=True))
         return self.dtype.itemsize * 2 * max(sizes)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one Fourier transform in seconds, for a machine speed."""
+        """Predict the processor seconds of a commensurate Fourier transform at a machine speed."""
         each = zip(self._lengths, self.lines(), strict=True)
         operations = sum(count * fft_operations(length) for length, count in each)
         (ny, nx), (_, mx) = self.geometry.pupil.shape, self.geometry.image.shape

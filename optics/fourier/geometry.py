@@ -11,7 +11,9 @@ from optics.plane import Plane, RectilinearGrid
 
 
 def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Compute the phasor exp(2 pi i turns), with the phase reduced to half a turn in float64.
+    """Compute a Fourier phasor exp(2 pi i turns), with the phase reduced to half a turn.
+
+    The reduction is done in float64.
 
     Parameters
     ----------
@@ -62,7 +64,9 @@ class FourierGeometry:
             )
 
     def step(self, axis: int) -> float:
-        """Compute the phase in turns per pupil sample and image sample, along axis 0 (y) or 1 (x).
+        """Compute the Fourier phase in turns per pupil sample and image sample along an axis.
+
+        axis: 0 (y) or 1 (x).
 
         Raises
         ------
@@ -74,11 +78,16 @@ class FourierGeometry:
         return self.pupil.pitch[axis] * self.image.pitch[axis] / self.scale
 
     def pupil_offsets(self, axis: int) -> torch.Tensor:
-        """Return the pupil samples' positions from its centre along an axis, in metres, float64."""
+        """Return the Fourier geometry's pupil positions relative to the pupil's centre, metres.
+
+        The positions lie along an axis, 0 (y) or 1 (x), and are float64.
+        """
         return self.pupil.coordinates(axis) - self.pupil.centre[axis]
 
     def pupil_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
-        """Compute the phase factor over the pupil that shifts the image to its off-axis centre.
+        """Compute the Fourier phase factor over the pupil for an image that is off-axis.
+
+        The factor shifts the image to its off-axis centre.
 
         Parameters
         ----------
@@ -98,7 +107,7 @@ class FourierGeometry:
         return unit_phasor(-self.pupil_offsets(axis) * centre / self.scale, dtype)
 
     def image_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
-        """Compute the phase factor over the image that an off-axis centre of the pupil causes.
+        """Compute the Fourier phase factor over the image for a pupil that is off-axis.
 
         Parameters
         ----------

@@ -84,7 +84,7 @@ class _GriddedRule(AxisRule):
         return self._apply_matrix(fft(grid, self._length, -2, inverse=True), spread=False)
 
     def _apply_matrix(self, field: torch.Tensor, *, spread: bool) -> torch.Tensor:
-        """Apply the sparse gridding matrix along the second last axis of each picture."""
+        """Apply the gridded FFT's sparse matrix along the second last axis of each picture."""
         lines = torch.view_as_real(field.resolve_conj().contiguous()).flatten(-2)
         pictures = lines.reshape(-1, *lines.shape[-2:])
         parts = [self._product(picture, spread) for picture in pictures]
@@ -103,7 +103,7 @@ class _GriddedRule(AxisRule):
 
 
 def _sparse(matrix: Any, device: torch.device) -> torch.Tensor:
-    """Convert the sparse gridding matrix from scipy to torch, for devices other than the CPU."""
+    """Convert the gridded FFT's scipy matrix to torch, for devices other than the CPU."""
     coo = matrix.tocoo()
     index = torch.from_numpy(np.stack(coo.coords).astype(np.int64))
     values = torch.from_numpy(coo.data)
@@ -115,7 +115,7 @@ def _sparse(matrix: Any, device: torch.device) -> torch.Tensor:
 
 
 def grid_length(m: int) -> int:
-    """Return the length of the FFT of a gridded transform to m image samples."""
+    """Return the FFT length of a gridded Fourier transform to m image samples."""
     return scipy.fft.next_fast_len(math.ceil(_FINER * m) + 2)
 
 
@@ -164,13 +164,13 @@ class GriddedTransform(SeparableTransform):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the largest arrays of the transform."""
+        """The memory in bytes of the gridded Fourier transform's largest arrays."""
         (ny, nx), width = self.geometry.pupil.shape, spread_width(self.error)
         grids = (a * b for a, b in zip(self._grids(), self.lines(), strict=True))
         return self.dtype.itemsize * (2 * max(grids) + 2 * width * (ny + nx))
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one Fourier transform in seconds, for a machine speed."""
+        """Predict the processor seconds of one gridded Fourier transform at a machine's speed."""
         width = spread_width(self.error)
         spread = width * sum(
             n * count for n, count in zip(self.geometry.pupil.shape, self.lines(), strict=True)

@@ -58,18 +58,19 @@ class MatrixTransform(PlaneTransform):
         return my * nx * (ny + mx) <= ny * mx * (nx + my)
 
     def _products(self) -> int:
+        """Count the multiplications of numbers in a Fourier transform by matrices."""
         (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
         return min(my * nx * (ny + mx), ny * mx * (nx + my))
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the largest arrays of the transform."""
+        """The memory in bytes of the largest arrays of a Fourier transform by matrices."""
         (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
         between = my * nx if self._rows_first else ny * mx
         return self.dtype.itemsize * (my * ny + mx * nx + between + my * mx)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one Fourier transform in seconds, for a machine speed."""
+        """Predict the processor seconds of a Fourier transform by matrices at a machine's speed."""
         touched = self.geometry.image.shape[0] * self.geometry.image.shape[1]
         products = 4 * self._products() * speed.multiply_add + touched * speed.touch
         return speed.call + products * self.precision_slowdown(speed)

@@ -133,11 +133,11 @@ class NonuniformTransform(Transform):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the largest arrays of the transform."""
+        """The memory in bytes of the non-uniform FFT's largest arrays."""
         return nonuniform_bytes(self._y.numel(), self.image)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one Fourier transform in seconds, for a machine speed."""
+        """Predict the processor seconds of one non-uniform FFT at a machine's speed."""
         return nonuniform_seconds(self._y.numel(), self.image, self.error, speed)
 
 

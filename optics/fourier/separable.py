@@ -44,7 +44,7 @@ class SeparableTransform(PlaneTransform):
 
     @cached_property
     def _pupil_phases(self) -> tuple[torch.Tensor | None, ...]:
-        """Phase factors over the pupil along y and x for an image that is off centre.
+        """Return the Fourier phases over the pupil along y and x for an off-centre image.
 
         They are computed at the first call, since many transforms are only asked for their cost.
         """
@@ -52,7 +52,7 @@ class SeparableTransform(PlaneTransform):
 
     @cached_property
     def _image_phases(self) -> tuple[torch.Tensor | None, ...]:
-        """Phase factors over the image along y and x for a pupil that is off centre."""
+        """Return the Fourier phases over the image along y and x for an off-centre pupil."""
         return tuple(self.geometry.image_tilt(axis, self.dtype) for axis in (0, 1))
 
     @abstractmethod
@@ -68,7 +68,7 @@ class SeparableTransform(PlaneTransform):
         return self._rules
 
     def _forward_axis(self, field: torch.Tensor, axis: int, rule: AxisRule) -> torch.Tensor:
-        """Transform a field along its second last dimension, which belongs to `axis`."""
+        """Fourier-transform a field along its second last dimension, which belongs to `axis`."""
         before, after = self._pupil_phases[axis], self._image_phases[axis]
         if before is not None:
             field = field * before.to(field.device)[:, None]

@@ -62,11 +62,14 @@ class Transform(CandidateMethod):
 
     @abstractmethod
     def _require_samples(self, field: torch.Tensor) -> None:
-        """Raise ValueError if the samples of a field aren't those of the pupil."""
+        """Raise ValueError if a field's samples aren't those of the Fourier transform's pupil."""
 
     @abstractmethod
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the pupil samples' positions (y, x) in metres, which broadcast against a field."""
+        """Return the Fourier transform's pupil positions (y, x) in metres.
+
+        The two arrays broadcast against a field.
+        """
 
     def __call__(
         self,
@@ -108,7 +111,7 @@ class Transform(CandidateMethod):
         return apply_function(_Forward, self, field, one, y, x)
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose of the transform, from the image back to the pupil."""
+        """Apply the Fourier transform's conjugate transpose, from the image back to the pupil."""
         _require_shape(self.image, field)
         return apply_linear_map(self._adjoint, self._forward, field.to(self.dtype))
 
@@ -119,7 +122,10 @@ def _needs_gradient(field: torch.Tensor) -> bool:
 
 
 def apply_function(function: Any, *arguments: Any) -> torch.Tensor:
-    """Call a torch autograd function with one result; its `apply` has no type annotations."""
+    """Call a Fourier transform's torch autograd function, which returns one tensor.
+
+    This function exists because torch's `apply` has no type annotations.
+    """
     answer: torch.Tensor = function.apply(*arguments)
     return answer
 
@@ -190,7 +196,7 @@ class _Linear(torch.autograd.Function):
 def _position_gradient(
     transform: Transform, field: torch.Tensor, position: torch.Tensor, gradient: torch.Tensor
 ) -> torch.Tensor:
-    """Compute the derivative of a loss with respect to a shift of the image, for each sample.
+    """Compute a loss' derivative by a shift of the Fourier transform's image, for each sample.
 
     `position` holds the pupil coordinates along the axis of the shift, and `gradient` is the
     gradient of the loss with respect to the transform.
@@ -215,15 +221,15 @@ class PlaneTransform(Transform):
         _require_shape(self.geometry.pupil, field)
 
     def allocation_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the seconds that a transform spends on memory allocated anew at each call."""
+        """Predict the seconds that each call of the Fourier transform spends on new memory."""
         return max(self.bytes - RETAINED_BYTES, 0) * speed.fresh
 
     def precision_slowdown(self, speed: MachineSpeed) -> float:
-        """Return the time of one operation of the transform relative to single precision."""
+        """Return the Fourier transform's time per operation relative to single precision."""
         return speed.double if self.dtype == torch.complex128 else 1.0
 
 
 def _require_shape(plane: Plane | RectilinearGrid, field: torch.Tensor) -> None:
-    """Raise ValueError if a field's last axes aren't the samples of a plane."""
+    """Raise ValueError if a field's last axes aren't the samples of a Fourier transform's plane."""
     if field.shape[-2:] != plane.shape:
         raise ValueError(f"field is {tuple(field.shape)}; its plane has {plane.shape} samples")

@@ -24,9 +24,9 @@ _SECOND_RADIATION_CONSTANT = 0.01438776877503933
 def blackbody(
     temperature: float, low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
 ) -> Spectrum:
-    """Compute the spectrum of a black body: the radiance by wavelength.
+    """Compute the spectrum of a black-body light source: the radiance by wavelength.
 
-    By Planck's law, λ⁻⁵ / (exp(c₂ / λ T) - 1).
+    The radiance follows Planck's law, λ⁻⁵ / (exp(c₂ / λ T) - 1).
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def blackbody(
 
 
 def halogen(temperature: float = HALOGEN_TEMPERATURE) -> Spectrum:
-    """Compute the spectrum of a tungsten-halogen lamp, as a black body of its colour temperature.
+    """Compute the spectrum of a tungsten-halogen light source, modelled as a black body.
 
     Tungsten's emissivity falls by a few per cent from 450 to 700 nm. The colour temperature, a
     little above the filament's own, accounts for that. The studio tungsten of ISO 7589 differs from
@@ -80,7 +80,7 @@ def halogen(temperature: float = HALOGEN_TEMPERATURE) -> Spectrum:
 
 
 def monochromatic(wavelength: float, width: float = 1e-9) -> Spectrum:
-    """Make the spectrum of a single line: a narrow triangle around a wavelength.
+    """Make the spectrum of a monochromatic light source: a narrow triangle around a wavelength.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def monochromatic(wavelength: float, width: float = 1e-9) -> Spectrum:
 
 
 def broadband(low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH) -> Spectrum:
-    """Make a spectrum that is 1 at all wavelengths of a range.
+    """Make the spectrum of a broadband light source: 1 at all wavelengths of a range.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def broadband(low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
 
 
 def lamp_from_table(table: Spectrum) -> Spectrum:
-    """Make the relative spectrum of a measured lamp.
+    """Make the relative light spectrum of a measured lamp.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class Spectrum:
     def flat(
         value: float, low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
     ) -> Spectrum:
-        """Make a spectrum with the same value at all wavelengths of a range.
+        """Make a light spectrum with the same value at all wavelengths of a range.
 
         Parameters
         ----------
@@ -80,33 +80,34 @@ class Spectrum:
 
     @property
     def low(self) -> float:
-        """The shortest wavelength of the spectrum, in metres."""
+        """The shortest wavelength of the light spectrum, in metres."""
         return self.wavelengths[0]
 
     @property
     def high(self) -> float:
-        """The longest wavelength of the spectrum, in metres."""
+        """The longest wavelength of the light spectrum, in metres."""
         return self.wavelengths[-1]
 
     @property
     def peak(self) -> float:
-        """The largest value of the spectrum."""
+        """The largest value of the light spectrum."""
         return max(self.values)
 
     def at(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
-        """Interpolate the spectrum at wavelengths in metres; the same shape, float64."""
+        """Interpolate the light spectrum at wavelengths in metres; the same shape, float64."""
         asked = np.asarray(wavelengths, dtype=np.float64)
         return np.interp(asked, self.wavelengths, self.values, left=0.0, right=0.0)
 
     def with_scale(self, factor: float) -> Spectrum:
-        """Return the spectrum with every value multiplied by a factor, which isn't negative."""
+        """Return the light spectrum with every value multiplied by a factor, 0 or more."""
         return Spectrum(self.wavelengths, tuple(factor * value for value in self.values))
 
     def times(self, other: Spectrum) -> Spectrum:
-        """Multiply by another spectrum, exactly at the nodes of both and linearly between them.
+        """Multiply a light spectrum by another spectrum, such as a filter's.
 
-        Between two nodes the true product is a parabola, which differs by (a₂-a₁)(b₂-b₁)/4 at most.
-        If the two ranges don't overlap, the product is 0.
+        The product is exact at the nodes of both, and linear between them. Between two nodes the
+        true product is a parabola, which differs by (a₂-a₁)(b₂-b₁)/4 at most. If the two ranges
+        don't overlap, the product is 0.
         """
         low, high = max(self.low, other.low), min(self.high, other.high)
         if not low < high:
@@ -116,7 +117,7 @@ class Spectrum:
         return Spectrum(tuple(nodes), tuple(self.at(nodes) * other.at(nodes)))
 
     def integral(self, low: float | None = None, high: float | None = None) -> float:
-        """Integrate the spectrum over wavelength, exactly.
+        """Integrate the light spectrum over wavelength, exactly.
 
         Parameters
         ----------

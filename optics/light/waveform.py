@@ -64,17 +64,17 @@ class Waveform:
 
     @property
     def period(self) -> float:
-        """The period of the lamp's light, in seconds."""
+        """The period of a light source's flicker, in seconds."""
         return 1 / self.frequency
 
     @property
     def is_constant(self) -> bool:
-        """Whether the lamp's light never changes."""
+        """Whether the light source never flickers."""
         return self.shape == "constant" or self.depth == 0
 
     @property
     def ripple(self) -> float:
-        """The largest relative deviation of the lamp's light from its mean."""
+        """The ripple of a light source's flicker: its largest relative deviation from the mean."""
         if self.is_constant:
             return 0.0
         if self.shape == "square":
@@ -82,7 +82,7 @@ class Waveform:
         return self.depth
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Compute the factor on the lamp's light at times in seconds."""
+        """Compute the light source's flicker factor, light over its mean, at times in seconds."""
         turns = self._turns(time)
         if self.is_constant:
             return np.ones_like(turns)
@@ -91,7 +91,7 @@ class Waveform:
         return 1 + self._sign * self.depth * np.sin(2 * np.pi * (turns % 1))
 
     def mean(self, start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
-        """Average the factor on the lamp's light over intervals of time, exactly.
+        """Average the light source's flicker factor over intervals of time, exactly.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ class Waveform:
 
     @property
     def _excess(self) -> float:
-        """The relative excess of a square wave over its mean, while the lamp is bright."""
+        """The relative excess of a square-wave light source over its mean, while it is bright."""
         return self.depth * (1 - self.duty) / self.duty
 
     def _turns(self, time: ArrayLike) -> NDArray[np.float64]:
@@ -148,7 +148,10 @@ class Waveform:
         return np.where(long, mean, self.at(start))
 
     def _deviation(self, turns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Integrate a square wave's deviation from its mean, from turn 0 on; in turns."""
+        """Integrate the light source's square-wave flicker, less its mean, from turn 0 on.
+
+        The result is in turns.
+        """
         part = turns % 1
         bright = np.minimum(part, self.duty)
         return self._excess * bright - self.depth * (part - bright)

@@ -44,7 +44,10 @@ class Operator(ABC):
 
     @property
     def gram(self) -> GramOperator | None:
-        """The operator A^T A if it has a simple closed form (see GramOperator), else None."""
+        """The forward operator's A^T A if it has a simple closed form, else None.
+
+        See GramOperator.
+        """
         return None
 
     @accepts_numpy
@@ -55,7 +58,7 @@ class Operator(ABC):
 
     @accepts_numpy
     def adjoint(self, y: torch.Tensor) -> torch.Tensor:
-        """Apply the transpose A^T of the forward operator to `y`; <A x, y> = <x, A^T y>."""
+        """Apply the operator's adjoint A^T to `y`, defined by <A x, y> = <x, A^T y>."""
         _require_shape("y", y, self.codomain)
         return self._adjoint(y)
 
@@ -69,7 +72,7 @@ class Operator(ABC):
         return math.sqrt(gram.largest_eigenvalue) if gram else self._norm_by_power()
 
     def _norm_by_power(self) -> float:
-        """Approximate the operator norm from below by at most 100 steps of power iteration."""
+        """Approximate the operator's norm from below by at most 100 steps of power iteration."""
         x = torch.rand(self.domain, generator=torch.Generator().manual_seed(0)) + 0.5
         found = 0.0
         for _ in range(100):
@@ -84,7 +87,7 @@ class Operator(ABC):
 
     @property
     def T(self) -> Operator:
-        """The transpose A^T as a forward operator of its own."""
+        """The transpose A^T of the forward operator, as an operator of its own."""
         return _Transpose(self)
 
     def __matmul__(self, first: Operator) -> Operator:

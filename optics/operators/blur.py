@@ -60,29 +60,35 @@ class Blur(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the blur needs besides input and output."""
+        """The memory in bytes that one call of the blur operator needs.
+
+        The input and the output aren't counted.
+        """
         return 3 * self.transfer.nelement() * self.transfer.element_size()
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A of the blur, which is diagonal in spatial frequency."""
+        """The blur operator's A^T A, which is diagonal in spatial frequency."""
         power = self.transfer.real.square() + self.transfer.imag.square()
         return GramOperator("frequencies", power, self.shape)
 
 
 @accepts_numpy
 def transfer_function(psf: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """Compute the transfer function of a PSF with its origin at n // 2, its rfft2 on `shape`.
+    """Compute the transfer function of a blur operator from its PSF.
 
-    The zero rows around the PSF aren't transformed. For a small PSF this saves nearly half of the
-    time.
+    The PSF has its origin at n // 2. The result is the PSF's rfft2 on `shape`. The zero rows around
+    the PSF aren't transformed. For a small PSF this saves nearly half of the time.
     """
     across = rfft(_wrap_axis(psf, -1, int(shape[1])))
     return fft(_wrap_axis(across, -2, int(shape[0])), int(shape[0]), -2, overwrite=True)
 
 
 def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
-    """Wrap a PSF around a period along one axis and move its origin from n // 2 to index 0."""
+    """Wrap a blur operator's PSF around the period along one axis.
+
+    The PSF's origin moves from n // 2 to index 0.
+    """
     length = psf.shape[dim]
     place = (torch.arange(length, device=psf.device) - length // 2) % period
     sizes = list(psf.shape)
@@ -91,7 +97,7 @@ def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
 
 
 def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
-    """Compute the shape of the period on which a periodic blur of a frame doesn't wrap around.
+    """Compute the shape of a period on which a blur operator doesn't wrap light around.
 
     The period holds the frame and half a PSF on every side, and its FFTs are fast.
 
@@ -114,7 +120,7 @@ def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
 
 
 def require_border(border: str) -> None:
-    """Raise ValueError unless `border` names a border of the blur, one of BORDERS."""
+    """Raise ValueError unless `border` names a border of the blur operator, one of BORDERS."""
     if border not in BORDERS:
         raise ValueError(f"border is {border!r}; take one of {', '.join(BORDERS)}")
 

@@ -49,12 +49,15 @@ class CentredCrop(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the crop needs besides input and output: none."""
+        """The memory in bytes that one call of the crop operator needs: none.
+
+        The input and the output aren't counted.
+        """
         return 0
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A of the crop, which is diagonal in pixels."""
+        """The crop operator's A^T A, which is diagonal in pixels."""
         inside = centred_pad(torch.ones(self._shape), self._whole)
         return GramOperator("pixels", inside, (self._whole[0], self._whole[1]))
 
@@ -88,10 +91,13 @@ class Mask(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the mask needs besides input and output: none."""
+        """The memory in bytes that one call of the mask operator needs: none.
+
+        The input and the output aren't counted.
+        """
         return 0
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A of the mask, which is diagonal in pixels."""
+        """The mask operator's A^T A, which is diagonal in pixels."""
         return GramOperator("pixels", self.weights.square(), (self.domain[-2], self.domain[-1]))

@@ -35,13 +35,13 @@ class GramOperator:
 
     @property
     def largest_eigenvalue(self) -> float:
-        """The largest eigenvalue of A^T A."""
+        """The largest eigenvalue of the operator A^T A."""
         weights = self._squares if self.domain == "bands" else self.weights
         return float(weights.max())
 
     @property
     def _squares(self) -> torch.Tensor:
-        """The sum over the bands of the squared weights of each pixel."""
+        """The squared weights of the operator A^T A at each pixel, summed over the bands."""
         return self.weights.square().sum(-3)
 
     def __call__(self, x: torch.Tensor) -> torch.Tensor:

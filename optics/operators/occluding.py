@@ -74,5 +74,8 @@ class OccludingBlur(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the blur needs besides input and output."""
+        """The memory in bytes that one call of the occluding blur operator needs.
+
+        The input and the output aren't counted.
+        """
         return 3 * self.transfers.nelement() * self.transfers.element_size()

@@ -47,12 +47,15 @@ class SpectralMosaic(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the mosaic needs besides input and output."""
+        """The memory in bytes that one call of the mosaic operator needs.
+
+        The input and the output aren't counted.
+        """
         return self.weights.nelement() * self.weights.element_size()
 
     @property
     def gram(self) -> GramOperator:
-        """The operator A^T A of the mosaic, at each pixel an outer product over the bands."""
+        """The mosaic operator's A^T A, which is an outer product over the bands at each pixel."""
         return GramOperator("bands", self.weights, (self.domain[-2], self.domain[-1]))
 
 
@@ -60,7 +63,9 @@ class SpectralMosaic(Operator):
 def filter_weights(
     pattern: Sequence[str], response: torch.Tensor, channels: str, shape: Sequence[int]
 ) -> torch.Tensor:
-    """Compute the weights of a mosaic of colour filters that repeats from the first pixel on.
+    """Compute the weights of the mosaic operator from a repeated pattern of colour filters.
+
+    The pattern repeats from the first pixel on.
 
     Parameters
     ----------

@@ -48,12 +48,15 @@ class VaryingBlur(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the blur needs besides input and output."""
+        """The memory in bytes that one call of the varying blur operator needs.
+
+        The input and the output aren't counted.
+        """
         return 3 * self.transfers.nelement() * self.transfers.element_size()
 
 
 def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, each: str) -> None:
-    """Raise ValueError unless there are as many pictures as PSFs, all of them finite.
+    """Raise ValueError unless a blur operator gets as many pictures as PSFs, all of them finite.
 
     `name` names the pictures in the message, and `each` says what they stand for, in the plural.
     """
@@ -69,7 +72,9 @@ def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, e
 def field_weights(
     shape: Sequence[int], rows: Sequence[float], columns: Sequence[float]
 ) -> torch.Tensor:
-    """Compute bilinear interpolation weights of PSFs that are known on a grid of positions.
+    """Compute a varying blur operator's weights for PSFs that are known on a grid of positions.
+
+    The weights interpolate bilinearly between the positions.
 
     Parameters
     ----------
@@ -102,9 +107,10 @@ def field_weights(
 
 
 def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
-    """Compute the linear interpolation weights of n pixels between knots, (places, n).
+    """Compute a varying blur operator's linear interpolation weights along one axis.
 
-    Each row is 1 at its own knot and falls linearly to 0 at the neighbouring knots.
+    The result is (places, n) for n pixels. Each row is 1 at its own place and falls linearly to 0
+    at the neighbouring places.
     """
     knots = torch.as_tensor(list(places), dtype=torch.float64)
     if not len(knots) or not bool((knots.diff() > 0).all()):
@@ -123,7 +129,9 @@ def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
 
 @accepts_numpy
 def layer_weights(layers: torch.Tensor, count: int) -> torch.Tensor:
-    """Convert a map of depth layers, one number per pixel, to weights for a VaryingBlur.
+    """Convert a map of depth layers to the weights of a VaryingBlur operator.
+
+    The map has the layer's number at each pixel.
 
     Parameters
     ----------

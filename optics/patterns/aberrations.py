@@ -22,7 +22,7 @@ def zernike_pattern(
     radius: float,
     wavelength: float,
 ) -> torch.Tensor:
-    """Compute the pattern of a sum of Zernike polynomials, like the aberrations of a lens.
+    """Compute the phase pattern of a sum of Zernike polynomials, like the aberrations of a lens.
 
     The polynomials also grow beyond their disc, and the slope is checked on the whole panel.
 
@@ -63,7 +63,7 @@ def zernike_pattern(
         require_zernike_indices(n, m)
         if not math.isfinite(strength):
             raise ValueError(f"the aberration ({n}, {m}) is {strength} m; it must be finite")
-    path = _path(panel, terms, radius)
+    path = _zernike_path(panel, terms, radius)
     if not torch.isfinite(path).all():
         raise ValueError(f"radius is {radius:g} m; the polynomials overflow: choose a larger one")
     return scale_within_slope(
@@ -74,8 +74,13 @@ def zernike_pattern(
     )
 
 
-def _path(panel: Panel, terms: Sequence[tuple[int, int, float]], radius: float) -> torch.Tensor:
-    """Compute the optical path of Zernike terms at the panel's pixels, (rows, columns), metres."""
+def _zernike_path(
+    panel: Panel, terms: Sequence[tuple[int, int, float]], radius: float
+) -> torch.Tensor:
+    """Compute the optical path of a Zernike pattern in metres at the panel's pixels.
+
+    The result is (rows, columns).
+    """
 
     def path(y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
         parts = [strength * zernike(n, m, y / radius, x / radius) for n, m, strength in terms]

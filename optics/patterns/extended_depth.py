@@ -117,7 +117,7 @@ def annular_phase_mask(
 def logarithmic_asphere(
     panel: Panel, near: float, far: float, focus: float, wavelength: float, radius: float
 ) -> torch.Tensor:
-    """Compute the logarithmic asphere, a lens pattern whose zones focus at different distances.
+    """Compute the logarithmic asphere, a phase pattern whose zones focus at different distances.
 
     The middle of the panel is in focus for an object at `near`, and the zone at `radius` for one
     at `far`. Between them the distance in focus grows linearly with the zone's area, so that every

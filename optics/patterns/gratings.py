@@ -14,9 +14,9 @@ __all__ = ["binary_grating", "blazed_grating", "sine_grating", "steering_grating
 
 
 def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch.Tensor:
-    """Compute a blazed grating, a pattern that sends all light into one order.
+    """Compute a blazed grating, a phase pattern that sends all light into one order.
 
-    It is a ramp of one wave per period.
+    The phase is a ramp of one wave per period.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch
     steepest = max(abs(math.cos(direction)), abs(math.sin(direction)))
     shortest = rounded_up(2 * steepest)
     require_slope("period", 2 * math.pi * steepest / period, f"choose at least {shortest} pixels")
-    return 2 * math.pi * _along(panel, direction) / period
+    return 2 * math.pi * _distance_along(panel, direction) / period
 
 
 def steering_grating(
@@ -88,7 +88,7 @@ def steering_grating(
 def binary_grating(
     panel: Panel, period: float, step: float, direction: float = 0.0
 ) -> torch.Tensor:
-    """Compute a binary grating, a pattern of equally wide stripes of phase 0 and `step`.
+    """Compute a binary grating, a phase pattern of equally wide stripes of phase 0 and `step`.
 
     With a step of pi no light stays in the zeroth order. A stripe of phase 0 begins at the origin.
 
@@ -118,7 +118,7 @@ def binary_grating(
         raise ValueError(f"step is {step} rad; it must be finite")
     if period < 2:
         raise ValueError(f"period is {period:g} pixels; stripes need at least 2")
-    turns = _along(panel, direction) / period
+    turns = _distance_along(panel, direction) / period
     # A pixel on a boundary belongs to the stripe that begins there. The small term keeps rounding
     # errors from deciding this.
     turns = torch.floor(2 * turns + 1e-9)
@@ -170,16 +170,20 @@ def sine_grating(
     most = rounded_down(math.pi / steepest)
     remedy = f"choose at most {most} rad in size, or a longer period"
     require_slope("amplitude", abs(amplitude) * steepest, remedy)
-    return amplitude * torch.sin(2 * math.pi * _along(panel, direction) / period)
+    return amplitude * torch.sin(2 * math.pi * _distance_along(panel, direction) / period)
 
 
 def _require_period(period: float, direction: float) -> None:
+    """Raise ValueError for an impossible period or direction of a grating pattern."""
     require_positive("period", period, "pixels")
     if not math.isfinite(direction):
         raise ValueError(f"direction is {direction} rad; it must be finite")
 
 
-def _along(panel: Panel, direction: float) -> torch.Tensor:
-    """Compute the distance of each panel pixel from the origin in a direction, in pixels."""
+def _distance_along(panel: Panel, direction: float) -> torch.Tensor:
+    """Compute each panel pixel's distance along a grating pattern's direction, in pixels.
+
+    The distance is measured from the panel's origin.
+    """
     y, x = (axis / panel.pitch for axis in panel.plane.mesh())
     return math.cos(direction) * x + math.sin(direction) * y

@@ -19,7 +19,7 @@ def fresnel_lens(
     wavelength: float,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> torch.Tensor:
-    """Compute the pattern of a thin lens, -pi r² / (wavelength f) (thesis Eq. 2.14).
+    """Compute the phase pattern of a thin lens, -pi r² / (wavelength f) (thesis Eq. 2.14).
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ _ROUNDING = 1 + 1e-9
 
 
 def largest_phase_step(phase: torch.Tensor) -> float:
-    """Compute a pattern's largest phase step between neighbouring pixels, in radians.
+    """Compute a phase pattern's largest step between neighbouring pixels, in radians.
 
     The neighbours lie along rows or columns.
     """
@@ -26,7 +26,7 @@ def largest_phase_step(phase: torch.Tensor) -> float:
 
 
 def require_slope(name: str, step: float, remedy: str) -> None:
-    """Raise ValueError for a pattern whose phase step between pixels exceeds half a wave.
+    """Raise ValueError for a phase pattern whose step between pixels exceeds half a wave.
 
     name: the argument that makes the pattern too steep. step: radians. remedy: the advice that
     ends the message, with the limit.
@@ -41,7 +41,7 @@ def require_slope(name: str, step: float, remedy: str) -> None:
 def scale_within_slope(
     name: str, shape: torch.Tensor, strength: float, remedy: Callable[[float], str]
 ) -> torch.Tensor:
-    """Multiply a smooth pattern by a strength; raise ValueError if the result is too steep.
+    """Multiply a smooth phase pattern by a strength; raise ValueError if it gets too steep.
 
     remedy: returns the advice that ends the message, given the largest strength that the pixels
     allow.
@@ -55,7 +55,7 @@ def scale_within_slope(
 
 @accepts_numpy
 def superpose(panel: Panel, *phases: torch.Tensor) -> torch.Tensor:
-    """Sum smooth patterns, and check the slope of the sum.
+    """Sum smooth phase patterns, and check the slope of the sum.
 
     For patterns with jumps (patches, binary gratings, retrieved ones) this check makes no sense;
     add them to the sum afterwards.

@@ -17,13 +17,13 @@ _AT_A_TIME = 1 << 20
 
 
 def shortest_phase_paths(phases: torch.Tensor, reach: float) -> torch.Tensor:
-    """Return a video's phases plus whole waves, with the least sum of squared steps of each pixel.
+    """Add whole waves to a retrieved video's phases, so that every pixel takes the shortest steps.
 
     phases: (frames, rows, columns), radians, of any order. reach: the panel's range in radians, one
-    wave at least. The steps are those between the frames of the repeated video. The solution is
-    exact, by dynamic programming over the orders of every pixel, once for each order of the first
-    frame. The result is (frames, rows, columns), float32, within 0 to `reach`. Raises ValueError
-    for a reach of less than a wave.
+    wave at least. For each pixel, the sum of the squared steps between the frames of the repeated
+    video is least. The solution is exact, by dynamic programming over the orders of every pixel,
+    once for each order of the first frame. The result is (frames, rows, columns), float32, within 0
+    to `reach`. Raises ValueError for a reach of less than a wave.
     """
     if reach < _TURN * (1 - 1e-9):
         raise ValueError(
@@ -37,7 +37,10 @@ def shortest_phase_paths(phases: torch.Tensor, reach: float) -> torch.Tensor:
 
 
 def _shortest_paths_of_block(phases: torch.Tensor, reach: float) -> torch.Tensor:
-    """Compute shortest_phase_paths() of phases (frames, pixels) within the first wave."""
+    """Compute shortest_phase_paths() for a block of retrieved phases within the first wave.
+
+    The block is (frames, pixels).
+    """
     orders = math.ceil(reach / _TURN)
     offsets = _TURN * torch.arange(orders, dtype=phases.dtype)
     # The shape is (frames, orders, pixels). Phases that the panel can't show cost more than any
@@ -56,9 +59,9 @@ def _shortest_paths_of_block(phases: torch.Tensor, reach: float) -> torch.Tensor
 def _cheapest_path(
     shown: torch.Tensor, beyond: torch.Tensor, first: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the cheapest phase path (frames, pixels) that starts in order `first`, and its cost.
+    """Return a retrieved video's cheapest phase path from order `first`, and the path's cost.
 
-    The path is closed: the repeated video returns to the first frame.
+    The path is (frames, pixels). It is closed: the repeated video returns to the first frame.
     """
     frames, orders, pixels = shown.shape
     cost = torch.full((orders, pixels), math.inf, dtype=shown.dtype)

@@ -79,7 +79,10 @@ class RefinementResult:
 
     @property
     def best(self) -> int:
-        """Return the index of the camera picture with the least error; 0 is the start."""
+        """Return the index of the retrieved phases whose camera picture has the least error.
+
+        Index 0 is the start.
+        """
         return min(range(len(self.errors)), key=self.errors.__getitem__)
 
 
@@ -93,7 +96,7 @@ def refine(
     blur: CameraBlur | None = None,
     progress: Progress | None = None,
 ) -> RefinementResult:
-    """Correct a pattern or a video by pictures that a camera takes of its PSF.
+    """Correct a retrieved phase pattern or video by pictures that a camera takes of its PSF.
 
     The result is the start itself if no correction improved it. Videos gain most, because their
     mean can have any shape, while the PSF of a single frame can't. Calibrate the wavefront first:
@@ -172,7 +175,7 @@ def refine(
 
 
 def _constrained_fields(fields: torch.Tensor, request: torch.Tensor) -> torch.Tensor:
-    """Constrain the frames' fields on the window to a requested mean intensity."""
+    """Constrain the retrieved frames' fields on the window to a requested mean intensity."""
     # Scaling wouldn't correct a single frame, so it is over-compensated instead.
     if len(fields) == 1:
         return over_compensated_constraint(request, _SETTINGS.single_frame_gain)(fields)
@@ -184,6 +187,7 @@ def _field_on_window(goal: RetrievalGoal, phase: torch.Tensor) -> torch.Tensor:
 
 
 def _validate_picture(picture: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+    """Return a camera picture that can correct a retrieved phase; raise ValueError for others."""
     if picture.shape != target.shape:
         raise ValueError(
             f"the camera's picture is {tuple(picture.shape)} and the target {tuple(target.shape)}; "

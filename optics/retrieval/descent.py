@@ -45,10 +45,10 @@ class GradientDescent:
         return modulation.to(torch.complex64) * self._stop
 
     def frame_intensity(self, phase: torch.Tensor) -> torch.Tensor:
-        """Return the intensity on the window of one frame of phases, as shares of all light.
+        """Return the window's intensity for one frame's phase, during phase retrieval by descent.
 
-        phase: (rows, columns). The result is differentiable: the phase is rounded to grey levels in
-        the value, but not in the derivative.
+        The intensity is given as shares of all light. phase: (rows, columns). The result is
+        differentiable: the phase is rounded to grey levels in the value, but not in the derivative.
         """
         modulated = self.goal.far_field.intensity(
             self._field_behind_stop(self.modulator.modulation(self._quantised_phase(phase)))
@@ -57,14 +57,14 @@ class GradientDescent:
         return steered * modulated / self._power + self._unmodulated_intensity
 
     def _quantised_phase(self, phase: torch.Tensor) -> torch.Tensor:
-        """Return the phase rounded to the panel's grey levels, with a derivative of 1."""
+        """Return the retrieved phase rounded to the panel's grey levels, with a derivative of 1."""
         with torch.no_grad():
             shown = self.modulator.phase(self.modulator.grey(phase, self.orders))
             rounding = shown.to(torch.float32) - phase
         return phase + rounding
 
     def run(self, phases: torch.Tensor, iterations: int, progress: Progress) -> torch.Tensor:
-        """Improve phases (frames, rows, columns) by descent; return the best found, float32."""
+        """Improve retrieved phases (frames, rows, columns) by descent; return the best, float32."""
         frames = [phase.to(torch.float32).clone().requires_grad_() for phase in phases]
         adam = torch.optim.Adam(frames, lr=_RATE)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(adam, iterations, _RATE / 10)
@@ -90,7 +90,7 @@ class GradientDescent:
         return best
 
     def _target_intensity(self, mean: torch.Tensor) -> torch.Tensor:
-        """Return the target of the descent, scaled to the light in its bright part now.
+        """Return the target of phase retrieval by descent, scaled to the light in its bright part.
 
         Elsewhere the unmodulated light is added, which no pattern can remove.
         """

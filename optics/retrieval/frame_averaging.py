@@ -53,7 +53,7 @@ _SETTINGS = FrameAveragingSettings()
 
 
 def independent_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Retrieve independent frames, each from its own random start.
+    """Retrieve the phases of independent frames, each from its own random start.
 
     Returns the fields on the window, (frames, rows, columns).
     """
@@ -68,7 +68,7 @@ def independent_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
 
 
 def sequential_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Retrieve frames one by one, each for the light that the frames before it lack.
+    """Retrieve the phases of frames one by one, each for the light that earlier frames lack.
 
     Frame n aims at n T minus the sum of the light of the frames before it, where T is the target.
     """
@@ -91,7 +91,7 @@ def sequential_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
 
 
 def joint_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Retrieve all frames together, so that their mean intensity becomes the target.
+    """Retrieve the phases of all frames together, so that their mean intensity becomes the target.
 
     Each frame keeps its share of the light at a sample. The mean is set to a request that is
     corrected by the error of the last mean.
@@ -121,7 +121,7 @@ def joint_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
 def correct_request(
     request: torch.Tensor, target: torch.Tensor, mean: torch.Tensor
 ) -> torch.Tensor:
-    """Return the next requested intensity, after `request` gave the mean intensity `mean`.
+    """Return the next intensity for a phase retrieval to request, after `request` gave `mean`.
 
     Only the shape of `target` matters: a lack of light everywhere doesn't change the request.
     """
@@ -139,16 +139,16 @@ def correct_request(
 def scale_to_mean(
     fields: Iterable[torch.Tensor], mean: torch.Tensor, request: torch.Tensor
 ) -> list[torch.Tensor]:
-    """Scale the frames' fields so that their mean intensity changes from `mean` to `request`."""
+    """Scale retrieved frames' fields to change their mean intensity from `mean` to `request`."""
     factor = torch.sqrt(request / mean.clamp(min=_SETTINGS.dark_share * float(request.max())))
     return [field * factor for field in fields]
 
 
 def mean_intensity(fields: Iterable[torch.Tensor]) -> torch.Tensor:
-    """Return the mean intensity of the frames' fields."""
+    """Return the mean intensity of a phase retrieval's frames, from their fields."""
     return torch.stack([field_intensity(field) for field in fields]).mean(0)
 
 
 def field_intensity(field: torch.Tensor) -> torch.Tensor:
-    """Return the intensity |u|² of a field."""
+    """Return the intensity ``|u|²`` of a phase retrieval's field."""
     return field.real**2 + field.imag**2

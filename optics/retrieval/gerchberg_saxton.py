@@ -32,10 +32,10 @@ def amplitude_constraint(intensity: torch.Tensor) -> Constraint:
 
 
 def over_compensated_constraint(intensity: torch.Tensor, gain: float = 1.0) -> Constraint:
-    """Return a Gerchberg-Saxton constraint that requests the opposite of each amplitude error.
+    """Return a Gerchberg-Saxton constraint that over-compensates each amplitude error.
 
-    For an amplitude a and a target amplitude A, it requests A + gain (A - a), at least 0. Fienup
-    (Appl. Opt. 21, 2758, 1982) calls such feedback algorithms input-output algorithms.
+    For an amplitude a and a target amplitude A, the constraint requests A + gain (A - a), at least
+    0. Fienup (Appl. Opt. 21, 2758, 1982) calls such feedback algorithms input-output algorithms.
     """
     amplitude = torch.sqrt(intensity)
 
@@ -47,12 +47,12 @@ def over_compensated_constraint(intensity: torch.Tensor, gain: float = 1.0) -> C
 
 
 def mixed_region_constraint(intensity: torch.Tensor, freedom: float) -> Constraint:
-    """Return the constraint of MRAF, the mixed-region amplitude freedom algorithm.
+    """Return the constraint of MRAF (mixed-region amplitude freedom) phase retrieval.
 
-    It requests the target's amplitude where the target is bright, and leaves freedom where it is
-    dark (Pasienski and DeMarco, Opt. Express 16, 2176, 2008). freedom: share of the amplitude that
-    dark samples of the window keep, from 0 to below 1. More freedom gives less speckle and more
-    light in dark samples.
+    The constraint requests the target's amplitude where the target is bright, and leaves freedom
+    where it is dark (Pasienski and DeMarco, Opt. Express 16, 2176, 2008). freedom: share of the
+    amplitude that dark samples of the window keep, from 0 to below 1. More freedom gives less
+    speckle and more light in dark samples.
     """
     if not 0 <= freedom < 1:
         raise ValueError(f"freedom is {freedom:g}; it must lie between 0 and 1, and not be 1")
@@ -75,9 +75,10 @@ def iterate_constraint(
     progress: Progress,
     name: str,
 ) -> torch.Tensor:
-    """Iterate between panel and window, and return the last constrained field on the window.
+    """Iterate a phase retrieval between panel and window; return the last constrained field.
 
-    field: the starting field on the panel. name: the method's name in progress reports.
+    The result is on the window. field: the starting field on the panel. name: the method's name in
+    progress reports.
     """
     asked = constrain(pixels.far_field.forward(field))
     for iteration in range(1, iterations):

@@ -61,15 +61,18 @@ class RetrievalGoal:
 
     @property
     def far_field_samples(self) -> int:
-        """Return the number of samples across the far field that the panel can steer light to."""
+        """Return the number of samples across the far field of a phase retrieval.
+
+        The panel can steer light to all of them.
+        """
         return far_field_length(self.camera)
 
     @functools.cached_property
     def amplitude(self) -> torch.Tensor:
-        """Return the amplitude of the light on the panel's pixels, (rows, columns), float32.
+        """Return the light's amplitude on the panel's pixels, which a phase retrieval can't change.
 
-        It includes the stop and the panel's illumination. A stop that is separated from the panel
-        is replaced by its shadow on the panel.
+        The result is (rows, columns), float32. It includes the stop and the panel's illumination. A
+        stop that is separated from the panel is replaced by its shadow on the panel.
         """
         amplitude = pupil_amplitude(with_stop_shadow_on_panel(self.camera))
         illumination = self.camera.panel.illumination
@@ -80,15 +83,21 @@ class RetrievalGoal:
 
     @functools.cached_property
     def power(self) -> float:
-        """Return the sum of the intensity over the design grid for `amplitude`, by Parseval."""
+        """Return the total light of a phase retrieval: the intensity's sum over the design grid.
+
+        The sum is computed from `amplitude` by Parseval's theorem.
+        """
         return float(self.amplitude.to(torch.float64).square().sum()) * self.far_field_samples**2
 
     @functools.cached_property
     def target_intensity(self) -> torch.Tensor:
-        """Return the target scaled to all light of the panel, (rows, columns), float32."""
+        """Return the phase retrieval's target scaled to all light of the panel.
+
+        The result is (rows, columns), float32.
+        """
         return (self.target / self.target.sum() * self.power).to(torch.float32)
 
     @functools.cached_property
     def far_field(self) -> FarField:
-        """Return the far-field transform from all pixels of the panel to the target's window."""
+        """Return the phase retrieval's transform from all panel pixels to the target's window."""
         return FarField(self.camera.panel.shape, self.far_field_samples, self.plane.shape)

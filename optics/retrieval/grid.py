@@ -19,10 +19,11 @@ A coarser grid would miss speckle between its samples.
 
 
 def far_field_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
-    """Return the samples along an axis of the far field that the panel can steer light to.
+    """Return the number of samples along an axis of the far field of a phase retrieval.
 
-    The number is the length of the Fourier transform from pixels to the design grid. It is at least
-    `oversampling` times the longer side of the panel, and FFTs of that length are fast.
+    The panel can steer light to all of them. The number is the length of the Fourier transform from
+    pixels to the design grid. It is at least `oversampling` times the longer side of the panel, and
+    FFTs of that length are fast.
     """
     side = oversampling * max(camera.panel.shape)
     # A multiple of 16 is divisible by many superpixel sides.
@@ -33,7 +34,9 @@ def far_field_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
 def design_plane(
     camera: Camera, wavelength: float, window: tuple[int, int], oversampling: int = OVERSAMPLING
 ) -> Plane:
-    """Window of the grid in the focal plane on which a PSF is designed, around the axis.
+    """Choose the grid in the focal plane on which a phase retrieval designs a PSF.
+
+    The grid is a window of the far field around the axis.
 
     Parameters
     ----------
@@ -71,7 +74,9 @@ def design_plane(
 
 
 def window_for_reach(camera: Camera, wavelength: float, reach: float) -> tuple[int, int]:
-    """Window that holds light up to a distance from the axis, with a dark margin around it.
+    """Choose the size of a phase retrieval's window, for light up to `reach` from the axis.
+
+    The window leaves a dark margin around the light.
 
     Parameters
     ----------

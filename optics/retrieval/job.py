@@ -25,11 +25,11 @@ class RetrievalJob:
 
     @property
     def superpixels(self) -> Superpixels:
-        """Return the coarsest superpixels that the retrieval's goal allows."""
+        """Return the coarsest superpixels that the phase retrieval's goal allows."""
         return coarsest_superpixels(self.goal)
 
     @property
     def frame_progress(self) -> list[Progress]:
-        """Return a progress for every frame of a retrieval that computes one after the other."""
+        """Return one progress for each frame of a phase retrieval that computes them in turn."""
         ends = [n / self.frames for n in range(self.frames + 1)]
         return [self.progress.part(start, stop) for start, stop in pairwise(ends)]

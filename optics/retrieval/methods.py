@@ -52,14 +52,17 @@ class RetrievalMethod:
     def seconds(
         self, goal: RetrievalGoal, frames: int, iterations: int, speed: MachineSpeed
     ) -> float:
-        """Predict the processor time in seconds of a retrieval by this method."""
+        """Predict the processor time in seconds of a phase retrieval by this method."""
         lift = 0.5 * _full_trip_seconds(goal, speed)
         return frames * (lift + iterations * self.round_trip(goal, speed))
 
     def iterations(
         self, goal: RetrievalGoal, frames: int, seconds: float, speed: MachineSpeed
     ) -> int:
-        """Return the number of iterations that fit in `seconds`; it may be less than one."""
+        """Return the number of phase-retrieval iterations that fit in `seconds`.
+
+        The number may be less than one.
+        """
         rest = seconds - self.seconds(goal, frames, 0, speed)
         return int(rest / (frames * self.round_trip(goal, speed)))
 
@@ -72,6 +75,7 @@ MOST_FRAMES = 3600
 
 
 def _round_trip_seconds(far_field: FarField, speed: MachineSpeed) -> float:
+    """Predict the seconds of a phase retrieval's round trip, from its FFTs."""
     each = fft_operations(far_field.length) / far_field.length
     # A round trip takes 2.5 times as long as its FFTs.
     return 2.5 * far_field.samples * each * speed.fft
@@ -96,7 +100,10 @@ def _descent_step_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
 
 
 def _single_frame_solver(constraint: Callable[[torch.Tensor], Constraint], name: str) -> Solver:
-    """Return a retrieval solver for one frame that iterates with a constraint on the image."""
+    """Return a phase-retrieval solver for one frame, which iterates with a constraint.
+
+    The constraint acts on the field on the window.
+    """
 
     def solve(job: RetrievalJob) -> torch.Tensor:
         pixels = job.superpixels
@@ -109,7 +116,7 @@ def _single_frame_solver(constraint: Callable[[torch.Tensor], Constraint], name:
 
 
 def _multi_frame_solver(way: Callable[[Superpixels, RetrievalJob], torch.Tensor]) -> Solver:
-    """Return a retrieval solver for several frames whose mean PSF has the target's shape."""
+    """Return a phase-retrieval solver for several frames whose mean PSF has the target's shape."""
 
     def solve(job: RetrievalJob) -> torch.Tensor:
         pixels = job.superpixels
@@ -126,7 +133,7 @@ def _solve_weighted_spots(job: RetrievalJob) -> torch.Tensor:
 
 
 def _solve_published_program(job: RetrievalJob) -> torch.Tensor:
-    """Solve every frame by the published program, each from its own random start."""
+    """Retrieve every frame's phase by the published program, each from its own random start."""
     found = (
         published_program_pattern(job.goal, job.iterations, job.generator, part)
         for part in job.frame_progress
@@ -141,7 +148,10 @@ def _solve_slow_crystal(job: RetrievalJob) -> torch.Tensor:
 
 
 def _solve_descent(job: RetrievalJob) -> torch.Tensor:
-    """Solve by the quick method first, then by `job.iterations` steps of gradient descent."""
+    """Retrieve phases by the quick method, then improve them by gradient descent.
+
+    The descent takes `job.iterations` steps.
+    """
     quick = replace(
         job, iterations=iterations_to_converge(job.frames), progress=job.progress.part(0, 0.1)
     )
@@ -150,12 +160,12 @@ def _solve_descent(job: RetrievalJob) -> torch.Tensor:
 
 
 def quick_method(frames: int) -> str:
-    """Return the name of the retrieval method with the best quality for little time."""
+    """Return the name of the phase-retrieval method with the best quality for little time."""
     return "over-compensated" if frames == 1 else "joint"
 
 
 def iterations_to_converge(frames: int) -> int:
-    """Return the iterations after which the quick retrieval method hardly improves."""
+    """Return the number of iterations after which quick phase retrieval hardly improves."""
     return 300 if frames == 1 else 100
 
 

@@ -75,7 +75,7 @@ def retrieve(
     progress: Progress | None = None,
     speed: MachineSpeed | None = None,
 ) -> RetrievalResult:
-    """Find phases whose PSF, or whose frames' mean PSF, has the target's shape.
+    """Retrieve phases whose PSF, or whose frames' mean PSF, has the target's shape.
 
     There is no unique right answer, and so no tolerance: the quality reached is measured, and comes
     with the result.
@@ -146,7 +146,7 @@ def retrieve(
 
 
 def _require(frames: int, budget: float | None, iterations: int | None, method: str | None) -> None:
-    """Raise ValueError for arguments of `retrieve` that are invalid for any target."""
+    """Raise ValueError for arguments of a phase retrieval that are invalid for any target."""
     if not 1 <= frames <= MOST_FRAMES:
         raise ValueError(
             f"frames is {frames}; a pattern has one, and a video {MOST_FRAMES} at most"
@@ -165,9 +165,9 @@ def _require(frames: int, budget: float | None, iterations: int | None, method: 
 def _best_option(
     goal: RetrievalGoal, frames: int, budget: float, method: str, alone: bool, speed: MachineSpeed
 ) -> IterationOption:
-    """Choose a retrieval method, or the descent where it is better, and its iterations.
+    """Choose between a phase-retrieval method and the descent, and the number of iterations.
 
-    alone: whether the descent is excluded.
+    The descent is chosen where it is better. alone: whether the descent is excluded.
     """
     settings = [_affordable_option(goal, frames, budget, method, 1, speed)]
     if not alone:
@@ -179,9 +179,9 @@ def _best_option(
 def _affordable_option(
     goal: RetrievalGoal, frames: int, budget: float, method: str, least: int, speed: MachineSpeed
 ) -> IterationOption:
-    """Return a retrieval method as an option with the iterations that a budget allows.
+    """Return a phase-retrieval method with the iterations that a budget allows, as an option.
 
-    There are `least` iterations at least. `least` also ranks the option's gain.
+    The option has at least `least` iterations. `least` also ranks the option's gain.
     """
     before, way = _startup_seconds(goal, frames, method, speed), METHODS[method]
     count = max(way.iterations(goal, frames, budget - before, speed), least)
@@ -191,7 +191,10 @@ def _affordable_option(
 
 
 def _startup_seconds(goal: RetrievalGoal, frames: int, method: str, speed: MachineSpeed) -> float:
-    """Predict the seconds before a method's first iteration; the descent first needs a start."""
+    """Predict the seconds before a phase-retrieval method's first iteration.
+
+    Only the descent needs any: it starts from phases that the quick method retrieves.
+    """
     if method != "descent":
         return 0.0
     return METHODS[quick_method(frames)].seconds(

@@ -40,12 +40,16 @@ def published_program_pattern(
 
 
 def _window(goal: RetrievalGoal, side: int) -> tuple[int, int]:
+    """Return the (rows, columns) of the published retrieval program's window on its grid."""
     rows, columns = (max(1, n * side // goal.far_field_samples) for n in goal.plane.shape)
     return rows, columns
 
 
 def _subsampled_target(goal: RetrievalGoal, window: tuple[int, int]) -> torch.Tensor:
-    """Sample the target on the program's coarser grid, by nearest neighbours."""
+    """Sample the retrieval's target on the published program's coarser grid.
+
+    Each sample takes the value of the nearest sample of the target.
+    """
     picked = []
     ratio = goal.far_field_samples / max(goal.camera.panel.shape)
     for n, m in zip(goal.plane.shape, window, strict=True):
@@ -61,9 +65,10 @@ def _subsampled_target(goal: RetrievalGoal, window: tuple[int, int]) -> torch.Te
 
 
 def _residual_lens_phasor(window: tuple[int, int]) -> torch.Tensor:
-    """Return the remaining lens phase of the published program, exp(i k r² (1 / 2f - 1)).
+    """Return the lens phasor that remains in the published program of phase retrieval.
 
-    The phase is computed in double precision and reduced to one wave.
+    The phasor is exp(i k r² (1 / 2f - 1)). Its phase is computed in double precision and reduced to
+    one wave.
     """
     # The published program uses these lengths in metres for every camera.
     pitch, wavelength, focal_length = 8e-6, 550e-9, 0.15

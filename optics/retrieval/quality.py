@@ -30,7 +30,10 @@ class PatternQuality:
 
 
 def measure_quality(goal: RetrievalGoal, light: torch.Tensor) -> PatternQuality:
-    """Measure the quality of a retrieved PSF on the goal's plane, given as shares of all light."""
+    """Measure the quality of a retrieved phase's PSF on the goal's plane.
+
+    `light` is the PSF, as shares of all light.
+    """
     target = goal.target
     return PatternQuality(
         efficiency(light, target), speckle_contrast(light, target), scaled_nrmse(light, target)

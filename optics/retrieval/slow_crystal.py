@@ -68,12 +68,15 @@ class LiquidCrystal:
 
 
 def usable_orders(panel: Panel, wavelength: float) -> int:
-    """Return the number of whole waves in the panel's phase range, one at least."""
+    """Return the number of whole waves in the panel's range that retrieved phases may use.
+
+    The number is one at least.
+    """
     return max(1, whole_waves(panel, wavelength))
 
 
 def crystal_of_goal(goal: RetrievalGoal) -> LiquidCrystal:
-    """Return the liquid crystal's timing and phase range for a retrieval's goal."""
+    """Return the liquid crystal's timing and phase range for a phase retrieval's goal."""
     panel = goal.camera.panel
     orders = usable_orders(panel, goal.wavelength)
     # A phase that is closer to the next whole wave than to the last grey level is shown as the
@@ -84,17 +87,20 @@ def crystal_of_goal(goal: RetrievalGoal) -> LiquidCrystal:
 
 
 def shortest_panel_phases(goal: RetrievalGoal, phases: torch.Tensor) -> torch.Tensor:
-    """Return a video's phases with the shortest steps that the goal's panel can show, float32.
+    """Return a retrieved video's phases with the shortest steps that the panel can show.
 
-    phases: (frames, rows, columns). The paths of shortest_phase_paths() start at the phase of the
-    panel's first grey level, which isn't zero everywhere.
+    phases: (frames, rows, columns). The result is float32. The paths of shortest_phase_paths()
+    start at the phase of the panel's first grey level, which isn't zero everywhere.
     """
     ground = _first_level(goal)
     return shortest_phase_paths(phases - ground, crystal_of_goal(goal).reach) + ground
 
 
 def _first_level(goal: RetrievalGoal) -> torch.Tensor:
-    """Return the phase of the panel's first grey level, (rows, columns), float32."""
+    """Return the phase of the panel's first grey level, where retrieved phase paths start.
+
+    The result is (rows, columns), float32.
+    """
     panel, wavelength = goal.camera.panel, goal.wavelength
     phase = grey_to_phase(panel, torch.zeros(panel.shape, dtype=torch.uint8), wavelength)
     if panel.flatness is not None:
@@ -103,10 +109,10 @@ def _first_level(goal: RetrievalGoal) -> torch.Tensor:
 
 
 def slow_crystal_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Retrieve frames whose mean light, including the liquid crystal's motion, is the target's.
+    """Retrieve the phases of frames whose mean light on a slow crystal has the target's shape.
 
-    Returns fields on the window, (frames, rows, columns). Their phases must be shown as
-    shortest_panel_phases() gives them, in a repeated video.
+    The mean includes the liquid crystal's motion. Returns fields on the window, (frames, rows,
+    columns). Their phases must be shown as shortest_panel_phases() gives them, in a repeated video.
     """
     crystal, iterations = crystal_of_goal(job.goal), job.iterations
     before = max(1, round(_SETTINGS.share_without_motion * iterations))
@@ -137,10 +143,10 @@ def moving_crystal_intensity(
     nodes: int,
     static_phase: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """Return the mean intensity on the window of a repeated video on a moving liquid crystal.
+    """Return a retrieved video's mean intensity on the window, with a moving liquid crystal.
 
-    phases: (frames, rows, columns), radians. nodes: moments per frame. static_phase: phase in
-    radians that is added to every frame, (rows, columns).
+    The video is repeated. phases: (frames, rows, columns), radians. nodes: moments per frame.
+    static_phase: phase in radians that is added to every frame, (rows, columns).
     """
     starts = steady_start_phases(phases, crystal.frame_time, crystal.response_time)
     times, shares = time_nodes(crystal.frame_time, crystal.response_time, nodes)
@@ -154,11 +160,11 @@ def moving_crystal_intensity(
 
 
 def displayed_psf(goal: RetrievalGoal, phases: torch.Tensor, orders: int) -> torch.Tensor:
-    """Return the mean PSF of frames as the panel shows them, as shares of all light, float64.
+    """Return the mean PSF of retrieved frames as the panel shows them.
 
-    The phases are rounded to the panel's grey levels. A video is repeated, and includes the liquid
-    crystal's motion if the panel has a response time. Coupling, gaps and unmodulated light are left
-    out.
+    The PSF is given as shares of all light, float64. The phases are rounded to the panel's grey
+    levels. A video is repeated, and includes the liquid crystal's motion if the panel has a
+    response time. Coupling, gaps and unmodulated light are left out.
     """
     panel, wavelength = goal.camera.panel, goal.wavelength
     grey = phase_to_grey(panel, phases, wavelength, orders)

@@ -26,7 +26,7 @@ A panel that is twice as wide as high can't make a spot narrower than four sampl
 
 
 def find_spots(goal: RetrievalGoal) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Find the spots of a retrieval's target: rows, columns, and shares of the light.
+    """Find the spots of a phase retrieval's target: rows, columns, and shares of the light.
 
     Raises ValueError for a target with a part that is larger than a spot.
     """
@@ -54,9 +54,9 @@ def find_spots(goal: RetrievalGoal) -> tuple[torch.Tensor, torch.Tensor, torch.T
 def weighted_spots_field(
     pixels: Superpixels, iterations: int, generator: torch.Generator, progress: Progress
 ) -> torch.Tensor:
-    """Retrieve the field at the target's spots by weighted Gerchberg-Saxton iterations.
+    """Retrieve the field at a target's spots by weighted Gerchberg-Saxton iterations.
 
-    Returns the field on the window; it is zero except at the spots.
+    The result is the field on the window, which is zero except at the spots.
     """
     rows, columns, shares = find_spots(pixels.goal)
     amplitude = torch.sqrt(shares).to(torch.float32)
@@ -83,6 +83,7 @@ def weighted_spots_field(
 def _window(
     pixels: Superpixels, rows: torch.Tensor, columns: torch.Tensor, values: torch.Tensor
 ) -> torch.Tensor:
+    """Return the field on a phase retrieval's window, zero except at the spots."""
     window = torch.zeros(pixels.goal.plane.shape, dtype=values.dtype)
     window[rows, columns] = values
     return window

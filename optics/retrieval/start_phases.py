@@ -14,10 +14,10 @@ STARTS = ("smooth", "quadratic", "random")
 
 
 def quadratic_start(goal: RetrievalGoal, pixels: Superpixels) -> torch.Tensor:
-    """Return a quadratic start phase that spreads the light over the target's extent.
+    """Return a quadratic start phase for phase retrieval, which spreads light over the target.
 
-    It is (rows, columns) of the superpixels. Fewer vortices, and so fewer speckles, develop from it
-    than from a random phase (a spherical start: Appl. Phys. Lett. 120, 061103, 2022).
+    The phase is (rows, columns) of the superpixels. Fewer vortices, and so fewer speckles, develop
+    from it than from a random phase (a spherical start: Appl. Phys. Lett. 120, 061103, 2022).
     """
     support = goal.target > 0.5 * goal.target.max()
     phase = torch.zeros(pixels.shape, dtype=torch.float64)
@@ -34,17 +34,20 @@ def quadratic_start(goal: RetrievalGoal, pixels: Superpixels) -> torch.Tensor:
 
 
 def random_start(pixels: Superpixels, generator: torch.Generator) -> torch.Tensor:
-    """Return a random start phase, uniform over one wave in every superpixel, as in the thesis."""
+    """Return a random start phase for phase retrieval, as in the thesis.
+
+    The phase is uniform over one wave in every superpixel.
+    """
     return torch.rand(pixels.shape, generator=generator, dtype=torch.float64) * 2 * math.pi
 
 
 def smooth_start(
     goal: RetrievalGoal, pixels: Superpixels, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return the quadratic start phase plus a smooth random phase, different each time.
+    """Return a start phase for phase retrieval: the quadratic one plus a smooth random phase.
 
-    A start without symmetry leads to less speckle. Frames that start from it have different
-    speckle but similar phases, which a slow liquid crystal can follow.
+    Each call returns a different phase. A start without symmetry leads to less speckle. Frames that
+    start from it have different speckle but similar phases, which a slow liquid crystal can follow.
     """
     noise = torch.randn(pixels.shape, generator=generator, dtype=torch.float64)
     # The correlation length of the random phase is a twelfth of the panel's height, and its rms is
@@ -54,7 +57,10 @@ def smooth_start(
 
 
 def _gaussian_blur(noise: torch.Tensor, sigma: float) -> torch.Tensor:
-    """Convolve noise with a Gaussian of `sigma` samples, with periodic borders."""
+    """Smooth a phase retrieval's random start phase by a Gaussian of `sigma` samples.
+
+    The borders are periodic.
+    """
     spectrum = torch.fft.rfft2(noise)
     y = torch.fft.fftfreq(noise.shape[0], dtype=torch.float64)
     x = torch.fft.rfftfreq(noise.shape[1], dtype=torch.float64)
@@ -63,7 +69,7 @@ def _gaussian_blur(noise: torch.Tensor, sigma: float) -> torch.Tensor:
 
 
 def require_start(start: str) -> None:
-    """Raise ValueError for a retrieval start that isn't one of STARTS."""
+    """Raise ValueError for a start of a phase retrieval that isn't one of STARTS."""
     if start not in STARTS:
         raise ValueError(f"start is {start!r}; choose one of {', '.join(STARTS)}")
 
@@ -71,7 +77,7 @@ def require_start(start: str) -> None:
 def starting_field(
     goal: RetrievalGoal, pixels: Superpixels, start: str, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return the field on the superpixels from which a frame's retrieval starts, complex64.
+    """Return the field on the superpixels from which a frame's phase retrieval starts, complex64.
 
     start: one of STARTS.
     """

@@ -18,7 +18,7 @@ Light that a phase-only panel scatters beyond the window must not wrap around in
 
 
 def superpixel_side(goal: RetrievalGoal) -> int:
-    """Return the largest side of superpixels in pixels that a retrieval's window allows."""
+    """Return the side in pixels of the largest superpixels that suit a phase retrieval's window."""
     length, window = goal.far_field_samples, max(goal.plane.shape)
     shortest = min(goal.camera.panel.shape)
     # A superpixel has 16 pixels along its side at most, and the panel's shorter side has 8
@@ -49,7 +49,7 @@ class Superpixels:
 
     @functools.cached_property
     def amplitude(self) -> torch.Tensor:
-        """Return the mean amplitude of each superpixel's pixels, float32."""
+        """Return the mean amplitude of the pixels in each of a retrieval's superpixels, float32."""
         (rows, columns), side = self.shape, self.side
         full = self.goal.amplitude
         margins = (0, columns * side - full.shape[1], 0, rows * side - full.shape[0])
@@ -58,41 +58,54 @@ class Superpixels:
 
     @functools.cached_property
     def uneven_amplitude(self) -> torch.Tensor | None:
-        """Return the amplitude of the superpixels, or None if it is the same everywhere."""
+        """Return the amplitude of a retrieval's superpixels, or None if it is even."""
         amplitude = self.amplitude
         return None if bool((amplitude == amplitude.flatten()[0]).all()) else amplitude
 
     @functools.cached_property
     def target_intensity(self) -> torch.Tensor:
-        """Return the target scaled to all light of the superpixels, (rows, columns), float32."""
+        """Return the retrieval's target scaled to all light of the superpixels.
+
+        The result is (rows, columns), float32.
+        """
         power = float(self.amplitude.double().square().sum()) * self.far_field.length**2
         target = self.goal.target
         return (target / target.sum() * power).to(torch.float32)
 
     def positions(self, axis: int) -> torch.Tensor:
-        """Return the superpixels' centres along an axis, in pixels from the panel's centre."""
+        """Return the centres of a retrieval's superpixels along an axis.
+
+        The centres are in pixels from the panel's centre.
+        """
         n = self.shape[axis]
         middle = (self.goal.camera.panel.shape[axis] - 1) / 2
         index = torch.arange(n, dtype=torch.float64) * self.side + (self.side - 1) / 2
         return index - middle
 
     def panel_field(self, phase: torch.Tensor) -> torch.Tensor:
-        """Return the superpixels' field for a phase (…, rows, columns), complex64."""
+        """Return the field of a retrieval's superpixels for a phase, complex64.
+
+        The phase and the field are (…, rows, columns).
+        """
         return torch.polar(self.amplitude.expand(phase.shape), phase.to(torch.float32))
 
     def to_pixel_origin(self, window: torch.Tensor) -> torch.Tensor:
-        """Change the origin of a window's field from the first superpixel to the first pixel.
+        """Move a retrieval field's panel origin from the first superpixel to the first pixel.
 
-        The centre of the first superpixel is (side - 1) / 2 pixels from the first pixel.
+        The field is on the window. The centre of the first superpixel is (side - 1) / 2 pixels from
+        the first pixel.
         """
         return window * self._origin_shift_phasor(-1)
 
     def to_superpixel_origin(self, window: torch.Tensor) -> torch.Tensor:
-        """Change the origin of a window's field from the first pixel to the first superpixel."""
+        """Move a retrieval field's panel origin from the first pixel to the first superpixel.
+
+        The field is on the window.
+        """
         return window * self._origin_shift_phasor(1)
 
     def _origin_shift_phasor(self, sign: int) -> torch.Tensor:
-        """Return the phase factor over the window that shifts the origin on the panel."""
+        """Return the phasor on a retrieval's window that shifts the field's origin on the panel."""
         turns = []
         for n in self.goal.plane.shape:
             index = torch.arange(n, dtype=torch.float64) - n // 2
@@ -101,10 +114,10 @@ class Superpixels:
         return torch.polar(torch.ones_like(both), both).to(torch.complex64)
 
     def pixel_phases(self, window: torch.Tensor) -> torch.Tensor:
-        """Return the phases of all panel pixels for fields on the window, float32.
+        """Return the retrieved phases of all panel pixels for fields on the window, float32.
 
-        They are (…, rows, columns), and exact: the panel's field of a window is band-limited, and
-        is evaluated at every pixel.
+        The phases are (…, rows, columns). They are exact, since the panel's field of a window is
+        band-limited, and is evaluated at every pixel.
         """
         fields = self.to_pixel_origin(window).reshape(-1, *self.goal.plane.shape)
         # The frames are transformed one by one, because the padded spectra of many frames would
@@ -114,5 +127,5 @@ class Superpixels:
 
 
 def coarsest_superpixels(goal: RetrievalGoal) -> Superpixels:
-    """Return the largest superpixels that represent the goal's window without loss."""
+    """Return the largest superpixels that represent a phase retrieval's window without loss."""
     return Superpixels(goal, superpixel_side(goal))

@@ -18,10 +18,11 @@ _MAX_DEVIATIONS = 8.5
 
 
 def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple[Numbers, Numbers]:
-    """Compute mean and variance of a pixel's readout, in electrons and electrons², exactly.
+    """Compute mean and variance of a sensor pixel's readout through noise and ADC, exactly.
 
-    electrons: in the well, with the pixel's offset; any shape. The readout is (number - black
-    level) times the gain, clipped and rounded as `stages` says.
+    The mean is in electrons, and the variance in electrons². electrons: in the well, with the
+    pixel's offset; any shape. The readout is (number - black level) times the gain, clipped and
+    rounded as `stages` says.
     """
     noise = sensor.read_noise if stages.read_noise else 0.0
     if stages.quantisation:
@@ -35,7 +36,10 @@ def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple
 
 
 def _clipped_moments(x: Numbers, noise: float, low: float, high: float) -> tuple[Numbers, Numbers]:
-    """Compute mean and variance of a normal number with the mean x that is clipped at both ends."""
+    """Compute mean and variance of the sensor's readout, clipped at both ends.
+
+    Before clipping, the readout is a normal number with the mean x.
+    """
     if not noise:
         return np.clip(x, low, high), np.zeros_like(x)
     a, b = (low - x) / noise, (high - x) / noise
@@ -54,9 +58,10 @@ def _density(z: Numbers) -> Numbers:
 def _rounded_moments(
     scaled: Numbers, noise: float, sensor: Sensor, clipping: bool
 ) -> tuple[Numbers, Numbers]:
-    """Compute mean and variance of a rounded normal number with the mean `scaled`.
+    """Compute mean and variance of the sensor's readout, rounded by the ADC.
 
-    They are sums over the probabilities that the number reaches each whole step.
+    Before rounding, the readout is a normal number with the mean `scaled`. Both moments are sums
+    over the probabilities that the number reaches each whole step.
     """
     top = 2**sensor.bits - 1
     if not noise:

@@ -14,14 +14,17 @@ Numbers = NDArray[np.float64]
 
 
 def electron_range(mean: float) -> tuple[int, int]:
-    """Return the first and last number of electrons with a probability that isn't negligible."""
+    """Return the least and most photoelectrons that a sensor pixel may hold, by shot noise.
+
+    Other counts have a negligible probability.
+    """
     # Nine standard deviations are enough. The 20 serve few expected electrons.
     reach = 9.0 * math.sqrt(mean) + 20
     return max(0, math.floor(mean - reach)), math.ceil(mean + reach)
 
 
 def count_probabilities(mean: float, shot: ShotNoise) -> tuple[int, Numbers]:
-    """Return the first possible number of electrons, and the probabilities from there on."""
+    """Return a sensor pixel's least photoelectron count, and the probabilities of all counts."""
     first, last = electron_range(mean)
     counts = np.arange(first, last + 1, dtype=np.float64)
     shares = (_rounded_normal if shot == "Gaussian" else _poisson)(mean, counts)
@@ -35,7 +38,10 @@ def _poisson(mean: float, counts: Numbers) -> Numbers:
 
 
 def _rounded_normal(mean: float, counts: Numbers) -> Numbers:
-    """Compute probabilities of a rounded normal number of electrons; negative ones count as 0."""
+    """Compute a sensor pixel's photoelectron probabilities from a rounded normal distribution.
+
+    Negative numbers count as 0.
+    """
     if mean == 0:
         return (counts == 0).astype(np.float64)
     spread = mean / math.sqrt(mean + 1 / 12)

@@ -57,10 +57,11 @@ class Uniformity:
 
 
 def pair_moments(first: Frame, second: Frame) -> tuple[float, float]:
-    """Compute mean and temporal variance of two frames of the same scene (EMVA 1288, section 6.4).
+    """Compute mean and temporal variance of two sensor frames (EMVA 1288, section 6.4).
 
-    The variance is half of that of their difference, which contains no fixed pattern. Raises
-    ValueError unless both frames have the same shape, and two pixels or more.
+    Both frames show the same scene. The variance is half the variance of their difference, which
+    contains no fixed pattern. Raises ValueError unless both frames have the same shape, and two
+    pixels or more.
     """
     a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     if a.shape != b.shape or a.size < 2:
@@ -74,7 +75,7 @@ def pair_moments(first: Frame, second: Frame) -> tuple[float, float]:
 def measure_characteristics(
     illuminated: Mapping[float, tuple[Frame, Frame]], dark: Mapping[float, tuple[Frame, Frame]]
 ) -> Characteristics:
-    """Measure a sensor's gain, noise, dark current and linearity, from pairs of frames.
+    """Measure a sensor's gain, noise, dark current and linearity (EMVA 1288).
 
     illuminated: pairs of frames in even, constant light, by exposure time in seconds. dark: pairs
     without light, of the same exposure times. Raises ValueError for fewer than five exposure times,
@@ -108,14 +109,16 @@ def measure_characteristics(
 def _point(
     exposure: float, pair: tuple[Frame, Frame], dark_mean: float, dark_variance: float
 ) -> TransferPoint:
+    """Return a sensor's photon transfer point at an exposure, with the dark moments subtracted."""
     mean, variance = pair_moments(*pair)
     return TransferPoint(exposure, mean - dark_mean, variance - dark_variance)
 
 
 def _photon_transfer_slope(points: Sequence[TransferPoint]) -> float:
-    """Fit the slope of the photon transfer curve, a line through zero (EMVA 1288, section 6.6).
+    """Fit the slope of a sensor's photon transfer curve (EMVA 1288, section 6.6).
 
-    The error of each variance is proportional to the variance, so the fit uses relative residuals.
+    The curve is a line through zero. The error of each variance is proportional to the variance, so
+    the fit uses relative residuals.
     """
     used = [p for p in points if p.mean > 0]
     if len(used) < 2:
@@ -129,9 +132,10 @@ def _photon_transfer_slope(points: Sequence[TransferPoint]) -> float:
 
 
 def _linearity(points: Sequence[TransferPoint], full: float) -> tuple[float, float]:
-    """Fit the mean by exposure time: slope and linearity error (EMVA 1288, section 6.7).
+    """Fit a sensor's mean signal over exposure time: slope and linearity error.
 
-    Both use relative residuals, of points from 5 to 95 % of saturation.
+    The method is that of EMVA 1288, section 6.7. Slope and error both use relative residuals of the
+    points from 5 to 95 % of saturation.
     """
     used = [p for p in points if 0.05 * full <= p.mean <= 0.95 * full]
     if len(used) < 3:
@@ -145,7 +149,7 @@ def _linearity(points: Sequence[TransferPoint], full: float) -> tuple[float, flo
 
 
 def uniformity(half_full: Sequence[Frame], dark: Sequence[Frame], gain: float) -> Uniformity:
-    """Measure PRNU and DSNU from frames at half of saturation and dark frames (section 8).
+    """Measure a sensor's PRNU and DSNU from half-saturated and dark frames (EMVA 1288, section 8).
 
     The frames are averaged. The temporal noise that remains in the average is measured and
     subtracted. The light must be even. gain: electrons per digital number. Raises ValueError for
@@ -161,7 +165,7 @@ def uniformity(half_full: Sequence[Frame], dark: Sequence[Frame], gain: float) -
 
 
 def _mean_and_spatial_variance(frames: Sequence[Frame]) -> tuple[Array, float]:
-    """Return the average frame, and the variance over its pixels without the temporal noise."""
+    """Return a sensor's average frame, and the variance over its pixels without temporal noise."""
     count = len(frames)
     if count < 2:
         raise ValueError(f"{count} frames are given; the temporal noise of one is unknown")

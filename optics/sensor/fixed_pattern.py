@@ -45,7 +45,7 @@ class FixedPattern:
 
     @property
     def offset(self) -> torch.Tensor:
-        """Offset of each pixel, electrons that it reads too much, float32."""
+        """The offset that each sensor pixel adds to its reading, in electrons, float32."""
         return self.offset_steps.to(torch.float32) * self.electrons_per_step
 
 

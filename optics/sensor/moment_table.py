@@ -50,7 +50,7 @@ class MomentTableSettings:
 
     @property
     def step(self) -> float:
-        """Distance of the refined nodes in sqrt(electrons)."""
+        """The distance between a sensor moment table's refined nodes, in sqrt(electrons)."""
         return 1 / (self.nodes_per_unit * self.spline_refinement)
 
 
@@ -60,7 +60,7 @@ _SETTINGS = MomentTableSettings()
 def moment_tables(
     sensor: Sensor, stages: Stages, max_electrons: float, electrons_per_step: float = 0.0
 ) -> tuple[MomentTable, ...]:
-    """Return the tables that pixels of up to `max_electrons` electrons need, from a cache.
+    """Return a sensor's tables of mean and variance up to `max_electrons`, from a cache.
 
     The first table begins at darkness. For a deep well, it ends where rounding is far finer than
     shot noise, and a second table begins near the full well. Between them, mean and variance are
@@ -90,7 +90,7 @@ def moment_tables(
 
 
 def _clipping_range(sensor: Sensor, stages: Stages) -> tuple[float, float]:
-    """Return the electrons from which a pixel may clip, and from which it certainly clips.
+    """Return the electrons from which a sensor pixel may clip, and from which it certainly clips.
 
     Both are infinite if clipping isn't simulated.
     """
@@ -108,7 +108,10 @@ def _clipping_range(sensor: Sensor, stages: Stages) -> tuple[float, float]:
 
 
 def _round_up_limit(max_electrons: float, limit: float) -> float:
-    """Round the end of a moment table up to a power of two, so that other pictures can use it."""
+    """Round the end of a sensor's moment table, in electrons, up to a power of two.
+
+    Other pictures can then use the same table.
+    """
     return min(limit, 2.0 ** math.ceil(math.log2(max(max_electrons, 64.0))))
 
 
@@ -164,7 +167,10 @@ class MomentTable:
         return mean.reshape(electrons.shape), variance.reshape(electrons.shape)
 
     def max_slopes(self, max_electrons: float) -> tuple[float, float]:
-        """Return the largest absolute slopes of mean and variance, up to `max_electrons`."""
+        """Return the largest slopes of a sensor pixel's mean and variance over electrons.
+
+        The slopes are absolute values, up to `max_electrons`.
+        """
         electrons = self._nodes_up_to(max_electrons)
         spaces = np.diff(electrons)[:, None]
         mean, variance = (
@@ -174,11 +180,11 @@ class MomentTable:
         return float(mean), float(variance)
 
     def min_variance(self, max_electrons: float) -> float:
-        """Return the least variance in the table, up to `max_electrons`."""
+        """Return a sensor pixel's least variance up to `max_electrons`, from the table."""
         return float(self.variance[: len(self._nodes_up_to(max_electrons))].min())
 
     def _nodes_up_to(self, max_electrons: float) -> Numbers:
-        """Return the table's nodes up to so many electrons, at least two."""
+        """Return a sensor moment table's nodes up to `max_electrons`, two at least."""
         start, step = self._start, _SETTINGS.step
         electrons = (start + np.arange(len(self.mean)) * step) ** 2 - _ANSCOMBE_OFFSET
         return electrons[electrons <= max(max_electrons, electrons[1])]
@@ -207,7 +213,7 @@ class MomentTable:
 
 
 def _refine_by_splines(values: Numbers) -> torch.Tensor:
-    """Refine a moment table, (nodes, columns), by splines between its nodes."""
+    """Refine a sensor's moment table, (nodes, columns), by splines between its nodes."""
     nodes, finer = np.arange(len(values)), _SETTINGS.spline_refinement
     inner = np.arange((len(values) - 1) * finer + 1) / finer
     return torch.from_numpy(CubicSpline(nodes, values)(inner))
@@ -216,7 +222,7 @@ def _refine_by_splines(values: Numbers) -> torch.Tensor:
 def _average_over_counts(
     mean: float, start: int, read: Numbers, variance: Numbers, shot: ShotNoise
 ) -> tuple[Numbers, Numbers]:
-    """Average a pixel's mean and variance over shot noise, by the law of total variance."""
+    """Average a sensor pixel's mean and variance over shot noise, by the law of total variance."""
     first, shares = count_probabilities(float(mean), shot)
     part = slice(first - start, first - start + len(shares))
     whole = shares @ read[part]

@@ -20,11 +20,11 @@ def moments(
     sensor: Sensor,
     **switches: Any,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute mean and variance of every pixel's digital number, without sampling any frame.
+    """Compute mean and variance of every sensor pixel's digital number, without sampling a frame.
 
-    They are the moments of what `sample_frame` gives: sums over all numbers of electrons and all
-    digital numbers, tabulated and interpolated, with a relative error of 1e-4. They refer to
-    (number - black level) · gain.
+    The moments describe the frames of `sample_frame`. They are sums over all numbers of electrons
+    and all digital numbers, tabulated and interpolated, with a relative error of 1e-4. They refer
+    to (number - black level) · gain.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def moments(
 def _moments_without_shot_noise(
     charge: CollectedCharge, sensor: Sensor, stages: Stages
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute each pixel's mean and variance by itself, for a sensor without shot noise."""
+    """Compute each pixel's mean and variance separately, for a sensor without shot noise."""
     full = charge.electrons
     if stages.clipping:
         full = full.clamp(max=sensor.full_well)
@@ -88,6 +88,7 @@ def _moments_without_shot_noise(
 def _tabulated_moments(
     charge: CollectedCharge, sensor: Sensor, stages: Stages
 ) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return each sensor pixel's mean and variance from tables over the expected photoelectrons."""
     electrons = charge.electrons
     most = float(electrons.max()) if electrons.numel() else 0.0
     dark, *bright = moment_tables(sensor, stages, most, charge.electrons_per_step)

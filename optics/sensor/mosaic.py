@@ -61,11 +61,14 @@ class Mosaic:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The letters of the mosaic's pattern, each once, in their order of appearance."""
+        """The letters of the sensor's colour filters, each once, in their order of appearance."""
         return tuple(dict.fromkeys("".join(self.pattern)))
 
     def channel_map(self, shape: tuple[int, int]) -> torch.Tensor:
-        """Return the index into `channels` of each pixel's filter, (rows, columns), int64."""
+        """Return each sensor pixel's colour filter as an index into `channels`, (rows, columns).
+
+        The indices are int64.
+        """
         index = {name: i for i, name in enumerate(self.channels)}
         cell = torch.tensor([[index[letter] for letter in row] for row in self.pattern])
         rows = torch.arange(shape[0])[:, None] % cell.shape[0]
@@ -73,7 +76,7 @@ class Mosaic:
         return cell[rows, columns]
 
     def sample_channels(self, channels: torch.Tensor) -> torch.Tensor:
-        """Sample pictures of all channels as a sensor with this mosaic does.
+        """Sample pictures of all channels as a sensor with these colour filters does.
 
         channels: (channel, rows, columns). Returns (rows, columns). Raises ValueError if there
         isn't one picture for each of `channels`.

@@ -27,7 +27,7 @@ PIXEL_INTEGRATION_ERROR = 1e-9
 
 
 def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
-    """Return the transfer function of a square pixel with a fill factor of 1, on an rfft2 grid.
+    """Return the transfer function of a square sensor pixel of fill factor 1, on an rfft2 grid.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
 
 
 def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
-    """Take the samples at pixel centres from a grid that is finer than the pixels.
+    """Sample the light at the sensor's pixel centres from a grid that is finer than the pixels.
 
     The origin stays at n // 2 for even and odd sizes.
 
@@ -70,7 +70,7 @@ def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
 
 
 def pixel_margin(factor: int) -> int:
-    """Return the number of whole pixels that integrate_pixels() needs around a pixel.
+    """Return how many whole sensor pixels integrate_pixels() needs around a pixel.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def pixel_margin(factor: int) -> int:
 
 @functools.cache
 def _pixel_kernel(factor: int) -> torch.Tensor:
-    """Compute the weights of the samples around a pixel in the pixel's integral, float64.
+    """Compute the weights of the samples around a sensor pixel in its integral, float64.
 
     The origin is in the middle. Each weight is the integral over the pixel of the interpolation of
     one sample, a sinc under a Kaiser window (Kaiser 1974). Light below a third of the sampling rate
@@ -104,7 +104,7 @@ def _pixel_kernel(factor: int) -> torch.Tensor:
 
 
 def integrate_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
-    """Integrate light over whole square pixels that each have `factor` by `factor` samples.
+    """Integrate light over a sensor's whole square pixels of `factor` by `factor` samples.
 
     The relative L2 error is at most PIXEL_INTEGRATION_ERROR for light that the samples resolve with
     PIXEL_OVERSAMPLING to spare, at least pixel_margin() pixels from the edges. Beyond the edges it
@@ -167,11 +167,14 @@ class PixelIntegration:
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the fine samples in single precision, with and without padding."""
+        """The memory in bytes of the sensor pixels' fine samples, with and without padding.
+
+        The samples are in single precision.
+        """
         return 2 * 4 * self._samples
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one pixel integration, in seconds."""
+        """Predict the processor time of one integration over sensor pixels, in seconds."""
         taps = _pixel_kernel(self._factor).numel() / self._factor * (1 + 1 / self._factor)
         return speed.call + self._samples * taps * speed.tap
 

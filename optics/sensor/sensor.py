@@ -100,12 +100,12 @@ class Sensor:
     def window_plane(
         self, shape: tuple[int, int], centre: tuple[float, float] = (0.0, 0.0)
     ) -> Plane:
-        """Return the plane of a window of the sensor: (rows, columns) around (y, x) in metres."""
+        """Return the plane of a sensor window: (rows, columns) around (y, x) in metres."""
         return Plane(shape, (self.pitch, self.pitch), centre)
 
     @property
     def full_scale(self) -> int:
-        """The digital number from which a pixel counts as clipped.
+        """The digital number from which a sensor pixel counts as clipped.
 
         If the well is full before the converter's range ends, read noise may lower the number of a
         full pixel. So the limit lies five standard deviations of read noise below the full well.

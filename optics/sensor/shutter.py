@@ -9,7 +9,7 @@ from optics.validation import require_positive
 
 
 def row_starts(sensor: Sensor, first_start: float = 0.0, *, rolling: bool = True) -> torch.Tensor:
-    """Return the times at which the exposure of each row of a sensor begins.
+    """Return when the shutter begins to expose each row of a sensor, in seconds.
 
     A global shutter starts all rows at once. A rolling shutter starts each row by the sensor's line
     time after the one before, from the first row to the last.
@@ -33,11 +33,14 @@ def row_starts(sensor: Sensor, first_start: float = 0.0, *, rolling: bool = True
 
 
 def row_delay(sensor: Sensor) -> float:
-    """Return the delay between the starts of two neighbouring rows of a sensor, in seconds."""
+    """Return the shutter's delay between two neighbouring rows of a sensor, in seconds."""
     return sensor.line_time if sensor.shutter == "rolling" else 0.0
 
 
 def frame_duration(sensor: Sensor, exposure: float) -> float:
-    """Return the time from the start of a frame's first row to the end of its last, in seconds."""
+    """Return how long a sensor's shutter takes to expose all rows of a frame, in seconds.
+
+    A rolling shutter exposes the rows one after the other.
+    """
     require_positive("exposure", exposure, "s")
     return exposure + (sensor.shape[0] - 1) * row_delay(sensor)

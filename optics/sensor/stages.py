@@ -74,13 +74,13 @@ class CollectedCharge:
     electrons_per_step: float = 0.0
 
     def select(self, pixels: torch.Tensor) -> CollectedCharge:
-        """Return the charge of the pixels that a mask selects."""
+        """Return the photoelectrons of the sensor pixels that a mask selects."""
         steps = None if self.offset_steps is None else self.offset_steps[pixels]
         return CollectedCharge(self.electrons[pixels], steps, self.electrons_per_step)
 
     @property
     def offset(self) -> torch.Tensor | float:
-        """The pixels' offsets in electrons, float64; 0 for a sensor without offsets."""
+        """The sensor pixels' offsets in electrons, float64; 0 for a sensor without offsets."""
         return (
             0.0
             if self.offset_steps is None
@@ -91,7 +91,7 @@ class CollectedCharge:
 def collect_electrons(
     electrons: torch.Tensor, exposure: float, sensor: Sensor, stages: Stages
 ) -> CollectedCharge:
-    """Compute the expected electrons of each pixel at the end of an exposure.
+    """Compute the expected photoelectrons of each sensor pixel at the end of an exposure.
 
     electrons: from light, over the exposure, of any shape; (rows, columns) of the whole sensor if
     its pixels differ. Negative ones count as zero. Raises ValueError for numbers that aren't

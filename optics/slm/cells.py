@@ -9,7 +9,10 @@ import torch
 
 
 def as_float64(values: Any) -> torch.Tensor:
-    """Convert numbers of any kind to a float64 tensor; tensors keep their derivatives."""
+    """Convert numbers of an SLM's map or response to a float64 tensor.
+
+    The numbers may be of any kind. Tensors keep their derivatives.
+    """
     if isinstance(values, torch.Tensor):
         return values.to(torch.float64)
     # Arrays from files may be read-only or of another byte order, so the values are copied.
@@ -17,7 +20,7 @@ def as_float64(values: Any) -> torch.Tensor:
 
 
 def neighbouring_cells(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Find the cells before and behind each panel pixel along an axis, and the pixel's position.
+    """Find the map cells before and behind each SLM pixel along an axis, and the pixel's position.
 
     The position is the share, from 0 to 1, of the way between the centres of the two cells. The
     cells are equally wide and cover all pixels. A pixel beyond the outermost centre gets the
@@ -32,9 +35,9 @@ def neighbouring_cells(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Ten
 
 
 def interpolate_cells(values: torch.Tensor, pixels: int, axis: int) -> torch.Tensor:
-    """Interpolate values of cells along an axis to panel pixels, linearly.
+    """Interpolate a map's cell values along an axis to SLM pixels, linearly.
 
-    They are constant beyond the outermost centres.
+    The values are constant beyond the outermost cells' centres.
     """
     if values.shape[axis] == pixels:
         return values

@@ -36,10 +36,11 @@ phases in the phase at the node."""
 
 
 def fringing_field_mean(phase: torch.Tensor, sigma: float, side: float) -> torch.Tensor:
-    """Compute the mean of exp(i blurred phase) over the active area of each panel pixel, complex.
+    """Compute the complex mean field of each SLM pixel, with the phase blurred by fringing fields.
 
-    phase: radians, (..., rows, columns). sigma: standard deviation of the blur, in pixels. side:
-    side of the square that modulates, in pixels. The panel's outermost pixels are continued.
+    The mean of exp(i blurred phase) is taken over the pixel's active area. phase: radians, (...,
+    rows, columns). sigma: standard deviation of the blur, in pixels. side: side of the square that
+    modulates, in pixels. The panel's outermost pixels are continued.
 
     The blurred staircase is a sum of error functions, which can be evaluated at any point. The
     mean is taken over Gauss-Legendre nodes inside the pixel, as many as the largest step needs,
@@ -89,7 +90,7 @@ class _FringingFieldMean(torch.autograd.Function):
 
 
 def _filter_axis(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch.Tensor:
-    """Filter an array along an axis by weights of neighbours; edge pixels are continued."""
+    """Blur the SLM's phase along an axis by weights of neighbours; edge pixels are continued."""
     reach, n = len(taps) // 2, values.shape[axis]
     margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
     wide = pad(values.reshape(-1, *values.shape[-2:]), margins, mode="replicate")
@@ -102,7 +103,7 @@ def _filter_axis(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> to
 def _filter_axis_transpose(
     values: torch.Tensor, taps: tuple[float, ...], axis: int
 ) -> torch.Tensor:
-    """Apply the transpose of _filter_axis()."""
+    """Apply the transpose of _filter_axis(), the blur of the SLM's phase along an axis."""
     reach, n = len(taps) // 2, values.shape[axis]
     margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
     wide = pad(torch.zeros_like(values), margins)
@@ -115,19 +116,22 @@ def _filter_axis_transpose(
 
 
 def _largest_step(phase: torch.Tensor, axis: int) -> float:
-    """Return the largest phase step between neighbouring pixels along an axis, in radians."""
+    """Return the largest phase step between neighbouring SLM pixels along an axis, in radians."""
     steps = phase.detach().diff(dim=axis)
     return float(steps.abs().max()) if steps.numel() else 0.0
 
 
 def _round_up_step(step: float) -> float:
-    """Round a phase step up to a power of √2, so that few quadrature rules need to be cached."""
+    """Round an SLM's phase step up to a power of √2, so that few quadrature rules are cached."""
     return 2.0 ** (math.ceil(2 * math.log2(step)) / 2) if step > 0 else 0.0
 
 
 @lru_cache(maxsize=256)
 def _quadrature_rule(sigma: float, side: float, step: float) -> QuadratureRule:
-    """Find the fewest nodes that average over a pixel next to a phase step with an error of TOL."""
+    """Find the fewest nodes that average an SLM pixel's field with an error of at most TOL.
+
+    The pixel lies next to a phase step of `step` radians.
+    """
     if step == 0:
         return ((1.0, (1.0,)),)
     known = _test_phases(step, _neighbour_reach(sigma, side))
@@ -144,12 +148,12 @@ def _quadrature_rule(sigma: float, side: float, step: float) -> QuadratureRule:
 
 
 def _neighbour_reach(sigma: float, side: float) -> int:
-    """Count the neighbours on each side whose phase affects a pixel's active area."""
+    """Count the neighbours on each side whose phase affects an SLM pixel's active area."""
     return max(1, math.ceil(side / 2 - 0.5 + _REACH * sigma))
 
 
 def _candidate_nodes(sigma: float, side: float, count: int) -> Iterator[NodesAndWeights]:
-    """Yield placements of `count` nodes: over the whole pixel, or most of them at its edges."""
+    """Yield placements of `count` nodes in an SLM pixel: over all of it, or most at its edges."""
     yield _gauss_nodes_on((-side / 2, side / 2), count)
     flat = 0.5 - _REACH * sigma
     if 0 < flat < side / 2 and count % 2 and count >= 5:
@@ -173,9 +177,9 @@ def _nodes(sigma: float, places: NodesAndWeights) -> QuadratureRule:
 
 
 def _neighbour_weights(sigma: float, place: np.ndarray, reach: int) -> np.ndarray:
-    """Compute the weights of the neighbours' phases at positions in a pixel.
+    """Compute the weights of the neighbours' phases at positions in an SLM pixel.
 
-    They are (positions, neighbours).
+    The result is (positions, neighbours).
     """
     edges = (np.arange(-reach, reach) + 0.5 - place[:, None]) / sigma
     # The last neighbours also get the weights of all pixels beyond them, so that the sum is one.
@@ -183,9 +187,9 @@ def _neighbour_weights(sigma: float, place: np.ndarray, reach: int) -> np.ndarra
 
 
 def _test_phases(step: float, beside: int) -> np.ndarray:
-    """Return test phases around a pixel: an edge, a line, stripes, a slope, a valley.
+    """Return test phases around an SLM pixel: an edge, a line, stripes, a slope, a valley.
 
-    They are (cases, neighbours).
+    The result is (cases, neighbours).
     """
     n = np.arange(-beside, beside + 1)
     edge, line, stripes = n > 0, n == 0, n % 2

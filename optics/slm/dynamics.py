@@ -19,7 +19,7 @@ _MOST_NODES = 40
 
 
 def steady_start_phases(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
-    """Compute the panel's phase at the beginning of each frame of an endlessly repeated video.
+    """Compute the liquid crystal's phase as each frame of an endlessly repeated video begins.
 
     phases: (frames, ...), the phase at which each frame would settle, radians. frame_time, tau:
     seconds; with tau 0 the phase settles at once. The first frame's start is the geometric sum
@@ -34,7 +34,10 @@ def steady_start_phases(phases: torch.Tensor, frame_time: float, tau: float) -> 
 
 
 def first_start_phase(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
-    """Compute the panel's phase at the beginning of the first frame, as `steady_start_phases`."""
+    """Compute the liquid crystal's phase as the first video frame begins, in the steady state.
+
+    The result is the first entry of `steady_start_phases()`.
+    """
     _require_times(frame_time, tau)
     if not len(phases):
         raise ValueError("phases has no frame; a video has one at least")
@@ -56,12 +59,12 @@ def relaxed_phase(end: torch.Tensor, start: torch.Tensor, time: float, tau: floa
 def time_nodes(
     frame_time: float, tau: float, count: int
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return quadrature nodes in time for the mean of light over a frame: seconds, and shares.
+    """Return quadrature nodes in time for the mean light while the liquid crystal relaxes.
 
-    The rule is that of Gauss with `count` nodes in the variable exp(-t / tau). The light is an
-    entire function of this variable for any phase, and the rule is exact for polynomials of it up
-    to the degree 2 count - 1. With tau 0, or for a crystal far quicker than a frame, there may be
-    fewer nodes.
+    The nodes are times in seconds, with their shares of the mean over one frame. The rule is that
+    of Gauss with `count` nodes in the variable exp(-t / tau). The light is an entire function of
+    this variable for any phase, and the rule is exact for polynomials of it up to the degree 2
+    count - 1. With tau 0, or for a crystal far quicker than a frame, there may be fewer nodes.
     """
     _require_times(frame_time, tau)
     if count < 1:
@@ -73,9 +76,10 @@ def time_nodes(
 
 
 def time_node_count(change: float, frame_time: float, tau: float, tol: float) -> int:
-    """Find the fewest nodes in time for the mean of exp(i change exp(-t / tau)) to an error tol.
+    """Find the fewest time nodes that average over the liquid crystal's relaxation within `tol`.
 
-    change: largest change of the panel's phase within a frame, radians.
+    `tol` is the error of the mean of exp(i change exp(-t / tau)). change: largest change of the
+    panel's phase within a frame, radians.
     """
     if tau == 0:
         return 1
@@ -95,10 +99,11 @@ def _mean(change: float, left: tuple[float, ...], shares: tuple[float, ...]) -> 
 
 @lru_cache(maxsize=256)
 def _time_quadrature(frames: float, count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Compute Gauss' rule for the mean over time of a function of exp(-t / tau).
+    """Compute Gauss' rule in time for a liquid crystal that relaxes as exp(-t / tau).
 
-    A frame lasts `frames` times tau. The rule follows Golub and Welsch (1969) from the three-term
-    recursion of the measure. Lanczos' method finds the recursion on 120 nodes in time.
+    The rule averages functions of this variable over a frame, which lasts `frames` times tau. It
+    follows Golub and Welsch (1969) from the three-term recursion of the measure. Lanczos' method
+    finds the recursion on 120 nodes in time.
     """
     # After 36 time constants nothing is left in double precision.
     seen = min(frames, 36.0)
@@ -115,7 +120,10 @@ def _time_quadrature(frames: float, count: int) -> tuple[tuple[float, ...], tupl
 def _gauss_rule_of_measure(
     x: np.ndarray, weight: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute Gauss' nodes and weights for a measure on points x; fewer if they are exact."""
+    """Compute Gauss' rule for a liquid crystal's relaxation, given as a measure on points x.
+
+    There are fewer than `count` nodes if these are exact already.
+    """
     basis = [np.sqrt(weight)]
     diagonal, beside = [float(basis[0] @ (x * basis[0]))], []
     while len(diagonal) < count:

@@ -10,7 +10,7 @@ from optics.slm.panel import Panel
 
 
 def flatness_phase(panel: Panel, wavelength: float) -> torch.Tensor:
-    """Compute the phase of a panel's known flatness in radians, (rows, columns) float64.
+    """Compute the phase of an SLM's known flatness in radians, (rows, columns) float64.
 
     Flatness is an optical path, so that its phase is proportional to 1/wavelength.
     """

@@ -9,13 +9,13 @@ import math
 
 
 def flicker_nodes(flicker: float, phase: float, tol: float) -> list[tuple[float, float]]:
-    """Return quadrature nodes for the mean over flicker: shares of time, and factors of the phase.
+    """Return quadrature nodes for the mean over the SLM's phase flicker: shares and factors.
 
-    They replace the phase (1 + flicker sin). phase: the largest phase in radians. The rule is that
-    of Gauss for the mean over a sine (Chebyshev nodes). It has as few nodes as give the mean of
-    exp(i phase flicker sin), which is Bessel's J0, with an error of at most tol. The error of k
-    nodes is 2 J_2k, which is below 2 (half the argument)^2k / (2k)!. Raises ValueError for a phase
-    that needs 64 nodes or more.
+    Each node is a share of time and a factor of the phase. The factors replace 1 + flicker sin.
+    phase: the largest phase in radians. The rule is that of Gauss for the mean over a sine
+    (Chebyshev nodes). It has as few nodes as give the mean of exp(i phase flicker sin), which is
+    Bessel's J0, with an error of at most tol. The error of k nodes is 2 J_2k, which is below 2
+    (half the argument)^2k / (2k)!. Raises ValueError for a phase that needs 64 nodes or more.
     """
     if flicker == 0:
         return [(1.0, 1.0)]

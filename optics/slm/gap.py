@@ -6,7 +6,7 @@ from optics.slm.panel import Panel
 
 
 def gap_amplitude(panel: Panel) -> float:
-    """Compute the amplitude that the gap adds to a pixel's field, relative to the pixel's own.
+    """Compute the amplitude that the SLM's gap adds to a pixel's field, relative to the pixel's.
 
     The gap is a frame with (1 - F) / F of the active area of a pixel with fill factor F. Its light
     adds coherently. The amplitude is exact on the axis. A PSFOperator spreads this light like that

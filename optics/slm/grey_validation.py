@@ -8,7 +8,7 @@ from optics.slm.panel import Panel
 
 
 def require_grey(panel: Panel, grey: np.ndarray) -> None:
-    """Raise an error unless a panel can display an array of grey levels.
+    """Raise an error unless an SLM can display an array of grey levels.
 
     Parameters
     ----------

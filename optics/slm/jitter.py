@@ -6,7 +6,9 @@ import math
 
 
 def scattered_share(jitter: float) -> float:
-    """Compute the share of the light that jitter, a normal phase error in radians rms, scatters.
+    """Compute the share of light that the SLM's jitter scatters.
+
+    jitter: a normal phase error, radians rms.
 
     The mean fields of independent pixels, exp(-jitter²/2) each, add coherently. The rest of the
     power, a share of 1 - exp(-jitter²), adds in intensity and is spread evenly, apart from the

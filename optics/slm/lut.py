@@ -16,7 +16,7 @@ from optics.validation import accepts_numpy, require_finite
 
 @accepts_numpy
 def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.Tensor:
-    """Compute the phase that the liquid crystal gives to light at grey levels.
+    """Compute the phase that the SLM's liquid crystal gives to light at grey levels.
 
     Without a measured response the phase grows linearly with the level. Differentiable in the
     response.
@@ -57,7 +57,7 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
 def phase_to_grey(
     panel: Panel, phase: torch.Tensor, wavelength: float, orders: int = 1
 ) -> torch.Tensor:
-    """Compute the grey levels with which the panel gives light a phase.
+    """Compute the grey levels with which the SLM gives light a phase.
 
     The panel's flatness is subtracted first if it is known. To show a phase uncorrected, use
     ``replace(panel, flatness=None)``. Each pixel gets the nearest
@@ -105,7 +105,7 @@ def phase_to_grey(
 
 
 def whole_waves(panel: Panel, wavelength: float) -> int:
-    """Return the number of whole waves in the panel's phase range; 0 if it is below one wave.
+    """Return the number of whole waves in the SLM's phase range; 0 if it is below one wave.
 
     The smallest range of all regions counts.
     """
@@ -113,14 +113,14 @@ def whole_waves(panel: Panel, wavelength: float) -> int:
 
 
 def require_orders(panel: Panel, wavelength: float, orders: int) -> None:
-    """Raise ValueError if a panel's phase range is less than `orders` whole waves anywhere."""
+    """Raise ValueError if an SLM's phase range is less than `orders` whole waves anywhere."""
     _require_orders(panel, wavelength, _phase_curves(panel, wavelength).detach(), orders)
 
 
 def _phase_curves(panel: Panel, wavelength: float) -> torch.Tensor:
-    """Return the phase of all grey levels in each region, in radians.
+    """Return the phase of all the SLM's grey levels in each region, in radians.
 
-    It is (region rows, region columns, levels), float64.
+    The result is (region rows, region columns, levels), float64.
     """
     reach = max_phase(panel, wavelength)
     if panel.response is None:
@@ -151,13 +151,13 @@ def _up_to(waves: int) -> str:
 
 
 def _wrap_phase(phase: torch.Tensor, first: torch.Tensor, period: float) -> torch.Tensor:
-    """Wrap a phase by whole periods into the interval from `first` to `first` + period."""
+    """Wrap an SLM's phase by whole periods into the interval from `first` to `first` + period."""
     turns = (phase - first) / period
     return first + period * (turns - torch.floor(turns))
 
 
 def _nearest_levels(curve: torch.Tensor, phase: torch.Tensor, orders: int) -> torch.Tensor:
-    """Find the grey levels nearest to a phase on one curve for all pixels, uint8."""
+    """Find the SLM's grey levels nearest to a phase, on one curve for all pixels, uint8."""
     period = 2 * math.pi * orders
     end = curve[:1] + period
     # A phase one period beyond the first level is shown by the first level.
@@ -183,7 +183,10 @@ class _RowCurves:
         return torch.lerp(low, high, self._share.to(level.device))
 
     def nearest_levels(self, phase: torch.Tensor, orders: int) -> torch.Tensor:
-        """Find the grey levels nearest to a phase by bisection on each pixel's own curve, uint8."""
+        """Find the SLM's grey levels nearest to a phase by bisection, uint8.
+
+        Each pixel has its own curve.
+        """
         zero = torch.zeros_like(phase, dtype=torch.int64)
         first, period = self.phase(zero), 2 * math.pi * orders
         wanted = _wrap_phase(phase, first, period)
@@ -193,7 +196,11 @@ class _RowCurves:
         return torch.where(first + period - wanted <= miss, zero, level).to(torch.uint8)
 
     def _bisect_levels(self, phase: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """Find the nearest level: the number of midpoints between levels that lie below a phase."""
+        """Find the SLM's grey levels nearest to a phase by bisection.
+
+        A level's number is the count of midpoints between neighbouring levels that lie below the
+        phase.
+        """
         middles = (self._curves[..., 1:] + self._curves[..., :-1]) / 2
         # There is no midpoint after the last level.
         middles = torch.nn.functional.pad(middles, (0, 1), value=math.inf)
@@ -206,7 +213,7 @@ class _RowCurves:
 
 
 def _row_curves(panel: Panel, curves: torch.Tensor) -> Iterator[tuple[slice, _RowCurves]]:
-    """Yield blocks of 64 panel rows with their phase curves, so that the memory is bounded."""
+    """Yield blocks of 64 SLM rows with their phase curves, so that the memory is bounded."""
     rows, columns = panel.shape
     before, behind, share = neighbouring_cells(curves.shape[0], rows)
     size = 64

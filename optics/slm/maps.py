@@ -44,9 +44,9 @@ class PanelMap:
         object.__setattr__(self, "values", values)
 
     def at_pixels(self, panel: Panel) -> torch.Tensor:
-        """Interpolate the map's values at the panel's pixels, (rows, columns) float64.
+        """Interpolate a map's values at the SLM's pixels, (rows, columns) float64.
 
-        They are bilinear between the cells' centres and constant beyond the outermost ones.
+        The values are bilinear between the cells' centres and constant beyond the outermost ones.
         """
         rows, columns = panel.shape
         return interpolate_cells(interpolate_cells(self.values, rows, 0), columns, 1)

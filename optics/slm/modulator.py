@@ -57,15 +57,15 @@ class Modulator:
 
     @property
     def unmodulated_share(self) -> float:
-        """The share of light that the panel doesn't modulate; it adds in intensity."""
+        """The share of light that the SLM doesn't modulate; it adds in intensity."""
         return front_reflection_share(self.panel) + transmitted_unmodulated_share(self.panel)
 
     @property
     def unmodulated_fields(self) -> list[tuple[float, torch.Tensor | None]]:
-        """The shares and fields of unmodulated light; a field of None is 1 everywhere.
+        """Return shares and fields of the light that the SLM leaves unmodulated.
 
-        Light that passed the panel has the phase of its flatness; light that the cover glass
-        reflected doesn't.
+        A field of None is 1 everywhere. Light that passed the panel has the phase of its flatness;
+        light that the cover glass reflected doesn't.
         """
         shares = [
             (front_reflection_share(self.panel), self._illumination_amplitude),
@@ -77,18 +77,19 @@ class Modulator:
 
     @property
     def jitter_scatter_share(self) -> float:
-        """The share of the modulated light that jitter spreads evenly over the panel's orders."""
+        """The share of modulated light that jitter spreads evenly over the SLM's orders."""
         return scattered_share(self.panel.jitter) if self.panel.jitter else 0.0
 
     def phase(self, grey: torch.Tensor) -> torch.Tensor:
-        """Compute the settled phase of grey levels in radians, float64, as `grey_to_phase` does.
+        """Compute the SLM's settled phase of grey levels in radians, as `grey_to_phase` does.
 
-        Dispersion and response are included; the coupling of neighbouring pixels isn't.
+        The result is float64. Dispersion and response are included; the coupling of neighbouring
+        pixels isn't.
         """
         return grey_to_phase(self.panel, grey, self.wavelength)
 
     def grey(self, phase: torch.Tensor, orders: int = 1) -> torch.Tensor:
-        """Compute the grey levels by which light leaves with a phase, as `phase_to_grey` does.
+        """Compute the grey levels with which the SLM gives light a phase, as `phase_to_grey` does.
 
         Parameters
         ----------
@@ -106,7 +107,7 @@ class Modulator:
 
     @accepts_numpy
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
-        """Compute the complex field of each panel pixel from the displayed phase.
+        """Compute the complex field of each SLM pixel from the displayed phase.
 
         The field is the mean of exp(i phase) over the pixel's active area, with the phase blurred
         by the coupling. The gap's light is added. The sum is multiplied by the phase factor of the
@@ -144,7 +145,9 @@ class Modulator:
     def still_fields(
         self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32
     ) -> list[tuple[float, torch.Tensor]]:
-        """Compute shares of time and fields of a still pattern; one pair without flicker.
+        """Compute shares of time and fields while the SLM shows still grey levels.
+
+        Without flicker there is one pair.
 
         Parameters
         ----------
@@ -163,7 +166,7 @@ class Modulator:
     def flicker_fields(
         self, phase: torch.Tensor, *, dtype: torch.dtype | None = None, tol: float = FLICKER_TOL
     ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Yield shares of time and fields while a phase is constant except for its flicker.
+        """Yield shares of time and fields while the SLM's phase is constant but for flicker.
 
         Differentiable in the phase.
 
@@ -197,7 +200,9 @@ class Modulator:
         dtype: torch.dtype | None = None,
         tol: float = TOL,
     ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Yield shares of time and fields while the liquid crystal changes between two phases.
+        """Yield shares of time and fields while the SLM changes between two phases.
+
+        The liquid crystal relaxes from one to the other.
 
         Parameters
         ----------
@@ -233,10 +238,11 @@ class Modulator:
     def video_cycle_fields(
         self, video_phase: torch.Tensor, frame_time: float, *, tol: float = TOL
     ) -> Iterator[tuple[int, float, torch.Tensor]]:
-        """Yield frames, shares of time and fields of one cycle of a video that repeats forever.
+        """Yield frames, shares of time and fields of one cycle of a video on the SLM.
 
-        The liquid crystal relaxes to first order, and flickers. Both are averaged over as few nodes
-        as keep `tol`. Each field is computed when it is requested. Differentiable in the phases.
+        The video repeats forever. The liquid crystal relaxes to first order, and flickers. Both are
+        averaged over as few nodes as keep `tol`. Each field is computed when it is requested.
+        Differentiable in the phases.
 
         Parameters
         ----------
@@ -262,7 +268,7 @@ class Modulator:
 
     @cached_property
     def _illumination_amplitude(self) -> torch.Tensor | None:
-        """The illumination's amplitude, float64, of mean square 1; None if it is uniform."""
+        """The SLM's illumination amplitude, float64, of mean square 1; None if uniform."""
         if self.panel.illumination is None:
             return None
         light = self.panel.illumination.at_pixels(self.panel)
@@ -270,7 +276,7 @@ class Modulator:
 
     @cached_property
     def _static_factor(self) -> torch.Tensor | None:
-        """The factor of every field, flatness and illumination, complex128; None if it is 1."""
+        """The SLM field's constant factor, flatness and illumination, complex128; None if 1."""
         lit, panel = self._illumination_amplitude, self.panel
         if panel.flatness is None:
             return None if lit is None else lit.to(torch.complex128)

@@ -126,7 +126,7 @@ class Panel:
                 )
 
     def _require_consistent_effects(self) -> None:
-        """Raise ValueError for values of the panel's effects that contradict each other."""
+        """Raise ValueError if values of the SLM's effects contradict each other."""
         if self.coupling > self.pitch:
             raise ValueError(
                 f"coupling is {self.coupling:g} m; fringing fields reach over a pixel's pitch, "
@@ -151,12 +151,12 @@ class Panel:
 
     @property
     def plane(self) -> Plane:
-        """The plane of the panel's pixels, centred on the axis."""
+        """The plane of the SLM's pixels, centred on the axis."""
         return Plane(self.shape, (self.pitch, self.pitch))
 
     @property
     def active_side(self) -> float:
-        """The side of the square of a pixel that modulates, in metres."""
+        """The side of the active square in each SLM pixel, in metres."""
         return math.sqrt(self.fill_factor) * self.pitch
 
 

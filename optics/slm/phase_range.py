@@ -10,7 +10,7 @@ from optics.slm.panel import Panel
 
 
 def max_phase(panel: Panel, wavelength: float) -> float:
-    """Compute a panel's phase at the highest grey level, at a wavelength.
+    """Compute an SLM's phase at the highest grey level, at a wavelength.
 
     The optical path difference of a nematic cell follows its birefringence, which the extended
     Cauchy equation A + B/wavelength² + C/wavelength⁴ describes across the visible. As many terms
@@ -57,9 +57,10 @@ def max_phase(panel: Panel, wavelength: float) -> float:
 
 @functools.lru_cache(maxsize=64)
 def _cauchy(table: tuple[tuple[float, float], ...]) -> tuple[float, tuple[float, ...]]:
-    """Fit the Cauchy equation: coefficients of the path in powers of (unit / wavelength)².
+    """Fit the Cauchy equation of the liquid crystal's path over wavelengths.
 
-    Returns the wavelength that serves as the unit, and the coefficients.
+    Returns the wavelength that serves as the unit, and the coefficients of the powers of (unit /
+    wavelength)².
     """
     known, path = np.array([(w, phase * w) for w, phase in sorted(table)]).T
     unit = float(known.mean())

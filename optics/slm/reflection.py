@@ -6,17 +6,18 @@ from optics.slm.panel import Panel
 
 
 def front_reflection_share(panel: Panel) -> float:
-    """Compute the share of the light from the panel that its cover glass reflects.
+    """Compute the share of the SLM's light that its cover glass reflects.
 
-    It adds in intensity, because the glass is far thicker than the coherence length, which at
-    550 nm and a band of 7 nm is wavelength² / band = 43 µm.
+    This light adds in intensity, because the glass is far thicker than the coherence length, which
+    at 550 nm and a band of 7 nm is wavelength² / band = 43 µm.
     """
     return panel.front_reflection / panel.reflectivity if panel.front_reflection else 0.0
 
 
 def transmitted_unmodulated_share(panel: Panel) -> float:
-    """Compute the share of the light from the panel that passed the crystal unmodulated.
+    """Compute the share of the SLM's light that passed the liquid crystal unmodulated.
 
-    It has the polarisation whose phase the crystal doesn't change (thesis §5.6 gives 5 to 10 %).
+    This light has the polarisation whose phase the crystal doesn't change (thesis §5.6 gives 5 to
+    10 %).
     """
     return (1 - front_reflection_share(panel)) * panel.unmodulated

@@ -61,7 +61,7 @@ class PhaseResponse:
 
     @staticmethod
     def from_curve(wavelength: float, shares: Any) -> PhaseResponse:
-        """Build the phase response of one curve for the whole panel and every wavelength.
+        """Build an SLM's phase response of one curve for all its pixels and every wavelength.
 
         Parameters
         ----------
@@ -79,7 +79,7 @@ class PhaseResponse:
 
     @staticmethod
     def from_phases(panel: Panel, wavelengths: Sequence[float], phases: Any) -> PhaseResponse:
-        """Build the phase response from measured phases.
+        """Build an SLM's phase response to grey levels from measured phases.
 
         Parameters
         ----------
@@ -116,18 +116,18 @@ class PhaseResponse:
 
     @property
     def levels(self) -> int:
-        """The number of grey levels of the response."""
+        """The number of grey levels of the SLM's response."""
         return self.shares.shape[-1]
 
     @property
     def regions(self) -> tuple[int, int]:
-        """The numbers of rows and columns of the panel's regions."""
+        """The numbers of rows and columns of regions in the SLM's response."""
         return self.shares.shape[1], self.shares.shape[2]
 
     def at(self, wavelength: float) -> torch.Tensor:
-        """Interpolate the response at a wavelength, (region rows, region columns, levels).
+        """Interpolate the SLM's response at a wavelength, as shares of the highest phase.
 
-        wavelength: metres.
+        The result is (region rows, region columns, levels). wavelength: metres.
         """
         order = sorted(range(len(self.wavelengths)), key=lambda k: self.wavelengths[k])
         known = [self.wavelengths[k] for k in order]

@@ -125,7 +125,7 @@ def eye(radius: float, width: float) -> Drawing:
 
 
 def _draw_within_radius(strokes: Sequence[Points], radius: float, width: float) -> Drawing:
-    """Scale strokes from a circle of radius 1 to `radius` metres, and draw them as a target."""
+    """Draw strokes, scaled from a circle of radius 1 to `radius` metres, as a target."""
     require_positive("radius", radius, "m")
     return draw_strokes(
         [radius * stroke for stroke in strokes],
@@ -140,5 +140,5 @@ def _polar(distance: Points, angle: Points) -> Points:
 
 
 def _close_curve(points: Points) -> Points:
-    """Close a target's curve: make its last point exactly the first."""
+    """Close the curve of a target: make its last point exactly the first."""
     return np.vstack([points[:-1], points[:1]])

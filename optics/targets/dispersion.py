@@ -16,7 +16,9 @@ from optics.validation import require_positive
 def dispersed_positions(
     wavelengths: Sequence[float], reference: float, rate: float, direction: float = 0.0
 ) -> list[Position]:
-    """Compute the positions to which a prism sends wavelengths, as a row of dots on the sensor.
+    """Compute where a prism sends wavelengths, as positions of a target's dots in a row.
+
+    The row of dots lies on the sensor.
 
     Parameters
     ----------

@@ -126,6 +126,6 @@ def grid_positions(shape: tuple[int, int], spacing: float) -> list[Position]:
 
 
 def _gaussian_profiles(plane: Plane, axis: int, place: torch.Tensor, width: float) -> torch.Tensor:
-    """Compute the Gaussian profile of each dot along an axis, (samples, dots)."""
+    """Compute the Gaussian profile of each dot of a target along an axis, (samples, dots)."""
     away = plane.coordinates(axis)[:, None] - place
     return torch.exp(-(away**2) / (2 * width**2))

@@ -71,10 +71,10 @@ AVAILABLE_SIGNS = "".join([*_LETTERS, "9"])
 
 
 def strokes_of(text: str) -> list[Points]:
-    """Return the strokes of a line of text, in the font's units from its upper left corner.
+    """Return the strokes of the letters of a text target, in the font's units.
 
-    Small letters become capitals. Raises ValueError for text without a sign, or with a sign that
-    isn't in the font.
+    The origin is the upper left corner of the line of text. Small letters become capitals. Raises
+    ValueError for text without a letter, digit or other sign, or with one that isn't in the font.
     """
     strokes, left = list[Points](), 0.0
     for sign in text.upper():
@@ -91,15 +91,16 @@ def strokes_of(text: str) -> list[Points]:
 
 
 def _sign(sign: str) -> list[Points]:
+    """Return the strokes of one letter or other sign of a text target."""
     if sign == "9":
         return [[HEIGHT, 4.0] - stroke for stroke in _sign("6")]
     if sign not in _LETTERS:
         raise ValueError(f"text has {sign!r}; there are {AVAILABLE_SIGNS} and blanks")
-    return [_path(pens) for pens in _LETTERS[sign]]
+    return [_stroke_points(pens) for pens in _LETTERS[sign]]
 
 
-def _path(pens: list[_Pen]) -> Points:
-    """Return y and x of the points along one stroke of a letter, (n, 2)."""
+def _stroke_points(pens: list[_Pen]) -> Points:
+    """Return the (y, x) of the points along one stroke of a text target's letter, (n, 2)."""
     parts = [_arc(*pen) if len(pen) == 6 else np.array([[pen[1], pen[0]]]) for pen in pens]
     path = np.concatenate(parts)
     if np.allclose(path[0], path[-1]):

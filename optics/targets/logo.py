@@ -68,9 +68,9 @@ def logo(picture: torch.Tensor, size: float, invert: bool = False) -> Drawing:
 
 
 def _pixel_coverage(plane: Plane, axis: int, count: int, pixel: float) -> torch.Tensor:
-    """Compute the share of each picture pixel that falls on each sample, (samples, pixels).
+    """Compute the share of each picture pixel on each sample of a logo target, along one axis.
 
-    The shares are those along one axis.
+    The result is (samples, pixels).
     """
     pitch = plane.pitch[axis]
     sample = plane.coordinates(axis)[:, None]

@@ -36,9 +36,9 @@ def draw_strokes(strokes: Sequence[Points], width: float, sizes: str, remedy: st
 
 
 def stroke_brightness(strokes: Sequence[Points], width: float, plane: Plane) -> torch.Tensor:
-    """Compute a target's brightness exp(-d² / 2 width²), (rows, columns).
+    """Compute the brightness exp(-d² / 2 width²) of a target drawn by strokes.
 
-    d is the distance to the nearest stroke.
+    d is the distance to the nearest stroke. The result is (rows, columns).
     """
     # With points a quarter of a width apart, the error where strokes cross is below a hundredth.
     points, before, after = _join_strokes(strokes, 0.25 * width)
@@ -63,7 +63,7 @@ def stroke_brightness(strokes: Sequence[Points], width: float, plane: Plane) -> 
 
 
 def _samples_near(axis: Points, points: Points, far: float) -> slice:
-    """Return the range of an axis' samples that are near any point of a stroke."""
+    """Return the range of an axis' samples that are near any stroke of a target."""
     low, high = points.min() - far, points.max() + far
     return slice(int(np.searchsorted(axis, low)), int(np.searchsorted(axis, high)))
 
@@ -71,7 +71,7 @@ def _samples_near(axis: Points, points: Points, far: float) -> slice:
 def _join_strokes(
     strokes: Sequence[Points], spacing: float
 ) -> tuple[Points, NDArray[np.intp], NDArray[np.intp]]:
-    """Join the points of all strokes, at most `spacing` apart.
+    """Join the points of all strokes of a target, at most `spacing` apart.
 
     Returns the points and, for each, the indices of its neighbours before and after it along its
     stroke.
@@ -92,7 +92,7 @@ def _join_strokes(
 
 
 def _densify_points(points: Points, spacing: float) -> Points:
-    """Add points to a curve so that they are at most `spacing` apart; its corners stay."""
+    """Add points to a target's curve so that they are at most `spacing` apart; keep its corners."""
     if len(points) == 1:
         return points
     steps = np.diff(points, axis=0)
@@ -103,7 +103,10 @@ def _densify_points(points: Points, spacing: float) -> Points:
 
 
 def _squared_distances(places: Points, start: Points, end: Points) -> Points:
-    """Compute squared distances of points to segments of a stroke, which may have no length."""
+    """Compute squared distances of points to segments of a target's stroke.
+
+    A segment may have zero length.
+    """
     along = end - start
     length = (along**2).sum(1)
     share = ((places - start) * along).sum(1) / np.where(length > 0, length, 1.0)

@@ -19,10 +19,13 @@ class Renderable(Protocol):
 
     @property
     def reach(self) -> float:
-        """The distance from the axis in metres, along y or x, that the target's light reaches."""
+        """The largest distance from the axis of a target's light, in metres.
+
+        The distance is measured along y or x.
+        """
 
     def render(self, plane: Plane) -> torch.Tensor:
-        """Compute the target's intensity on a plane, with a sum of 1.
+        """Compute the target PSF's intensity on a plane, with a sum of 1.
 
         Raises ValueError for a target that doesn't fit on the plane or falls between its samples.
         """
@@ -65,6 +68,7 @@ class Drawing:
 
     def _require_room(self, plane: Plane) -> None:
         # At two widths from a stroke an eighth of its peak is left; no less must fit.
+        """Raise ValueError for a target PSF that doesn't fit on the plane."""
         margin = 2.0 * self.width
         for axis in (0, 1):
             place = plane.coordinates(axis)
@@ -144,10 +148,13 @@ class Target(Generic[P, D]):
         return self.draw(*args, **kwargs).render(plane)
 
     def reach(self, *args: P.args, **kwargs: P.kwargs) -> float:
-        """Return the distance from the axis in metres, along y or x, that the target reaches."""
+        """Return the largest distance from the axis of a target's light, in metres.
+
+        The distance is measured along y or x.
+        """
         return self.draw(*args, **kwargs).reach
 
 
 def format_micrometres(length: float) -> str:
-    """Format a length given in metres as micrometres, for messages."""
+    """Format a target's length, given in metres, as micrometres for messages."""
     return f"{length * 1e6:.4g} µm"

@@ -12,7 +12,7 @@ from simulator.world import World
 
 
 def require_duration(name: str, milliseconds: float) -> None:
-    """Raise ValueError for a duration that is negative or not finite."""
+    """Raise ValueError if a simulated device's duration is negative or not finite."""
     if not 0 <= milliseconds < math.inf:
         raise ValueError(f"{name} is {milliseconds}; it must be finite and not negative")
 
@@ -39,7 +39,7 @@ class SimulatedDevice:
 
     @property
     def identity(self) -> Identity:
-        """Return the simulated device's model; it is marked as simulated."""
+        """Return the model of a simulated device, marked as simulated."""
         return Identity(self.model, "simulated", simulated=True)
 
     def make_safe(self) -> None:

@@ -23,7 +23,7 @@ all light beyond."""
 
 
 def _band(centre: float, fwhm: float, shape: Shape, leak: float, leak_range_nm: Range) -> Band:
-    """Return a filter's band, with centre and width in metres.
+    """Return the band of a simulated filter, with centre and width in metres.
 
     Raises ValueError, which names the filter's option, for an impossible shape or leak range.
     """
@@ -89,16 +89,19 @@ class SimulatedFilter(SimulatedDevice):
 
     @property
     def bandwidth(self) -> float:
-        """Return the full width at half maximum of the tunable filter's band in metres."""
+        """Return the full width at half maximum of the simulated filter's band in metres."""
         return self._world.bandwidth
 
     @property
     def wavelength(self) -> float:
-        """Return the centre of the tunable filter's band in metres."""
+        """Return the centre of the simulated filter's band in metres."""
         return self._world.wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Tune the filter to a wavelength in metres; raise DeviceError if it is out of range."""
+        """Tune the simulated filter to a wavelength in metres.
+
+        Raises DeviceError if the wavelength is out of range.
+        """
         low, high = self.wavelength_range
         self._faults.begin(f"tune to {wavelength * 1e9:.1f} nm", self.reply_time)
         if not low <= wavelength <= high:
@@ -114,7 +117,7 @@ class SimulatedFilter(SimulatedDevice):
         return Setting(wavelength, actual, self._clock.now() + self.settling)
 
     def make_safe(self) -> None:
-        """Tune the filter to its shortest wavelength."""
+        """Tune the simulated filter to its shortest wavelength, its safe state."""
         self.set_wavelength(self.wavelength_range[0])
 
 
@@ -175,11 +178,11 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
 
     @property
     def slot(self) -> int:
-        """Return the number of the filter wheel's slot, from 1."""
+        """Return the number of the simulated filter wheel's slot, from 1."""
         return self._slot
 
     def set_slot(self, number: int) -> Setting[int]:
-        """Turn the filter wheel to a slot; raise DeviceError if it has no such slot."""
+        """Turn the simulated filter wheel to a slot; raise DeviceError if it has no such slot."""
         command = f"turn to slot {number}"
         self._faults.begin(command, self.reply_time)
         self._require_slot(number, command)
@@ -189,6 +192,6 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
         return Setting(number, number, self._clock.now() + steps * self._step)
 
     def _turn_to(self, number: int) -> None:
-        """Turn the filter wheel to a slot at once, and set the world's band."""
+        """Turn the simulated filter wheel to a slot at once, and set the virtual world's band."""
         self._slot = number
         self._world.band = self._bands[number - 1]

@@ -56,21 +56,24 @@ class SimulatedCamera(SimulatedDevice):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Return the camera's rows and columns."""
+        """Return the simulated camera's rows and columns."""
         return self._world.camera.sensor.shape
 
     @property
     def full_scale(self) -> int:
-        """Return the largest digital number of the camera's frames."""
+        """Return the largest digital number of the simulated camera's frames."""
         return self._world.camera.sensor.full_scale
 
     @property
     def exposure_range(self) -> tuple[float, float]:
-        """Return the camera's shortest and longest exposure time in seconds."""
+        """Return the simulated camera's shortest and longest exposure time in seconds."""
         return self._world.camera.sensor.exposure_range
 
     def set_exposure(self, exposure: float) -> Setting[float]:
-        """Set the camera's exposure time in seconds; raise DeviceError if it is out of range."""
+        """Set the simulated camera's exposure time in seconds.
+
+        Raises DeviceError if the time is out of range.
+        """
         low, high = self.exposure_range
         self._faults.begin(f"expose {exposure * 1e3:g} ms", self.reply_time)
         if not low <= exposure <= high:
@@ -84,9 +87,9 @@ class SimulatedCamera(SimulatedDevice):
         return Setting(exposure, self._exposure, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """Expose, and return the next frame in the host's queue.
+        """Expose the simulated camera, and return the next frame in the host's queue.
 
-        That is this exposure's frame, unless an earlier frame was late.
+        The next frame is the one of this exposure, unless an earlier frame was late.
         """
         fault = self._faults.begin("capture", self.reply_time, frame=True)
         kind = fault.kind if fault else ""
@@ -105,7 +108,7 @@ class SimulatedCamera(SimulatedDevice):
         return self._last
 
     def _expose(self, cancelled: Callable[[], bool], other: float) -> Frame:
-        """Return a frame with the set exposure time, or with `other` seconds if that isn't 0."""
+        """Expose a simulated camera's frame for the set time, or for `other` seconds if not 0."""
         began, seconds = self._clock.now(), other or self._exposure
 
         def check() -> None:
@@ -130,13 +133,13 @@ class SimulatedCamera(SimulatedDevice):
         return Frame(image, seconds, gain, began, self._number, checksum(image))
 
     def _wrong_exposure(self) -> float:
-        """Return the exposure time in seconds of a frame that the camera exposes wrongly."""
+        """Return the exposure time in seconds of a simulated camera's wrongly exposed frame."""
         low, high = self.exposure_range
         return self._exposure * 2 if self._exposure * 2 <= high else max(low, self._exposure / 2)
 
 
 def _corrupt_frame(frame: Frame) -> Frame:
-    """Return a frame whose lower half is invalid, as after a lost network packet."""
+    """Return a simulated camera's frame with an invalid lower half, as after a lost packet."""
     image = frame.image.copy()
     lower = image[len(image) // 2 :]
     lower[:] = 0 if lower.any() else 1

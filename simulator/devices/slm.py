@@ -49,31 +49,31 @@ class SimulatedSLM(SimulatedDevice):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Return the SLM's rows and columns."""
+        """Return the simulated SLM's rows and columns."""
         return self._world.camera.panel.shape
 
     @property
     def settling(self) -> float:  # type: ignore[override]
-        """Return the time in seconds until a new pattern stands on the SLM."""
+        """Return the time in seconds until a new pattern stands on the simulated SLM."""
         return self._world.camera.panel.settling
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
-        """Show a pattern of grey levels (rows, columns) on the SLM."""
+        """Show a pattern of grey levels (rows, columns) on the simulated SLM."""
         return self._present(f"show {identifier}", identifier, np.asarray(grey)[None])
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
-        """Show a video of grey levels (frames, rows, columns) on the SLM, and repeat it."""
+        """Show a repeating video of grey levels (frames, rows, columns) on the simulated SLM."""
         if video.ndim != 3 or not len(video):
             reply = f"a video of shape {video.shape}; it needs frames, rows and columns"
             raise self._refuse(f"play {identifier}", reply, "Compute it again")
         return self._present(f"play {identifier}", identifier, video)
 
     def make_safe(self) -> None:
-        """Show the neutral pattern on the SLM."""
+        """Show the neutral pattern on the simulated SLM, its safe state."""
         self.show("neutral", np.zeros(self.shape, dtype=np.uint8))
 
     def _present(self, command: str, identifier: str, frames: NDArray[np.uint8]) -> Setting[str]:
-        """Show frames on the panel under an identifier; refuse frames that don't fit the panel."""
+        """Show frames on the simulated SLM under an identifier; refuse frames that don't fit it."""
         self._faults.begin(command, self.reply_time)
         try:
             for grey in frames:

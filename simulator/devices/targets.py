@@ -26,16 +26,19 @@ class SimulatedTargets(SimulatedDevice):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the scene's targets."""
+        """Return the names of the targets that the simulated target changer can place."""
         return tuple(self._world.scene.targets)
 
     @property
     def current_target(self) -> str:
-        """Return the name of the target before the camera."""
+        """Return the name of the target that the simulated target changer has placed."""
         return self._world.target
 
     def place(self, name: str) -> Setting[str]:
-        """Place a target before the camera; raise DeviceError if the scene has no such target."""
+        """Place a target before the camera with the simulated target changer.
+
+        Raises DeviceError if the scene has no such target.
+        """
         self._faults.begin(f"place {name}", self.reply_time)
         if name not in self.names:
             raise self._refuse(

@@ -28,7 +28,10 @@ Array = NDArray[np.float64]
 
 
 def colour_matching_functions(wavelengths_m: Array, observer: int = 2) -> Array:
-    """Return the CIE colour matching functions x, y, z (3, n) of the 2 or 10 degrees observer."""
+    """Return the CIE colour matching functions x, y, z for the simulated CS-2000 instrument.
+
+    The shape is (3, n). observer: of 2 or 10 degrees.
+    """
     nm = np.asarray(wavelengths_m) * 1e9
     return np.stack(_matching_2_degrees(nm) if observer == 2 else _matching_10_degrees(nm))
 
@@ -56,7 +59,7 @@ def _matching_10_degrees(nm: Array) -> tuple[Array, Array, Array]:
 
 
 def tristimulus(wavelengths_m: Array, radiance: Array, observer: int = 2) -> Array:
-    """Return the tristimulus values X, Y, Z of a spectrum.
+    """Compute a spectrum's tristimulus values X, Y, Z for the simulated CS-2000 instrument.
 
     Y is in cd/m² if the radiance is in W/(sr m² m).
     """
@@ -65,13 +68,19 @@ def tristimulus(wavelengths_m: Array, radiance: Array, observer: int = 2) -> Arr
 
 
 def chromaticity(xyz: Array) -> tuple[float, float]:
-    """Return the chromaticity x, y of tristimulus values; NaN for a spectrum without light."""
+    """Compute the chromaticity x, y of tristimulus values for the simulated CS-2000 instrument.
+
+    Both are NaN for a spectrum without light.
+    """
     total = float(xyz.sum())
     return (float(xyz[0]) / total, float(xyz[1]) / total) if total > 0 else (math.nan, math.nan)
 
 
 def uniform_chromaticity(xyz: Array) -> tuple[float, float]:
-    """Return the chromaticity u', v' of CIE 1976; NaN for a spectrum without light."""
+    """Compute the CIE 1976 chromaticity u', v' for the simulated CS-2000 instrument.
+
+    Both are NaN for a spectrum without light.
+    """
     bottom = float(xyz[0] + 15 * xyz[1] + 3 * xyz[2])
     if bottom <= 0:
         return math.nan, math.nan
@@ -79,7 +88,10 @@ def uniform_chromaticity(xyz: Array) -> tuple[float, float]:
 
 
 def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> tuple[float, float]:
-    """Return the correlated colour temperature (K) and the distance from the Planckian locus.
+    """Compute colour temperature (K) and duv for the simulated CS-2000 instrument.
+
+    The temperature is the correlated colour temperature; duv is the distance from the Planckian
+    locus.
 
     The distance is measured in the diagram of 1960 and is positive above the locus. Both values
     are NaN beyond 0.05 from the locus or outside 1000 to 100 000 K.
@@ -106,7 +118,10 @@ def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> t
 
 @functools.lru_cache(maxsize=8)
 def _planckian_locus(first: float, step: float, count: int, observer: int) -> Array:
-    """Return u', v' (2, n) of black bodies at all temperatures, from evenly spaced wavelengths."""
+    """Return u', v' (2, n) of black bodies for the simulated CS-2000's colour temperatures.
+
+    There is one black body for each of `_TEMPERATURES`. The wavelengths are evenly spaced.
+    """
     wavelengths = (first + step * np.arange(count)).astype(np.float64)
     light = wavelengths**-5 / np.expm1(_C2 / np.outer(_TEMPERATURES, wavelengths))
     locus = light @ colour_matching_functions(wavelengths, observer).T
@@ -116,7 +131,7 @@ def _planckian_locus(first: float, step: float, count: int, observer: int) -> Ar
 
 
 def dominant_wavelength(wavelengths_m: Array, xyz: Array, observer: int = 2) -> tuple[float, float]:
-    """Return the dominant wavelength in nanometres and the excitation purity in percent.
+    """Compute dominant wavelength (nm) and excitation purity (%) for the simulated CS-2000.
 
     The white point is that of equal energy. Purples have the negative complementary wavelength.
     Both values are NaN for a spectrum without light and for white itself.
@@ -142,7 +157,7 @@ def dominant_wavelength(wavelengths_m: Array, xyz: Array, observer: int = 2) -> 
 
 
 def _locus_crossing(locus: Array, seen: Array, dx: float, dy: float) -> tuple[float, float] | None:
-    """Return where the ray from white in a direction crosses the spectral locus.
+    """Find where a ray from white crosses the spectral locus, for the simulated CS-2000.
 
     The result is the fractional index into the locus and the distance from white. If the ray
     crosses more than once, as in the violet, the crossing where `seen` is largest counts.
@@ -159,7 +174,10 @@ def _locus_crossing(locus: Array, seen: Array, dx: float, dy: float) -> tuple[fl
 
 
 def _distance_to_purple_line(locus: Array, dx: float, dy: float) -> float:
-    """Return the distance from white to the line of purples in a direction."""
+    """Return the distance from white to the line of purples, for the simulated CS-2000's purity.
+
+    The distance is measured in the direction (dx, dy).
+    """
     a, b = locus[:, 0], locus[:, -1]
     side = b - a
     bottom = dx * side[1] - dy * side[0]

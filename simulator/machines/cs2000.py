@@ -83,14 +83,17 @@ class CS2000Machine(FaultyMachine):
         return self._measuring is not None
 
     def press_escape(self) -> None:
-        """Press the key on the instrument's back: abort a measurement, or else end remote mode."""
+        """Press the simulated CS-2000's escape key: abort a measurement, else end remote mode."""
         if self._measuring:
             self._measuring = None
         else:
             self.settings.remote = 0
 
     def press_measure(self, t: float) -> list[Reply]:
-        """Press the measuring key, which works if MSWE has enabled it; nothing is sent."""
+        """Press the simulated CS-2000's measuring key, which works if MSWE has enabled it.
+
+        The instrument sends nothing.
+        """
         if not (self.settings.remote and self.settings.single_values["MSWE"]) or self._measuring:
             return []
         return self._start(t, by_key=True)
@@ -129,7 +132,7 @@ class CS2000Machine(FaultyMachine):
         return [Reply(at, b"")]
 
     def _advance(self, t: float) -> list[Reply]:
-        """Finish what is due by time t, and return the replies of the instrument."""
+        """Finish what the simulated CS-2000 machine has to do by time t, and return its replies."""
         replies = self._advance_measurement(t)
         while self._answers and self._answers[0].at <= t:
             answer = self._answers.pop(0)
@@ -170,13 +173,14 @@ class CS2000Machine(FaultyMachine):
         return self._queue_reply("OK00", t)
 
     def _start(self, t: float, by_key: bool = False) -> list[Reply]:
+        """Begin a measurement of the simulated CS-2000, and return its wake-up call."""
         self.measured_radiance = None
         until = t + min(10.0, max(1.0, self.optics.required_exposure(*self.settings.speed)[0] / 10))
         self._measuring = _Measurement(until, by_key=by_key)
         return [Reply(until, b"")]
 
     def _advance_measurement(self, t: float) -> list[Reply]:
-        """Finish the phases of a measurement that end by time t, and return their replies."""
+        """Finish measuring phases of the simulated CS-2000 that end by time t; return replies."""
         replies: list[Reply] = []
         while (going := self._measuring) and going.until <= t:
             if going.in_main_phase and "busy forever" in self._faults:
@@ -189,7 +193,7 @@ class CS2000Machine(FaultyMachine):
         return replies
 
     def _begin_main_phase(self, going: _Measurement) -> list[Reply]:
-        """End the pre-measurement, and report how long the main measurement takes."""
+        """End the simulated CS-2000's pre-measurement, and report how long the main one takes."""
         self._measuring = None
         if "stuck" in self._faults:
             return self._report_measurement("ER81", going)
@@ -212,10 +216,11 @@ class CS2000Machine(FaultyMachine):
         return self._report_measurement("OK00", going)
 
     def _report_measurement(self, text: str, of: _Measurement) -> list[Reply]:
-        """Report the progress of a measurement, unless the measuring key has started it."""
+        """Report the simulated CS-2000's progress, unless its measuring key started it."""
         return [] if of.by_key else [Reply(of.until, text.encode() + self._delimiter)]
 
     def _medr(self, given: list[int]) -> str:
+        """Answer the command MEDR as the real CS-2000 instrument: read out a measurement."""
         if len(given) != 3:
             return "ER00"
         mode, form, number = given
@@ -240,7 +245,7 @@ class CS2000Machine(FaultyMachine):
         return ",".join(["OK00", *texts])
 
     def _discard_read_block(self, mode: int, number: int) -> None:
-        """Discard a measurement that was read completely, if the measuring key is enabled."""
+        """Discard the simulated CS-2000's measurement once read out, if its measuring key is on."""
         self._unread -= {number} if mode == 1 else set()
         if self.settings.single_values["MSWE"] and (mode == 2 or not self._unread):
             self.measured_radiance = None

@@ -56,7 +56,7 @@ BLOCKS: dict[int, tuple[str, ...]] = {
 def colorimetric_values(
     wavelengths_m: NDArray[np.float64], per_nm: NDArray[np.float64]
 ) -> dict[str, float]:
-    """Return a CS-2000's colorimetric values by name; NaN where one can't be computed.
+    """Return the simulated CS-2000's colorimetric values by name; NaN where one can't be computed.
 
     per_nm: radiance in W/(sr m² nm).
     """
@@ -77,7 +77,7 @@ def colorimetric_values(
 
 
 def format_value(name: str, value: float, hexadecimal: bool, failed_is_zero: bool = False) -> str:
-    """Format one value as a CS-2000 sends it.
+    """Format a value in the simulated CS-2000's reply, as the real instrument does.
 
     name: of a colorimetric value, or "spectral". failed_is_zero: whether a value that can't be
     computed is sent as 0, as old firmware does.
@@ -103,7 +103,7 @@ def format_block(names: Sequence[str], values: dict[str, float], *how: bool) -> 
 
 
 def _format_exponential(value: float) -> str:
-    """Format a number with four decimals and a one-digit exponent."""
+    """Format a number of the simulated CS-2000 with four decimals and a one-digit exponent."""
     exponent = math.floor(math.log10(abs(value))) if value else -9
     exponent = max(-9, min(9, exponent))
     mantissa = f"{value / 10.0**exponent:.4f}"
@@ -114,7 +114,7 @@ def _format_exponential(value: float) -> str:
 
 
 def _format_six_characters(value: float) -> str:
-    """Format a number in six characters, with as many decimals as fit."""
+    """Format a number of the simulated CS-2000 in six characters, with as many decimals as fit."""
     if value > 999_999.5:
         mantissa, _, exponent = f"{value:.2e}".partition("e")
         return f"{mantissa}e+{int(exponent)}"

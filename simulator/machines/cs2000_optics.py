@@ -36,7 +36,10 @@ class CS2000Optics:
         """External filter that is really attached: 0 none, 1 passes a tenth, 2 a hundredth."""
 
     def measured_spectrum(self) -> Array:
-        """Return the radiance through slit and external filter, in W/(sr m² nm)."""
+        """Return the radiance that the simulated CS-2000 measures, in W/(sr m² nm).
+
+        The light has passed the slit and the external filter.
+        """
         samples_per_nm = 5
         reach = samples_per_nm * self._slit
         nm = (
@@ -50,7 +53,7 @@ class CS2000Optics:
         return light[::samples_per_nm] * 10.0**-self.attached_nd
 
     def _signal(self, integration: float, nd: int) -> float:
-        """Return the exposure of the sensor, in cd s/m² at 1 degree."""
+        """Return the exposure of the simulated CS-2000's sensor, in cd s/m² at 1 degree."""
         luminance = float(tristimulus(WAVELENGTHS, self.measured_spectrum() * 1e9)[1])
         # The instrument doesn't report its internal filter's transmittance; a tenth is assumed.
         transmittance = 0.1 if nd else 1.0
@@ -62,7 +65,7 @@ class CS2000Optics:
         return self._signal(integration, nd) > 1.001 * _SATURATION
 
     def required_exposure(self, mode: int, given: int, nd: int) -> tuple[float, int]:
-        """Return the integration time in seconds and the internal filter for a speed mode."""
+        """Return the simulated CS-2000's integration time (s) and internal filter by speed mode."""
         if mode == 3:
             return given * 1e-6, nd
         if nd == 2:

@@ -48,7 +48,7 @@ class CS2000Settings:
         self.flash_write_count = 0
 
     def command_handler(self, name: str) -> Command | None:
-        """Return the handler of a command that asks or sets, or None for any other command."""
+        """Return the simulated CS-2000's handler of a command that asks or sets, or else None."""
         work: Command | None
         work = (
             getattr(self, f"_{name.lower()}")
@@ -66,7 +66,7 @@ class CS2000Settings:
         return put
 
     def conditions(self, integration: float, nd: int) -> str:
-        """Return the conditions of a measurement, in the text of the command MEDR."""
+        """Return the simulated CS-2000's measuring conditions, in the text of its reply to MEDR."""
         given = self.single_values
         return (
             f"{self.speed[0]},{self.sync[0]},{round(integration * 1e6):09d},{nd},"
@@ -74,7 +74,10 @@ class CS2000Settings:
         )
 
     def _single_value_handler(self, name: str) -> Callable[[list[int]], str] | None:
-        """Return the handler of a command that sets or asks one of the `single_values`."""
+        """Return the simulated CS-2000's handler of a command for one of its `single_values`.
+
+        The command sets or asks the value. The result is None for any other command.
+        """
         asked = {"NDFR": "NDFS", "LNSR": "LNSS", "OBSR": "OBSS"}.get(name)
         if asked:
             return lambda given: "ER00" if given else f"OK00,{self.single_values[asked]}"

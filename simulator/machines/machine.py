@@ -23,7 +23,7 @@ class FaultyMachine:
         self._faults: set[str] = set()
 
     def set_fault(self, kind: str | None) -> None:
-        """Begin one of the machine's own faults, or end all of them if `kind` is None."""
+        """Begin one of a simulated instrument's own faults, or end them all if `kind` is None."""
         if kind is None:
             self._faults.clear()
         else:
@@ -39,12 +39,12 @@ class SerialMachine(Protocol):
     own_faults: tuple[str, ...]
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
-        """Take the bytes that arrive at time t, and return the replies that leave from then on.
+        """Give the simulated instrument bytes at time t; return the replies sent from then on.
 
         The time never decreases from call to call.
         """
         ...
 
     def set_fault(self, kind: str | None) -> None:
-        """Begin one of `own_faults`, or end all of them if `kind` is None."""
+        """Begin one of the simulated instrument's `own_faults`, or end all if `kind` is None."""
         ...

@@ -58,17 +58,17 @@ class ThorlabsWheelMachine(FaultyMachine):
 
     @property
     def position(self) -> int:
-        """The wheel's slot that is in the light."""
+        """Return the simulated Thorlabs wheel machine's slot that is in the light."""
         return self._state["pos"]
 
     @property
     def settings(self) -> dict[str, int]:
-        """The wheel's settings: its reply to each query."""
+        """Return the simulated Thorlabs wheel machine's settings: its reply to each query."""
         return dict(self._state)
 
     @property
     def saved_settings(self) -> dict[str, int]:
-        """The settings that the wheel has after it is switched off and on."""
+        """Return the settings that the simulated Thorlabs wheel machine keeps when switched off."""
         return dict(self._saved)
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
@@ -87,7 +87,10 @@ class ThorlabsWheelMachine(FaultyMachine):
         return replies
 
     def _begin(self, line: bytes, t: float) -> list[Reply]:
-        """Carry out a command, and return the wake-up calls for its turning and its reply."""
+        """Carry out a command as the Thorlabs wheel machine, and return its wake-up calls.
+
+        The wake-up calls are at the times when the wheel turns and replies.
+        """
         self._path = []
         output = self._command_output(line, t)
         # The reply leaves 2 ms after the command or, if the wheel turns, after its arrival.
@@ -99,7 +102,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return [Reply(time, b"") for time, _ in self._path] + [Reply(at, b"")]
 
     def _advance(self, t: float) -> list[Reply]:
-        """Turn the wheel to its state at time t, and return the replies that are due."""
+        """Turn the Thorlabs wheel machine to its state at time t, and return the replies due."""
         while self._path and self._path[0][0] <= t:
             self._state["pos"] = self._path.pop(0)[1]
             if self._turned:
@@ -112,7 +115,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return [Reply(t, output)]
 
     def _command_output(self, line: bytes, t: float) -> bytes:
-        """Return the wheel's reply to a command, without the prompt."""
+        """Return the simulated Thorlabs wheel machine's reply to a command, without the prompt."""
         if self._switched_on:
             self._switched_on = False
             return b"\0\0" + _NOT_DEFINED
@@ -152,7 +155,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return b""
 
     def _turn(self, goal: int, t: float) -> list[tuple[float, int]]:
-        """Return the times and slots at which the wheel passes on the shorter way to a slot."""
+        """List (time, slot) along the Thorlabs wheel machine's shorter way to a slot."""
         way = shorter_path(self.position, goal, self._state["pcount"])
         seconds = self._step[self._state["speed"]]
         return [(t + i * seconds, slot) for i, slot in enumerate(way, 1)]

@@ -32,23 +32,26 @@ class TurningWheel:
         self._since = 0.0
 
     def turn_to(self, slot: int, t: float) -> None:
-        """Begin to turn the wheel to a slot, from its present slot if it is turning."""
+        """Begin to turn the simulated wheel machine to a slot.
+
+        A wheel that is already turning goes on from its present slot.
+        """
         self.turn_through(shorter_path(self.slot_at(t), slot, self.count, self.both_ways), t)
 
     def turn_through(self, way: list[int], t: float) -> None:
-        """Begin to turn the wheel through a list of slots."""
+        """Begin to turn the simulated wheel machine through a list of slots."""
         if self.stuck:
             return
         self._way, self._since = way, t
         self.target = way[-1] if way else self._at
 
     def jump_to(self, slot: int, t: float) -> None:
-        """Put the wheel at a slot without turning."""
+        """Put the simulated wheel machine at a slot without turning."""
         self._way, self._since, self._at, self.target = [], t, slot, slot
         self._turned(slot)
 
     def slot_at(self, t: float) -> int:
-        """Return the wheel's slot that is in the light or was the last to be."""
+        """Return the simulated wheel machine's slot that is in the light, or was the last to be."""
         while self._way and not self.stuck and t >= self._since + self.step:
             self._since += self.step
             self._at = self._way.pop(0)
@@ -56,18 +59,21 @@ class TurningWheel:
         return self._at
 
     def resting_slot(self, t: float) -> int:
-        """Return the slot at which the wheel really stands; 0 while it turns."""
+        """Return the slot at which the simulated wheel machine really stands; 0 while it turns."""
         at = self.slot_at(t)
         return 0 if self._way and not self.stuck else at
 
     def reported_slot(self, t: float) -> int:
-        """Return the slot that the wheel reports; 0 while it reports that it turns."""
+        """Return the slot that the simulated wheel machine reports; 0 if it says that it turns."""
         at = self.resting_slot(t)
         return 0 if self.never_arrives else at
 
 
 def shorter_path(start: int, end: int, count: int, both_ways: bool = True) -> list[int]:
-    """Return the slots on a wheel's shorter way; forward if both ways are equally long."""
+    """Return the slots that a simulated wheel machine passes on its shorter way.
+
+    The wheel turns forward if both ways are equally long, or if `both_ways` is false.
+    """
     ahead = (end - start) % count
     back = count - ahead
     steps, sign = (ahead, 1) if not both_ways or ahead <= back else (back, -1)

@@ -69,20 +69,25 @@ class UsbMachine(Protocol):
     description: UsbDescription
 
     def control(self, setup: SetupPacket, data: bytes, t: float) -> tuple[bytes, list[InputReport]]:
-        """Carry out a control transfer at time t; return its answer and the reports that follow.
+        """Carry out a control transfer at time t as the real USB instrument would.
+
+        Returns its answer and the reports that follow.
 
         The time never decreases from call to call. Raises UsbStall if the device refuses.
         """
         ...
 
     def write(self, endpoint: int, data: bytes, t: float) -> list[InputReport]:
-        """Take bytes from the host at an endpoint; return reports, or raise UsbStall."""
+        """Give the simulated USB instrument bytes at an endpoint, and return its reports.
+
+        Raises UsbStall if it refuses them.
+        """
         ...
 
     def power_up(self, t: float) -> None:
-        """Power the USB device up at time t; it keeps nothing that it stored before."""
+        """Power the simulated USB instrument up at time t, with nothing stored from before."""
         ...
 
     def set_fault(self, kind: str | None) -> None:
-        """Begin one of `own_faults`, or end all of them if `kind` is None."""
+        """Begin one of a simulated USB instrument's `own_faults`, or end all if `kind` is None."""
         ...

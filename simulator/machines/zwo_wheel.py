@@ -102,9 +102,10 @@ class ZwoWheelMachine:
         self._answer[: len(said)] = said
 
     def _encode_state(self, t: float) -> bytes:
-        """Encode the wheel's state report.
+        """Encode the simulated ZWO wheel machine's state report.
 
-        Its bytes are 1, status, error, target, start, target, number of slots, and 4 zeros.
+        The report's bytes are 1, status, error, target, start, target, number of slots, and 4
+        zeros.
         """
         timed_out = 0x0C
         wheel = self.wheel

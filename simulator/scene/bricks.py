@@ -9,7 +9,7 @@ from simulator.scene.polygons import Polygons, rectangle
 def brick(
     size: tuple[float, float], studs: int = 4, offset: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[Polygons, Polygons]:
-    """Draw the front of a toy brick with studs: return its picture and its cover.
+    """Draw the front of a scene's toy brick with studs, and return its picture and its cover.
 
     The cover is 1 where the brick hides what lies behind it. size: (height, width) of the brick's
     body, metres, whose middle is at `offset`. Raises ValueError for fewer than one stud.

@@ -46,7 +46,10 @@ class Disc(Drawable):
         return torch.from_numpy(polygon_coverage(plane, [corners], [1.0]))
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Return the spectrum of the disc, an exact jinc if the disc lies wholly on the plane."""
+        """Return the Fourier spectrum of a scene's disc: an exact jinc if the plane holds the disc.
+
+        The spectrum of a disc that reaches beyond the plane is computed from samples.
+        """
         size, y, x = self._diameter_and_centre(magnification, shift)
         if not _holds(plane, y, x, size / 2):
             return super().spectrum(plane, magnification, shift)
@@ -61,12 +64,12 @@ class Disc(Drawable):
     def _diameter_and_centre(
         self, magnification: float, shift: Shift
     ) -> tuple[float, float, float]:
-        """Return the disc's diameter and its centre (y, x) on the sensor, in metres."""
+        """Return the diameter and centre (y, x) of a scene's disc on the sensor, in metres."""
         y, x = ((part + s) * magnification for part, s in zip(self.offset, shift, strict=True))
         return self.diameter * magnification, y, x
 
 
 def _holds(plane: Plane, y: float, x: float, reach: float) -> bool:
-    """Return whether a disc of radius `reach` around (y, x) lies within a plane on the axis."""
+    """Return whether a plane on the axis holds a scene's disc of radius `reach` around (y, x)."""
     halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
     return all(abs(p) + reach <= half for p, half in zip((y, x), halves, strict=True))

@@ -28,7 +28,7 @@ a liquid-crystal display in front of white diodes."""
 
 
 def display_primaries(bands: Sequence[tuple[float, float]] = PEAKS) -> Basis:
-    """Return Gaussian spectra of a display's red, green and blue, each with a peak of 1.
+    """Return Gaussian spectra of a scene display's red, green and blue, each with a peak of 1.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Windows(Drawable):
         return torch.from_numpy(np.ascontiguousarray((across @ (down @ values).T).T))
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Return the spectrum of the display's windows, computed window by window.
+        """Return the Fourier spectrum of a scene's display, computed window by window.
 
         The harmonics of the pixel grid fall too slowly for sampling to resolve them. Windows
         beyond the plane are left out.
@@ -117,7 +117,7 @@ class Windows(Drawable):
 def _visible_pixels(
     image: torch.Tensor, axis: int, plane: Plane, side: float, shift: float
 ) -> tuple[torch.Tensor, float]:
-    """Return the display pixels along an axis that overlap the plane, and where they begin.
+    """Return a scene display's pixels along an axis that overlap the plane, and where they begin.
 
     At least one pixel is returned. The beginning is in metres on the plane.
     """
@@ -174,7 +174,7 @@ class Display(Target):
 
     @property
     def size(self) -> tuple[float, float]:
-        """Height and width of the display in metres."""
+        """Return height and width of a scene's display in metres."""
         rows, columns = self.image.shape[:2]
         return rows * self.pitch, columns * self.pitch
 

@@ -17,14 +17,14 @@ from simulator.scene.target import Layer, Part, Target
 
 
 def require_image(image: torch.Tensor, bands: str) -> None:
-    """Raise ValueError unless a picture is finite and has shape (rows, columns, bands)."""
+    """Raise ValueError unless a scene's picture is finite and has shape (rows, columns, bands)."""
     if image.ndim != 3 or image.numel() == 0:
         raise ValueError(f"image is {tuple(image.shape)}; it needs rows, columns and {bands}")
     require_finite("image", image)
 
 
 def covering(shape: tuple[int, ...], cover: float, camera: Camera) -> float:
-    """Return the side on the sensor of the pixels of a picture that covers the frame, metres.
+    """Return the pixel side on the sensor, in metres, of a scene picture that covers the frame.
 
     shape: (rows, columns) of the picture. cover: side of the picture over side of the frame, along
     the axis where this ratio is smaller.
@@ -64,13 +64,16 @@ class FramedPicture(_Pixels, Target):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the picture."""
+        """Return rows and columns of a scene's picture."""
         return self.image.shape[0], self.image.shape[1]
 
     @property
     @abstractmethod
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
-        """The reflectances and pictures (rows, columns) whose products add up to the target."""
+        """Return reflectances and pictures whose products add up to the scene's target.
+
+        Each picture is (rows, columns).
+        """
 
     def for_camera(self, camera: Camera) -> Target:
         if self.height is not None:
@@ -86,7 +89,7 @@ class FramedPicture(_Pixels, Target):
         return self._copies_by_side[side]
 
     def place_image(self, image: torch.Tensor) -> PixelPicture:
-        """Return a picture (rows, columns) at the position and with the size of this target."""
+        """Place a picture (rows, columns) in the scene, with this target's position and size."""
         if self.height is not None:
             return PixelPicture(image, self.height / self.shape[0], self.offset)
         if self.side is None:

@@ -59,7 +59,7 @@ class PhotographPrint(FramedPicture):
 
 
 def require_colours(image: torch.Tensor) -> None:
-    """Raise ValueError unless a picture is finite and has three colours."""
+    """Raise ValueError unless a scene's photograph is finite and has three colours."""
     require_image(image, "3 colours")
     if image.shape[2] != 3:
         raise ValueError(f"image is {tuple(image.shape)}; it needs rows, columns and 3 colours")

@@ -44,7 +44,7 @@ class PixelPicture(Drawable):
         return y, x
 
     def spectral_decay(self, magnification: float, frequency: float) -> int:
-        """Return the power of the frequency with which the picture's spectrum falls: 1 or 2.
+        """Return the power of the frequency with which a scene picture's spectrum falls: 1 or 2.
 
         Because of the linear interpolation it is 2 at frequencies beyond those that the pixels
         resolve, unless the picture has light at its rim, where it ends abruptly.
@@ -57,6 +57,7 @@ class PixelPicture(Drawable):
         return any(bool(end.any()) for end in (*self.image[[0, -1]], *self.image.mT[[0, -1]]))
 
     def _half(self, axis: int, magnification: float, shift: Shift) -> float:
+        """Return the largest distance of a scene picture's light from the axis, on the sensor."""
         side = self.side if self.on_sensor else self.side * magnification
         aside = abs(self.offset[axis] + shift[axis]) * magnification
         return aside + (self.image.shape[axis] + 1) * side / 2
@@ -79,7 +80,10 @@ class PixelPicture(Drawable):
 
 
 def edges(plane: Plane, axis: int) -> NDArray[np.float64]:
-    """Return the edges of a plane's cells along an axis, in metres: one more than cells."""
+    """Return the cell edges, in metres, along an axis of the plane on which a scene is drawn.
+
+    There is one more edge than there are cells.
+    """
     n, pitch = plane.shape[axis], plane.pitch[axis]
     index = np.arange(n + 1, dtype=np.float64) - n // 2 - 0.5
     return np.asarray(index * pitch + plane.centre[axis])

@@ -21,7 +21,9 @@ from simulator.scene.target import Layer, Part
 def distances_of(
     disparity: NDArray[np.floating], baseline: float, focal: float, offset: float = 0.0
 ) -> NDArray[np.float64]:
-    """Return distances from the disparity of a stereo pair: baseline x focal over disparity.
+    """Return the distances in a scene's relief from the disparity of a stereo pair.
+
+    Each distance is baseline times focal, divided by the sum of disparity and offset.
 
     Parameters
     ----------
@@ -111,7 +113,7 @@ class Relief(FramedPicture):
 
     @property
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
-        """The reflectances and pictures of the photograph, without its distances."""
+        """Return the reflectances and pictures of a scene's relief, without its distances."""
         colours = (one.contiguous().to(torch.float32) for one in self.image.unbind(-1))
         return tuple(zip(self.basis, colours, strict=True))
 
@@ -147,7 +149,7 @@ class Relief(FramedPicture):
 
 
 def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return for each pixel the row and column of the nearest pixel that a mask contains."""
+    """Return row and column of the nearest pixel in a mask, for each pixel of a scene's relief."""
     rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return rows, columns
 
@@ -160,7 +162,7 @@ def _fill_unknown_depths(depths: NDArray[np.floating]) -> NDArray[np.floating]:
 def _assign_layers(
     depths: NDArray[np.floating], levels: int
 ) -> tuple[NDArray[np.int64], list[float]]:
-    """Assign each pixel to a depth layer, and return the layers' distances.
+    """Assign a scene relief's pixels to depth layers; return each pixel's layer and the distances.
 
     Layer 0 is the nearest, and no layer is empty. Their steps of vergence are even.
     """

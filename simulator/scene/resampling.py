@@ -12,9 +12,9 @@ from scipy import sparse
 def averaging_matrix(
     pixels: int, side: float, middle: float, edges: NDArray[np.float64]
 ) -> sparse.csr_array[Any, Any]:
-    """Return the matrix (cells, pixels) that averages interpolated pixels over cells.
+    """Return the matrix (cells, pixels) that averages a scene's interpolated pixels over cells.
 
-    It holds for one axis and is float32. The values are linear between the middles of the pixels
+    The matrix is for one axis, in float32. The values are linear between the middles of the pixels
     and 0 beyond the outermost pixels; their means over cells are exact. pixels: number of pixels
     of `side` each, in a row around `middle`. edges: of the cells, ascending, one more than there
     are cells, in the same unit.
@@ -48,10 +48,11 @@ def window_matrix(
     window: tuple[float, float],
     edges: NDArray[np.float64],
 ) -> sparse.csr_array[Any, Any]:
-    """Return the matrix (cells, pixels) of the share of each cell that a pixel's window lights.
+    """Return the matrix (cells, pixels) of how much of each cell a scene's display lights.
 
-    It holds for one axis of a display and is float32. window: its beginning and end within the
-    pixel, in sides of a pixel. The other parameters are those of `averaging_matrix`.
+    An element is the share of the cell that the pixel's window lights. The matrix is for one axis
+    of a display, in float32. window: its beginning and end within the pixel, in sides of a pixel.
+    The other parameters are those of `averaging_matrix`.
     """
     start = (np.arange(pixels) + window[0]) * side + middle - pixels * side / 2
     end = start + (window[1] - window[0]) * side

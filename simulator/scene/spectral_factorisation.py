@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 def factorise_spectra(
     samples: NDArray[np.float64], tol: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Factorise spectra (n, bands) into weights (n, rank) and a basis (rank, bands).
+    """Factorise a scene's spectra (n, bands) into weights (n, rank) and a basis (rank, bands).
 
     samples: not negative. tol: relative error in the L2 norm over all samples. The first basis
     spectrum is the mean. The others are the singular vectors of the residual; to each of them the

@@ -56,7 +56,7 @@ class XServer:
         self.display, self.process = display, process
 
     def run(self, *command: str, stdin: str = "") -> str:
-        """Run an X tool on the display and return what it prints.
+        """Run an X tool on the virtual screen and return what it prints.
 
         Raises OSError if the tool isn't installed, and subprocess.SubprocessError if it fails.
         """
@@ -72,11 +72,11 @@ class XServer:
         return done.stdout
 
     def xrandr(self, words: str) -> str:
-        """Run xrandr on the display with these arguments and return what it prints."""
+        """Run xrandr on the virtual screen with these arguments and return what it prints."""
         return self.run("xrandr", *words.split())
 
     def pixels(self) -> NDArray[np.uint8]:
-        """Return the whole screen as xwd reads it: (rows, columns, 3) of blue, green, red.
+        """Return the whole virtual screen as xwd reads it: (rows, columns, 3) of blue, green, red.
 
         Raises OSError if xwd isn't installed, or returns no picture.
         """
@@ -92,7 +92,7 @@ class XServer:
 
     @contextmanager
     def program(self, *command: str) -> Iterator[subprocess.Popen[bytes]]:
-        """Run a program on the display while the block lasts."""
+        """Run a program on the virtual screen while the block lasts."""
         process = subprocess.Popen(
             command,
             env=self._environment(),
@@ -106,13 +106,13 @@ class XServer:
             terminate_or_kill(process, SETTINGS.start_timeout)
 
     def _environment(self) -> dict[str, str]:
-        """Return the environment variables with which a program finds the display."""
+        """Return the environment variables with which a program finds the virtual screen."""
         return {**os.environ, "DISPLAY": self.display}
 
 
 @contextmanager
 def running_server(command: list[str]) -> Iterator[XServer]:
-    """Run an X server on a free display while the block lasts.
+    """Run an X server with virtual screens on a free display while the block lasts.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def running_server(command: list[str]) -> Iterator[XServer]:
 
 @contextmanager
 def xvfb(columns: int, rows: int, display: str = "") -> Iterator[XServer]:
-    """Run an X server with one invisible screen of 24 bits while the block lasts.
+    """Run an X server with one invisible virtual screen of 24 bits while the block lasts.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def xvfb(columns: int, rows: int, display: str = "") -> Iterator[XServer]:
 
 
 def require_program(name: str, packages: str) -> str:
-    """Return the path of an installed program that an X server needs.
+    """Return the path of an installed program that a virtual screen's X server needs.
 
     Parameters
     ----------

@@ -11,7 +11,10 @@ _HEADER = struct.Struct(">25I")
 
 
 def pixels_of(dump: bytes) -> NDArray[np.uint8]:
-    """Return the pixels of an xwd screenshot of 24 bits: (rows, columns, 3), blue, green, red."""
+    """Return the pixels of a virtual screen from its xwd screenshot: blue, green, red.
+
+    The screenshot has 24 bits per pixel. The result is (rows, columns, 3).
+    """
     header = _HEADER.unpack_from(dump)
     # Header fields: [0] its own size, [4] columns, [5] rows, [11] bits per pixel, [12] bytes per
     # line, and [19] entries of the colour map, of 12 bytes each.

@@ -48,7 +48,10 @@ _LIMITS = {
 
 
 def genicam_xml(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> str:
-    """Return the GenICam XML of a camera with these pixel formats and this exposure range."""
+    """Return the GenICam XML with which the camera on the simulated wire describes itself.
+
+    The XML lists the given pixel formats and exposure range.
+    """
     parts = [_HEAD, _root_category()]
     for name, (address, length) in _TEXTS.items():
         parts.append(

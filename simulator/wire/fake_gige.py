@@ -143,29 +143,32 @@ class FakeGigECamera:
         self._process.close()
 
     def mark_scene_changed(self) -> None:
-        """Tell the simulated camera that the scene has changed, so that it renders new pictures."""
+        """Tell the GigE camera on the simulated wire to render new pictures of a changed scene."""
         with self._counting:
             count = int.from_bytes(self._memory[:8], "little") + 1
             self._memory[:8] = count.to_bytes(8, "little")
 
     def inject(self, fault: CameraFault) -> None:
-        """Add a fault to the camera; a fault whose time has come is active on return."""
+        """Add a fault to the GigE camera on the simulated wire.
+
+        A fault whose time has come is active on return.
+        """
         with self._scripting:
             self._faults.append(fault)
             self._follow_script()
 
     def clear_faults(self) -> None:
-        """Remove all faults of the camera, active and future ones."""
+        """Remove all faults of the GigE camera on the simulated wire, active and future ones."""
         with self._scripting:
             self._faults.clear()
             self._follow_script()
 
     def set_latency(self, frames: int) -> None:
-        """Set the number of frames after which the camera obeys a new exposure."""
+        """Set how many frames late the GigE camera on the simulated wire obeys a new exposure."""
         self._send_request("set_latency", frames)
 
     def pulse(self) -> None:
-        """Send an electric pulse to the camera's trigger line."""
+        """Send an electric pulse down the trigger wire of the simulated GigE camera."""
         self._process.send(Notification("pulse"))
 
     def _now(self) -> float:
@@ -188,7 +191,7 @@ class FakeGigECamera:
                 self._send_request("set_fault", kind)
 
     def _send_request(self, name: str, *given: Any) -> None:
-        """Send a request to the camera's process, and wait for its reply.
+        """Send a request to the GigE camera's process on the simulated wire, and await a reply.
 
         The thread that receives the replies doesn't wait, because it would wait for itself.
         """
@@ -218,7 +221,10 @@ class FakeGigECamera:
             self._obeyed_event.set()
 
     def _render_pictures(self, request: dict[str, Any]) -> None:
-        """Render the requested pictures into the set of memory places that isn't being sent."""
+        """Render the pictures that the GigE camera will send over the simulated wire.
+
+        The pictures go into the set of memory places that isn't being sent.
+        """
         self._set ^= 1
         places = [(self._set * self._cycle + number) * self._slot for number in range(self._cycle)]
         form = self._formats[request["code"]]
@@ -237,7 +243,10 @@ class FakeGigECamera:
 
 
 def _crop_and_bin(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[np.uint16]:
-    """Bin a picture's pixels and crop it. region: x, y, width, height, binning across and down."""
+    """Bin and crop a picture that the GigE camera will send over the simulated wire.
+
+    region: x, y, width, height, binning across and down.
+    """
     x, y, width, height, across, down = region
     if across * down > 1:
         rows, columns = image.shape[0] // down, image.shape[1] // across
@@ -250,7 +259,7 @@ def _crop_and_bin(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[n
 
 
 def _await_free(address: str) -> None:
-    """Wait until no other simulated camera uses the port; raise OSError after 20 s."""
+    """Wait until the simulated GigE wire's port is free of other cameras; OSError after 20 s."""
     # GigE Vision has a fixed port.
     port = 3956
     late = time.monotonic() + 20.0

@@ -68,7 +68,7 @@ class WireFault:
 
     @property
     def probability(self) -> float:
-        """The probability that the fault affects a byte, reply or echo."""
+        """Return the probability that a fault on the wire affects a byte, reply or echo."""
         return _DEFAULT_SHARES.get(self.kind, 1.0) if self.share is None else self.share
 
     def is_active(self, t: float) -> bool:

@@ -123,7 +123,7 @@ class GigEMachine:
         self._fake, self._server = fake, server
 
     def set_fault(self, kind: str) -> None:
-        """Begin a fault of the camera, or end all faults if `kind` is empty."""
+        """Begin a fault of the GigE camera on the simulated wire, or end all if `kind` is empty."""
         before, self.fault = self.fault, kind
         if kind == "disconnect" and self._server is not None:
             self._server = self._fake = None
@@ -137,7 +137,7 @@ class GigEMachine:
         self.latency = frames
 
     def pulse(self) -> None:
-        """Take an electric pulse at the camera's trigger line."""
+        """Take an electric pulse from the trigger wire of the simulated GigE camera."""
         self._pulses += 1
 
     def _register(self, address: int) -> int:
@@ -148,12 +148,16 @@ class GigEMachine:
         return int(answer[-1] if isinstance(answer, tuple) else answer)
 
     def _write(self, address: int, value: int) -> None:
+        """Write a register of the camera on the simulated GigE wire."""
         fake = self._fake
         if fake is not None:
             fake.write_register(address, value)
 
     def _serve_triggers(self) -> None:
-        """Turn each trigger into a frame after the exposure time, one after the other."""
+        """Turn each trigger on the simulated GigE wire into a frame after the exposure time.
+
+        Triggers are served one after the other.
+        """
         while True:
             time.sleep(0.001)
             running = self._register(GigERegister.RUNNING)
@@ -184,12 +188,12 @@ class GigEMachine:
                 self._write(GigERegister.FAKE_TRIGGER, 1)
 
     def _is_still_streaming(self, stream: int) -> bool:
-        """Return whether the acquisition still runs, for the same stream."""
+        """Return whether the same stream still runs over the simulated GigE wire."""
         running = bool(self._register(GigERegister.RUNNING))
         return running and self._register(GigERegister.STREAM_PORT) == stream
 
     def _start_exposure(self) -> int:
-        """Begin the camera's next exposure, and return its length in microseconds."""
+        """Begin an exposure of the camera on the GigE wire; return its length in microseconds."""
         exposure = GigERegister.EXPOSURE
         if self.fault == "wrong exposure":
             self._write(exposure, 2 * self._register(exposure))
@@ -197,12 +201,18 @@ class GigEMachine:
         return self._effective_exposure_us()
 
     def _effective_exposure_us(self) -> int:
-        """Return the exposure that the camera obeys now, given its latency in frames."""
+        """Return the exposure that the camera on the simulated GigE wire obeys now.
+
+        The exposure is in microseconds, and depends on the camera's latency in frames.
+        """
         late = 3 if self.fault == "stale frame" else self.latency
         return self._exposure_history[max(0, len(self._exposure_history) - 1 - late)]
 
     def _request_pictures(self, us: int, patience: float) -> list[int] | None:
-        """Return the memory places of pictures with this exposure, or None after a timeout."""
+        """Request pictures of an exposure for the simulated GigE wire.
+
+        Returns their memory places, or None after a timeout.
+        """
         r = GigERegister
         region = [self._register(a) for a in (r.X, r.Y, r.WIDTH, r.HEIGHT, r.ACROSS, r.DOWN)]
         seen = struct.unpack_from("=Q", self._memory, 0)[0]
@@ -222,7 +232,10 @@ class GigEMachine:
             return self._places
 
     def receive_pictures(self, places: list[int], request: dict[str, Any]) -> None:
-        """Take rendered pictures, unless a later request has replaced theirs."""
+        """Take rendered pictures to be sent over the simulated GigE wire.
+
+        Pictures for an outdated request are dropped.
+        """
         with self._arrived:
             if request != self._request:
                 return
@@ -234,7 +247,7 @@ class GigEMachine:
         return places[self._turn % len(places)]
 
     def _fill_buffer(self, buffer: Any, data: Any, us: int, gain: int, code: int) -> None:
-        """Copy a picture into the frame that Aravis' fake camera is about to send."""
+        """Copy a picture into the frame that Aravis is about to send over the simulated wire."""
         fake, server = self._fake, self._server
         if fake is None or server is None:
             return
@@ -257,7 +270,7 @@ class GigEMachine:
             self._send_forged_leader(self._library.arv_buffer_get_frame_id(buffer))
 
     def _send_forged_leader(self, number: int) -> None:
-        """Send a frame leader with a wrong size before the camera sends the right one."""
+        """Send a frame leader of a wrong size over the simulated GigE wire before the right one."""
         register = self._register
         height = max(1, register(GigERegister.HEIGHT) // 2)
         leader = struct.pack(">HHI", 0, number & 0xFFFF, 0x01000000)
@@ -270,9 +283,10 @@ class GigEMachine:
 
 
 def main(line: MessageSocket, given: dict[str, Any]) -> None:
-    """Run the simulated camera's process: report whether it runs, then serve requests.
+    """Run the process of the GigE camera on the simulated wire.
 
-    A request has the name of the method of `GigEMachine` that it calls.
+    The process reports whether the camera runs, and then serves requests. A request has the name of
+    the method of `GigEMachine` that it calls.
     """
     import gi
 

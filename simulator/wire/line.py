@@ -56,7 +56,7 @@ class SimulatedLine:
         self._lock = threading.RLock()
 
     def send(self, data: bytes, t: float) -> None:
-        """Send bytes from the host over the line, beginning at time t."""
+        """Send bytes from the host over the simulated serial wire, beginning at time t."""
         with self._lock:
             self._advance(t)
             for byte in data:
@@ -64,7 +64,10 @@ class SimulatedLine:
                 heapq.heappush(self._going, (self._free_there, next(self._count), byte))
 
     def receive(self, t: float) -> bytes:
-        """Return the bytes that have arrived at the host by time t since the last call."""
+        """Return the bytes that reached the host over the simulated wire since the last call.
+
+        t: the present time.
+        """
         with self._lock:
             self._advance(t)
             arrived = bytearray()
@@ -73,14 +76,17 @@ class SimulatedLine:
             return bytes(arrived)
 
     def next_event_time(self) -> float:
-        """Return when something may happen next on the line; infinite if nothing is pending."""
+        """Return when something may happen next on the simulated wire; infinite if nothing will."""
         with self._lock:
             return min(
                 _first_time(self._going), _first_time(self._leaving), _first_time(self._coming)
             )
 
     def inject(self, fault: WireFault) -> None:
-        """Add a fault; raise ValueError if neither the wire nor the machine knows its kind."""
+        """Add a fault on the simulated wire.
+
+        Raises ValueError if neither the wire nor its machine knows this kind.
+        """
         known = (*WIRE_FAULT_KINDS, *self.machine.own_faults)
         if fault.kind not in known:
             raise ValueError(f"kind is {fault.kind!r}; choose one of {', '.join(known)}")
@@ -88,18 +94,18 @@ class SimulatedLine:
             self._faults.setdefault(fault.kind, []).append(fault)
 
     def clear_faults(self) -> None:
-        """End all faults of the line; bytes that they have delayed still arrive."""
+        """End all faults on the simulated wire; bytes that they have delayed still arrive."""
         with self._lock:
             self._cleared_unplugs = self.unplug_count(self._now)
             self._faults.clear()
             self._update_machine_faults(self._now)
 
     def is_unplugged(self, t: float) -> bool:
-        """Return whether the cable is unplugged at time t."""
+        """Return whether the simulated cable is unplugged at time t."""
         return self._active_fault("disconnect", t) is not None
 
     def unplug_count(self, t: float) -> int:
-        """Return how often the cable has been unplugged by time t.
+        """Return how often the simulated cable has been unplugged by time t.
 
         A port that was opened before the last time is no longer valid.
         """
@@ -108,13 +114,13 @@ class SimulatedLine:
             return self._cleared_unplugs + sum(fault.at <= t for fault in pulls)
 
     def next_unplug_time(self, t: float) -> float:
-        """Return when the cable is unplugged next, infinite if it isn't."""
+        """Return when the simulated cable is unplugged next, infinite if it isn't."""
         with self._lock:
             pulls = self._faults.get("disconnect", ())
             return min((fault.at for fault in pulls if fault.at > t), default=math.inf)
 
     def _advance(self, t: float) -> None:
-        """Carry out all events on the line until time t, in their order."""
+        """Carry out all events on the simulated wire until time t, in their order."""
         self._now = max(self._now, t)
         while True:
             going, leaving = _first_time(self._going), _first_time(self._leaving)
@@ -133,12 +139,13 @@ class SimulatedLine:
             self._coming.clear()
 
     def _deliver_to_machine(self, byte: int, t: float) -> None:
-        """Give a byte to the machine, unless a fault keeps it from arriving."""
+        """Bring a byte over the simulated wire to the machine, unless a fault stops it."""
         if self._active_fault("silence", t) or self._active_fault("disconnect", t):
             return
         self._feed(bytes([self._with_bit_flips(byte, t)]), t)
 
     def _feed(self, data: bytes, t: float) -> None:
+        """Pass bytes from the simulated wire to its machine, and take the machine's replies."""
         self._update_machine_faults(t)
         for reply in self.machine.feed(data, t):
             echo = bool(data) and reply == Reply(t, data)
@@ -156,7 +163,7 @@ class SimulatedLine:
             self.machine.set_fault(kind)
 
     def _transmit_reply(self, data: bytes, t: float, echo: bool) -> None:
-        """Send bytes from the machine at time t to the host, as the active faults change them."""
+        """Send the machine's bytes over the simulated wire to the host, as faults change them."""
         if any(self._active_fault(kind, t) for kind in ("silence", "mute", "disconnect")):
             return
         late = 0.0
@@ -191,10 +198,11 @@ class SimulatedLine:
         return next((f for f in faults if f.is_active(t)), None) if faults else None
 
     def _drawn_fault(self, kind: str, t: float) -> WireFault | None:
-        """Return the fault if it is active at time t and a random draw selects it."""
+        """Return a fault of the wire if it is active at time t and a random draw picks it."""
         fault = self._active_fault(kind, t)
         return fault if fault and self._rng.random() < fault.probability else None
 
 
 def _first_time(heap: Sequence[tuple[Any, ...]]) -> float:
+    """Return the time of the first event that is pending on the simulated wire."""
     return heap[0][0] if heap else math.inf

@@ -9,7 +9,10 @@ from drivers.aravis.pixel_formats import PixelFormat
 
 
 def pack_pixels(image: NDArray[np.uint16], form: PixelFormat) -> NDArray[np.uint8]:
-    """Pack a picture's pixels into bytes; numbers are limited to the format's full scale."""
+    """Pack a picture's pixels into bytes for the simulated GigE wire.
+
+    Numbers are limited to the format's full scale.
+    """
     pixels = np.minimum(image.reshape(-1), form.full_scale).astype(np.uint16)
     match form.layout:
         case "bytes":

@@ -28,7 +28,7 @@ _SOCKETS: dict[str, _SimPort] = {}
 
 
 def plug_in(name: str, line: SimulatedLine, clock: Clock) -> str:
-    """Make a simulated line available as the serial port sim://NAME, and return this URL.
+    """Plug a simulated wire into the serial port sim://NAME, and return this URL.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def plug_in(name: str, line: SimulatedLine, clock: Clock) -> str:
 
 
 def unplug(name: str) -> None:
-    """Remove the simulated serial port sim://NAME; a port that is open remains usable.
+    """Unplug the simulated wire at the serial port sim://NAME; an open port remains usable.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
             self._socket.held.release()
 
     def _reconfigure_port(self) -> None:
-        """Accept any port settings: the simulated line has none."""
+        """Accept any port settings, since the simulated wire has none."""
 
     def _update_rts_state(self) -> None: ...
 
@@ -100,7 +100,7 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
     def _update_break_state(self) -> None: ...
 
     def _receive_arrived(self) -> float:
-        """Move the bytes that have arrived into the port's buffer, and return the time."""
+        """Move bytes from the simulated wire into the port's buffer, and return the time."""
         if not self.is_open:
             raise serial.PortNotOpenError()
         now = self._clock.now()

@@ -59,7 +59,7 @@ class PtyLine:
             self._transfer(now)
 
     def _transfer(self, now: float) -> None:
-        """Transfer bytes between the terminal and the line, and wait until there may be more."""
+        """Transfer bytes between the pseudo-terminal and the simulated wire, and wait for more."""
         if self._ends is None:
             return
         near = self._ends[0]

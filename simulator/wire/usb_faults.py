@@ -27,7 +27,10 @@ class PacketFaults:
         self._before = b""
 
     def deliver_to_device(self, data: bytes, faults: Iterable[WireFault]) -> bytes | None:
-        """Return the bytes that the USB device receives of the host's; None if none arrive."""
+        """Return the host's bytes that reach the device over the faulty USB wire, or None.
+
+        None means that no bytes arrive.
+        """
         for fault in faults:
             if fault.kind == "silence" and self._is_drawn(fault):
                 return None
@@ -36,7 +39,7 @@ class PacketFaults:
         return data
 
     def deliver_to_host(self, packet: Packet, faults: Iterable[WireFault]) -> list[Packet]:
-        """Return the packets that the host receives when the USB device sends one."""
+        """Return the packets that reach the host over the faulty USB wire for one that was sent."""
         original = packet.data
         packets = [packet]
         for fault in faults:

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 def usb_error(code: int) -> Exception:
-    """Return the exception that pyusb's libusb backend raises for an errno."""
+    """Return the error that pyusb's libusb backend raises for an errno on the simulated wire."""
     libusb = {errno.ENODEV: -4, errno.EPIPE: -9, errno.EACCES: -3, errno.EBUSY: -6}
     if code == errno.ETIMEDOUT:
         return usb.core.USBTimeoutError("Operation timed out", -7, code)
@@ -53,14 +53,17 @@ class Plug:
         return self.machine.description
 
     def inject(self, fault: WireFault) -> None:
-        """Add a fault of the USB device or its cable; raise ValueError for an unknown kind."""
+        """Add a fault of the simulated USB cable or its device.
+
+        Raises ValueError for an unknown kind.
+        """
         kinds = (*WIRE_FAULT_KINDS, *self.machine.own_faults)
         if fault.kind not in kinds:
             raise ValueError(f"kind is {fault.kind!r}; choose {', '.join(kinds)}")
         self._faults.append(fault)
 
     def clear_faults(self) -> None:
-        """Remove all faults; a USB device that was unplugged is plugged in again."""
+        """Remove all faults on the simulated USB cable, and plug it in again."""
         with self._turn:
             self.update_presence()
             self._faults.clear()
@@ -68,7 +71,10 @@ class Plug:
             self.update_presence()
 
     def update_presence(self) -> bool:
-        """Carry out unplugging and faults that are due, and return whether the device is there."""
+        """Unplug the simulated USB cable and begin its faults when due.
+
+        Returns whether the cable is plugged in.
+        """
         with self._turn:
             now = self._clock.now()
             begun = [f for f in self._faults if f.kind == "disconnect" and f.at <= now]
@@ -100,7 +106,7 @@ class Plug:
         return [fault for fault in self._faults if fault.is_active(now)]
 
     def control(self, setup: SetupPacket, data: bytes, timeout: float) -> bytes:
-        """Carry out a control transfer to the USB device, and return the bytes of its answer."""
+        """Carry out a control transfer over the simulated USB cable, and return the answer."""
         with self._turn:
             late = self._clock.now() + timeout
             answer, reports = self._deliver(
@@ -123,7 +129,7 @@ class Plug:
         return self.machine.control(setup, data, self._clock.now())
 
     def write(self, endpoint: int, data: bytes, timeout: float) -> int:
-        """Write bytes to an endpoint of the USB device, and return their number."""
+        """Write bytes over the simulated USB cable to an endpoint, and return their number."""
         with self._turn:
             late, now = self._clock.now() + timeout, self._clock.now
             out = self.machine.write
@@ -133,7 +139,10 @@ class Plug:
             return len(data)
 
     def _deliver(self, data: bytes, late: float, handler: Callable[[bytes], T]) -> T:
-        """Give the USB device bytes, as faults change them, and return the handler's result."""
+        """Bring bytes over the simulated USB cable to the device, as faults change them.
+
+        Returns the handler's result.
+        """
         self.require_plugged_in()
         heard = self._noise.deliver_to_device(data, self._active_faults)
         if heard is None:
@@ -144,7 +153,7 @@ class Plug:
             raise usb_error(errno.EPIPE) from None
 
     def read(self, endpoint: int, length: int, timeout: float) -> bytes:
-        """Read the next report of the USB device, within `timeout` seconds."""
+        """Read the device's next report over the simulated USB cable, within `timeout` seconds."""
         with self._turn:
             late = self._clock.now() + timeout
             self.require_plugged_in()
@@ -174,7 +183,7 @@ class Plug:
         return usb_error(errno.ETIMEDOUT)
 
     def _wait(self, time: float) -> None:
-        """Wait until a time of the bench's clock; raise an error if the device is unplugged."""
+        """Wait until a time of the bench's clock, or raise an error if the USB cable is pulled."""
         now = self._clock.now()
         pulled = [f.at for f in self._faults if f.kind == "disconnect" and now < f.at <= time]
         end = min(pulled, default=math.inf)
@@ -183,7 +192,10 @@ class Plug:
 
 
 def _descriptor(description: UsbDescription, value: int) -> bytes:
-    """Return a string descriptor of the device, packed by the USB specification."""
+    """Return a string descriptor of the device on the simulated USB wire.
+
+    The bytes are packed as the USB specification says.
+    """
     kind, index = value >> 8, value & 0xFF
     if kind != 3:
         raise UsbStall
@@ -197,7 +209,10 @@ def _descriptor(description: UsbDescription, value: int) -> bytes:
 
 
 def device_descriptor(description: UsbDescription, port: int, address: int) -> SimpleNamespace:
-    """Return a USB device descriptor with the fields that pyusb reads, named as in libusb."""
+    """Return the descriptor of a device on the simulated USB wire, as pyusb reads it.
+
+    The fields are named as in libusb.
+    """
     strings = (description.maker, description.name, description.serial)
     indices = [index if said else 0 for index, said in enumerate(strings, start=1)]
     return SimpleNamespace(

@@ -47,7 +47,10 @@ _FORWARDED_CALLS = (
 
 
 def backend_option(path: str | Path) -> str:
-    """Return a driver's option `backend` for the simulated USB bus that is served at a path."""
+    """Return the drivers' option `backend` for a served bus of simulated USB cables.
+
+    path: where the bus is served.
+    """
     return f"simulator.wire.usb_remote:backend@{path}"
 
 
@@ -99,6 +102,7 @@ class UsbServer:
             threading.Thread(target=self._serve, args=(line,), name="USB host", daemon=True).start()
 
     def _serve(self, line: MessageSocket) -> None:
+        """Answer the calls of one process to the bus of simulated USB cables."""
         # Only this thread closes the socket. Until then no other file can get its descriptor, on
         # which this thread may be waiting.
         with contextlib.closing(line), contextlib.suppress(EOFError, OSError):
@@ -107,7 +111,10 @@ class UsbServer:
                 line.send(capture_result(self._call_bus, request.name, *request.arguments))
 
     def _call_bus(self, name: str, *given: Any) -> Any:
-        """Call a USB bus method; raise OSError if it fails, IndexError after the end of a list."""
+        """Call a method of the bus of simulated USB cables.
+
+        Raises OSError if the call fails, and IndexError after the end of a list.
+        """
         if name not in _FORWARDED_CALLS:
             raise AttributeError(f"a backend has no {name!r}")
         try:
@@ -120,7 +127,7 @@ class UsbServer:
 
 
 def _message_socket(connection: Connection) -> MessageSocket:
-    """Return a MessageSocket over an authenticated connection to the USB bus."""
+    """Return a MessageSocket over an authenticated connection to the simulated USB wire's bus."""
     with connection:
         return MessageSocket(os.dup(connection.fileno()))
 
@@ -158,6 +165,7 @@ class RemoteBackend(SimulatedUsbBackend):
         return taken
 
     def _ask(self, name: str, given: tuple[Any, ...], timeout: int = 0) -> Any:
+        """Call the simulated USB wire's bus in the other process, and return its result."""
         with self._turn:
             try:
                 # If the other process hasn't replied 2 s after the transfer's own timeout, it
@@ -183,11 +191,15 @@ class RemoteBackend(SimulatedUsbBackend):
         return answer
 
     def _drop(self) -> None:
+        """Close the socket to the process that holds the simulated USB wire's bus."""
         line, self._line = self._line, None
         if line is not None:
             line.close()
 
 
 def backend(path: str) -> RemoteBackend:
-    """Return the USB backend of the bus at a path; drivers' option `backend` names it."""
+    """Return the USB backend that reaches the bus of simulated USB cables at a path.
+
+    The drivers' option `backend` names this function.
+    """
     return RemoteBackend(path)

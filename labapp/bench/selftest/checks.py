@@ -34,14 +34,14 @@ class CheckResult:
 
 
 def identity_text(device: Any) -> str:
-    """Return a device's model and serial number in words, and whether it is simulated."""
+    """Describe a bench device in words: model, serial number, and whether it is simulated."""
     who = device.identity
     simulated = ", SIMULATED" if who.simulated else ""
     return f"{who.model}, serial number {who.serial or 'unknown'}{simulated}"
 
 
 def describe_error(error: Exception, name: str) -> str:
-    """Return the message of an error from a device, whatever its driver raised.
+    """Return the message of a bench device's error, whatever its driver raised.
 
     An exception that drivers must not raise is logged with its traceback. It isn't raised again,
     so that the other devices are still checked.
@@ -53,7 +53,7 @@ def describe_error(error: Exception, name: str) -> str:
 
 
 def run_checks(checks: list[Check], progress: Progress) -> list[CheckResult]:
-    """Run every check of a self-test in turn, whatever the others found.
+    """Run all checks of a bench device's self-test in turn, even if some fail.
 
     Raises Cancelled between two checks.
     """
@@ -65,7 +65,7 @@ def run_checks(checks: list[Check], progress: Progress) -> list[CheckResult]:
 
 
 def run_check(name: str, check: Callable[[], str]) -> CheckResult:
-    """Run one check of a self-test; an exception of the driver makes it fail.
+    """Run one check of a bench device's self-test; an exception of the driver makes it fail.
 
     UserError and Cancelled are raised again, because they don't tell anything about the device.
     """

@@ -29,7 +29,7 @@ def run_selftest(
     as_json: bool,
     force: bool,
 ) -> bool:
-    """Open one device of a bench, test it, print the results, and return whether all is well.
+    """Run the self-test of a bench device, print the results, and return whether all is well.
 
     `report` is the file for the same results as JSON. A device that doesn't open gives a failed
     check. Raises UserError for a wrong bench file, or a device that another application uses.
@@ -69,6 +69,7 @@ def _test_device(setup: BenchSetup, role: str) -> list[CheckResult]:
 def _as_data(
     role: str, bench: str, described: dict[str, Any], found: list[CheckResult]
 ) -> dict[str, Any]:
+    """Return the self-test of a bench's device as data for its JSON report."""
     return {
         "device": role,
         "bench": bench,

@@ -16,7 +16,7 @@ from labapp.bench.selftest.checks import Check, SelfTestFailure, identity_text
 
 
 def device_checks(role: str, device: Any, clock: Clock) -> list[Check]:
-    """Return the self-test's checks of a device that the bench calls `role`."""
+    """Return the self-test's checks of the device that the bench calls `role`."""
     of_role: dict[str, Callable[[Any, Clock], list[Check]]] = {
         "targets": _target_checks,
         "filter": _filter_checks,
@@ -41,6 +41,7 @@ def _raise(error: Exception) -> str:
 
 
 def _health(device: Any) -> str:
+    """Return what a bench device reports about its health, for the self-test."""
     try:
         health: dict[str, str] = device.health()
     except AttributeError:
@@ -58,7 +59,7 @@ def _wait_until_ready(setting: Setting[Any], clock: Clock) -> None:
 
 
 def _require_refusal(act: Callable[[], object], what: str) -> str:
-    """Do something that a device must refuse, and return its reply.
+    """Check in a self-test that the bench's device refuses an act, and return its reply.
 
     Raises SelfTestFailure if the device doesn't refuse.
     """
@@ -156,7 +157,10 @@ def _slm_checks(device: Any, clock: Clock) -> list[Check]:
 
 
 def _presentation_summary(device: Any) -> str:
-    """Summarise what a display reports about when its frames were shown; empty without a report."""
+    """Say for the bench's self-test how many frames a display showed, and how many were late.
+
+    The text is empty if the display doesn't report this.
+    """
     try:
         told = device.presentations()
     except AttributeError:
@@ -224,7 +228,10 @@ def _spectroradiometer_checks(device: Any, clock: Clock) -> list[Check]:
 
 
 def _require_matching_frame(frame: Frame, exposure: float, shape: tuple[int, int]) -> None:
-    """Raise SelfTestFailure for a frame of another exposure, shape or type than requested."""
+    """Raise SelfTestFailure unless a frame is as the bench's self-test requested it.
+
+    Exposure, shape and type are compared.
+    """
     if not math.isclose(frame.exposure, exposure, rel_tol=1e-6):
         raise SelfTestFailure(
             f"exposed {frame.exposure * 1e3:g} ms instead of {exposure * 1e3:g} ms"

@@ -13,7 +13,7 @@ _ADDRESS = "127.0.0.1"
 
 
 def serve_camera(sensor: Sensor, site: ServingContext) -> ServedInstrument:
-    """Start a simulated GigE camera, which runs until the site's stack is left.
+    """Serve the virtual bench's simulated GigE camera until the site's stack is left.
 
     Raises UserError without Aravis, for bits that GigE cameras don't send, or if another virtual
     bench already serves a camera.

@@ -15,7 +15,7 @@ from labapp.common.console import handle_stop_signals, print_message
 
 @contextmanager
 def catch_stop_requests() -> Iterator[Callable[[], bool]]:
-    """Yield a function that tells whether a signal to stop has arrived, while the block runs.
+    """Yield a function that tells whether a signal has asked the served bench to stop.
 
     A second signal ends the block at once by KeyboardInterrupt.
     """
@@ -34,7 +34,7 @@ def catch_stop_requests() -> Iterator[Callable[[], bool]]:
 def read_commands(
     talk: CommandInterpreter, stop_requested: Callable[[], bool], *, until_eof: bool
 ) -> None:
-    """Execute the command lines to a virtual bench until it is stopped.
+    """Execute the command lines typed to a served virtual bench until it is stopped.
 
     If `until_eof` is true, the end of standard input stops it as well.
     """
@@ -57,7 +57,7 @@ def read_commands(
 
 
 def _may_read(source: int) -> bool:
-    """Return whether this process may read standard input.
+    """Return whether the served bench may read commands from standard input.
 
     It may not if it runs in the background of a terminal: the shell would then stop the process
     for reading, and all instruments with it.

@@ -30,7 +30,7 @@ class CommandInterpreter:
         self.is_over = False
 
     def execute(self, line: str) -> str:
-        """Execute a command line and return the answer, which may be empty.
+        """Execute a line typed to a served bench, and return the answer, which may be empty.
 
         Raises ValueError, with a message for the user, for a line that isn't understood.
         """

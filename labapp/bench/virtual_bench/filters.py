@@ -31,7 +31,7 @@ _WHEEL_OPTIONS = ("slots_nm", "shape", "leak", "leak_range_nm")
 
 
 def serve_filter(kind: str, table: DeviceTable, site: ServingContext) -> ServedInstrument:
-    """Start a simulated filter, which runs until the site's stack is left.
+    """Serve the virtual bench's simulated filter until the site's stack is left.
 
     `kind` is one of `FILTERS`. `table` is the filter of the bench file, which may give range,
     width, slots and shape. Raises UserError if the table doesn't fit this kind of filter.

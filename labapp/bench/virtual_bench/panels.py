@@ -36,7 +36,7 @@ class ScreenMirror:
         self.output = self._open()
 
     def update(self) -> None:
-        """Copy the screen to the panel, if anything was drawn on it since the last update."""
+        """If the screen was drawn on since the last update, copy it to the served bench's panel."""
         with self._turn:
             if self._closed:
                 return
@@ -55,12 +55,16 @@ class ScreenMirror:
                 world.grey = grey
 
     def close(self) -> None:
-        """Close the screen; later updates do nothing, because a frame may still be computed."""
+        """Close the screen of the served bench's panel; later updates do nothing.
+
+        A later update may come from a frame that is still being computed.
+        """
         with self._turn:
             self._closed = True
             self._drop()
 
     def _drop(self) -> None:
+        """Close the reader of the screen that the served bench's panel mirrors, if it is open."""
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.close()
@@ -82,7 +86,7 @@ class ScreenMirror:
 
 
 def serve_panel(panel: Panel, display: str, screen: str, site: ServingContext) -> ServedInstrument:
-    """Serve an SLM that shows a screen, until the site's stack is left.
+    """Serve the virtual bench's SLM, which shows a screen, until the site's stack is left.
 
     The screen belongs to the X server `display`, or to an Xvfb that is started if `display` is
     empty. Raises UserError if there is no such screen, or if it is the operator's own.
@@ -137,7 +141,7 @@ def _find_output(display: str, request: ScreenRequest) -> Output:
 
 
 def _start_xvfb(rows: int, columns: int, stack: ExitStack) -> str:
-    """Start an X server without a visible screen, and return its display."""
+    """Start an X server with an invisible screen for the served bench, and return its display."""
     try:
         return stack.enter_context(xvfb(columns, rows)).display
     except NoXServer as error:

@@ -67,7 +67,7 @@ class ServeOptions:
     until_eof: bool
 
     def require_valid(self) -> None:
-        """Raise UserError for the first option that is wrong."""
+        """Raise UserError for the first wrong option for serving a virtual bench."""
         for name, kinds in _KINDS.items():
             value, known = getattr(self, name), (*kinds, "none")
             if value not in known:
@@ -81,7 +81,7 @@ class ServeOptions:
 
 
 def serve(options: ServeOptions) -> None:
-    """Serve a virtual bench until it is stopped, and remove its ports and folders then.
+    """Serve a virtual bench until it is stopped, then remove its ports and folders.
 
     Raises UserError for options or files that are wrong.
     """
@@ -108,7 +108,7 @@ def serve(options: ServeOptions) -> None:
 def _start(
     options: ServeOptions, setup: BenchSetup, stack: ExitStack
 ) -> tuple[SharedWorld, list[str], dict[str, ServedInstrument]]:
-    """Start the virtual world and its instruments.
+    """Start the virtual world and the instruments of a served bench.
 
     Returns the world, the names of its targets, and the instruments by their names on the bench.
     """

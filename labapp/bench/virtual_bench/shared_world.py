@@ -32,12 +32,12 @@ class SharedWorld:
 
     @contextmanager
     def exclusive_access(self) -> Iterator[World]:
-        """Yield the virtual world while no other thread changes it."""
+        """Yield the served bench's virtual world while no other thread changes it."""
         with self._turn:
             yield self._world
 
     def render_frame(self, exposure: float, gain_db: float) -> NDArray[np.uint16]:
-        """Render the sensor's picture for FakeGigECamera; each picture has its own noise.
+        """Render a picture with its own noise for the served bench's FakeGigECamera.
 
         An error is printed for the user who serves the bench, because the camera's client sees
         only that a frame is missing.
@@ -59,12 +59,18 @@ class SharedWorld:
             return self._render(exposure, gain_db)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the spectral radiance that a spectroradiometer sees, as `World.radiance` does."""
+        """Return the spectral radiance that the served bench's spectroradiometer sees.
+
+        Units and shapes are those of `World.radiance`.
+        """
         with self._turn:
             return self._world.radiance(wavelengths)
 
     def place(self, name: str) -> None:
-        """Put a target in front of the camera; ValueError lists the targets for an unknown name."""
+        """Put a target in front of the served bench's camera.
+
+        Raises ValueError, which lists the targets, for an unknown name.
+        """
         with self._turn:
             known = self._world.scene.targets
             if name not in known:
@@ -72,7 +78,7 @@ class SharedWorld:
             self._world.target = name
 
     def describe_state(self) -> str:
-        """Describe filter, SLM, target and number of pictures of the virtual bench in one line."""
+        """Describe the served virtual bench's filter, SLM, target and pictures in one line."""
         self.before_frame()
         with self._turn:
             band, grey = self._world.band, self._world.grey

@@ -11,7 +11,7 @@ from simulator.machines.cs2000 import CS2000Machine
 
 
 def serve_spectroradiometer(site: ServingContext) -> ServedInstrument:
-    """Start a simulated CS-2000, which runs until the site's stack is left."""
+    """Serve the virtual bench's simulated CS-2000 until the site's stack is left."""
     machine = CS2000Machine(site.shared.radiance)
     # A pseudo-terminal has no control lines, so that hardware flow control isn't possible.
     return serve_on_serial_line(site, "cs2000", machine, 115200, rtscts=False)

@@ -23,7 +23,7 @@ from optics.camera import Camera
 def write_pattern(
     request: DesignRequest, files: Sequence[Path], picture_path: Path, *, as_json: bool
 ) -> None:
-    """Compute a pattern, write it and a picture of its PSF, and print its quality.
+    """Design a pattern, write it and a picture of its PSF, and print the pattern's quality.
 
     `files` are one .png per frame, or one .h5 design file. Raises UserError if the pattern can't
     be computed or shown.
@@ -89,6 +89,7 @@ def _contents(
 
 
 def _rows(design: PatternDesign) -> list[list[str]]:
+    """Return the printed rows on a designed pattern: panel, frames, grey levels and quality."""
     figures, quality = design.figures_of_merit, design.figures_of_merit["quality"]
     rows = [
         ["panel", "{1} x {0} pixels".format(*design.greys.shape[1:])],

@@ -19,7 +19,7 @@ _TAGS = ("kind", "shape")
 
 
 def read_pattern(kind: str, keys: Sequence[str], wavelength_nm: float) -> StillPattern:
-    """Return the pattern of a kind with keys from KEY=VALUE; raise UserError if one is wrong."""
+    """Read the pattern to design from its kind and KEY=VALUE texts; UserError if one is wrong."""
     values = _values(kind, keys, STILL_PATTERNS, "pattern")
     if issubclass(STILL_PATTERNS[kind], PhasePattern):
         values = {"wavelength_nm": wavelength_nm} | values
@@ -29,7 +29,7 @@ def read_pattern(kind: str, keys: Sequence[str], wavelength_nm: float) -> StillP
 def read_psf(
     shape: str, keys: Sequence[str], wavelength_nm: float, options: Mapping[str, Any]
 ) -> PSFPattern:
-    """Return the pattern whose PSF has a target's shape, with keys from KEY=VALUE.
+    """Read the pattern to design whose PSF has a target's shape, from KEY=VALUE texts.
 
     `options` are keys of the pattern for its phase retrieval; None leaves one out. Raises
     UserError if a key is wrong.
@@ -43,7 +43,7 @@ def read_psf(
 
 
 def list_patterns(*, as_json: bool) -> None:
-    """Print the kinds of patterns, their keys, units and defaults."""
+    """Print the kinds of patterns that can be designed, with their keys, units and defaults."""
     print_list(
         _list_entries(STILL_PATTERNS),
         as_json=as_json,
@@ -54,7 +54,7 @@ def list_patterns(*, as_json: bool) -> None:
 
 
 def list_targets(*, as_json: bool) -> None:
-    """Print the shapes of targets, their keys, units and defaults."""
+    """Print the target shapes for which a pattern can be designed: keys, units and defaults."""
     example = "labapp retrieve spiral radius_um=120 --out spiral.png"
     print_list(_list_entries(TARGETS), as_json=as_json, example=example)
 
@@ -62,7 +62,10 @@ def list_targets(*, as_json: bool) -> None:
 def _values(
     name: str, keys: Sequence[str], tables: Mapping[str, type[Table]], what: str
 ) -> dict[str, Any]:
-    """Parse KEY=VALUE of a kind of pattern or target; raise UserError for an unknown kind."""
+    """Parse the KEY=VALUE texts of a pattern to design, or of its target.
+
+    Raises UserError for an unknown kind.
+    """
     if name not in tables:
         raise UserError(f"{what} {name!r} is not known. Choose one of {', '.join(tables)}.")
     return parse_key_values(keys, tables[name], _TAGS)
@@ -75,5 +78,5 @@ def _list_entries(tables: Mapping[str, type[Table]]) -> list[ListEntry]:
 
 
 def _summary(table: type[Table]) -> str:
-    """Return the first paragraph of a table's docstring in one line, for lists of kinds."""
+    """Summarise a kind of pattern or target in one line: its table docstring's first paragraph."""
     return " ".join((table.__doc__ or "").split("\n\n")[0].split())

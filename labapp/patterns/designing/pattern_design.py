@@ -56,7 +56,7 @@ class PatternDesign:
 
     @property
     def target(self) -> Grid | None:
-        """Targets of the phase retrieval, (moments, y, x), each with sum 1; None without one."""
+        """Targets of a pattern's design, (moments, y, x), each with sum 1; None without one."""
         if not self.moments:
             return None
         largest = max(self.moments, key=lambda moment: moment.plane.shape).plane
@@ -65,7 +65,7 @@ class PatternDesign:
 
     @cached_property
     def figures_of_merit(self) -> dict[str, Any]:
-        """Quality of the pattern as plain data; lists have a value for each moment."""
+        """Quality of a designed pattern as plain data; lists have a value for each moment."""
         psf = self.psf.images
         return {
             "frames": len(self.greys),
@@ -98,11 +98,11 @@ def design_pattern(
     *,
     keep_phases: bool,
 ) -> PatternDesign:
-    """Compute `count` frames of a pattern, and predict their PSF at a wavelength in metres.
+    """Design a pattern: compute its `count` frames as grey levels, and predict their PSF.
 
-    The PSF has side x side sensor pixels; None takes the size that the target needs. With
-    `keep_phases`, the design holds phases besides grey levels. Raises ValueError or UserError if
-    the panel can't show the pattern.
+    The wavelength is in metres. The PSF has side x side sensor pixels; None takes the size that the
+    target needs. With `keep_phases`, the design holds phases besides grey levels. Raises ValueError
+    or UserError if the panel can't show the pattern.
     """
     # Computing the pattern has most of the progress; the prediction has the rest.
     computing = replace(work, progress=work.progress.part(0, 0.8))
@@ -130,7 +130,10 @@ def _compute_frames(
     work: PatternContext,
     keep_phases: bool,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None, int]:
-    """Return a pattern's grey levels, its phases if wanted and known, and their whole waves."""
+    """Return the designed pattern's grey levels, its phases if wanted and known, and its orders.
+
+    The orders are the whole waves of the panel's range that the phases use, 1 if they are unknown.
+    """
     if not isinstance(spec, PhasePattern):
         return np.stack(list(grey_frames(spec, count, work))), None, 1
     frames: Iterable[PhaseFrame]
@@ -148,7 +151,7 @@ def _compute_frames(
 
 
 def _single_precision_phase(frame: PhaseFrame) -> NDArray[np.float32]:
-    """Return a frame's phase as float32, wrapped first if it is float64.
+    """Convert a pattern's phase to float32 for its design, and wrap it first if it is float64.
 
     Single precision can't hold thousands of radians with the accuracy of a grey level.
     """
@@ -159,9 +162,9 @@ def _single_precision_phase(frame: PhaseFrame) -> NDArray[np.float32]:
 
 
 def _window_side(moments: Sequence[RetrievedMoment], camera: Camera) -> int:
-    """Return the side of the predicted PSF in sensor pixels, an even number.
+    """Return the side of a pattern design's PSF window, an even number of sensor pixels.
 
-    It holds the windows in which the targets were designed; without a target it is 256.
+    The window holds those in which the targets were designed. Without a target, its side is 256.
     """
     if not moments:
         return 256

@@ -63,14 +63,14 @@ class Bracket:
 
     @property
     def name(self) -> str:
-        """Return target, pattern and wavelength of the bracket in words."""
+        """Describe a bracket of recorded pictures in words: target, pattern and wavelength."""
         return f"{self.target}, {self.pattern}, {self.wavelength * 1e9:g} nm"
 
 
 def merge_all(
     record: Record, progress: Progress, targets: Collection[str] | None = None
 ) -> list[Bracket]:
-    """Merge the exposure brackets of every target, pattern and wavelength of a record.
+    """Merge the recorded pictures into brackets: one for each target, pattern and wavelength.
 
     The dark frames themselves are left out. If `targets` is given, only these are merged.
     """
@@ -92,18 +92,18 @@ def merge_all(
 
 
 def merge_frame(record: Record, index: int) -> Bracket:
-    """Return one frame of a record as a bracket of one exposure."""
+    """Return one recorded picture as a bracket of one exposure."""
     sensor = record.bench.build_camera().sensor
     return _merge(record, [index], dark_target(record.plan), sensor)
 
 
 def dark_target(plan: PlanFile) -> str:
-    """Return the name of the target of a plan's dark frames."""
+    """Return the name of the target under which a plan's run records its dark pictures."""
     return plan.reconstruct.dark if plan.reconstruct else "dark"
 
 
 def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bracket:
-    """Merge frames of a record into one bracket, each less the mean dark frame of its exposure."""
+    """Merge recorded pictures into a bracket, each less the mean dark frame of its exposure."""
     first = indices[0]
     exposures = record.column("exposure")[indices]
     frames = np.stack([record.image(i) for i in indices])
@@ -135,7 +135,7 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
 
 
 def _mean_dark(record: Record, dark: str, exposure: float, sensor: Sensor) -> tuple[Picture, int]:
-    """Return the mean dark frame of an exposure, and how many frames were averaged.
+    """Return the mean of the recorded dark pictures of an exposure, and how many there were.
 
     Without dark frames of this exposure, the level is computed from the sensor's black level and
     dark current, and the number is 0.
@@ -151,9 +151,10 @@ def _mean_dark(record: Record, dark: str, exposure: float, sensor: Sensor) -> tu
 def find_bracket(
     brackets: list[Bracket], target: str, pattern: str, wavelength: float | None, path: Path
 ) -> Bracket:
-    """Return the merged bracket of a target and pattern, at a wavelength in metres if one is given.
+    """Find the bracket of recorded pictures with this target, pattern and wavelength in metres.
 
-    Raises UserError if the record at `path` lacks it, or has it at several wavelengths.
+    Without a wavelength, the bracket may have any. Raises UserError, which names the record at
+    `path`, if there is no such bracket, or more than one.
     """
     found = [
         bracket

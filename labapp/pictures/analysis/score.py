@@ -27,7 +27,7 @@ class Score:
 
     @property
     def as_data(self) -> dict[str, float | None]:
-        """Return PSNR and SSIM for JSON, with None for numbers that aren't finite."""
+        """Return the scored picture's PSNR and SSIM for JSON; None stands for non-finite values."""
         named = {"psnr_db": self.psnr, "ssim": self.ssim}
         return {name: value if math.isfinite(value) else None for name, value in named.items()}
 
@@ -55,11 +55,11 @@ class ReferencePicture:
 
     @property
     def crop(self) -> str:
-        """Return the scored part of the frame in words."""
+        """Say in words which part of a picture is scored against this reference picture."""
         return "full frame" if self.share == 1 else f"central {self.share:.0%}".replace("%", " %")
 
     def score(self, light: Light) -> Score:
-        """Score a picture that has the shape and unit of this reference."""
+        """Score a picture, restored or not, against this reference of equal shape and unit."""
         return score(light, self.light, self.white, self.share)
 
 
@@ -67,7 +67,7 @@ class ReferencePicture:
 def score(
     image: Light, reference: Light, white: float = 1.0, share: float = CENTRAL_SHARE
 ) -> Score:
-    """Return PSNR and SSIM of a picture against a reference, over the centre of the frame.
+    """Score a picture, restored or not, by PSNR and SSIM against a reference, in the centre only.
 
     Parameters
     ----------
@@ -93,6 +93,6 @@ def score(
 
 
 def _central_part(picture: Light, share: float) -> torch.Tensor:
-    """Return the central part of a picture as (bands, rows, columns) in double precision."""
+    """Cut out the centre of a picture to be scored, (bands, rows, columns) in float64."""
     bands = np.nan_to_num(picture).astype(np.float64).reshape(-1, *picture.shape[-2:])
     return metrics.crop_central_share(torch.from_numpy(bands), share)

@@ -83,7 +83,7 @@ class PSFReport(StarImage):
 
 
 def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) -> PSFReport:
-    """Measure the PSF on the star of a record, and compare it with target and prediction.
+    """Measure the PSF on a star's recorded pictures, and compare it with target and prediction.
 
     Raises UserError if the frames of the star are missing or dark.
     """
@@ -109,7 +109,7 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
 
 
 def crop_star(record: Record, brackets: list[Bracket], roles: Reconstruction) -> StarImage:
-    """Cut the star of a record out of its brackets, with the neutral and the coded pattern.
+    """Cut the star out of the pictures recorded with the neutral and with the coded pattern.
 
     Raises UserError if the frames of the star are missing or dark.
     """
@@ -129,23 +129,29 @@ def crop_star(record: Record, brackets: list[Bracket], roles: Reconstruction) ->
 
 
 def _contrast(shape: Picture, target: Picture) -> float | None:
-    """Return the speckle contrast of a PSF, or None if it is dark where its target is bright."""
+    """Return the speckle contrast of the PSF measured on recorded pictures.
+
+    Returns None if the PSF is dark where its target is bright.
+    """
     bright = target > 0.5 * target.max()
     lit = float((shape[bright] / target[bright]).mean()) > 0
     return metrics.speckle_contrast(shape, target) if lit else None
 
 
 def bright_centroid(rate: Picture) -> tuple[int, int]:
-    """Return the pixel (y, x) at the centroid of all pixels brighter than a fifth of the peak."""
+    """Return the pixel (y, x) at the centre of the star in a recorded picture.
+
+    This is the centroid of the light in all pixels brighter than a fifth of the peak.
+    """
     y, x = np.nonzero(rate > 0.2 * rate.max())
     weight = rate[y, x]
     return round(float(np.average(y, weights=weight))), round(float(np.average(x, weights=weight)))
 
 
 def crop_centred(image: Picture, centre: tuple[int, int], window: int) -> Picture:
-    """Cut a square window around a pixel, which becomes its origin at n // 2.
+    """Cut a square window out of a recorded picture, with the pixel `centre` at its n // 2.
 
-    The window is 0 beyond the picture.
+    The window is 0 where it reaches beyond the picture.
     """
     y, x = (c - window // 2 for c in centre)
     cut = np.zeros((window, window))
@@ -158,10 +164,10 @@ def crop_centred(image: Picture, centre: tuple[int, int], window: int) -> Pictur
 
 
 def _unmodulated_share(neutral: Picture, measured: Picture) -> float:
-    """Return the share of unmodulated light in a measured PSF, 0 to 1.
+    """Return the share of unmodulated light, 0 to 1, in the PSF measured on recorded pictures.
 
-    It is the least-squares factor of the neutral PSF in the pixels around the centre. This holds
-    for shapes that leave their centre dark.
+    The neutral PSF is fitted to the measured one by least squares in the pixels around the centre.
+    This holds for target shapes that leave their centre dark.
     """
     middle, core = neutral.shape[0] // 2, 3
     part = (slice(middle - core, middle + core + 1),) * 2
@@ -170,9 +176,10 @@ def _unmodulated_share(neutral: Picture, measured: Picture) -> float:
 
 
 def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | None:
-    """Return the target of a pattern's PSF on sensor pixels; for a video the mean of its frames.
+    """Draw a pattern's target on sensor pixels, to compare it with the recorded pictures' PSF.
 
-    None for patterns without a target, and for a logo, whose picture a record doesn't contain.
+    Of a video, the mean of its frames' targets is drawn. Returns None for a pattern without a
+    target, and for a logo, whose picture a record doesn't contain.
     """
     frames = 1
     if isinstance(spec, VideoPattern) and spec.pattern is not None:
@@ -195,9 +202,10 @@ def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | N
 def _predict_recorded_star(
     record: Record, camera: Camera, roles: Reconstruction, wavelength: float, window: int
 ) -> Picture | None:
-    """Predict the star of a record from the camera's description, scaled like the measured PSF.
+    """Predict the recorded picture of a star, scaled like the PSF measured on it.
 
-    The prediction is for the centre wavelength of the filter; its bandwidth isn't modelled.
+    The camera's description is evaluated at the filter's centre wavelength; the filter's bandwidth
+    isn't modelled. Returns None if the record describes no scene with this star.
     """
     scene = record.scene
     star = scene.targets.get(roles.star) if scene else None
@@ -218,9 +226,9 @@ def predict_star(
     distance: float,
     window: int,
 ) -> list[torch.Tensor]:
-    """Predict a star's share of light on each pixel of a square window, for each pattern.
+    """Predict a star's recorded picture with each pattern, as shares of its light per pixel.
 
-    The finite sizes of star and pixel are included.
+    The pixels are a square window. The finite sizes of star and pixel are included.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from labapp.pictures.reconstructing.restoration import RestoredPicture
 def draw_before_after(
     problem: RestorationProblem, outcome: RestoredPicture, captions: tuple[str, str]
 ) -> bytes:
-    """Draw a restoration as a PNG file, and return its bytes.
+    """Draw a picture before and after its restoration as PNG, and return the file's bytes.
 
     `captions` are the titles of the photograph before and after.
     """
@@ -39,7 +39,7 @@ def draw_before_after(
 
 
 def screen_levels(light: Light, white: float) -> NDArray[np.uint8]:
-    """Return light as 8-bit sRGB levels, (rows, columns) or (rows, columns, 3).
+    """Return a picture, restored or not, as 8-bit sRGB levels, (rows, columns[, 3]).
 
     A picture whose longer side exceeds 1200 pixels is averaged down to that.
     """
@@ -53,6 +53,7 @@ def screen_levels(light: Light, white: float) -> NDArray[np.uint8]:
 
 
 def _draw_psf(axes: Axes, psf: Light) -> None:
+    """Draw the PSF with which a picture was restored."""
     mean = psf.mean(0)
     peak, lowest_ratio = float(mean.max()), 1e-4
     norm = LogNorm(peak * lowest_ratio, peak)
@@ -62,7 +63,10 @@ def _draw_psf(axes: Axes, psf: Light) -> None:
 
 
 def _draw_residual(axes: Axes, residual: Light) -> None:
-    """Draw the mean residual of all bands, scaled so that its noise is that of one band."""
+    """Draw what the restored picture leaves unexplained: the mean residual of all bands.
+
+    The residual is drawn in units of the noise.
+    """
     mean = residual.mean(0) * np.sqrt(len(residual))
     axes.set_facecolor("0.25")
     drawn = axes.imshow(mean, cmap="RdBu_r", vmin=-4.0, vmax=4.0)

@@ -35,7 +35,7 @@ class OutputFiles:
 def reconstruct_photograph(
     request: RestorationRequest, choice: MethodChoice, files: OutputFiles, *, as_json: bool
 ) -> None:
-    """Restore a photograph, score it, write the files, and print the results.
+    """Restore a photograph, score it, write the pictures, and print the results.
 
     Raises UserError for a photograph or PSF that can't be used.
     """
@@ -73,6 +73,7 @@ def _captions(outcome: RestoredPicture) -> tuple[str, str]:
 
 
 def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[str]]:
+    """Return the printed rows on a restored picture: method, noise, residual and scores."""
     bands = outcome.bands
     masked = float((problem.clipped | ~np.isfinite(problem.light)).mean())
     told = problem.noise_source(bands[0].noise)
@@ -129,7 +130,7 @@ def _as_data(
 
 
 def _score(problem: RestorationProblem, outcome: RestoredPicture) -> dict[str, Any] | None:
-    """Return the scores before and after for JSON; None without a reference picture."""
+    """Return the picture's scores before and after its restoration for JSON; None without any."""
     known = problem.reference
     if known is None or outcome.scores is None:
         return None

@@ -54,7 +54,7 @@ class MethodChoice:
     def restore(
         self, observation: Observation, share: float, progress: Progress, counts: Mapping[str, int]
     ) -> RestoredImage:
-        """Restore one band of a picture.
+        """Restore one band of the picture by the method that the user chose.
 
         Parameters
         ----------

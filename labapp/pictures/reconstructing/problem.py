@@ -70,7 +70,7 @@ class RestorationProblem:
     planned_iterations: Mapping[str, int] = field(default_factory=dict)
 
     def observations(self) -> list[Observation]:
-        """Return an observation for each band of the picture."""
+        """Return what each band of the picture to restore shows: light, PSF and noise."""
         return [self._observation(number) for number in range(len(self.light))]
 
     def _observation(self, number: int) -> Observation:
@@ -88,14 +88,14 @@ class RestorationProblem:
         return band if known else replace(band, given_noise=self.noise_floor)
 
     def noise_source(self, noise: float) -> str:
-        """Say in words where the noise of a band is from: given, computed or estimated."""
+        """Say whether the noise of the picture to restore was given, computed or estimated."""
         if self.noise is not None:
             return "as told"
         return "of photons and read noise" if noise == self.noise_floor else "estimated"
 
     @cached_property
     def white(self) -> float:
-        """Return the light that is drawn white."""
+        """Return the light that is drawn white in the picture, before and after restoration."""
         if self.full_scale is None and self.reference is not None:
             return self.reference.white
         if self.full_scale is not None and self.is_srgb:

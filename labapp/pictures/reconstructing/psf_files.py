@@ -16,7 +16,7 @@ from labapp.pictures.reconstructing.recorded_photograph import (
 
 
 def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Light, list[str]]:
-    """Read a PSF for a picture with `bands` bands, and return it with warnings about it.
+    """Read the PSF file for restoring a picture of `bands` bands, with warnings about it.
 
     Levels of a picture are taken as light without conversion. `choice` selects the star of a
     record.
@@ -53,7 +53,10 @@ def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Ligh
 
 
 def _psf_warnings(path: Path, psf: Light) -> list[str]:
-    """Warn about a PSF whose edge is bright, or whose file is a drawing of another file."""
+    """Return warnings about a PSF that may be unfit for restoring a picture.
+
+    Its edge may be too bright, or the file may be a mere drawing of the PSF in a file beside it.
+    """
     said = []
     edge = np.concatenate([psf[:, 0], psf[:, -1], psf[:, :, 0], psf[:, :, -1]], axis=1)
     level = float(np.median(edge)) / float(psf.max())

@@ -74,18 +74,21 @@ class RecordedPhotograph:
 
     @property
     def source(self) -> str:
-        """Return record, photograph and frame in words."""
+        """Describe a recorded picture in words: its record, photograph and frame."""
         frame = "" if self.frame is None else f", frame {self.frame}"
         return f"{self.path}, {self.photograph.name}{frame}"
 
     @cached_property
     def clipped_pixels(self) -> NDArray[np.bool_]:
-        """Return the clipped pixels, (1, rows, columns), whose measured light is a lower bound."""
+        """Return a mask of the recorded picture's clipped pixels, (1, rows, columns).
+
+        The measured light of a clipped pixel is only a lower bound.
+        """
         return ~np.isfinite(self.photograph.variance)[None]
 
     @property
     def light(self) -> Picture:
-        """Return the light of the photograph, (1, rows, columns), with 0 in clipped pixels."""
+        """Return the light of the recorded picture, (1, rows, columns); 0 in clipped pixels."""
         return np.where(self.clipped_pixels, 0, self.photograph.rate[None])
 
     def build_problem(
@@ -96,9 +99,9 @@ class RecordedPhotograph:
         border: Border = "unknown",
         notes: tuple[str, ...] = (),
     ) -> RestorationProblem:
-        """Build the restoration problem of the photograph.
+        """Build the restoration problem of the recorded picture.
 
-        The PSF is that of the star if none is given. Reports, commands and the window all use this
+        If no PSF is given, the star's is used. Reports, commands and the window all call this
         function.
         """
         if psf is None:
@@ -126,7 +129,10 @@ class RecordedPhotograph:
 
     @property
     def _least_noise(self) -> float:
-        """Return the rms noise of photons and read noise in a pixel; 0 if all are clipped."""
+        """Return the rms noise of the recorded picture that photons and readout alone cause.
+
+        Returns 0 if all pixels are clipped.
+        """
         known = self.photograph.variance[~self.clipped_pixels[0]]
         return float(np.sqrt(known.mean())) if known.size else 0.0
 
@@ -144,18 +150,18 @@ class RecordedPhotograph:
 
 
 def is_record(path: Path) -> bool:
-    """Return whether a file is the record of a run, by its ending."""
+    """Return whether a file with a picture to restore is a run's record, by its ending."""
     return path.suffix.lower() in (".h5", ".hdf5")
 
 
 def read_recorded_photograph(
     path: Path, choice: RecordSelection, progress: Progress, *, star: bool
 ) -> RecordedPhotograph:
-    """Read the selected photograph of a record, and the PSF of its star if `star` is true.
+    """Read the photograph to restore from a record's pictures, and the PSF from its star.
 
     By default this is the photograph that the plan's [reconstruct] table names, or else the last
-    target that is neither dark nor star, with its exposures merged. Raises UserError for what the
-    record lacks.
+    target that is neither dark nor star, with its exposures merged. The PSF is read only if `star`
+    is true. Raises UserError if the record lacks what was selected.
     """
     with Record(path) as record:
         roles = _choose_roles(record, choice)
@@ -174,7 +180,7 @@ def find_photograph(
     star: bool = True,
     frame: int | None = None,
 ) -> RecordedPhotograph:
-    """Find the photograph, its neutral counterpart and its star among the brackets of a record.
+    """Find the photograph, its neutral counterpart and the star among recorded pictures.
 
     `roles` names targets and patterns. Raises UserError if the photograph is missing.
     """
@@ -194,7 +200,7 @@ def find_photograph(
 
 
 def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
-    """Read the PSF of a record's star, (rows, columns); UserError if there is none."""
+    """Read the PSF, (rows, columns), from a star's recorded pictures; UserError without any."""
     with Record(path) as record:
         plan = record.plan.reconstruct
         star = choice.star or (plan.star if plan else "star")
@@ -211,7 +217,10 @@ def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
 
 
 def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
-    """Choose photograph, pattern, star and wavelength of a record from selection and plan."""
+    """Choose photograph, pattern, star and wavelength among the recorded pictures.
+
+    What the user didn't select is taken from the record's plan.
+    """
     plan, path = record.plan.reconstruct, record.path
     star = choice.star or (plan.star if plan else "star")
     wavelength: float | None
@@ -266,7 +275,7 @@ def _star_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) ->
 
 
 def _last_stored_frame(record: Record, names: tuple[str, ...]) -> tuple[str, str]:
-    """Return target and pattern of the last stored frame of some targets of a record."""
+    """Return target and pattern of the picture that was recorded last of the given targets."""
     frames = [index for name in names for index in record.select(target=name)]
     if not frames:
         has = ", ".join(record.target_names)
@@ -290,6 +299,7 @@ def _frame_settings(record: Record, frame: int) -> tuple[str, str, float]:
 
 
 def _wavelengths(record: Record, target: str, pattern: str) -> list[float]:
+    """Return the wavelengths of the recorded pictures of a target with a pattern."""
     frames = record.select(target=target, pattern=pattern)
     found: list[float] = np.unique(record.column("wavelength")[frames]).tolist()
     return found

@@ -48,12 +48,12 @@ class RestoredPicture:
 
     @property
     def method(self) -> str:
-        """Return the names of the restoration methods of the bands."""
+        """Return the names of the methods that restored the picture's bands."""
         return " / ".join(dict.fromkeys(band.method for band in self.bands))
 
     @property
     def verdict(self) -> str:
-        """Say in words what the residual means."""
+        """Say in words what the residual of the restored picture means."""
         return describe_residual(self.residual)
 
 
@@ -61,9 +61,9 @@ class RestoredPicture:
 def restore_picture(
     problem: RestorationProblem, wish: MethodChoice, progress: Progress
 ) -> RestoredPicture:
-    """Restore each band of a picture; ValueError for a problem that can't be restored.
+    """Restore each band of a picture; ValueError for one that can't be restored.
 
-    It runs in one thread, so that the same problem always gives the same bits.
+    The restoration runs in one thread, so that the same problem always gives the same bits.
     """
     seen, started = problem.observations(), time.process_time()
     share = 1 / len(seen)
@@ -89,7 +89,7 @@ def restore_picture(
 
 
 def describe_residual(residual: float) -> str:
-    """Say in words what the residual of a restoration, rms over the noise, means."""
+    """Say in words what the residual of a restored picture, rms over the noise, means."""
     # Between these limits the remainder of the photograph looks like its noise.
     lower, upper = 0.8, 1.2
     if residual > upper:
@@ -101,7 +101,7 @@ def describe_residual(residual: float) -> str:
 
 @torch.no_grad()
 def _normalised_residual(observation: Observation, restored: RestoredImage) -> Light:
-    """Return the photograph less the blurred restoration, over the noise."""
+    """Return the picture minus the blurred restored picture, divided by the picture's noise."""
     whole = (
         observation.extended_image * 0 if restored.period_image is None else restored.period_image
     )

@@ -76,7 +76,7 @@ class RestorationRequest:
                 raise UserError(f"--{name} {value:g}: give a finite level.")
 
     def read_problem(self, progress: Progress) -> RestorationProblem:
-        """Read the files and build the restoration problem.
+        """Read photograph and PSF, and build the problem of restoring the picture.
 
         Raises UserError, which names file, value and remedy.
         """
@@ -86,7 +86,7 @@ class RestorationRequest:
 
     @cached_property
     def reference(self) -> ReferencePicture | None:
-        """Return the true picture, if one is given.
+        """Return the true picture for scoring the restored photograph, if one is given.
 
         Its white is 1, or its brightest value if that exceeds 1.
         """
@@ -104,9 +104,9 @@ class RestorationRequest:
         return ReferencePicture(light, 1.0 if brightest <= 1 else brightest, 1.0, str(path))
 
     def _require_reference_shape(self, light: NDArray[np.floating]) -> None:
-        """Raise UserError if the true picture has another shape than the photograph.
+        """Raise UserError if the true picture has another shape than the photograph to restore.
 
-        This comes before the estimation of an unknown PSF, which takes long.
+        The shape is checked before an unknown PSF is estimated, which takes long.
         """
         if self.reference is None or self.reference.light.shape == light.shape:
             return
@@ -170,7 +170,7 @@ class RestorationRequest:
     def _estimate_psf(
         self, light: NDArray[np.floating], clipped: NDArray[np.bool_], progress: Progress
     ) -> tuple[Light, str, list[str]]:
-        """Estimate an unknown PSF from the picture itself, from the mean of all bands.
+        """Estimate the PSF from the picture to restore alone, in the mean of its bands.
 
         Returns the PSF, its source in words, and a remark about its reliability.
         """
@@ -208,7 +208,7 @@ class RestorationRequest:
 
 
 def _full_scale(photograph: InputPhotograph) -> float | None:
-    """Return the light of the highest level of a picture file; None for floating-point files."""
+    """Return the light of a picture file's highest level; None for floating-point files."""
     if photograph.is_srgb:
         return 1.0
     kind = photograph.levels.dtype

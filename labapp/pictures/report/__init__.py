@@ -22,7 +22,7 @@ __all__ = [
 
 
 def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> None:
-    """Analyse a record, write its report into a folder, and print its tables.
+    """Analyse recorded pictures, write their report into a folder, and print its tables.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> 
 
 
 def write_report(analysis: RecordAnalysis, folder: Path) -> None:
-    """Write report.png and report.html of an analysed record into a folder.
+    """Write report.png and report.html on the analysed pictures of a record into a folder.
 
     Each file appears under its name only when it is complete. The time that writing takes is added
     to the times of the analysis.

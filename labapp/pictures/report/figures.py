@@ -18,7 +18,7 @@ _DETAIL = "detail"
 
 
 def overview(analysis: RecordAnalysis) -> Figure:
-    """Draw the whole run on one page: PSF, photographs and exposures."""
+    """Draw a report's overview of the recorded pictures: PSF, photographs and exposures."""
     if analysis.psf is None:
         return gallery(analysis)
     figure = Figure(figsize=(16, 14.6), dpi=110, layout="constrained")
@@ -33,7 +33,7 @@ def overview(analysis: RecordAnalysis) -> Figure:
 
 
 def gallery(analysis: RecordAnalysis) -> Figure:
-    """Draw the first twelve merged pictures of a record.
+    """Draw the first twelve merged pictures of a record for its report.
 
     Each is scaled from its 1st to its 99.99th percentile.
     """
@@ -56,21 +56,21 @@ def gallery(analysis: RecordAnalysis) -> Figure:
 
 
 def psf_figure(analysis: RecordAnalysis) -> Figure:
-    """Draw target, pattern, measured and predicted PSF side by side."""
+    """Draw the PSF figure of a report on pictures: target, pattern, measured and predicted PSF."""
     figure = Figure(figsize=(16, 4.2), dpi=100, layout="constrained")
     _psf_row(figure, analysis)
     return figure
 
 
 def profile_figure(analysis: RecordAnalysis) -> Figure:
-    """Draw the radial profiles of the PSFs as a figure of its own."""
+    """Draw the radial profiles of the PSFs as a figure of a report on pictures."""
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
     draw_profile(figure.subplots(), analysis)
     return figure
 
 
 def histogram_figure(analysis: RecordAnalysis) -> Figure:
-    """Draw the histogram of digital numbers as a figure of its own."""
+    """Draw the histogram of the recorded pictures' digital numbers as a figure of a report."""
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
     brackets = [b for b in analysis.brackets if _is_coded(analysis, b)] or analysis.brackets
     draw_histogram(figure.subplots(), brackets)
@@ -78,7 +78,7 @@ def histogram_figure(analysis: RecordAnalysis) -> Figure:
 
 
 def gamma_encode(picture: Picture) -> NDArray[np.uint8]:
-    """Return a linear picture, 0 to 1, as 8-bit levels for a screen."""
+    """Encode a report's linear picture, 0 to 1, as 8-bit levels for a screen."""
     return (np.clip(picture, 0, 1) ** _GAMMA * 255).round().astype(np.uint8)
 
 
@@ -112,7 +112,10 @@ def _psf_row(figure: FigureBase, analysis: RecordAnalysis) -> None:
 
 
 def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -> None:
-    """Draw a PSF on a logarithmic scale; PSFs with the same `peak` have the same scale."""
+    """Draw the logarithm of a PSF for the report on recorded pictures.
+
+    The scale covers four decades below `peak`, or below the PSF's own peak if that is None.
+    """
     axes.set_title(title)
     axes.set(xticks=[], yticks=[])
     if psf is None:
@@ -142,7 +145,7 @@ def _photographs(figure: FigureBase, analysis: RecordAnalysis) -> None:
 
 
 def _detail(axes: Axes, analysis: RecordAnalysis) -> None:
-    """Draw the middle of the neutral photograph beside that of its best restoration."""
+    """Draw the middles of the neutral and of the best restored photograph side by side."""
     name = analysis.best_method or "coded"
     cuts = [_middle(gamma_encode(analysis.images[one])) for one in ("neutral", name)]
     axes.imshow(np.concatenate(cuts, axis=1), cmap="gray", vmin=0, vmax=255)
@@ -152,7 +155,7 @@ def _detail(axes: Axes, analysis: RecordAnalysis) -> None:
 
 
 def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Cut out the middle of a picture: half of its height, and 0.75 times as wide as high."""
+    """Cut out the middle of a report's picture: half its height, and 0.75 times as wide as high."""
     rows, columns = picture.shape
     tall = max(rows // 2, 1)
     wide = min(max(round(0.75 * tall), 1), columns)
@@ -161,14 +164,17 @@ def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def caption(analysis: RecordAnalysis, name: str) -> str:
-    """Return the caption of a photograph: its name, PSNR and SSIM."""
+    """Return a picture's caption in the report: its name, PSNR and SSIM."""
     score = analysis.scores.get(name)
     title = PICTURE_NAMES[name][0].upper() + PICTURE_NAMES[name][1:]
     return title if score is None else f"{title}: {score.psnr:.1f} dB, SSIM {score.ssim:.3f}"
 
 
 def draw_profile(axes: Axes, analysis: RecordAnalysis) -> None:
-    """Draw the means of the PSFs over circles around the centre, against the radius."""
+    """Draw the radial profile of each PSF in the report on recorded pictures.
+
+    A profile is the mean over circles around the centre, drawn against their radius.
+    """
     psf = analysis.psf
     assert psf is not None
     curves = {"measured": psf.measured, "predicted": psf.predicted, "neutral": psf.neutral}
@@ -185,6 +191,7 @@ def draw_profile(axes: Axes, analysis: RecordAnalysis) -> None:
 
 
 def _radial_mean(picture: Picture) -> Picture:
+    """Return the mean of a PSF over circles around its centre, for the report on pictures."""
     n = picture.shape[0]
     y, x = np.indices(picture.shape) - n // 2
     radius = np.hypot(y, x).round().astype(int)
@@ -194,7 +201,7 @@ def _radial_mean(picture: Picture) -> Picture:
 
 
 def draw_histogram(axes: Axes, brackets: list[Bracket]) -> None:
-    """Draw how often each digital number occurs, with one line for each exposure.
+    """Draw how often each digital number occurs in the recorded pictures, a line per exposure.
 
     Only the first exposures are drawn if there are many.
     """

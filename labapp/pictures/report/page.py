@@ -13,7 +13,7 @@ from labapp.pictures.report.record_analysis import RecordAnalysis
 
 
 def report_page(analysis: RecordAnalysis) -> str:
-    """Return the whole report of a run as HTML text."""
+    """Return the whole report on recorded pictures as an HTML page."""
     parts = [_head(analysis), _exposures(analysis)]
     if analysis.psf is None:
         parts.append(html_figure(figure_to_png(figures.gallery(analysis)), "The merged pictures"))

@@ -73,13 +73,15 @@ class RecordAnalysis:
 
     @property
     def best_method(self) -> str | None:
-        """Return the name of the restoration with the highest PSNR."""
+        """Return the name of the method whose restored picture has the highest PSNR."""
         undone = {name: s.psnr for name, s in self.scores.items() if name != "coded"}
         return max(undone, key=lambda name: undone[name]) if undone else None
 
 
 def analyse_record(path: Path, progress: Progress | None = None) -> RecordAnalysis:
-    """Merge every bracket of a record; with a [reconstruct] table, also restore the photograph.
+    """Analyse recorded pictures: merge brackets, measure the PSF, and restore the photograph.
+
+    The last two need a [reconstruct] table in the record's plan.
 
     Parameters
     ----------
@@ -150,6 +152,6 @@ def _restore(
 
 
 def _credit(record: Record) -> str:
-    """Return who made the photographs of a simulated scene."""
+    """Return who made the photographs in the simulated scene of the recorded pictures."""
     tables = record.scene.targets.values() if record.scene else ()
     return ", ".join(t.credit for t in tables if isinstance(t, PhotographTable) and t.credit)

@@ -31,7 +31,7 @@ EXPOSURE_NOTE = (
 
 
 def print_tables(analysis: RecordAnalysis) -> None:
-    """Print the tables of a run's report: exposures, PSF, reconstruction and time.
+    """Print the tables of a report on recorded pictures: exposures, PSF, restoration and time.
 
     Parameters
     ----------
@@ -51,10 +51,10 @@ def print_tables(analysis: RecordAnalysis) -> None:
 
 
 def exposure_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """Return the rows of the exposure table, one for each bracket, as text.
+    """Return the report's rows on the recorded pictures' exposures, one for each bracket.
 
-    They hold the exposures, and the shares of pixels at full scale, clipped in every exposure, and
-    dark in every exposure.
+    The rows hold the exposures, and the shares of pixels at full scale, clipped in every exposure,
+    and dark in every exposure.
     """
     return [
         [
@@ -72,7 +72,7 @@ def exposure_rows(analysis: RecordAnalysis) -> list[list[str]]:
 
 
 def psf_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """Return the rows of the report's PSF table, such as efficiency and speckle contrast."""
+    """Return rows on the PSF for the report on recorded pictures: efficiency, contrast and more."""
     psf = analysis.psf
     assert psf is not None
     rows = []
@@ -88,7 +88,7 @@ def psf_rows(analysis: RecordAnalysis) -> list[list[str]]:
 
 
 def score_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """Return the rows of the report's score table: PSNR, its gain by restoration, and SSIM."""
+    """Return the report's rows on restored pictures: PSNR, its gain by restoration, and SSIM."""
     before = analysis.scores["coded"].psnr
     rows = []
     for name, score in analysis.scores.items():
@@ -98,14 +98,14 @@ def score_rows(analysis: RecordAnalysis) -> list[list[str]]:
 
 
 def percent(share: float) -> str:
-    """Format a share of pixels in percent, or in ppm where it is below 0.05 %."""
+    """Format the share of a recorded picture's pixels in percent, or in ppm below 0.05 %."""
     if share == 0:
         return "0 %"
     return f"{share:.1%}".replace("%", " %") if share >= 5e-4 else f"{share * 1e6:.0f} ppm"
 
 
 def as_data(analysis: RecordAnalysis) -> dict[str, Any]:
-    """Return the figures of a run's report as plain data for JSON.
+    """Return the figures of a report on recorded pictures as plain data for JSON.
 
     Parameters
     ----------

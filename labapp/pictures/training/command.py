@@ -19,7 +19,7 @@ from optics.threads import single_threaded
 
 @single_threaded
 def train_denoiser(folders: Sequence[Path], weights: Path, *, steps: int, seed: int) -> None:
-    """Train the denoiser on pictures, and write its weights.
+    """Train the denoising network on pictures, and write its weights.
 
     A checkpoint beside the weights lets interrupted training continue. Raises UserError for
     pictures that can't be used.
@@ -39,7 +39,7 @@ def train_denoiser(folders: Sequence[Path], weights: Path, *, steps: int, seed: 
 
 @contextmanager
 def _flush_denormals() -> Iterator[None]:
-    """Round denormal numbers to 0 while the block runs, because they slow processors down.
+    """Round denormal numbers to 0 while a network trains on pictures; they slow processors.
 
     Other code in the process needs denormal numbers: without them SciPy's KDTree recurses forever.
     """

@@ -72,9 +72,10 @@ class _TrainingState:
 
     @classmethod
     def load_or_create(cls, file: Path, plan: dict[str, int]) -> _TrainingState:
-        """Return the state of a checkpoint file, or the initial state if there is no file.
+        """Load the state of training on pictures from its checkpoint, or create the initial state.
 
-        Raises UserError for a file of other training, or one that can't be read.
+        The initial state is created if there is no file. Raises UserError if the file can't be
+        read, or belongs to other training.
         """
         state = cls.initial(plan["seed"])
         if not file.exists():
@@ -108,7 +109,7 @@ class _TrainingState:
 def train_weights(
     pictures: Sequence[Colours], steps: int, seed: int, checkpoint: Path, progress: Progress
 ) -> dict[str, torch.Tensor]:
-    """Train the denoiser, and return the running mean of its weights, by name.
+    """Train the denoising network on pictures; return the running mean of its weights, by name.
 
     A step takes 16 patches of 64 x 64 pixels. The loss is the mean absolute error, divided by the
     noise level to the power of 0.7, about as the error of a good denoiser grows; so all levels
@@ -128,7 +129,7 @@ def train_weights(
 
 
 def _step(state: _TrainingState, pictures: Sequence[Colours], steps: int, seed: int) -> float:
-    """Take one training step, and return its loss."""
+    """Take one step of training the denoising network on pictures, and return its loss."""
     rng = np.random.default_rng((seed, state.step))
     count, first, last = SETTINGS.patches, SETTINGS.first_rate, SETTINGS.last_rate
     clean = grey_patches(pictures, count, SETTINGS.side, rng)
@@ -152,7 +153,7 @@ def _step(state: _TrainingState, pictures: Sequence[Colours], steps: int, seed: 
 
 
 def _save_checkpoint(data: dict[str, Any], checkpoint: Path) -> None:
-    """Replace the checkpoint file atomically, so that a crash leaves the previous one."""
+    """Replace the checkpoint of training on pictures atomically; a crash leaves the one before."""
     fresh = checkpoint.with_suffix(".new")
     torch.save(data, fresh)
     os.replace(fresh, checkpoint)

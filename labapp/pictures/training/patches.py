@@ -57,7 +57,7 @@ def _resize(picture: Colours, scale: float) -> Colours:
 def grey_patches(
     pictures: Sequence[Colours], count: int, side: int, rng: np.random.Generator
 ) -> torch.Tensor:
-    """Return random grey patches of training pictures, (count, 1, side, side).
+    """Return random grey patches of the training pictures, (count, 1, side, side).
 
     They are cut, rotated by multiples of 90 degrees and mirrored at random, and their grey is a
     random mixture of the colours. The probability of a picture is proportional to its area. Raises

@@ -102,7 +102,7 @@ class ActiveRun:
     def _take_all(
         self, listed: Sequence[Shot], keeper: FrameStore, on_frame: OnFrame | None, again: bool
     ) -> tuple[State, str]:
-        """Take all frames of the run, and leave the bench safe whatever happens.
+        """Take all frames of the run, and leave its bench safe whatever happens.
 
         Return the state in which the run ended, and the reason.
         """
@@ -164,7 +164,7 @@ class ActiveRun:
                 self._pause(text, lambda: not self._progress.is_paused)
 
     def _is_cancelled(self) -> bool:
-        """Return whether the run was cancelled, and report a device that was unplugged.
+        """Return whether the run was cancelled, and report a device unplugged during the run.
 
         This is called all the time while the run waits for devices, which is when the user must
         be told that one was unplugged.
@@ -202,7 +202,7 @@ class ActiveRun:
             self._rested += self._bench.clock.now() - began
 
     def _pausing_while_asked(self, ask: AskOperator) -> AskOperator:
-        """Return a prompter that sets the run's state to PAUSED until the user has answered."""
+        """Return a prompter that sets the run to PAUSED until the user has answered."""
 
         def asking(text: str, progress: Progress) -> None:
             self._writer.set_state(State.PAUSED, text)
@@ -215,13 +215,14 @@ class ActiveRun:
         return asking
 
     def _report(self, message: str) -> None:
+        """Report the run's progress, and any device that is unplugged."""
         self._doing = message
         share = self._done / self._expected if self._expected else 1.0
         told = f"UNPLUGGED: {self._unplugged} ({message})" if self._unplugged else message
         self._progress.report(share, told)
 
     def _record_end(self, state: State, message: str) -> None:
-        """Write the run's final state to the record; if the disk fails, log that instead."""
+        """Write the run's final state to its record; if the disk fails, log that instead."""
         # COMPLETE is written only when all frames have been read back, see _verify_outcome().
         written = State.RUNNING if state is State.COMPLETE else state
         log.log(logging.WARNING if message else logging.INFO, message or "all frames taken")
@@ -250,6 +251,7 @@ class ActiveRun:
 
 
 def _describe(shot: Shot) -> str:
+    """Describe a run's shot by its role, target, pattern, wavelength and exposure."""
     nm, ms = shot.wavelength * 1e9, shot.exposure * 1e3
     role = "" if shot.role in ("light", shot.target) else f"{shot.role}, "
     return f"{role}{shot.target}, {shot.pattern}, {nm:g} nm, {ms:g} ms"

@@ -26,11 +26,12 @@ def effect_plans(
     patterns: Mapping[str, NDArray[np.uint8]],
     check_cancelled: Callable[[], None] = lambda: None,
 ) -> dict[str, Any] | None:
-    """Plan the effects of each different target, pattern, wavelength and exposure of a run.
+    """Return the effect plans that a run's record holds, one for each setting of its shots.
 
-    The result is plain data, {"effects": descriptions by name, "plans": [...]}; it is None if the
-    bench has no simulated devices. Nothing is rendered. `check_cancelled` is called before each
-    plan, and may raise. Raises UserError for a picture that can't be simulated.
+    A setting is a target, pattern, wavelength and exposure. The result is plain data, {"effects":
+    descriptions by name, "plans": [...]}; it is None if the bench has no simulated devices. Nothing
+    is rendered. `check_cancelled` is called before each plan, and may raise. Raises UserError for a
+    picture that can't be simulated.
     """
     if bench.world is None:
         return None
@@ -58,7 +59,7 @@ def _plan_effects(bench: Bench, world: World, shot: Shot, shown: NDArray[np.uint
 
 
 def _bandwidth(bench: Bench, shot: Shot) -> float | None:
-    """Return the bandwidth of the filter wheel's slot of a frame; None for a tunable filter."""
+    """Return the filter wheel's bandwidth for a run's shot; None for a tunable filter."""
     slots = bench.wheel.slots if bench.wheel else ()
     if shot.slot:
         return slots[shot.slot - 1].bandwidth

@@ -34,6 +34,7 @@ class RunEstimate:
 def estimate_run(
     shots: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities
 ) -> RunEstimate:
+    """Estimate what a run of a plan takes: frames, time, disk space and prompts."""
     return RunEstimate(
         frames=len(shots),
         seconds=sum(shot.duration for shot in shots),
@@ -43,7 +44,7 @@ def estimate_run(
 
 
 def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities) -> int:
-    """Return the size of the finished record in bytes, or a little more."""
+    """Estimate the size of a run's finished record in bytes, a little too high."""
     picture, panel = prod(capabilities.frame_shape), prod(capabilities.panel_shape)
     shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
     decided = {(shot.target, shot.pattern, shot.wavelength, shot.exposure) for shot in listed}
@@ -59,9 +60,9 @@ def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapab
 
 
 def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> dict[int, str]:
-    """Return the prompts of a run by the index of the frame that waits for the answer, in order.
+    """Return a run's prompts by the index of the frame that waits for the answer, in order.
 
-    There is one prompt whenever the target changes.
+    Only a frame whose target differs from the last frame's can have a prompt.
     """
     asked = {}
     placed = ""
@@ -73,12 +74,12 @@ def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> 
 
 
 def placement_prompt(shot: Shot, by_hand: bool) -> str:
-    """Return the prompt before a frame's target is placed; empty if the bench places it."""
+    """Return the prompt to place the target of a run's shot; empty if the bench places it."""
     return shot.prompt or (f"Place {shot.place}, then press Enter." if by_hand else "")
 
 
 def require_feasible_plan(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> None:
-    """Raise UserError with key, value and range if the bench can't do what a plan asks for."""
+    """Raise UserError with key, value and range if the bench can't run a plan."""
     _check_hooks(plan, source)
     for number, block in enumerate(plan.acquire):
         where = f"{source}: key 'acquire.{number}"
@@ -88,7 +89,7 @@ def require_feasible_plan(plan: PlanFile, capabilities: BenchCapabilities, sourc
 
 
 def feasible_shots(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> list[Shot]:
-    """Return every frame of a plan, after require_feasible_plan() has checked it."""
+    """Return every shot of a run's plan, after require_feasible_plan() has checked it."""
     require_feasible_plan(plan, capabilities, source)
     return planned_shots(plan, capabilities)
 

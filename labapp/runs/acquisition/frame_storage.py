@@ -24,13 +24,13 @@ Pause = Callable[[str, Callable[[], bool]], None]
 
 
 def free_bytes(path: Path) -> int:
-    """Return the bytes that the user may still write to the disk of a record."""
+    """Return the bytes that the user may still write to the disk of a run's record."""
     at = os.statvfs(path.parent if not path.exists() else path)
     return at.f_bavail * at.f_frsize
 
 
 def require_space(path: Path, needed: int) -> None:
-    """Raise UserError if the disk hasn't room for a record of `needed` bytes and a tenth more."""
+    """Raise UserError if the disk lacks room for a run's record of `needed` bytes plus a tenth."""
     free = free_bytes(path)
     # A record that is replaced frees its space.
     free += path.stat().st_blocks * 512 if path.exists() else 0
@@ -58,12 +58,12 @@ class FrameStore:
         self._try_at = 0.0
 
     def wait_for_space(self) -> None:
-        """Wait until the disk has room for the next frame."""
+        """Wait until the disk has room for the run's next frame."""
         if not self._has_space():
             self._pause(self._disk_full_message(), self._has_space)
 
     def store_frame(self, shot: Shot, frame: Frame, wavelength: float, attempts: int) -> None:
-        """Store a frame, and return when it is on the disk; raise OSError if the disk fails."""
+        """Store a run's frame, and return when it is on disk; raise OSError if the disk fails."""
 
         moment = shot.start_time if self._as_planned else frame.time
 
@@ -78,9 +78,10 @@ class FrameStore:
             self._pause(self._disk_full_message(), lambda: self._retry_store(store, shot.index))
 
     def _retry_store(self, store: Callable[[], None], index: int) -> bool:
-        """Try at intervals to store a frame again; return whether it is on the disk intact.
+        """Try to store a run's frame again; return whether it is on the disk intact.
 
-        The frame is read back, because the write was refused before.
+        Nothing is tried within 0.2 s of the last try, or while the disk is full. The frame is read
+        back, because an earlier write was refused.
         """
         if time.monotonic() < self._try_at or not self._has_space():
             return False
@@ -106,6 +107,6 @@ class FrameStore:
 
 
 def _require_full(error: OSError) -> None:
-    """Raise an error again unless it says that the disk, or the user's quota, is full."""
+    """Re-raise an error in storing a run's frame, unless the disk or the user's quota is full."""
     if error.errno not in _FULL:
         raise error

@@ -70,17 +70,17 @@ class FrameTaker:
         self._last_number = -1
 
     def invalidate_settings(self) -> None:
-        """Forget the bench's settings, so that all are made again before the next frame.
+        """Forget the run's settings of the bench, so that all are made again before its next frame.
 
         Somebody else may have used the bench during a pause.
         """
         self._set.clear()
 
     def take(self, shot: Shot, keep: StoreFrame) -> Frame:
-        """Take and store the frame of a shot; try again when a device fails.
+        """Take and store the frame of a run's shot; try again when a device fails.
 
         Raises DeviceError after as many failures as the plan allows. Raises Cancelled if the run
-        was cancelled; then no frame is begun or stored.
+        was cancelled; no frame is begun or stored after that.
         """
         attempt = 1
         while True:
@@ -102,6 +102,7 @@ class FrameTaker:
             attempt += 1
 
     def _try(self, shot: Shot, attempt: int, keep: StoreFrame) -> Frame:
+        """Make one attempt to take and store the frame of a run's shot."""
         bench, progress = self._bench, self._progress
         if bench.world is not None:
             bench.world.begin_frame(
@@ -132,7 +133,7 @@ class FrameTaker:
         return frame
 
     def _request_placement(self, shot: Shot) -> None:
-        """Prompt a person to place the target, once whenever it changes."""
+        """Prompt a person to place the target of a run's shot, if it has changed."""
         if shot.target == self._placed_target:
             return
         text = placement_prompt(shot, self._by_hand)
@@ -153,7 +154,7 @@ class FrameTaker:
         return self._bench.filter.set_wavelength(shot.wavelength)
 
     def _apply(self, what: str, value: str, make: Callable[[], Setting[Any]]) -> float:
-        """Make a setting of the bench if it has changed; return the time when it has settled."""
+        """Make a setting for a run's shot if it has changed; return the time when it is settled."""
         if self._set.get(what) == value:
             return 0.0
         self._set.pop(what, None)
@@ -163,10 +164,10 @@ class FrameTaker:
         return setting.ready_at
 
     def _recover_device(self, error: DeviceError, attempt: int) -> None:
-        """Wait, and open the device again if it was given up, or from the second failure on.
+        """Wait, then open the device that failed in a run's shot again, if it was given up.
 
-        A device that was unplugged is first given a minute to come back, because attempts before
-        would fail.
+        From the second failure on, the device is opened again in any case. A device that was
+        unplugged is first given a minute to come back, because attempts before would fail.
         """
         clock = self._bench.clock
         clock.wait_until(clock.now() + self._retry.wait_s, self._is_cancelled)
@@ -190,5 +191,6 @@ class FrameTaker:
 
 
 def _colour(shot: Shot) -> str:
+    """Return a shot's wavelength in words for the run's log, with the wheel's slot if any."""
     nm = f"{shot.wavelength * 1e9:g} nm"
     return f"slot {shot.slot}, {nm}" if shot.slot else nm

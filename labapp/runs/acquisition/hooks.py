@@ -29,9 +29,9 @@ class Hooks:
 
     @staticmethod
     def of(plan: PlanFile, bench: Bench) -> Hooks:
-        """Load the hooks that a plan names; raise UserError if one can't be loaded.
+        """Load the hooks that a run's plan names; raise UserError if one can't be loaded.
 
-        This happens before any device has moved.
+        Hooks are loaded before any device moves.
         """
         hooks = []
         known = (
@@ -47,7 +47,7 @@ class Hooks:
         return Hooks(hooks)
 
     def call(self, method_name: str, *arguments: object) -> None:
-        """Call a method of all hooks that have it; raise HookError if one fails."""
+        """Call a method of all the run's hooks that have it; raise HookError if one fails."""
         for name, hook in self._hooks:
             method = getattr(hook, method_name, None)
             if method is None:

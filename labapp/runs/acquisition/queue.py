@@ -37,11 +37,11 @@ def run_all(
     ask: AskOperator | None = None,
     on_outcome: Callable[[RunOutcome], None] = lambda outcome: None,
 ) -> list[RunOutcome]:
-    """Take several runs in turn; see run_plan(). The next run begins even if one fails.
+    """Take several runs in turn; the next run begins even if one fails.
 
-    Cancelling ends the present run and the queue. `on_outcome` is called with the outcome of each
-    run. Raises UserError, before anything has moved, if one of the plans can't be run, or two
-    share a record.
+    Each run is taken by run_plan(). Cancelling ends the present run and the queue. `on_outcome` is
+    called with the outcome of each run. Raises UserError, before anything has moved, if one of the
+    plans can't be run, or two share a record.
     """
     progress = progress or Progress()
     seconds = _require_all(bench, requests, force)

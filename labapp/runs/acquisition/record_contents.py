@@ -25,7 +25,7 @@ def build_record_contents(
     capabilities: BenchCapabilities,
     check_cancelled: Callable[[], None],
 ) -> RecordContents:
-    """Collect what a run's record holds before its first frame.
+    """Collect what a run's record holds before the run's first frame.
 
     `patterns` are grey levels by name, and `shots` all frames of the plan. `check_cancelled` is
     called between the steps of a long computation, and may raise.

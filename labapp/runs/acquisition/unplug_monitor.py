@@ -37,7 +37,7 @@ class UnplugMonitor:
 
     @property
     def message(self) -> str:
-        """The devices that are unplugged now, and why; empty if none is."""
+        """The devices that are unplugged at this moment of the run, and why; empty if none is."""
         return "; ".join(f"{role}, {why}" for role, why in [*self._gone.items()])
 
     def __enter__(self) -> Self:

@@ -13,7 +13,7 @@ from labapp.common.errors import UserError
 
 @contextmanager
 def all_or_none(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """Yield a draft folder, whose files move into `folder` when the block ends without error.
+    """Yield a draft folder for a run's export; its files move to `folder` if the block succeeds.
 
     Raises UserError, and leaves no file of the export, if the disk refuses a file or the folder.
     """
@@ -33,7 +33,7 @@ def all_or_none(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
 @contextmanager
 def _draft_folder(folder: Path) -> Iterator[Path]:
-    """Yield a hidden draft folder within the export's folder, and remove it in any case."""
+    """Yield a hidden draft folder in the folder of a run's export, and remove it in any case."""
     is_new = not folder.exists()
     draft = folder / f".export.{os.getpid()}.new"
     try:

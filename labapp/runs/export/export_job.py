@@ -30,14 +30,14 @@ class ExportJob:
         self.bits = _bits(record)
 
     def images(self) -> Iterator[NDArray[np.uint16]]:
-        """Yield the exported pictures, (rows, columns) each; raise Cancelled if cancelled."""
+        """Yield a run's exported frames, (rows, columns) each; raise Cancelled if cancelled."""
         for done, index in enumerate(self.frames):
             self._progress.report(done / len(self.frames), f"export frame {index}")
             yield self.record.image(index)
 
 
 def _pitch(y: NDArray[Any], x: NDArray[Any]) -> tuple[float, float] | None:
-    """Return the pixel pitch (y, x) of a record in metres; None if its axes are too short."""
+    """Return the exported frames' pixel pitch (y, x) in metres; None if the axes are too short."""
     if min(len(y), len(x)) < 2:
         return None
     # Rounding to 12 digits restores the bench's pitch from the rounded positions.
@@ -53,7 +53,7 @@ def _round_digits(length: float) -> float:
 
 
 def _bits(record: Record) -> int | None:
-    """Return the bits of a record's digital numbers; None if its bench file can't be read."""
+    """Return the bits per exported digital number; None if the record's bench can't be read."""
     with suppress(UserError):
         return record.bench.sensor.bits
     return None

@@ -55,7 +55,7 @@ def export_frames(
     force: bool = False,
     progress: Progress | None = None,
 ) -> ExportResult:
-    """Export frames of a record to files in a folder, with a table of the frames.
+    """Export frames of a run's record to files in a folder, with a table of the frames.
 
     Digital numbers are never changed. Frames that aren't stored, or don't read back as they were
     stored, are left out. All files appear together when the last one is complete, so a cancelled
@@ -107,14 +107,14 @@ def export_frames(
 
 
 def _write(work: ExportJob, folder: Path) -> None:
-    """Write the files of an export, all of them or none."""
+    """Write the files of a run's export, all of them or none."""
     with all_or_none(folder, work.names) as draft:
         WRITERS[work.kind](work, draft)
         _write_table(work, draft)
 
 
 def _write_table(work: ExportJob, draft: Path) -> None:
-    """Write the table of an export: a line per frame with file, place in it, and all columns."""
+    """Write the table of a run's export: each frame's file, place in the file, and columns."""
     simulated = " ".join(work.record.simulated_devices)
     with (draft / TABLE).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

@@ -28,7 +28,7 @@ def frame_rows(record: Record, frames: Sequence[int]) -> FrameRows:
 
 
 def column_heading(name: str) -> str:
-    """Return the heading of a record's column in exported tables: its name with its unit."""
+    """Return the heading of a record's column in an export's table: its name with its unit."""
     unit = layout.UNITS.get(name, "").replace("/", "_per_")
     return f"{name}_{unit}" if unit else name
 

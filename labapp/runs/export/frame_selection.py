@@ -31,7 +31,7 @@ class FrameSelection:
 
 
 def select_frames(record: Record, selection: FrameSelection) -> list[int]:
-    """Return the indices of the selected frames of a record, whether they are stored or not.
+    """Return the indices of a run's frames that are to be exported, stored or not.
 
     Raises UserError if there are none.
     """

@@ -15,9 +15,9 @@ ONE_FILE_PER_FRAME = ("tiff", "png")
 
 
 def file_names(kind: str, frames: Sequence[int], rows: FrameRows, total: int) -> list[str]:
-    """Return the names of the files that an export writes, the table last.
+    """Return the names of the files that an export of a run writes, the table last.
 
-    `rows` are those of the exported frames. `total` is the number of frames in the record.
+    `rows` has one row per exported frame. `total` is the number of frames in the record.
     """
     if kind == "npy":
         return ["frames.npy", "frames.json", TABLE]
@@ -30,19 +30,22 @@ def file_names(kind: str, frames: Sequence[int], rows: FrameRows, total: int) ->
 
 
 def format_decimal(value: float) -> str:
-    """Format a number for an exported file's name, with at most three decimals, no exponent."""
+    """Format a number for the name of a run's exported frame: at most 3 decimals, no exponent."""
     return f"{value:.3f}".rstrip("0").rstrip(".")
 
 
 def _frame_name(row: dict[str, Any]) -> str:
-    """Return the part of an exported file's name that describes the frame's settings."""
+    """Return the part of an exported frame's file name that describes the shot's settings."""
     nm, ms = row["wavelength_asked"] * 1e9, row["exposure_asked"] * 1e3
     names = f"{_plain(row['target'])}_{_plain(row['pattern'])}"
     return f"{names}_{format_decimal(nm)}nm_{format_decimal(ms)}ms"
 
 
 def _plain(name: str) -> str:
-    """Return a target's or pattern's name with characters and length that file names allow."""
+    """Adapt a target's or pattern's name to the file name of a run's exported frame.
+
+    File names allow few characters and have a limited length.
+    """
     plain = re.sub(r"[^\w.+-]", "-", name)
     # File systems allow 255 bytes for the whole name, which holds two such names.
     return plain.encode()[:60].decode(errors="ignore")

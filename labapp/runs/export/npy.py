@@ -15,6 +15,7 @@ from labapp.runs.record import layout
 
 
 def write_npy(work: ExportJob, draft: Path) -> None:
+    """Write a run's exported frames as one .npy array, with their metadata as JSON."""
     path = draft / work.names[0]
     shape = (len(work.frames), *work.shape)
     array = np.lib.format.open_memmap(path, mode="w+", dtype=np.uint16, shape=shape)
@@ -30,7 +31,7 @@ def write_npy(work: ExportJob, draft: Path) -> None:
 
 
 def _as_data(work: ExportJob) -> dict[str, Any]:
-    """Return the metadata of the exported array as plain data, with null for NaN and infinity."""
+    """Return the metadata of a run's exported frames as plain data; NaN and infinity are null."""
     record = work.record
     columns = {name: [_number(row[name]) for row in work.rows] for name in work.rows[0]}
     return {

@@ -19,9 +19,10 @@ _ANNOTATIONS = "labapp/frame"
 
 
 def ome_xml(work: ExportJob) -> str:
-    """Return the OME-XML of an export as ASCII, for the first page of a TIFF file with axes TYX.
+    """Return the OME-XML of a run's export as ASCII, for the first page of a TIFF file.
 
-    Every plane has its exposure, its time, and a map annotation with the record's columns.
+    The file's axes are TYX. Every plane has its exposure, its time, and a map annotation with the
+    record's columns.
     """
     record, simulated = work.record, ", ".join(work.record.simulated_devices)
     camera = record.devices.get("camera", {"model": "", "serial": ""})
@@ -112,7 +113,7 @@ def _add(parent: ElementTree.Element, name: str, **attributes: object) -> Elemen
 
 
 def _xml_safe(text: str) -> str:
-    """Return text without the control characters that XML can't represent."""
+    """Replace the control characters in a run's exported text that XML can't represent."""
     return "".join(
         one if one.isprintable() or one in "\t\n" else "\N{REPLACEMENT CHARACTER}" for one in text
     )

@@ -17,6 +17,7 @@ Larger exports are written as BigTIFF."""
 
 
 def write_ome_tiff(work: ExportJob, draft: Path) -> None:
+    """Write a run's exported frames as one OME-TIFF file."""
     import tifffile
 
     shape = (len(work.frames), *work.shape)

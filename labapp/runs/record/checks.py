@@ -42,7 +42,7 @@ StatusAndDetail = tuple[CheckStatus, str]
 
 
 def check_record(path: Path, progress: Progress | None = None) -> Verification:
-    """Make all checks of a record that its damage allows, in this process."""
+    """Make all checks of a run's record that its damage allows, in this process."""
     found = Verification(str(path))
     try:
         record = Record(path)
@@ -62,7 +62,7 @@ def check_record(path: Path, progress: Progress | None = None) -> Verification:
 
 
 def _run_check(name: str, check: Callable[[], StatusAndDetail], path: Path) -> RecordFinding:
-    """Make one check of a record; a check that can't be made counts as failed."""
+    """Make one check of a run's record; a check that can't be made counts as failed."""
     try:
         result, detail = check()
     except Cancelled:
@@ -83,7 +83,10 @@ class _Checks:
         self._record, self._found, self.progress = record, found, progress
 
     def by_name(self) -> dict[str, Callable[[], StatusAndDetail]]:
-        """Return the checks of a record by name. Later checks use the findings of earlier ones."""
+        """Return the checks of a run's record by name.
+
+        Later checks use the findings of earlier ones.
+        """
         return {
             "contents": self._check_contents,
             "plan": self._check_planned_columns,
@@ -97,7 +100,7 @@ class _Checks:
         }
 
     def _check_contents(self) -> StatusAndDetail:
-        """Check that every dataset of the record exists with its type and length, and decodes."""
+        """Check that all datasets of a run's record decode, and have the right type and length."""
         record = self._record
         for name in ("title", "definition", "start_time"):
             record.text(name)
@@ -117,7 +120,10 @@ class _Checks:
         return "ok", f"{record.frame_count} frames of {columns} x {rows} pixels, by {by}"
 
     def _check_planned_columns(self) -> StatusAndDetail:
-        """Check the record's planned columns: indices of names exist, and settings are positive."""
+        """Check the planned columns in a run's record: indices must exist, settings be positive.
+
+        The indices refer to roles, targets and patterns.
+        """
         record = self._record
         known = {
             "role": len(layout.ROLES),
@@ -135,7 +141,7 @@ class _Checks:
         return "ok", f"{known['target']} targets, {known['pattern']} patterns"
 
     def _check_frames(self) -> StatusAndDetail:
-        """Check that every planned frame is stored in the record."""
+        """Check that every planned frame of the run is stored in the record."""
         record = self._record
         self._found.not_stored = missing = record.frames_not_stored()
         if not missing:
@@ -145,7 +151,7 @@ class _Checks:
         return "WRONG" if record.state is State.COMPLETE else "unfinished", detail
 
     def _check_checksums(self) -> StatusAndDetail:
-        """Check that every stored frame of the record has its checksum."""
+        """Check that every stored frame of the run's record still has its checksum."""
         stored = self._stored_indices()
         _, _, self._found.damaged = self._record.read_back(stored, self.progress)
         if damaged := self._found.damaged:
@@ -153,14 +159,14 @@ class _Checks:
         return "ok", f"{len(stored)} stored frames read back as they were"
 
     def _check_patterns(self) -> StatusAndDetail:
-        """Check that the patterns in the record are those that were shown, by SHA-256."""
+        """Check by their SHA-256 that the patterns in a run's record are as they were shown."""
         record = self._record
         if changed := record.changed_patterns():
             return "WRONG", f"not as they were shown: {', '.join(changed)}"
         return "ok", f"{len(record.pattern_names)} patterns are as they were shown"
 
     def _check_settings(self) -> StatusAndDetail:
-        """Check that the frames were taken with the settings that the plan asks for."""
+        """Check that the run's frames were taken with the settings that its plan asks for."""
         record, stored = self._record, self._stored_indices()
         for name, step, share, scale, unit in _SETTING_TOLERANCES:
             used, asked = record.column(name)[stored], record.column(f"{name}_asked")[stored]
@@ -176,7 +182,7 @@ class _Checks:
         return "ok", "exposures and wavelengths are those asked for"
 
     def _check_camera(self) -> StatusAndDetail:
-        """Check that times, attempts and the camera's frame numbers in the record are possible."""
+        """Check that times, attempts and the camera's numbers in a run's record are possible."""
         record, stored = self._record, self._stored_indices()
         for name in ("time", "timestamp", "attempts"):
             values = record.column(name)[stored]
@@ -187,7 +193,7 @@ class _Checks:
         return self._check_order(stored)
 
     def _check_order(self, stored: list[int]) -> StatusAndDetail:
-        """Check that times and frame numbers restart only as often as the log explains.
+        """Check that times and frame numbers in a run's record restart only as its log explains.
 
         The run and each of its resumptions take frames in the order of the plan, with a rising
         clock and a camera that counts from its start. So in the order of the plan, times and
@@ -213,7 +219,7 @@ class _Checks:
         return "ok", f"times and the camera's count rise ({said})"
 
     def _check_state(self) -> StatusAndDetail:
-        """Check that the record's state agrees with its frames."""
+        """Check that the state in a run's record agrees with its frames."""
         record, found = self._record, self._found
         found.state = state = record.state
         if state is State.COMPLETE and found.not_stored:
@@ -234,7 +240,7 @@ class _Checks:
         return "unfinished", f"{state}: {who} writes it"
 
     def _check_scene_pictures(self) -> StatusAndDetail:
-        """Check that the picture files of the record's scene exist and are unchanged."""
+        """Check that the picture files of the scene in a run's record exist and are unchanged."""
         known = self._record.scene_picture_digests
         if not known:
             return "ok", "the scene has none"
@@ -255,6 +261,7 @@ class _Checks:
 
 
 def _where(condition: NDArray[np.bool_]) -> list[int]:
+    """Return the indices at which a condition on a run's record holds."""
     return [int(index) for index in np.flatnonzero(condition)]
 
 
@@ -267,7 +274,7 @@ def _is_column(values: NDArray[Any], dtype: np.dtype, frames: int) -> bool:
 
 
 def _is_axis(places: NDArray[Any], size: int) -> bool:
-    """Return whether a record's pixel positions are evenly spaced, with 0 at n // 2."""
+    """Return whether pixel positions in a run's record are evenly spaced, with 0 at n // 2."""
     steps = np.diff(places)
     if places.shape != (size,) or places[size // 2] != 0:
         return False
@@ -275,7 +282,7 @@ def _is_axis(places: NDArray[Any], size: int) -> bool:
 
 
 def _min_rising_sequences(values: Iterable[float]) -> int:
-    """Return the least number of strictly rising subsequences into which values can be divided."""
+    """Return the least number of strictly rising sequences that make up a run record's values."""
     ends: list[float] = []
     for value in values:
         # The value joins the sequence with the highest end below it, which is the best choice.
@@ -292,12 +299,15 @@ def _detail(path: Path, error: UserError) -> str:
 
 
 def _printable(text: str) -> str:
-    """Return text without control characters, which a damaged record could send to the terminal."""
+    """Replace control characters in text of a run's record with blanks.
+
+    A damaged record could otherwise send them to the terminal.
+    """
     return "".join(one if one.isprintable() else " " for one in text)
 
 
 def send_verification(line: MessageSocket, path: Path) -> None:
-    """Make all checks of a record; send their progress (share, message), then the findings."""
+    """Check a run's record; send the progress as (share, message), and at last the findings."""
     progress = Progress(lambda share, message: line.send((share, message)))
     progress.report(0.0, "open the record")
     line.send(CallResult(check_record(path, progress)))

@@ -77,7 +77,7 @@ class RecordContents:
 
 
 def create_record(path: Path, contents: RecordContents, *, force: bool = False) -> None:
-    """Create a record without frames; with `force`, an existing file may be replaced.
+    """Create a run's record without frames; with `force`, an existing file may be replaced.
 
     The record is written under a temporary name and renamed when it is complete, so that a
     failure leaves no partial record, and keeps an existing one. Raises UserError if the record
@@ -103,7 +103,7 @@ def utc_timestamp() -> str:
 
 
 def _remove_drafts(path: Path) -> None:
-    """Remove drafts of a record that were left by processes that were killed."""
+    """Remove drafts of a run's record that killed processes have left behind."""
     for draft in path.parent.glob(f".{path.name}.*.new"):
         pid = draft.name.rpartition(".new")[0].rpartition(".")[2]
         if pid.isdigit() and not Path("/proc", pid).exists():
@@ -199,9 +199,9 @@ def _fill_data(file: h5py.File, c: RecordContents) -> None:
 
 
 def _write(parent: h5py.Group, name: str, text: str | list[str]) -> None:
-    """Write text of fixed length to a record.
+    """Write text of fixed length to a run's record.
 
-    HDF5 keeps text of variable length in a heap, and may hang if that is damaged.
+    HDF5 keeps text of variable length in a heap, and may hang if the heap is damaged.
     """
     encoded = text.encode() if isinstance(text, str) else [one.encode() for one in text]
     kind = h5py.string_dtype("utf-8", np.array(encoded, dtype=bytes).dtype.itemsize)
@@ -209,12 +209,12 @@ def _write(parent: h5py.Group, name: str, text: str | list[str]) -> None:
 
 
 def _allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
-    """Create a contiguous dataset of a record, and write it so that its disk space is taken."""
+    """Create a contiguous dataset of a run's record, and write it so that disk space is taken."""
     parent.create_dataset(name, data=values)
 
 
 def _reserve(parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
-    """Create a contiguous dataset at a fixed place in a record, without taking disk space yet."""
+    """Reserve a fixed place for a contiguous dataset in a run's record, without disk space."""
     how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     how.set_layout(h5py.h5d.CONTIGUOUS)
     how.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)

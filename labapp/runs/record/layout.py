@@ -103,5 +103,5 @@ END_TIME_DTYPE = np.dtype("S40")
 
 
 def log_capacity(frames: int) -> int:
-    """Return the number of log lines in a record, enough for some failures and resumptions."""
+    """Return how many log lines a run's record holds, enough for some failures and resumptions."""
     return 256 + 6 * frames

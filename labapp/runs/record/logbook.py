@@ -27,7 +27,7 @@ class _Logbook(logging.Handler):
 
 @contextmanager
 def logbook(writer: RecordWriter, clock: Clock) -> Iterator[None]:
-    """Write log messages of level INFO and above to the record while the block runs."""
+    """Write the run's log messages of level INFO and above to its record while the block lasts."""
     handler = _Logbook(writer, clock)
     loggers = [logging.getLogger(room) for room in _ROOMS]
     levels = [logger.level for logger in loggers]

@@ -89,7 +89,7 @@ class Record:
 
     @property
     def state(self) -> State:
-        """State of the run; INTERRUPTED if it hasn't ended but its writing process is gone."""
+        """State of the recorded run; INTERRUPTED if the writing process is gone before the end."""
         with self._damage_as_user_error("entry/state"):
             written = State(self._single_text("state"))
         with self._damage_as_user_error("entry/writer"):
@@ -98,7 +98,7 @@ class Record:
 
     @property
     def writer(self) -> str:
-        """The process that wrote the record last, as JSON: host, number and start."""
+        """The process that wrote the run's record last, as JSON: host, number and start."""
         return self._single_text("writer")
 
     @property
@@ -117,7 +117,7 @@ class Record:
 
     @property
     def scene(self) -> SceneFile | None:
-        """The scene before simulated devices, None for a real one."""
+        """The recorded run's scene before simulated devices; None if the devices were real."""
         from labapp.files.scene_file import SceneFile
 
         data = self._json("scene")
@@ -148,7 +148,7 @@ class Record:
         return [name for name, device in self.devices.items() if device["simulated"]]
 
     def text(self, name: str) -> str:
-        """Return a text of the record by its name in the entry, such as title or start_time."""
+        """Return a text in the entry of the run's record, such as title or start_time, by name."""
         with self._damage_as_user_error(f"entry/{name}"):
             return self._read(f"entry/{name}").decode()
 
@@ -182,7 +182,7 @@ class Record:
         ]
 
     def patterns(self) -> dict[str, NDArray[np.uint8]]:
-        """Return all patterns of the record by name; raise UserError if one has changed."""
+        """Return all patterns in a run's record by name; raise UserError if one has changed."""
         if changed := self.changed_patterns():
             raise UserError(
                 f"{self.path}: the pattern {changed[0]!r} isn't as it was shown: the file is "
@@ -191,7 +191,10 @@ class Record:
         return {name: self.pattern(name) for name in self.pattern_names}
 
     def pattern(self, name: str) -> NDArray[np.uint8]:
-        """Return a pattern's grey levels, (rows, columns); those of a video have frames first."""
+        """Return a pattern's grey levels from the run's record, (rows, columns).
+
+        The grey levels of a video are (frames, rows, columns).
+        """
         index = self.pattern_names.index(name)
         with self._damage_as_user_error(layout.PATTERNS):
             group = self._file[layout.PATTERNS]
@@ -201,21 +204,21 @@ class Record:
 
     @property
     def expected_seconds(self) -> float:
-        """Expected duration of the run in seconds of bench time, settling included."""
+        """Expected duration of the recorded run in seconds of bench time, settling included."""
         return float(self._read("entry/expected_seconds"))
 
     @property
     def faults(self) -> list[dict[str, Any]]:
-        """The script of faults of a virtual bench, as plain data."""
+        """The fault script of the recorded run's virtual bench, as plain data."""
         return self._json("faults")
 
     @property
     def scene_picture_digests(self) -> dict[str, str]:
-        """SHA-256 of the picture files of a simulated scene, by path."""
+        """SHA-256 of the picture files of a recorded run's simulated scene, by path."""
         return self._json("pictures")
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a column of the record, one value per planned frame.
+        """Return a column of the run's record, one value per planned frame.
 
         labapp.runs.record.layout lists the columns.
         """
@@ -237,18 +240,18 @@ class Record:
         return [(time, text.decode(errors="replace")) for time, text in lines]
 
     def frames_not_stored(self) -> list[int]:
-        """Return the indices of planned frames that were never stored in the record."""
+        """Return the indices of planned frames that were never stored in the run's record."""
         return np.flatnonzero(self.column("stored") == 0).tolist()
 
     def missing_frames(self) -> list[int]:
-        """Return the indices of planned frames that aren't stored, or don't have their checksum."""
+        """Return the indices of a run's frames that were never stored, or are damaged since."""
         _, not_stored, damaged = self.read_back(range(self.frame_count), Progress())
         return sorted(not_stored + damaged)
 
     def read_back(
         self, indices: Sequence[int], progress: Progress
     ) -> tuple[list[int], list[int], list[int]]:
-        """Read frames back, and return the indices of intact, never stored and damaged ones."""
+        """Read a run's frames back; return the indices of intact, never stored and damaged ones."""
         stored, sums = self.column("stored"), self.column("checksum")
         found, not_stored, damaged = [], [], []
         for done, index in enumerate(indices):
@@ -268,7 +271,7 @@ class Record:
             return False
 
     def select(self, **criteria: Any) -> list[int]:
-        """Return the indices of stored frames with given values of columns.
+        """Return the indices of stored frames in a run's record that have given column values.
 
         target and pattern are given by name, others by value, for example exposure_asked.
         """
@@ -284,7 +287,7 @@ class Record:
         return np.flatnonzero(keep).tolist()
 
     def seeded_arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of the record that plan, seed and bench determine, by path.
+        """Return the arrays of the record that the run's plan, seed and bench determine, by path.
 
         Arrays that differ between runs of the same plan are left out: wall-clock times, log,
         the camera's frame numbers, and numbers of attempts.
@@ -301,12 +304,12 @@ class Record:
         return found
 
     def _read(self, name: str, rows: Any = ()) -> Any:
-        """Return the values of a dataset of the record by its path, or some rows of it."""
+        """Read a dataset of the run's record by its path, or some of its rows."""
         with self._damage_as_user_error(name):
             return self._file[name][rows]
 
     def _single_text(self, name: str) -> str:
-        """Return the text of a dataset of the record's entry that has one row."""
+        """Read a text that is a dataset with a single row in the entry of the run's record."""
         with self._damage_as_user_error(f"entry/{name}"):
             return self._read(f"entry/{name}")[0].decode()
 
@@ -320,7 +323,7 @@ class Record:
 
     @contextmanager
     def _damage_as_user_error(self, name: str) -> Iterator[None]:
-        """Raise UserError with the name of a part of the record if reading it fails."""
+        """Raise UserError that names a part of the run's record if the block can't read it."""
         try:
             yield
         except _DAMAGE_ERRORS as error:
@@ -331,7 +334,7 @@ class Record:
 
 
 def _explain_open_failure(path: Path, error: Exception) -> str:
-    """Return why HDF5 doesn't open a record, and what the user should do."""
+    """Return why HDF5 doesn't open a run's record, and what the user should do."""
     if isinstance(error, PermissionError):
         return "may not be read. Ask its owner, or copy it."
     with path.open("rb") as file:
@@ -345,7 +348,7 @@ def _explain_open_failure(path: Path, error: Exception) -> str:
 
 
 def file_sha256(file: Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal; an empty string if it can't be read."""
+    """Return a file's SHA-256 for a run's record, in hexadecimal; empty if it can't be read."""
     try:
         return sha256(file.read_bytes()).hexdigest()
     except OSError:

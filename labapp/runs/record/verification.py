@@ -39,23 +39,24 @@ class Verification:
 
     @property
     def failed_checks(self) -> list[str]:
-        """Names of the checks that failed."""
+        """Names of the checks that a run's record failed."""
         return [one.check for one in self.findings if one.result == "WRONG"]
 
     @property
     def is_in_order(self) -> bool:
+        """Whether the run's record passed all checks."""
         return all(one.result in ("ok", "note") for one in self.findings)
 
     @property
     def resume_command(self) -> str | None:
-        """The command that completes the record; None if there is none."""
+        """The command that completes the run's record; None if none is needed, or none can."""
         if self.is_in_order or self.is_being_written or set(self.failed_checks) - _FIXED_BY_RESUME:
             return None
         return f"labapp resume {shlex.quote(self.path)}"
 
     @property
     def verdict(self) -> str:
-        """One line for the user on the record's condition and what to do."""
+        """One line for the user on the condition of a run's record and what to do."""
         if self.is_in_order:
             return f"{self.path}: in order, {self.state}."
         if self.failed_checks == ["file"]:

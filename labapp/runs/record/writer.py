@@ -74,7 +74,7 @@ class RecordWriter:
             self._handle = -1
 
     def reopen(self) -> None:
-        """Reopen the record after a failed write, because the old handle may be unusable."""
+        """Reopen the run's record after a failed write, because the old handle may be unusable."""
         os.close(self._handle)
         self._handle = -1
         self._open()
@@ -82,7 +82,7 @@ class RecordWriter:
     def store(
         self, shot: Shot, frame: Frame, wavelength: float, *, start_time: float, attempts: int = 1
     ) -> None:
-        """Store a frame in the record; when this returns, it survives the end of this process.
+        """Store a frame in the run's record; on return, it survives the end of this process.
 
         `start_time` is the value of the column `time`. Raises CorruptFrame if the picture differs
         from the one that the camera sent, and OSError if the disk refuses it. In both cases the
@@ -112,14 +112,14 @@ class RecordWriter:
         self._put("stored", shot.index, 1)
 
     def is_stored_intact(self, index: int) -> bool:
-        """Return whether a stored frame is in the record's file with its checksum."""
+        """Return whether the file of the run's record holds a frame intact, by its checksum."""
         data, known = self._read("images", index), self._read("checksum", index)
         if len(data) < self._places["images"].row_bytes:
             return False
         return checksum(np.frombuffer(data, np.uint16)) == np.frombuffer(known, np.uint32)[0]
 
     def log(self, time_: float, text: str) -> None:
-        """Add a line to the record's log; when the log is full, overwrite its last line."""
+        """Add a line to the log of the run's record; if it is full, overwrite its last line."""
         row = min(self._log_length, self._places["log"].shape[0] - 1)
         self._put("log", row, (time_, text.encode()[:200]))
         self._log_length += 1
@@ -144,11 +144,12 @@ class RecordWriter:
             ) from error
 
     def _put(self, name: str, row: int, value: Any) -> None:
+        """Write a row of a dataset at its place in the file of the run's record."""
         place = self._places[name]
         self._write(name, row, memoryview(np.array(value, place.dtype).tobytes()))
 
     def _read(self, name: str, row: int) -> bytes:
-        """Return the bytes of a row in the record's file; fewer if the file ends before."""
+        """Read the bytes of a row in the run's record; fewer if the file ends before the row."""
         place = self._places[name]
         return os.pread(self._handle, place.row_bytes, place.offset + row * place.row_bytes)
 
@@ -161,4 +162,5 @@ class RecordWriter:
 
 
 def _place(dataset: h5py.Dataset) -> _Place:
+    """Return where a dataset of the run's record lies in its file."""
     return _Place(dataset.id.get_offset(), dataset.shape, dataset.dtype)

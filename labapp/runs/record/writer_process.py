@@ -9,14 +9,15 @@ from pathlib import Path
 
 
 def describe_this_process() -> str:
-    """Describe this process as the writer of a record, as JSON: host, number and start."""
+    """Describe this process as the writer of a run's record, as JSON: host, number and start."""
     return json.dumps({"host": socket.gethostname(), "pid": os.getpid(), "start": _start("self")})
 
 
 def is_alive(writer: str) -> bool:
-    """Return whether a record's writer, described by describe_this_process(), still runs.
+    """Return whether the writer of a run's record still runs.
 
-    A process on another host can't be checked, and counts as running.
+    `writer` is what describe_this_process() returned. A process on another host can't be checked,
+    and counts as running.
     """
     described = json.loads(writer)
     if described["host"] != socket.gethostname():
@@ -25,9 +26,10 @@ def is_alive(writer: str) -> bool:
 
 
 def _start(process: str) -> str | None:
-    """Return when a process started, in clock ticks since boot; None if there is no such process.
+    """Return when the process that writes a run's record started; None if it has ended.
 
-    Number and start together identify a process, because numbers are reused.
+    The time is in clock ticks since boot. Number and start together identify a process, because
+    numbers are reused.
     """
     try:
         stat = Path("/proc", process, "stat").read_text()

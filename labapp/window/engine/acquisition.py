@@ -30,7 +30,7 @@ class Acquisition:
         self._effects = effects
 
     def take_run(self, run: QueuedRun) -> RunEnded:
-        """Take a queued run on the engine's bench, and return how it ended.
+        """Take a queued run of the window on the engine's bench, and return how it ended.
 
         Raises UserError, DeviceError or OSError if the run couldn't begin.
         """
@@ -68,7 +68,7 @@ class Acquisition:
         )
 
     def _show(self, shot: Shot, frame: Frame) -> None:
-        """Send a stored frame to the window, if one is due and the window has room for it."""
+        """Send a run's stored frame to the window, if the window's next frame is due."""
         self._controller.note_run_frame(frame)
         if not self._pace.is_due:
             return

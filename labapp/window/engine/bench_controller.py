@@ -47,16 +47,19 @@ class BenchController:
             self.devices.mark_failed(error)
 
     def place_target(self, target: str) -> None:
+        """Place the target that the window requests."""
         self._requested = replace(self._requested, target=target)
         self.devices.require_alive("targets")
         self._note_settling("targets", self._bench.targets.place(target))
 
     def set_wavelength(self, wavelength: float) -> None:
+        """Set the wavelength that the window requests."""
         self._requested = replace(self._requested, wavelength=wavelength)
         self.devices.require_alive("filter")
         self._note_settling("filter", self._bench.filter.set_wavelength(wavelength))
 
     def set_exposure(self, exposure: float) -> None:
+        """Set the exposure that the window requests."""
         self._requested = replace(self._requested, exposure=exposure)
         self._apply_exposure(exposure)
 
@@ -66,7 +69,7 @@ class BenchController:
         self._note_settling("slm", self._bench.slm.show(name, grey))
 
     def restore_settings(self) -> None:
-        """Set the bench's devices to the settings that the person requested last."""
+        """Set the bench's devices to the settings last requested in the window."""
         wanted = self._requested
         if wanted.target is not None:
             self.place_target(wanted.target)
@@ -78,7 +81,7 @@ class BenchController:
             self.show_pattern(wanted.pattern, wanted.grey)
 
     def take_frame(self, cancelled: Callable[[], bool]) -> LiveFrame:
-        """Take a live frame after every setting has settled, and return it with its settings."""
+        """Take a live frame, with its settings, for the window when all settings have settled."""
         bench = self._bench
         self.devices.require_alive()
         bench.clock.wait_until(self._ready, cancelled)
@@ -94,12 +97,12 @@ class BenchController:
         )
 
     def note_run_frame(self, frame: Frame) -> None:
-        """Note that a run took a frame: every device worked, and the run set the exposure."""
+        """Note a run's frame for the window: every device works, and the exposure is the run's."""
         self._exposure = frame.exposure
         self.devices.mark_working()
 
     def reconnect(self, role: str) -> None:
-        """Open a failed device of the bench again. Raises DeviceError if that fails, too."""
+        """Open a failed device again for the window; raises DeviceError if that fails, too."""
         self.devices.reopen(role)
         if role == "camera":
             self._apply_exposure(self._exposure)
@@ -134,13 +137,16 @@ class BenchController:
         self._note_settling("camera", setting)
 
     def _note_settling(self, role: str, setting: Setting[Any]) -> None:
-        """Note that a device works, and when its setting has settled for the next picture."""
+        """Note for the window that a device works, and when its setting will have settled.
+
+        The next live frame waits until that time.
+        """
         self._ready = max(self._ready, setting.ready_at)
         self.devices.mark_working(role)
 
 
 def _describe_capabilities(bench: Bench) -> BenchOpened:
-    """Ask the devices what the bench can do; the list of devices is added later."""
+    """Ask the devices what the window's bench can do; the list of devices is added later."""
     return BenchOpened(
         name=bench.file.name,
         devices=(),

@@ -22,6 +22,7 @@ class ChangeNotifier:
         threading.Thread(target=self._watch, name="change-notifier", daemon=True).start()
 
     def notify(self) -> None:
+        """Request that a change be reported to the window."""
         self._news.set()
 
     def _watch(self) -> None:

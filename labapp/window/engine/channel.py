@@ -53,7 +53,7 @@ class Channel:
         return self._room > 0
 
     def post(self, command: object) -> None:
-        """Add a command for the engine as if the window had sent it."""
+        """Queue a command for the window's engine as if the window had sent it."""
         with self._condition:
             if isinstance(command, _NEWEST_ONLY):
                 kept = [c for c in self._waiting if type(c) is not type(command)]

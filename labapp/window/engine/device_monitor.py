@@ -32,7 +32,10 @@ class DeviceMonitor:
         self.last_settings = {role: question(bench) for role, question in _SETTING_QUERIES.items()}
 
     def require_alive(self, *roles: str) -> None:
-        """Raise DeviceError if one of these devices is dead; without roles, check all devices."""
+        """Raise DeviceError if the window's engine knows one of these devices to be dead.
+
+        Without roles, all devices are checked.
+        """
         for role in roles or tuple(self._identities):
             if why := self._dead_reason(role):
                 model, remedy = self._identities[role].model, "Mend it, then click Reconnect"
@@ -41,25 +44,31 @@ class DeviceMonitor:
                 raise error
 
     def mark_failed(self, error: DeviceError) -> str:
-        """Mark a device as failed until it works again, and return the bench's name of it."""
+        """Mark a device as failed in the window until it works again; return its role.
+
+        The role is the device's name on the bench.
+        """
         if error.role:
             self._failed[error.role] = f"{error.command}: {error.reply}"
         return error.role
 
     def mark_working(self, *roles: str) -> None:
-        """Note that these devices work, and no longer list them as failed; without roles, all."""
+        """Note that devices work, so that the window doesn't list them as failed any more.
+
+        Without roles, all devices are meant.
+        """
         for role in roles or tuple(self._identities):
             self._failed.pop(role, None)
 
     def reopen(self, role: str) -> None:
-        """Open a failed device of the bench again. Raises DeviceError if that fails, too."""
+        """Open a failed device again for the window; raises DeviceError if that fails, too."""
         self._bench.supervised_devices[role].revive()
         self.mark_working(role)
 
     def device_infos(
         self, exposure: float, *, live: bool, running: bool, query_devices: bool = True
     ) -> tuple[DeviceInfo, ...]:
-        """Describe every device for the window's list.
+        """Describe every device for the window's list of devices.
 
         `exposure` is the camera's exposure time in seconds. With `query_devices`, the devices are
         asked for their settings; otherwise, the last known ones are used.
@@ -83,7 +92,7 @@ class DeviceMonitor:
         return tuple(info(name) for name in self._identities)
 
     def _query_setting(self, role: str) -> Any:
-        """Return a device's present setting, or the last known one if it doesn't answer."""
+        """Return a device's present setting for the window; without an answer, the last known."""
         if not (self._dead_reason(role) or self._unplugged_reason(role)):
             try:
                 return _SETTING_QUERIES[role](self._bench)
@@ -92,9 +101,9 @@ class DeviceMonitor:
         return self.last_settings[role]
 
     def _unplugged_reason(self, role: str) -> str:
-        """Return why a device counts as unplugged; empty if it is plugged in or can't tell."""
+        """Return why the window lists a device as unplugged; empty if it isn't, or can't tell."""
         return self._bench.supervised_devices[role].unplugged_reason() or ""
 
     def _dead_reason(self, role: str) -> str:
-        """Return why a device was given up after a failure; empty if it wasn't."""
+        """Return why the window lists a device as given up after a failure; else empty."""
         return self._bench.supervised_devices[role].failure_reason

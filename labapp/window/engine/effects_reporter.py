@@ -23,9 +23,10 @@ class EffectsReporter:
         self._last_reported: Hashable = None
 
     def report_if_changed(self, frame: LiveFrame) -> None:
-        """Send the effect plan of a picture, if its settings differ from those reported last.
+        """Send the window the effect plan of a live frame if the frame's settings are new.
 
-        Call this before the bench changes again: the plan is for the bench's present state.
+        Settings are new if they differ from those reported last. Call this before the bench changes
+        again: the plan is for the bench's present state.
         """
         if self._world is None:
             return
@@ -73,7 +74,7 @@ def _effect_info(decision: Decision) -> EffectInfo:
 
 
 def _level(decision: Decision) -> str:
-    """Return an effect's level as text; for an axis, "n of N" with the finest level N."""
+    """Return an effect's level as text for the window; on an axis, "n of N" with N the finest."""
     sampled = decision.kind == "axis" and len(decision.levels) > 1 and decision.level != "off"
     return f"{decision.level} of {decision.levels[-1]}" if sampled else decision.level
 

@@ -133,7 +133,7 @@ class Engine:
         self._tell()
 
     def _reporting_errors(self, obey: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Wrap the handler of an urgent command so that it reports errors instead of raising.
+        """Wrap a handler of the window's urgent commands to report errors instead of raising.
 
         An error must not end the thread that receives Cancel.
         """
@@ -183,7 +183,7 @@ class Engine:
         self._channel.send(CancelAcknowledged())
 
     def _stop(self) -> None:
-        """Cancel the engine's background jobs and the run under way."""
+        """Cancel the background jobs of the window's engine, and the run under way."""
         self._jobs.cancel()
         self._queue.cancel()
 
@@ -192,7 +192,10 @@ class Engine:
         self._channel.post(StartQueuedRuns())
 
     def _run_all(self, command: StartQueuedRuns) -> None:
-        """Take the queued runs in turn; stop live view before, and restore it after if allowed."""
+        """Take the window's queued runs in turn, with live view stopped.
+
+        Live view is restored after the last run, if that run allows it.
+        """
         while not self._channel.closed and (run := self._queue.begin()) is not None:
             self._live_again, self._live = self._live_again or self._live, False
             self._tell(running=True)
@@ -203,7 +206,7 @@ class Engine:
                 self._live = True
 
     def _take(self, run: QueuedRun) -> bool:
-        """Take one queued run, and return whether the bench's devices may be set after it."""
+        """Take one of the window's queued runs; return whether devices may be set after it."""
         try:
             ended = self._acquisition.take_run(run)
         except Exception as error:

@@ -12,7 +12,7 @@ from labapp.window.messages import OpeningFailed
 
 
 def run_engine(line: MessageSocket, files: dict[str, Path | None]) -> None:
-    """Open a bench from these files, and serve the window until it is gone.
+    """Open a bench from these files, and serve as the window's engine until the window is gone.
 
     `files` are the files of the bench, the scene, the image and the faults.
     """

@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 
 
 def describe_failure(error: Exception, controller: BenchController) -> FailureReport:
-    """Turn an error of the engine into a report for the window; log an unexpected one in full."""
+    """Turn an engine's error into a report for the window; log an unexpected one in full."""
     if isinstance(error, DeviceError):
         return FailureReport(str(error), controller.devices.mark_failed(error))
     if isinstance(error, OSError) and error.filename is not None:

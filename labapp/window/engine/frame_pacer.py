@@ -23,6 +23,7 @@ class FramePacer:
 
     @property
     def is_due(self) -> bool:
+        """Return whether the window's next live frame is due."""
         return self._channel.has_room and self.seconds_left == 0
 
     def begin(self) -> None:

@@ -20,9 +20,9 @@ class Jobs:
         self._running: dict[str, Progress] = {}
 
     def begin(self, job: str) -> Progress:
-        """Register a job, cancel an older one of its name, and return its progress.
+        """Register a job of the window's engine, and cancel an older job of the same name.
 
-        Reports of the progress are sent to the window.
+        Returns the new job's progress, which is reported to the window.
         """
         progress = Progress(_Reporter(job, self._channel))
         with self._lock:

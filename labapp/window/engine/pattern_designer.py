@@ -56,7 +56,10 @@ class PatternDesigner:
         self._lock = threading.Lock()
 
     def grey_levels(self, table: PatternTable, progress: Progress) -> NDArray[np.uint8]:
-        """Return a pattern's grey levels, (rows, columns); raises the errors of compute_pattern."""
+        """Return the grey levels, (rows, columns), of a pattern chosen in the window.
+
+        Raises the errors of compute_pattern().
+        """
         key = json.dumps(table, sort_keys=True)
         with self._lock:
             if key in self._cached_patterns:
@@ -82,12 +85,18 @@ class PatternDesigner:
         return PatternPreview(table, name, np.asarray(small), psf / peak, peak)
 
     def _psf(self, grey: NDArray[np.uint8], wavelength: float) -> NDArray[np.float32]:
-        """Predict a pattern's PSF for an object in focus, within the part of the sensor shown."""
+        """Predict a pattern's PSF for the window's preview, for an object in focus.
+
+        The PSF covers the part of the sensor that the window shows.
+        """
         pixels = self._camera.sensor.window_plane((_SETTINGS.psf_window, _SETTINGS.psf_window))
         greys = torch.from_numpy(grey)[None]
         return predicted_psf(self._camera, greys, wavelength, pixels)[0].to(torch.float32).numpy()
 
 
 def _names_a_file(table: PatternTable) -> bool:
-    """Return whether a pattern depends on a file, which may change while the table doesn't."""
+    """Return whether a pattern chosen in the window depends on a file.
+
+    The file may change while the pattern's table stays the same.
+    """
     return "file" in table or "file" in table.get("target", {})

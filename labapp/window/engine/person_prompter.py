@@ -22,7 +22,10 @@ class PersonPrompter:
         self.prompt: Prompt | None = None
 
     def ask(self, text: str, progress: Progress) -> None:
-        """Show a run's prompt and wait for the answer. Raises Cancelled if the run is cancelled."""
+        """Show a run's prompt in the window, and wait for the answer.
+
+        Raises Cancelled if the run is cancelled.
+        """
         self._answer_event.clear()
         self._count += 1
         self._show(Prompt(self._count, text))
@@ -33,7 +36,7 @@ class PersonPrompter:
             self._show(None)
 
     def answer(self, number: int) -> None:
-        """Accept the answer to the present prompt.
+        """Accept the window's answer to the present prompt.
 
         An answer to an earlier prompt is ignored, since a person may press a key twice.
         """

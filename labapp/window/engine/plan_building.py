@@ -20,7 +20,7 @@ _pattern: TypeAdapter[StillPattern] = TypeAdapter(StillPattern)
 
 
 def validate_pattern(table: PatternTable) -> StillPattern:
-    """Validate a pattern from the window. Raises UserError, which names the key that is wrong."""
+    """Validate a pattern from the window; raise UserError, which names the key that is wrong."""
     try:
         return _pattern.validate_python(table)
     except ValidationError as error:

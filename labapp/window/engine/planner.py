@@ -61,6 +61,7 @@ class RunPlanner:
         self._thread.shutdown(cancel_futures=True)
 
     def enqueue(self, command: AcquireBracket | RunPlan | ResumeRun) -> None:
+        """Begin to build a run that the window requests; the run is queued when it is built."""
         self._queue.expect_run()
         self._thread.submit(self._build_and_enqueue, command)
 
@@ -122,9 +123,9 @@ class RunPlanner:
         return RunTiming(seconds, len(listed), virtual=not self._bench.file.is_real)
 
     def _new_path(self, folder: Path, name: str) -> Path:
-        """Return an unused path for a record, named after the time and the run.
+        """Return an unused path for the record of a run that the window requests.
 
-        No file and no queued run has this path.
+        The record is named after the time and the run. No file and no queued run has this path.
         """
         words = re.sub(r"\W+", "-", name.lower()).strip("-")[:60] or "run"
         stem = f"{datetime.now():%Y-%m-%d_%H%M%S}_{words}"

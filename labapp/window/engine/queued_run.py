@@ -69,14 +69,17 @@ class QueuedRun:
         self.on_change()
 
     def set_paused(self, on: bool) -> None:
-        """Pause the run after its current frame, or let it go on; any thread may call this."""
+        """Pause a run of the window's queue after its current frame, or let it go on.
+
+        Any thread may call this.
+        """
         if not on and self.progress.is_paused and self.state is State.PAUSED:
             self.mark_resumed()
         (self.progress.pause if on else self.progress.resume)()
         self.on_change()
 
     def count_stored_frame(self, shot: Shot, frame: Frame) -> None:
-        """Count a frame that the run has stored in its record."""
+        """Count a frame that a run of the window's queue has stored in its record."""
         self.state = State.RUNNING
         self._stored += 1
         self._timing.count_frame(shot.duration)

@@ -58,7 +58,7 @@ class Restoration:
         )
 
     def save(self, path: Path) -> None:
-        """Save the restored photograph in the format that the file's ending names.
+        """Save the photograph restored for the window in the format of the file's ending.
 
         Raises UserError if the ending isn't known.
         """
@@ -88,4 +88,5 @@ def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restorati
 
 
 def _display_grey(light: NDArray[np.floating], white: float) -> NDArray[np.uint8]:
+    """Return a restored photograph as grey levels for the window."""
     return encode_srgb(light[0] / white)

@@ -29,11 +29,14 @@ class RunTiming:
         self._ended = time.monotonic()
 
     def rest(self) -> None:
-        """Note a pause of the run, which must not count as the time of a frame."""
+        """Note a pause of a run in the window's queue, which must not count as frame time."""
         self._frame_began = None
 
     def count_frame(self, lasts: float) -> None:
-        """Count a stored frame of the run that takes `lasts` seconds on the bench's clock."""
+        """Count a stored frame of a run in the window's queue.
+
+        `lasts` is the frame's time in seconds on the bench's clock.
+        """
         now = time.monotonic()
         # The time before the first frame (computing patterns) and pauses don't count.
         if self._frame_began is not None:
@@ -51,7 +54,7 @@ class RunTiming:
 
     @property
     def seconds_left(self) -> float | None:
-        """Return the real seconds that the run still needs; None if they can't be estimated."""
+        """Return the real seconds that a queued run in the window still needs; None if unknown."""
         if not self._counted:
             return self._bench_seconds_left if self._rate else None
         began = self._frame_began

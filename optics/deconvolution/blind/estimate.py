@@ -121,14 +121,15 @@ def find_kernel(
     clipped: torch.Tensor | None = None,
     progress: Progress | None = None,
 ) -> KernelEstimate:
-    """Estimate the blur kernel of a photograph, the same everywhere, from the photograph alone.
+    """Estimate a photograph's blur kernel from the photograph alone, for blind deconvolution.
 
-    A first kernel comes from the strong edges of the photograph, from coarse to fine scales (Cho
-    and Lee; Xu, Zheng and Jia). Then the likeliest kernel is estimated over all sharp pictures
-    that the statistics of natural pictures allow (Fergus et al.; Levin et al.); these pictures are
-    sampled: see LatentImageSampler. The estimation is done from two starts, and the difference of
-    the results shows how reliable they are. The scene beyond the frame is unknown. The random
-    samples have a fixed seed, so that the same photograph gives the same kernel.
+    The kernel is taken to be the same everywhere. A first kernel comes from the strong edges of the
+    photograph, from coarse to fine scales (Cho and Lee; Xu, Zheng and Jia). Then the likeliest
+    kernel is estimated over all sharp pictures that the statistics of natural pictures allow
+    (Fergus et al.; Levin et al.); these pictures are sampled: see LatentImageSampler. The
+    estimation is done from two starts, and the difference of the results shows how reliable they
+    are. The scene beyond the frame is unknown. The random samples have a fixed seed, so that the
+    same photograph gives the same kernel.
 
     Parameters
     ----------
@@ -175,7 +176,7 @@ def _find_kernel(
     clipped: torch.Tensor | None,
     progress: Progress,
 ) -> tuple[torch.Tensor, torch.Tensor, float, float]:
-    """Estimate a blur kernel; return it with its standard deviation, the noise and the score."""
+    """Estimate a blur kernel blindly; return the kernel, its deviation, the noise and the score."""
     _require(image, size, noise, clipped)
     image = as_floating_point(image).to(torch.float64)
     known = torch.ones_like(image) if clipped is None else (~clipped.to(torch.bool)).to(image)
@@ -198,7 +199,7 @@ def _find_kernel(
 def _most_natural_kernel(
     photo: NormalisedPhotograph, size: int, progress: Progress
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Estimate two blur kernels from different starts; return the more natural one first.
+    """Estimate two blur kernels blindly, from two starts; return the more natural one first.
 
     The more natural kernel is the one whose restored picture has the lower unnaturalness().
     """
@@ -229,10 +230,11 @@ def _most_natural_kernel(
 def _combine_kernels(
     photo: NormalisedPhotograph, edges: torch.Tensor, fine: torch.Tensor, progress: Progress
 ) -> torch.Tensor:
-    """Choose between the kernel by statistics and its mean with the kernel by edges.
+    """Average two blindly estimated blur kernels if that gives a more natural restored picture.
 
-    The mean has a smaller error than both if their errors differ. The kernel whose restored picture
-    is more natural is returned.
+    `edges` comes from the photograph's strong edges and `fine` from the statistics of natural
+    pictures. The result is their mean or `fine`. Where the errors of the two kernels differ, the
+    mean has a smaller error than either.
     """
     both = align_kernel(edges, fine).clamp(min=0) + fine
     mean = both / both.sum()
@@ -242,12 +244,12 @@ def _combine_kernels(
 
 
 def _remove_specks(kernel: torch.Tensor) -> torch.Tensor:
-    """Remove faint pixels and small isolated parts from an estimated blur kernel."""
+    """Remove faint pixels and small isolated parts from a blindly estimated blur kernel."""
     return without_specks(kernel, _SETTINGS.speck_peak_share, _SETTINGS.speck_light_share)
 
 
 def estimate_photograph_noise(image: torch.Tensor, valid: torch.Tensor) -> float:
-    """Estimate the standard deviation of a blurred photograph's noise from its finest detail.
+    """Estimate a blurred photograph's noise for blind deconvolution, from its finest detail.
 
     The estimate is the median of the absolute diagonal detail, scaled for Gaussian noise (Donoho
     and Johnstone 1994, doi 10.1093/biomet/81.3.425).
@@ -258,7 +260,10 @@ def estimate_photograph_noise(image: torch.Tensor, valid: torch.Tensor) -> float
 
 
 def _require_contrast(image: torch.Tensor, valid: torch.Tensor, noise: float) -> float:
-    """Return the standard deviation of a photograph's light; raise ValueError if it's too low."""
+    """Return a photograph's contrast; raise ValueError if it's too low for blind deconvolution.
+
+    The contrast is the standard deviation of the photograph's light.
+    """
     light = image[valid > 0]
     spread = float(light.std(correction=0))
     least = _SETTINGS.min_contrast_to_noise * noise
@@ -273,7 +278,7 @@ def _require_contrast(image: torch.Tensor, valid: torch.Tensor, noise: float) ->
 def _require(
     image: torch.Tensor, size: int, noise: float | None, clipped: torch.Tensor | None
 ) -> None:
-    """Raise ValueError for arguments from which no blur kernel can be estimated."""
+    """Raise ValueError for arguments from which blind deconvolution can't find a blur kernel."""
     if image.ndim != 2:
         raise ValueError(f"image is {tuple(image.shape)}; give one band, (rows, columns)")
     require_finite("image", as_floating_point(image))

@@ -15,7 +15,10 @@ for photographs that are scaled to it."""
 
 
 def gradients(image: torch.Tensor) -> torch.Tensor:
-    """Compute a picture's differences along x and y, (2, rows - 1, columns - 1)."""
+    """Compute a picture's gradients, which the priors of blind deconvolution describe.
+
+    The gradients are the differences along x and y, (2, rows - 1, columns - 1).
+    """
     corner = image[:-1, :-1]
     return torch.stack([image[:-1, 1:] - corner, image[1:, :-1] - corner])
 
@@ -24,12 +27,12 @@ def gradients(image: torch.Tensor) -> torch.Tensor:
 def log_histogram(
     image: torch.Tensor, bins: int = 101, reach: float | None = None
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute the logarithmic histogram of a picture's gradients (thesis Fig. 2.10).
+    """Compute the log histogram of a picture's gradients, which deconvolution priors describe.
 
-    `image` is (rows, columns). Gradients from -reach to reach are counted, or all of them if it is
-    None. Returns the centres of the bins, and the natural logarithm of the gradients' probability
-    density, -inf where a bin is empty; both are float64. Raises ValueError for pictures that are
-    constant, too small or not finite, or for fewer than 3 bins.
+    See thesis Fig. 2.10. `image` is (rows, columns). Gradients from -reach to reach are counted, or
+    all of them if `reach` is None. Returns the centres of the bins, and the natural logarithm of
+    the gradients' probability density, -inf where a bin is empty; both are float64. Raises
+    ValueError for pictures that are constant, too small or not finite, or for fewer than 3 bins.
     """
     values = _gradient_values(image)
     if bins < 3:
@@ -68,17 +71,18 @@ class GaussianMixture:
             raise ValueError(f"deviations are {self.deviations}; they must be positive")
 
     def with_scale(self, factor: float) -> GaussianMixture:
-        """Return the gradients' distribution for pictures whose light is multiplied by a factor."""
+        """Return blind deconvolution's gradient prior for light that is multiplied by `factor`."""
         return GaussianMixture(self.shares, tuple(factor * one for one in self.deviations))
 
     def log_density(self, values: torch.Tensor) -> torch.Tensor:
-        """Return the natural logarithm of the mixture's density at gradients."""
+        """Return the natural log density of gradients under blind deconvolution's mixture prior."""
         return self.log_joint(values.square()).logsumexp(0) - 0.5 * math.log(2 * math.pi)
 
     def log_joint(self, squares: torch.Tensor) -> torch.Tensor:
-        """Return the logarithm of each Gaussian's part of the density, (components, ...).
+        """Return the log of each Gaussian's part in the gradient prior of blind deconvolution.
 
-        The constant -log(2 pi) / 2 is left out. `squares` are squared gradients.
+        `squares` are squared gradients, and the result is (components, ...). The constant -log(2
+        pi) / 2 is left out.
         """
         parts = [
             math.log(share / deviation) - squares / (2 * deviation**2)
@@ -87,7 +91,11 @@ class GaussianMixture:
         return torch.stack(parts)
 
     def expected_precision(self, squares: torch.Tensor) -> torch.Tensor:
-        """Return the mean inverse variance of the Gaussians for the squares of gradients."""
+        """Return each gradient's expected inverse variance under the prior of blind deconvolution.
+
+        `squares` are squared gradients. The mean is over the mixture's Gaussians, weighted by the
+        probability that the gradient comes from each.
+        """
         membership = self.log_joint(squares).softmax(0)
         return sum(
             (
@@ -98,7 +106,10 @@ class GaussianMixture:
         )
 
     def moment(self, power: float) -> float:
-        """Return the mean of |gradient| to a power above -1 under the mixture of Gaussians."""
+        """Return the mean of ``|gradient|`` to a power under deconvolution's Gaussian mixture.
+
+        The power must be above -1.
+        """
         normal = 2 ** (power / 2) * math.gamma((power + 1) / 2) / math.sqrt(math.pi)
         pairs = zip(self.shares, self.deviations, strict=True)
         return normal * sum(share * deviation**power for share, deviation in pairs)
@@ -115,12 +126,18 @@ class GeneralisedGaussian:
     power: float
 
     def log_density(self, values: torch.Tensor) -> torch.Tensor:
-        """Return the natural logarithm of the generalised Gaussian's density at gradients."""
+        """Return the log density of gradients under deconvolution's generalised Gaussian prior.
+
+        The logarithm is natural.
+        """
         top = math.log(self.power / (2 * self.scale)) - math.lgamma(1 / self.power)
         return top - (values.abs() / self.scale) ** self.power
 
     def moment(self, power: float) -> float:
-        """Return the mean of |gradient| to a power above -1 under the generalised Gaussian."""
+        """Return the mean of ``|gradient|`` to a power under deconvolution's generalised Gaussian.
+
+        The power must be above -1.
+        """
         ratio = math.lgamma((power + 1) / self.power) - math.lgamma(1 / self.power)
         return self.scale**power * math.exp(ratio)
 
@@ -133,11 +150,12 @@ and scikit-image's). Its smallest deviation isn't below the quantisation by 8 bi
 
 @accepts_numpy
 def fit_mixture(image: torch.Tensor, components: int = 3, steps: int = 200) -> GaussianMixture:
-    """Fit the likeliest mixture of Gaussians to a picture's gradients, (rows, columns).
+    """Fit a mixture of Gaussians to a picture's gradients, as a prior for blind deconvolution.
 
-    The algorithm is expectation maximisation on a histogram. Deviations are at least half a bin of
-    the histogram, since the zero gradients of even surfaces would otherwise make one of them 0.
-    Raises ValueError for constant pictures, or a number of components outside 1 to 8.
+    The picture is (rows, columns). The likelihood is maximised by expectation maximisation on a
+    histogram. Deviations are at least half a bin of the histogram, since the zero gradients of even
+    surfaces would otherwise make one of them 0. Raises ValueError for constant pictures, or a
+    number of components outside 1 to 8.
     """
     if not 1 <= components <= 8:
         raise ValueError(f"components is {components}; give 1 to 8")
@@ -161,11 +179,11 @@ def fit_mixture(image: torch.Tensor, components: int = 3, steps: int = 200) -> G
 
 @accepts_numpy
 def fit_generalised_gaussian(image: torch.Tensor) -> GeneralisedGaussian:
-    """Fit a generalised Gaussian to a picture's gradients, (rows, columns).
+    """Fit a generalised Gaussian to a picture's gradients, as a prior for deconvolution.
 
-    The power follows from the ratio of the gradients' mean square to the square of their mean
-    length (Sharifi and Leon-Garcia 1995, doi 10.1109/76.350779). It is limited to 0.1 to 8. Raises
-    ValueError for constant pictures.
+    The picture is (rows, columns). The power follows from the ratio of the gradients' mean square
+    to the square of their mean length (Sharifi and Leon-Garcia 1995, doi 10.1109/76.350779). It is
+    limited to 0.1 to 8. Raises ValueError for constant pictures.
     """
     values = _gradient_values(image).abs()
     mean, square = float(values.mean()), float(values.square().mean())
@@ -181,7 +199,10 @@ def fit_generalised_gaussian(image: torch.Tensor) -> GeneralisedGaussian:
 
 
 def _gradient_values(image: torch.Tensor) -> torch.Tensor:
-    """Return all gradients of a picture in one row; raise ValueError for unusable pictures."""
+    """Return all gradients of a picture as a vector, to fit a deconvolution prior to them.
+
+    Raises ValueError for pictures that are too small, constant or not finite.
+    """
     image = as_floating_point(image)
     if image.ndim != 2 or min(image.shape) < 2:
         raise ValueError(f"image is {tuple(image.shape)}; give (rows, columns) of 2 at least")

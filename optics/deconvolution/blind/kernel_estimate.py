@@ -38,7 +38,10 @@ class KernelEstimate:
 
     @property
     def verdict(self) -> str:
-        """The kernel's score in words: good from 0.9, fair from 0.7, poor below."""
+        """The score of a blindly estimated blur kernel in words: good, fair or poor.
+
+        The kernel is good from a score of 0.9, fair from 0.7, and poor below.
+        """
         if self.score >= GOOD:
             return "good: parts of the photograph and searches from two starts agree"
         if self.score >= FAIR:

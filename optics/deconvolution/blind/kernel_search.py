@@ -95,14 +95,14 @@ class NormalisedPhotograph:
     noise: float
 
     def downsample(self, factor: float) -> NormalisedPhotograph:
-        """Shrink the photograph by a factor for the kernel search at a coarser scale."""
+        """Shrink the photograph by a factor, for blind deconvolution at a coarser scale."""
         if factor == 1:
             return self
         known = (downsample(self.valid, factor) > 0.999).to(self.image)
         return NormalisedPhotograph(downsample(self.image, factor), known, self.noise / factor)
 
     def crop(self, rows: slice, columns: slice) -> NormalisedPhotograph:
-        """Cut a part out of the photograph."""
+        """Cut out a part of the photograph for blind deconvolution."""
         return NormalisedPhotograph(
             self.image[rows, columns], self.valid[rows, columns], self.noise
         )
@@ -111,7 +111,10 @@ class NormalisedPhotograph:
 def search_kernel_by_edges(
     photo: NormalisedPhotograph, size: int, settings: EdgeSettings, progress: Progress
 ) -> torch.Tensor:
-    """Search a blur kernel, (size, size) with odd size, by strong edges from coarse to fine."""
+    """Search for a photograph's blur kernel blindly by strong edges, from coarse to fine scales.
+
+    The kernel is (size, size), and `size` is odd.
+    """
     kernel, weight = point_kernel(3), settings.weight
     kernel[1, 0] = kernel[1, 1] = 0.5
     ladder = scale_factors(size)
@@ -134,7 +137,10 @@ def search_kernel_by_edges(
 def refine_kernel_by_edges(
     photo: NormalisedPhotograph, kernel: torch.Tensor, settings: EdgeSettings, progress: Progress
 ) -> torch.Tensor:
-    """Refine a blur kernel by strong edges at one scale, with a decreasing weight of edges."""
+    """Improve a blindly estimated blur kernel by a photograph's strong edges, at one scale.
+
+    The weight of the penalty on edges decreases from one iteration to the next.
+    """
     weight = settings.weight
     strong = StrongEdges(photo.image, photo.valid, (kernel.shape[0], kernel.shape[1]))
     for _ in range(_SETTINGS.iterations_per_scale):
@@ -149,9 +155,10 @@ def refine_kernel_by_edges(
 def refine_kernel_by_statistics(
     photo: NormalisedPhotograph, start: torch.Tensor, progress: Progress, rounds: int = 20
 ) -> torch.Tensor:
-    """Refine a blur kernel to the likeliest one over all sharp pictures, at the finest scale.
+    """Improve a blindly estimated blur kernel by the statistics of natural sharp pictures.
 
-    The algorithm is stochastic expectation maximisation (Delyon, Lavielle and Moulines 1999, doi
+    The result is the likeliest kernel over all sharp pictures, at the finest scale. The algorithm
+    is stochastic expectation maximisation (Delyon, Lavielle and Moulines 1999, doi
     10.1214/aos/1018031103), with samples from a fixed seed. The assumed noise decreases to the
     photograph's noise in the last of the `rounds`.
     """

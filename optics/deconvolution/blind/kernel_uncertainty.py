@@ -25,7 +25,7 @@ def kernel_deviation(
     refine: RefineKernel,
     progress: Progress,
 ) -> torch.Tensor:
-    """Estimate the standard deviation of each pixel of a blur kernel.
+    """Estimate the standard deviation of each pixel of a blindly estimated blur kernel.
 
     `refine` estimates the kernel again from parts of the photograph that share no pixel. The
     variance of the mean of these kernels is their variance over their number. `rival` is a kernel
@@ -50,10 +50,10 @@ def kernel_deviation(
 
 
 def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
-    """Shift a blur kernel to the best match with a reference, in steps of a quarter pixel.
+    """Shift a blindly estimated blur kernel to the best match with a reference kernel.
 
-    Both have the same size. The shift of a kernel is arbitrary, since the photograph doesn't show
-    where the scene was before the blur.
+    The shift is a multiple of a quarter pixel, and both kernels have the same size. The position of
+    a kernel is arbitrary, since the photograph doesn't show where the scene was before the blur.
     """
     steps = 4
     rows, columns = reference.shape
@@ -77,5 +77,8 @@ def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
 
 
 def _part_slice(length: int, number: int) -> slice:
-    """Return the slice of one of the photograph's parts along an axis of the given length."""
+    """Return the slice of one of the photograph's parts for blind deconvolution, along an axis.
+
+    `length` is the length of the axis.
+    """
     return slice(math.floor(length * number / _PARTS), math.floor(length * (number + 1) / _PARTS))

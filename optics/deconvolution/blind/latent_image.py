@@ -64,16 +64,17 @@ class LatentImageSampler:
         self.picture = torch.nn.functional.pad(middle, around, mode="replicate")[0, 0]
 
     def sample(self, kernel: torch.Tensor, deviation: float) -> None:
-        """Draw the next sharp picture for a kernel and the standard deviation of the noise."""
+        """Draw blind deconvolution's next sharp picture, for a blur kernel and noise deviation."""
         along, down = (self._sample_precisions(one) for one in _differences(self.picture))
         self.picture = self.sample_picture(kernel, deviation, along, down)
 
     def sample_picture(
         self, kernel: torch.Tensor, deviation: float, along: torch.Tensor, down: torch.Tensor
     ) -> torch.Tensor:
-        """Draw a sharp picture for gradients with known precisions (inverse variances).
+        """Draw blind deconvolution's sharp picture for gradients of known precision.
 
-        `along` is (rows, columns - 1) and `down` is (rows - 1, columns) of the picture.
+        The precision is the inverse variance. `along` is (rows, columns - 1) and `down` is (rows -
+        1, columns) of the picture.
         """
         spectrum, precision = padded_spectrum(kernel, self._period), deviation**-2
         reached = irfft2(
@@ -82,9 +83,11 @@ class LatentImageSampler:
         )
         told = self._crop_to_field(reached).clamp(min=0) * precision
         inverse = (told + _sum_at_pixels(along, down)).reciprocal()
-        noisy = (self._image + deviation * self._noise(self._image)) * self._valid
+        noisy = (self._image + deviation * self._normal_noise(self._image)) * self._valid
         wanted = self._blur_adjoint(noisy, spectrum) * precision
-        _add_adjoint(wanted, along.sqrt() * self._noise(along), down.sqrt() * self._noise(down))
+        _add_adjoint(
+            wanted, along.sqrt() * self._normal_noise(along), down.sqrt() * self._normal_noise(down)
+        )
 
         def normal(x: torch.Tensor) -> torch.Tensor:
             light = self._blur(x, spectrum)[self._frame_slices] * self._valid
@@ -96,12 +99,14 @@ class LatentImageSampler:
         left = wanted - normal(self.picture)
         # Conjugate gradients start from the last picture, reduce the squared residual by 1e-5, and
         # do at most 25 steps.
-        enough = 1e-5 * _inner(left, left * inverse)
-        picture, _ = conjugate_gradients(normal, left, self.picture, inverse, _inner, enough, 25)
+        enough = 1e-5 * _inner_product(left, left * inverse)
+        picture, _ = conjugate_gradients(
+            normal, left, self.picture, inverse, _inner_product, enough, 25
+        )
         return picture
 
     def kernel_problem(self, kernel: torch.Tensor) -> QuadraticProblem:
-        """Return the least-squares problem for the kernel, from the gradients of both pictures.
+        """Return the least-squares problem for the blur kernel, from sharp and blurred gradients.
 
         Gradients that weren't measured are replaced by those of the picture blurred by `kernel`, so
         that each step is one of expectation maximisation.
@@ -115,13 +120,16 @@ class LatentImageSampler:
         return least_squares_problem(spectrum, rfft2(light), self._size)
 
     def _sample_precisions(self, steps: torch.Tensor) -> torch.Tensor:
-        """Draw the mixture component of each gradient, and return the components' precisions."""
+        """Draw each gradient's Gaussian from the deconvolution prior; return the precisions."""
         below = self._prior.log_joint(steps.square()).softmax(0).cumsum(0)
         drawn = torch.rand(steps.shape, generator=self._generator, dtype=steps.dtype)
         return self._deviations[(drawn > below[:-1]).sum(0)] ** -2
 
-    def _noise(self, like: torch.Tensor) -> torch.Tensor:
-        """Draw standard normal noise of the shape and precision of a picture."""
+    def _normal_noise(self, like: torch.Tensor) -> torch.Tensor:
+        """Draw the standard normal noise with which blind deconvolution samples sharp pictures.
+
+        The noise has the shape and floating-point type of `like`.
+        """
         return torch.randn(like.shape, generator=self._generator, dtype=like.dtype)
 
     def _slices_from_first(self, rows: int, columns: int) -> tuple[EllipsisType, slice, slice]:
@@ -129,27 +137,30 @@ class LatentImageSampler:
         return (..., slice(y, y + rows), slice(x, x + columns))
 
     def _crop_to_field(self, whole: torch.Tensor) -> torch.Tensor:
-        """Crop a period to the sharp picture, which is larger than the frame by a kernel."""
+        """Crop a period to blind deconvolution's sharp picture, which extends beyond the frame."""
         return whole[: self._field_shape[0], : self._field_shape[1]]
 
     def _blur(self, x: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
-        """Blur a sharp picture by the kernel with the given spectrum; the result is a period."""
+        """Blur a sharp picture by blind deconvolution's trial kernel, given by its spectrum.
+
+        The result covers the whole period.
+        """
         return irfft2(padded_spectrum(x, self._period) * spectrum, self._period)
 
     def _blur_adjoint(self, light: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of the blur to light in the frame."""
+        """Apply the adjoint of blind deconvolution's trial blur to light in the frame."""
         whole = light.new_zeros(self._period)
         whole[self._frame_slices] = light
         return self._crop_to_field(irfft2(rfft2(whole) * spectrum.conj(), self._period))
 
 
 def _differences(x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute a picture's differences along the rows and down the columns."""
+    """Compute a sharp picture's differences along rows and columns, for blind deconvolution."""
     return x[:, 1:] - x[:, :-1], x[1:] - x[:-1]
 
 
 def _add_adjoint(x: torch.Tensor, along: torch.Tensor, down: torch.Tensor) -> None:
-    """Add the adjoint of a picture's differences to x, in place."""
+    """Add the adjoint of a sharp picture's differences to x in place, for blind deconvolution."""
     x[:, 1:] += along
     x[:, :-1] -= along
     x[1:] += down
@@ -157,13 +168,13 @@ def _add_adjoint(x: torch.Tensor, along: torch.Tensor, down: torch.Tensor) -> No
 
 
 def _sum_at_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
-    """Add up the precisions of the four gradients around each pixel of the sharp picture."""
+    """Add up the precisions of the four gradients around each pixel of the deconvolved picture."""
     pad = torch.nn.functional.pad
     return (
         pad(along, (1, 0)) + pad(along, (0, 1)) + pad(down, (0, 0, 1, 0)) + pad(down, (0, 0, 0, 1))
     )
 
 
-def _inner(a: torch.Tensor, b: torch.Tensor) -> float:
-    """Compute the inner product of two pictures."""
+def _inner_product(a: torch.Tensor, b: torch.Tensor) -> float:
+    """Compute the inner product of two sharp pictures for blind deconvolution."""
     return float((a * b).sum())

@@ -17,7 +17,10 @@ from optics.progress import Progress
 def rank_by_naturalness(
     photo: NormalisedPhotograph, kernels: Sequence[torch.Tensor], progress: Progress
 ) -> list[int]:
-    """Rank blur kernels by the unnaturalness() of their restored pictures, the best first."""
+    """Rank blur kernels by the unnaturalness() of the pictures that deconvolution gives with them.
+
+    The indices are returned with the best kernel first.
+    """
     costs = []
     for number, kernel in enumerate(kernels):
         progress.report(number / len(kernels), f"judging kernel {number + 1}/{len(kernels)}")
@@ -26,7 +29,7 @@ def rank_by_naturalness(
 
 
 def unnaturalness(photo: NormalisedPhotograph, kernel: torch.Tensor) -> float:
-    """Measure how unnatural the picture is that a blur kernel restores from a photograph.
+    """Measure how unnatural a photograph looks after deconvolution with a blur kernel.
 
     The measure is the mean length of the picture's gradients over their rms. It is high for blurred
     edges, and for ringing by a wrong kernel (Krishnan, Tay and Fergus 2011, doi

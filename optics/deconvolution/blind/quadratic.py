@@ -23,19 +23,19 @@ class QuadraticProblem:
     right_hand_side: torch.Tensor
 
     def value(self, kernel: torch.Tensor) -> float:
-        """Return the value of the objective for a blur kernel."""
+        """Return the value of blind deconvolution's quadratic objective for a blur kernel."""
         flat = kernel.ravel()
         return float(0.5 * flat @ (self.normal_matrix @ flat) - self.right_hand_side.ravel() @ flat)
 
     def with_ridge(self, weight: float) -> QuadraticProblem:
-        """Return the kernel's problem with the penalty weight * |k|² / 2 added."""
+        """Return blind deconvolution's kernel problem with a ridge ``weight * |k|² / 2`` added."""
         eye = torch.eye(self.normal_matrix.shape[0], dtype=self.normal_matrix.dtype)
         return QuadraticProblem(self.normal_matrix + weight * eye, self.right_hand_side)
 
     def blend_with(self, own_weight: float, new: QuadraticProblem) -> QuadraticProblem:
-        """Return the weighted mean with another kernel problem.
+        """Return the weighted mean of two of blind deconvolution's blur-kernel problems.
 
-        `own_weight` is the weight of this one, 0 to 1.
+        `own_weight`, from 0 to 1, is the weight of this problem.
         """
         return QuadraticProblem(
             torch.lerp(new.normal_matrix, self.normal_matrix, own_weight),
@@ -44,13 +44,19 @@ class QuadraticProblem:
 
 
 def fast_period(rows: int, columns: int) -> tuple[int, int]:
-    """Return a period of at least (rows, columns) with fast FFTs and an even number of columns."""
+    """Return a period of at least (rows, columns) with fast FFTs, for blind deconvolution.
+
+    The number of columns is even.
+    """
     half = scipy.fft.next_fast_len((columns + 1) // 2, real=True)
     return scipy.fft.next_fast_len(rows, real=True), 2 * half
 
 
 def padded_spectrum(picture: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
-    """Compute the rfft2 of a picture, (..., rows, columns), padded with zeros to a period."""
+    """Compute the rfft2 of a picture padded with zeros to a period, for blind deconvolution.
+
+    The picture is (..., rows, columns).
+    """
     rows, columns = picture.shape[-2:]
     margins = (0, period[1] - columns, 0, period[0] - rows)
     return rfft2(torch.nn.functional.pad(picture, margins))
@@ -59,11 +65,11 @@ def padded_spectrum(picture: torch.Tensor, period: tuple[int, int]) -> torch.Ten
 def least_squares_problem(
     sharp: torch.Tensor, blurred: torch.Tensor, shape: tuple[int, int]
 ) -> QuadraticProblem:
-    """Build the kernel problem of minimising |sharp * k - blurred|² / 2, where * is a convolution.
+    """Build blind deconvolution's problem of minimising ``|sharp * k - blurred|² / 2``.
 
-    `sharp` and `blurred` are rfft2 spectra, (channels, ...), on one period that is so large that
-    the convolution doesn't wrap around. `shape` is the (rows, columns) of the kernel, whose first
-    pixel belongs to a lag of 0.
+    The sign * stands for convolution. `sharp` and `blurred` are rfft2 spectra, (channels, ...), on
+    one period that is so large that the convolution doesn't wrap around. `shape` is the (rows,
+    columns) of the kernel, whose first pixel belongs to a lag of 0.
     """
     period = (int(sharp.shape[-2]), 2 * (int(sharp.shape[-1]) - 1))
     power = (sharp.real.square() + sharp.imag.square()).sum(0)
@@ -73,7 +79,10 @@ def least_squares_problem(
 
 
 def _toeplitz(autocorrelation: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Build the kernel's normal matrix, the autocorrelation at the lag between any two pixels."""
+    """Build the Toeplitz normal matrix of blind deconvolution's blur kernel.
+
+    Each entry is the autocorrelation at the lag between two pixels of the kernel.
+    """
     y = torch.arange(shape[0]).repeat_interleave(shape[1])
     x = torch.arange(shape[1]).repeat(shape[0])
     rows, columns = autocorrelation.shape
@@ -83,11 +92,11 @@ def _toeplitz(autocorrelation: torch.Tensor, shape: tuple[int, int]) -> torch.Te
 def minimise_nonnegative(
     problem: QuadraticProblem, start: torch.Tensor, *, sum_is_one: bool, steps: int = 200
 ) -> torch.Tensor:
-    """Minimise a quadratic problem over non-negative blur kernels, starting from `start`.
+    """Find the non-negative blur kernel that minimises blind deconvolution's quadratic objective.
 
-    The method is the accelerated projected gradient with restarts (Beck and Teboulle 2009, doi
-    10.1137/080716542; O'Donoghue and Candès 2015, doi 10.1007/s10208-013-9150-3). `sum_is_one`
-    limits the kernels to those with a sum of 1.
+    The search starts from `start`. The method is the accelerated projected gradient with restarts
+    (Beck and Teboulle 2009, doi 10.1137/080716542; O'Donoghue and Candès 2015, doi
+    10.1007/s10208-013-9150-3). `sum_is_one` limits the kernels to those with a sum of 1.
     """
     size = _largest_eigenvalue(problem.normal_matrix)
     if size <= 0:
@@ -111,7 +120,7 @@ def minimise_nonnegative(
 
 
 def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
-    """Project a kernel onto the nearest non-negative one that sums to 1.
+    """Project a blindly estimated blur kernel onto the nearest non-negative one with a sum of 1.
 
     See Duchi et al. 2008, doi 10.1145/1390156.1390191.
     """
@@ -123,9 +132,10 @@ def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
 
 
 def _largest_eigenvalue(normal: torch.Tensor, steps: int = 20) -> float:
-    """Estimate the largest eigenvalue of a kernel's normal matrix from above, by power iteration.
+    """Bound the largest eigenvalue of blind deconvolution's kernel matrix by power iteration.
 
-    The result is 1.1 times the estimate. It suits a Toeplitz matrix with mostly positive entries.
+    `normal` is the kernel's normal matrix. The result is 1.1 times the estimate of the power
+    iteration, which makes it an upper bound for a Toeplitz matrix with mostly positive entries.
     """
     vector = torch.ones(normal.shape[0], dtype=normal.dtype)
     size = 0.0

@@ -10,7 +10,7 @@ _TOUCHING = np.ones((3, 3))
 
 
 def without_specks(kernel: torch.Tensor, faint: float, small: float) -> torch.Tensor:
-    """Remove specks from a blur kernel: faint pixels and small isolated parts.
+    """Remove faint pixels and small isolated parts from a blindly estimated blur kernel.
 
     Pixels below the share `faint` of the peak are set to 0, and so are connected parts with less
     than the share `small` of the light. The result sums to 1.

@@ -44,7 +44,7 @@ class StrongEdges:
         self._interior[frame] = 1 - unseen[frame]
 
     def estimate_picture(self, kernel: torch.Tensor, weight: float) -> torch.Tensor:
-        """Estimate a sharp picture with few edges from the photograph and a blur kernel.
+        """Estimate a sharp picture with few edges by deconvolution with a trial blur kernel.
 
         The picture x minimises |k * x - image|² + weight * (number of pixels where x has a
         gradient), by half-quadratic splitting (Xu, Zheng and Jia 2013, doi 10.1109/CVPR.2013.147).
@@ -68,10 +68,11 @@ class StrongEdges:
     def estimate_kernel(
         self, picture: torch.Tensor, start: torch.Tensor, ridge: float
     ) -> torch.Tensor:
-        """Estimate the blur kernel k that maps a picture with few edges to the photograph.
+        """Estimate the kernel k of blind deconvolution from a sharp picture with few edges.
 
-        `ridge` is the weight of |k|², which determines what the edges don't. The result sums to 1.
-        It is `start` if the picture has no edges.
+        The picture, blurred by k, matches the photograph best. `ridge` is the weight of |k|², which
+        determines what the edges don't. The result sums to 1. If the picture has no edges, the
+        result is `start`.
         """
         edges = gradients(picture) * self._interior
         rows, columns = self._size

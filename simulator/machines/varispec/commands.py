@@ -35,7 +35,10 @@ _LEGAL = {
 
 
 def parse_command(line: str) -> tuple[str, list[str]]:
-    """Split a VariSpec command into its letter and arguments; raise CommandError if it is none."""
+    """Split a command to the simulated VariSpec machine into its letter and arguments.
+
+    Raises CommandError if the line is no command.
+    """
     found = _LINE.fullmatch(line)
     if not found or found[1].upper() not in "ABCDEGIJMPRSVWXY":
         raise CommandError(VariSpecErrorCode.SYNTAX)
@@ -49,7 +52,10 @@ def parse_number(word: str) -> float:
 
 
 def parse_integer(letter: str, words: list[str]) -> int:
-    """Return the only argument of a VariSpec command that takes certain whole numbers."""
+    """Return the only argument of a command to the VariSpec machine, a whole number.
+
+    Raises CommandError for more or fewer arguments, and for a number that the command doesn't take.
+    """
     if len(words) != 1:
         raise CommandError(VariSpecErrorCode.SYNTAX)
     value = parse_number(words[0])
@@ -59,7 +65,10 @@ def parse_integer(letter: str, words: list[str]) -> int:
 
 
 def execute(state: VariSpecState, letter: str, words: list[str], serial: int) -> None:
-    """Change a VariSpec's state by a command other than I and E, which take time."""
+    """Change the simulated VariSpec machine's state by a command other than I and E.
+
+    The commands I and E aren't handled here, because they take time.
+    """
     if letter in "VY":
         raise CommandError(VariSpecErrorCode.READ_ONLY)
     if letter in "AS":
@@ -94,6 +103,7 @@ def _tune(state: VariSpecState, words: list[str]) -> None:
 
 
 def _choose(state: VariSpecState, words: list[str]) -> None:
+    """Choose an element of the VariSpec machine's palette, as a command's argument says."""
     if len(words) == 1 and words[0] in _STEPS:
         state.choose_next(_STEPS[words[0]])
     else:
@@ -115,7 +125,7 @@ def _set_integer(state: VariSpecState, letter: str, value: int) -> None:
 def reply_lines(
     state: VariSpecState, letter: str, serial: int, firmware: str, heat: float
 ) -> list[str]:
-    """Return the lines of a VariSpec's reply to a query, padded as the manual says."""
+    """Return the lines of the VariSpec machine's reply to a query, padded as the manual says."""
     if letter == "V":
         optics = f"{state.shortest:.2f}  {state.longest:.2f}"
         return [f"   {firmware}  {optics} {serial:05d}"]

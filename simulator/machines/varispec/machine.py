@@ -48,7 +48,7 @@ _TIMING = VariSpecTiming()
 
 
 def _warm_up_temperature(t: float) -> float:
-    """Return the optics' temperature in °C, which rises by 4 K in about an hour."""
+    """Return the VariSpec machine's temperature in °C, which rises by 4 K in about an hour."""
     return 25.0 - 4.0 * math.exp(-max(t, 0.0) / 1200.0)
 
 
@@ -106,7 +106,7 @@ class VariSpecMachine(FaultyMachine):
         self.power_up(powered_at)
 
     def power_up(self, t: float) -> None:
-        """Put the filter into the state that it has when it is switched on at time t."""
+        """Switch the simulated VariSpec machine on at time t, which resets its state."""
         shortest, longest = self._range
         self.state = VariSpecState(shortest, longest, lambda nm: self._tell(round(nm * 100) / 1e11))
         self._line = bytearray()
@@ -158,7 +158,10 @@ class VariSpecMachine(FaultyMachine):
         return self.state.status & ~1 if "uninitialised" in self._faults else self.state.status
 
     def _advance(self, t: float) -> list[Reply]:
-        """Finish the command that is due by time t, begin the waiting ones, and return replies."""
+        """Finish the VariSpec machine's command that is due by time t, and begin waiting ones.
+
+        Returns the replies.
+        """
         replies: list[Reply] = []
         while "busy forever" not in self._faults:
             if self._finish is not None:
@@ -176,6 +179,7 @@ class VariSpecMachine(FaultyMachine):
         return replies
 
     def _try(self, work: Callable[[float], list[str]], t: float) -> list[str]:
+        """Do a command's work in the VariSpec machine, and keep the error code if it fails."""
         initialised = self.state.initialised
         if "uninitialised" in self._faults:
             self.state.initialised = False
@@ -189,10 +193,14 @@ class VariSpecMachine(FaultyMachine):
                 self.state.initialised = initialised
 
     def _begin(self, t: float, seconds: float, finish: Callable[[float], list[str]]) -> None:
+        """Keep the simulated VariSpec machine busy for some seconds, and then call `finish`."""
         self._finish, self._done_at = finish, t + seconds
 
     def _start(self, line: bytes, t: float) -> list[str]:
-        """Begin the command of a line; a filter that is asleep obeys only the command to wake."""
+        """Begin the command that a line gives to the VariSpec machine.
+
+        A machine that is asleep obeys only the command to wake.
+        """
         text = line.decode("latin-1")
         if not text.strip():
             return []
@@ -238,7 +246,7 @@ class VariSpecMachine(FaultyMachine):
         return self._confirm("E")(t)
 
     def _confirm(self, letter: str) -> Callable[[float], list[str]]:
-        """Return the reply of a command that was carried out: none unless brief mode is 2."""
+        """Make the VariSpec machine's reply to a completed command: none unless brief mode is 2."""
         return lambda t: self._query_reply(letter, t) if self.state.brief == 2 else []
 
     def _query_reply(self, letter: str, t: float) -> list[str]:

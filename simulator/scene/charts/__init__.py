@@ -11,7 +11,7 @@ from simulator.scene.polygons import Polygons
 
 
 def outline(chart: Polygons) -> Polygons:
-    """Return the sheet that a chart is printed on, as the cover of a scene's `Sheet`.
+    """Return the sheet that a scene's chart is printed on, as the cover of a `Sheet`.
 
     Parameters
     ----------

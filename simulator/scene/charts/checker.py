@@ -17,7 +17,7 @@ from simulator.scene.spectral_factorisation import factorise_spectra
 def checker(
     reflectances: Sequence[Spectrum], width: float, offset: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[PaintedPicture, ...]:
-    """Draw a test chart of 24 coloured patches in four rows of six, with a black frame.
+    """Draw a scene's test chart of 24 coloured patches in four rows of six, framed in black.
 
     Parameters
     ----------

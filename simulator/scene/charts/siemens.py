@@ -17,7 +17,7 @@ def siemens_star(
     bright: float = PAPER,
     offset: tuple[float, float] = (0.0, 0.0),
 ) -> Polygons:
-    """Draw a Siemens star, a test chart of dark spokes as wide as the gaps between them.
+    """Draw a scene's Siemens star, a chart of dark spokes as wide as the gaps between them.
 
     At a radius r the star has spokes / (2πr) line pairs per metre.
 
