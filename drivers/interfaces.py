@@ -57,7 +57,7 @@ class Frame:
 
 
 def checksum(image: NDArray[np.uint16]) -> int:
-    """Return the CRC-32 of a picture's bytes, row by row."""
+    """Return the CRC-32 by which a driver's frame is checked: of its picture, row by row."""
     return zlib.crc32(np.ascontiguousarray(image).data)
 
 
@@ -67,7 +67,7 @@ class Clock(Protocol):
     def now(self) -> float: ...
 
     def wait_until(self, time: float, cancelled: Callable[[], bool]) -> None:
-        """Return at `time`, or soon after `cancelled()` becomes true."""
+        """Let a driver wait until `time`, or until soon after `cancelled()` becomes true."""
         ...
 
 
@@ -89,16 +89,16 @@ class Device(Protocol):
 
     @property
     def reply_time(self) -> float:
-        """Seconds within which the device documents that it answers a call, besides an exposure."""
+        """Seconds within which a driver documents that it answers a call, besides an exposure."""
         ...
 
     @property
     def settling(self) -> float:
-        """Longest time in seconds until a new setting of the device stands."""
+        """Longest time in seconds until a new setting stands, as the device's driver states."""
         ...
 
     def make_safe(self) -> None:
-        """Put the device into a state in which it may be left alone; may be called twice."""
+        """Have a driver leave its device in a safe state, untouched; may be called twice."""
         ...
 
     def __enter__(self) -> Self: ...
@@ -119,18 +119,18 @@ class SLM(Device, Protocol):
 
     @property
     def displayed_pattern(self) -> str:
-        """Identifier of the pattern that the SLM shows now."""
+        """Identifier of the pattern that the SLM shows now, as its driver reports."""
         ...
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]: ...
 
     @property
     def frame_time(self) -> float:
-        """Seconds for which the SLM shows each frame of a video."""
+        """Seconds for which an SLM's driver shows each frame of a video."""
         ...
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
-        """Show the frames (n, rows, columns) of a video on the SLM in an endless loop."""
+        """Have an SLM's driver show a video's frames (n, rows, columns) in an endless loop."""
         ...
 
 
@@ -142,7 +142,7 @@ class SpectralFilter(Device, Protocol):
 
     @property
     def bandwidth(self) -> float:
-        """Full width at half maximum of the filter's band, in metres."""
+        """Full width at half maximum of the filter's band in metres, as its driver states."""
         ...
 
     @property
@@ -181,7 +181,7 @@ class Camera(Device, Protocol):
 
     @property
     def full_scale(self) -> int:
-        """Digital number at which a pixel of the camera counts as clipped."""
+        """Digital number at which a camera's driver counts a pixel as clipped."""
         ...
 
     @property
@@ -189,7 +189,7 @@ class Camera(Device, Protocol):
 
     @property
     def frame_time(self) -> float:
-        """Seconds from the end of the camera's exposure to the picture in memory."""
+        """Seconds that a camera's driver takes from the exposure's end to the picture."""
         ...
 
     def set_exposure(self, exposure: float) -> Setting[float]: ...
@@ -225,7 +225,7 @@ class Spectroradiometer(Device, Protocol):
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
-        """Wavelengths at which the spectroradiometer measures, in metres, (n,)."""
+        """Wavelengths at which a spectroradiometer's driver measures, in metres, (n,)."""
         ...
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum: ...
@@ -236,7 +236,7 @@ class TargetChanger(Device, Protocol):
 
     @property
     def by_hand(self) -> bool:
-        """Whether a person places the targets, who must be asked and waited for."""
+        """Whether this target driver has a person place the targets, who must be asked."""
         ...
 
     @property

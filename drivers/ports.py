@@ -15,14 +15,14 @@ class Port:
 
 
 def serial_ports() -> list[Port]:
-    """List the serial ports that pyserial finds."""
+    """List the serial ports that pyserial finds, with the addresses that drivers take."""
     from serial.tools import list_ports
 
     return [Port("serial", p.device, p.description or "") for p in list_ports.comports()]
 
 
 def usb_devices() -> list[Port]:
-    """List the USB devices as vendor:product, with the libusb of the package libusb-package."""
+    """List the real USB devices for drivers as vendor:product, found by libusb-package's libusb."""
     import libusb_package
     import usb.core
 
@@ -34,7 +34,9 @@ def usb_devices() -> list[Port]:
 
 
 def cameras() -> list[Port]:
-    """List the GigE Vision and USB3 Vision cameras that answer, which takes a second.
+    """List the real GigE and USB3 Vision cameras that answer a driver; it takes a second.
+
+    Their full names are GigE Vision and USB3 Vision.
 
     Raises DeviceError if Aravis isn't installed.
     """
@@ -47,7 +49,7 @@ def cameras() -> list[Port]:
 
 
 def screens() -> list[Port]:
-    """List the screens of this session's X server; the list is empty without an X server.
+    """List the screens for the SLM driver on this session's X server; none without a server.
 
     Raises DeviceError if the X server can't be asked.
     """
