@@ -29,7 +29,7 @@ class CallResult(NamedTuple):
     failure: RemoteFailure | None = None
 
     def result(self) -> Any:
-        """Return the value, or raise the other process's exception.
+        """Return the value that the hosting child process sent, or raise its exception.
 
         An exception of a class that this process doesn't know becomes a RuntimeError.
         """
@@ -39,7 +39,10 @@ class CallResult(NamedTuple):
 
 
 def capture_result(act: Callable[..., Any], *given: Any) -> CallResult:
-    """Call a function, and return its value or exception as a CallResult to be sent."""
+    """Call a function in a hosting child process or its parent; return the outcome to send.
+
+    The outcome is a CallResult with the value or the exception.
+    """
     try:
         return CallResult(act(*given))
     except BaseException as error:

@@ -30,7 +30,10 @@ class RemoteFailure(NamedTuple):
         return RemoteFailure(pickled, repr(error), "".join(traceback.format_exception(error)))
 
     def to_exception(self) -> Exception | None:
-        """Return the exception; None if it can't be unpickled or its module isn't loaded here."""
+        """Return the hosting child process's exception; None if it can't be unpickled here.
+
+        It is also None if the exception's module isn't loaded here.
+        """
         with contextlib.suppress(Exception):
             return (
                 None

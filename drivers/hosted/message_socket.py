@@ -57,7 +57,9 @@ class MessageSocket:
             os.close(memory)
 
     def disconnect(self) -> None:
-        """Shut the socket down; a thread that waits in `receive` gets LineClosed.
+        """Shut down the socket to the hosting child process; any `receive` gets LineClosed.
+
+        This includes a thread that waits in `receive`.
 
         Any thread may call it.
         """
@@ -68,7 +70,10 @@ class MessageSocket:
     __del__ = close
 
     def send(self, message: object) -> None:
-        """Send a message, waiting until the other end reads; raise if it can't be pickled."""
+        """Send a message between parent and hosting child process; wait until it is read.
+
+        Raises if the message can't be pickled.
+        """
         # Length and object are sent in one piece, so that the receiver wakes up only once.
         whole = io.BytesIO(bytes(_LENGTH.size))
         whole.seek(_LENGTH.size)
@@ -78,7 +83,9 @@ class MessageSocket:
             self._socket.sendall(data)
 
     def receive_nowait(self) -> Any:
-        """Return the next message without waiting, or None if it hasn't arrived completely.
+        """Return the next message of a hosting child process or its parent, without waiting.
+
+        Returns None if the message hasn't arrived completely.
 
         Bytes of later messages stay in the socket, so that it can still be polled for them.
         """
@@ -109,7 +116,9 @@ class MessageSocket:
         on_poll: Callable[[], None] | None = None,
         exit_descriptor: int | None = None,
     ) -> Any:
-        """Wait for the next message and return it; raise MessageTimeout or LineClosed.
+        """Wait for the next message between parent and hosting child process, and return it.
+
+        Raises MessageTimeout or LineClosed.
 
         timeout: seconds. on_poll: called every 20 ms meanwhile; its exceptions pass through.
         exit_descriptor: descriptor that becomes readable when the other process has ended, even if
@@ -140,7 +149,10 @@ class MessageSocket:
 
 
 def hang_up_poll(end: int) -> select.poll:
-    """Return a poll object that reports only that the other end of a socket was closed."""
+    """Return a poll object that reports only that a hosting child process or its parent hung up.
+
+    To hang up is to close the other end of the socket.
+    """
     closed = select.poll()
     closed.register(end, select.POLLRDHUP)
     return closed

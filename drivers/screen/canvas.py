@@ -23,7 +23,7 @@ from drivers.x11 import libxcb
 
 
 def qt_application(display: str) -> QGuiApplication:
-    """Return this process's Qt application, set up to draw pixel for pixel on an X display."""
+    """Return the Qt application that draws pixel for pixel on the SLM's screen, an X display."""
     running = QGuiApplication.instance()
     if isinstance(running, QGuiApplication):
         return running
@@ -61,7 +61,7 @@ class Canvas(QWindow):
         self._connection = int(application.nativeInterface().connection())
 
     def appear(self, grey: NDArray[uint8]) -> None:
-        """Put the SLM's window on the screen with this picture."""
+        """Put the SLM's window on the real screen with this picture."""
         self._image = grey_image(grey)
         self.setVisible(True)
         # Seconds within which the X server must have mapped the window.
@@ -72,7 +72,7 @@ class Canvas(QWindow):
         self.draw(self._image)
 
     def draw(self, image: QImage) -> None:
-        """Draw a picture in the SLM's window; on return, the X server has received it."""
+        """Draw a picture in the window on the SLM's screen; on return, the X server has it."""
         self._image = image
         self._flush()
         libxcb.round_trip(self._connection)
@@ -92,13 +92,16 @@ class Canvas(QWindow):
         self._store.flush(whole)
 
     def exposeEvent(self, event: object) -> None:
-        """Redraw the picture after another window covered this one; Qt calls this."""
+        """Redraw the SLM's picture after another window covered its screen; Qt calls this."""
         if self.isExposed():
             self._flush()
 
 
 def grey_image(grey: NDArray[uint8]) -> QImage:
-    """Wrap grey levels as a QImage that shares the array's memory, which must outlive it."""
+    """Wrap the SLM screen's grey levels as a QImage that shares the array's memory.
+
+    The array must outlive the image.
+    """
     rows, columns = grey.shape
     image = QImage(grey.data, columns, rows, columns, QImage.Format.Format_Grayscale8)
     image.setColorSpace(type(image.colorSpace())())

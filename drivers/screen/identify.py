@@ -15,7 +15,7 @@ _MODEL = "screens"
 
 
 def list_screens(display: str | None = None) -> list[Output]:
-    """List the screens that are lit, in the X server's order.
+    """List the screens that are lit for an SLM to choose from, in the X server's order.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def list_screens(display: str | None = None) -> list[Output]:
 
 
 def identify_screens(display: str | None = None, seconds: float = 5.0) -> list[Output]:
-    """Show a label with its number and name on each screen, and list the screens.
+    """Label each screen with its number and name, to find the SLM's; return the list.
 
     Parameters
     ----------
@@ -78,7 +78,10 @@ def identify_screens(display: str | None = None, seconds: float = 5.0) -> list[O
 
 
 def format_listing(outputs: list[Output]) -> str:
-    """Format one line per screen: number, output, size, position, rate and monitor."""
+    """Format one line per screen that could be the SLM's, with its number and monitor.
+
+    A line names number, output, size, position, rate and monitor.
+    """
     lines = []
     for number, output in enumerate(outputs, 1):
         monitor = output.monitor
@@ -91,7 +94,10 @@ def format_listing(outputs: list[Output]) -> str:
 
 
 def show_names(display: str | None, seconds: float) -> None:
-    """Show the screens' labels from this process, whose environment is changed for Qt."""
+    """Show the labels on all screens from this process, to find the SLM's screen.
+
+    The process's environment is changed for Qt.
+    """
     x = connect_display(_MODEL, display)
     with x:
         there, name = list_outputs(x), x.display

@@ -54,7 +54,10 @@ class VideoPlayer:
         self._smoothed_time = 0.0
 
     def on_refresh(self, number: int, time: float) -> int:
-        """Draw the next video frame after refresh `number`; return the refresh that shows it."""
+        """Draw the next video frame after the SLM screen's refresh `number`.
+
+        Returns the refresh that shows the frame.
+        """
         index = self._presented % self._count
         self._draw(index)
         # The frame appears at the first refresh after it was drawn.
@@ -79,7 +82,7 @@ class VideoPlayer:
         self._presented += 1
 
     def presentations(self) -> Presentations:
-        """Return the video's presentations until now; an overdue frame counts as missed."""
+        """Return the SLM screen's presentations of video frames; an overdue one counts missed."""
         overdue = 0
         if self._shown:
             late = (self._now() - self._shown[-1][1]) / self._period

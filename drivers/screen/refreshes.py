@@ -65,7 +65,9 @@ class RefreshEvents:
         self._serial = 0
 
     def request_refresh(self, number: int) -> None:
-        """Request an event for refresh `number`, or for the latest if that one has passed.
+        """Request an event for refresh `number` of the SLM's screen.
+
+        The event is for the latest refresh if that one has passed.
 
         Earlier requests are ignored from now on.
         """
@@ -83,7 +85,7 @@ class RefreshEvents:
         )
 
     def poll_refresh(self) -> Refresh | None:
-        """Return the screen refresh that was requested, if its event has arrived."""
+        """Return the requested refresh of the SLM's screen, if its event has arrived."""
         found = None
         for event in self.x.events():
             if len(event) < 44 or event[0] & 0x7F != GENERIC_EVENT or event[1] != self._major:

@@ -22,7 +22,9 @@ class ServerGone(DeviceError):
 
 
 def connect_display(model: str, display: str | None) -> XConnection:
-    """Connect to the X server; DeviceError if there is none, or if it is Xwayland.
+    """Connect the SLM's screen driver to the X server.
+
+    Raises DeviceError if there is none, or if it is Xwayland.
 
     Wayland's compositor controls screens and scaling, so that Xwayland can't show exact pixels.
 
@@ -52,7 +54,10 @@ def connect_display(model: str, display: str | None) -> XConnection:
 
 
 def disable_scaling(environment: MutableMapping[str, str], display: str) -> None:
-    """Change this process's environment so that Qt draws pixel for pixel on that display."""
+    """Change this process's environment so that Qt doesn't scale on the SLM's screen.
+
+    Qt then draws pixel for pixel on that display.
+    """
     for name in _SCALING:
         environment.pop(name, None)
     environment.update(
