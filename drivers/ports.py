@@ -36,8 +36,6 @@ def usb_devices() -> list[Port]:
 def cameras() -> list[Port]:
     """List the real GigE and USB3 Vision cameras that answer a driver; it takes a second.
 
-    Their full names are GigE Vision and USB3 Vision.
-
     Raises DeviceError if Aravis isn't installed.
     """
     from drivers.aravis import find_cameras

@@ -134,10 +134,7 @@ class SlottedFilter(ABC):
         return self._slots[self.slot - 1].wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Have the driver turn its filter wheel to the slot of a wavelength, within 1 pm.
-
-        It is the slot whose centre is within a picometre of the wavelength.
-        """
+        """Have the driver turn its filter wheel to the slot of a wavelength."""
         for number, slot in enumerate(self._slots, start=1):
             if abs(slot.wavelength - wavelength) < 1e-12:
                 setting = self.set_slot(number)
@@ -250,7 +247,7 @@ class Wheel(SlottedFilter):
             ) from None
 
     def _read_slot(self, command: str) -> int:
-        """Let the driver wait until its filter wheel stands; return the slot or DeviceError.
+        """Let the driver wait until its filter wheel stands; return the slot.
 
         Raises DeviceError if the wheel doesn't come to rest.
         """

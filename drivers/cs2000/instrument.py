@@ -255,7 +255,7 @@ class CS2000:
     def _read_conditions(self) -> tuple[float, bool, float]:
         """Read a CS-2000 measurement's integration time in s, internal filter and angle.
 
-        Of the filter, whether it was used.
+        For the filter, it returns whether it was used.
         """
         found = self._link.confirmed_reply("MEDR,0,0,1", _CONDITIONS, COMMAND)
         told = (found[1], found[2], found[5], found[6])

@@ -100,7 +100,7 @@ def _spms_value(mode: str, integration_ms: float | None, integration_s: int | No
 def _scms_value(sync_hz: float, external: bool) -> str:
     """Return the argument of the CS-2000's SCMS, which sets how it follows flickering light.
 
-    SCMS sets the synchronisation.
+    It sets the synchronisation with such light.
     """
     if not is_number(sync_hz) or (sync_hz and (external or not 20 <= sync_hz <= 200)):
         raise ValueError(

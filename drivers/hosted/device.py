@@ -162,10 +162,7 @@ class HostedDevice:
         return self._exchange(command, pack(CallRequest(command, given)), within=seconds)
 
     def _call(self, name: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
-        """Call a method of the hosted device; send nothing if an argument can't be sent.
-
-        It raises in that case.
-        """
+        """Call a method of the hosted device; raise, and send nothing, if an argument can't go."""
         watched: list[Callable[[], Any]] = []
         given = [replace_callable(value, watched) for value in arguments]
         named = {key: replace_callable(value, watched) for key, value in options.items()}

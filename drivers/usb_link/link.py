@@ -92,7 +92,7 @@ class UsbLink:
         return self._cancelled.is_set()
 
     def cancel(self) -> None:
-        """Let no further USB transfer begin on this link; its user's thread closes the device.
+        """Let no further transfer begin on the USB link; its thread then closes the device.
 
         That is the thread that uses the link.
 
@@ -301,7 +301,7 @@ class UsbLink:
         return fitting
 
     def _claim(self) -> None:
-        """Claim the interface of the USB link's device, which no other driver may hold."""
+        """Claim the interface of the USB link's device; detach the system's driver if needed."""
         import usb.core
         import usb.util
 

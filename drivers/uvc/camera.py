@@ -181,7 +181,7 @@ class UVCCamera:
         return Setting(exposure, self._in_force.exposure, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """Return the UVC camera's first frame with the current exposure that began after this.
+        """Return the first UVC frame with the current exposure that began after this call.
 
         DeviceError if the stream stops for a second, or if the call is cancelled.
         """
@@ -259,7 +259,7 @@ class UVCCamera:
         return levels
 
     def _next_valid_frame(self, stream: Stream, cancelled: Callable[[], bool]) -> StreamFrame:
-        """Return the UVC camera's next frame that began after the call with the exposure set.
+        """Return the first UVC frame with the exposure in force that began after the call.
 
         The exposure is the current one.
         """

@@ -29,7 +29,10 @@ class Monitor:
 
 
 def read_edid(edid: bytes) -> Monitor:
-    """Decode a monitor's EDID; the Monitor is empty if the bytes or their checksum are wrong."""
+    """Decode the EDID of a monitor at the X11 server; the Monitor is empty if it is wrong.
+
+    It is wrong if its bytes or their checksum are.
+    """
     if len(edid) < 128 or edid[:8] != _HEADER or sum(edid[:128]) % 256:
         return Monitor()
     (letters,) = struct.unpack_from(">H", edid, 8)
