@@ -98,7 +98,10 @@ class Device(Protocol):
         ...
 
     def make_safe(self) -> None:
-        """Have a driver leave its device in a safe state, untouched; may be called twice."""
+        """Have a driver put its device into a state in which it may be left alone.
+
+        It may be called twice.
+        """
         ...
 
     def __enter__(self) -> Self: ...

@@ -15,14 +15,17 @@ class Port:
 
 
 def serial_ports() -> list[Port]:
-    """List the serial ports that pyserial finds, with the addresses that drivers take."""
+    """List the serial ports of this computer to which drivers can connect, by pyserial."""
     from serial.tools import list_ports
 
     return [Port("serial", p.device, p.description or "") for p in list_ports.comports()]
 
 
 def usb_devices() -> list[Port]:
-    """List the real USB devices for drivers as vendor:product, found by libusb-package's libusb."""
+    """List the USB devices to which drivers can connect, as vendor:product.
+
+    They are found with the libusb of the package libusb-package.
+    """
     import libusb_package
     import usb.core
 
@@ -34,7 +37,9 @@ def usb_devices() -> list[Port]:
 
 
 def cameras() -> list[Port]:
-    """List the real GigE and USB3 Vision cameras that answer a driver; it takes a second.
+    """List this computer's cameras to which drivers can connect; this takes a second.
+
+    These are the GigE Vision and USB3 Vision cameras that answer.
 
     Raises DeviceError if Aravis isn't installed.
     """
@@ -47,7 +52,9 @@ def cameras() -> list[Port]:
 
 
 def screens() -> list[Port]:
-    """List the screens for the SLM driver on this session's X server; none without a server.
+    """List this computer's screens to which drivers can connect; none without an X server.
+
+    These are the screens of this session's X server.
 
     Raises DeviceError if the X server can't be asked.
     """

@@ -94,7 +94,10 @@ class SerialLine:
 
     @property
     def time_left(self) -> float:
-        """Seconds until the serial line's time limit of within(); infinite outside of it."""
+        """Seconds until the driver's serial line reaches the limit of within(); may be inf.
+
+        It is infinite outside of within().
+        """
         return self._until - self.clock.now()
 
     def open(self, command: str = "open") -> None:
@@ -122,7 +125,7 @@ class SerialLine:
             raise self._close_with_error(command, error) from error
 
     def unplugged_reason(self) -> str | None:
-        """Return why a serial line's device counts as unplugged; empty while its port is there.
+        """Return why a driver's serial device counts as unplugged; empty while its port exists.
 
         It looks only for the port's file and sends nothing; it returns None for a port that isn't
         a file. Any thread may call it.
@@ -146,7 +149,10 @@ class SerialLine:
         self.open(command)
 
     def cancel(self) -> None:
-        """End the serial line's present read and all later ones; any thread may call it."""
+        """End the present read of the driver's serial line and all later ones.
+
+        Any thread may call it.
+        """
         self._cancelled.set()
         port = self._port
         if port is not None and hasattr(port, "cancel_read"):
@@ -155,9 +161,9 @@ class SerialLine:
 
     @contextlib.contextmanager
     def within(self, seconds: float) -> Iterator[None]:
-        """Limit the total time of all reads of a serial line, whatever their timeouts.
+        """Limit the total time of all reads of the driver's serial line in this context.
 
-        The limit holds in this context.
+        The limit holds whatever their own timeouts are.
         """
         before = self._until
         self._until = min(before, self.clock.now() + seconds)
@@ -179,7 +185,7 @@ class SerialLine:
         return self._read_bytes(lambda held: count if len(held) >= count else 0, command, seconds)
 
     def read_until(self, end: bytes, command: str, seconds: float) -> bytes:
-        """Read the serial line's bytes up to and including the next `end`, within `seconds`."""
+        """Read the driver's serial line up to and including `end`, within `seconds`."""
 
         def length(held: bytearray) -> int:
             found = held.find(end)
@@ -188,7 +194,7 @@ class SerialLine:
         return self._read_bytes(length, command, seconds)
 
     def has_received(self, end: bytes, command: str, seconds: float) -> bool:
-        """Return whether an `end` has arrived on the serial line; wait up to `seconds` for it.
+        """Return whether an `end` has arrived on the driver's serial line within `seconds`.
 
         Raises DeviceError when the time of within() is over.
         """
@@ -204,7 +210,10 @@ class SerialLine:
         return True
 
     def drain(self, quiet: float, timeout: float, command: str = "come to rest") -> bytes:
-        """Discard the serial line's bytes until none comes for `quiet` s; return them."""
+        """Discard the driver's serial line until no byte comes for `quiet` s.
+
+        Returns the discarded bytes.
+        """
         self.open(command)
         gone, self._buffer = bytes(self._buffer), bytearray()
         late = min(self.clock.now() + timeout, self._until)
@@ -219,7 +228,7 @@ class SerialLine:
         return gone
 
     def error(self, command: str, reply: str, remedy: str = _CABLE) -> DeviceError:
-        """Return a serial device's DeviceError, and mark its line as not in sync."""
+        """Return a serial line's DeviceError for its driver, and mark the line as not in sync."""
         self.in_sync = False
         return DeviceError(self.model, command, reply, remedy)
 

@@ -110,10 +110,7 @@ class StarlightWheel(UsbWheel):
         self._wait_at_slot(command, number)
 
     def _read_confirmed_state(self, command: str) -> tuple[int, int]:
-        """Return a Starlight Xpress wheel's position and slot count after equal replies.
-
-        The driver believes several equal replies in a row.
-        """
+        """Return a Starlight Xpress wheel's position and slot count after equal replies."""
         seen = [self._ask(command, _QUERY_POSITION)]
         while len(seen) < _POLLING.matching_replies:
             now = self._ask(command, _QUERY_POSITION)

@@ -35,11 +35,11 @@ class UsbWheel(Wheel):
         return Identity(self.model, self._link.identity.serial, simulated=False)
 
     def kill(self) -> None:
-        """End the USB filter wheel driver's present call and all later ones; from any thread."""
+        """End the present call of any USB wheel driver and all later ones; from any thread."""
         self._link.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Return why the driver's USB filter wheel counts as unplugged; empty if it doesn't.
+        """Return why any USB driver's wheel counts as unplugged, or an empty string.
 
         See Device.
         """
@@ -49,7 +49,7 @@ class UsbWheel(Wheel):
         return self._wait_at_slot(command, 0)
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """Wait in the driver until the USB filter wheel reports repeatedly that it stands.
+        """Wait until any USB driver's wheel reports repeatedly that it stands at a slot.
 
         Returns the slot at which it stands.
 
@@ -61,7 +61,7 @@ class UsbWheel(Wheel):
         self._link.close()
 
     def _pause(self, seconds: float) -> None:
-        """Let a USB wheel's driver wait for `seconds` between queries.
+        """Let any USB wheel driver wait for `seconds` between queries of the wheel.
 
         The wait ends early at `_deadline`, and when the link is cancelled.
         """
@@ -69,7 +69,10 @@ class UsbWheel(Wheel):
         self._clock.wait_until(until, lambda: self._link.is_cancelled)
 
     def _descriptors(self) -> dict[str, str]:
-        """Return the filter wheel's identity from its USB descriptors for the driver, by name."""
+        """Return the wheel's identity from its USB descriptors, for any USB wheel driver.
+
+        It maps names to texts.
+        """
         told = self._link.identity
         return {
             "product": told.product,

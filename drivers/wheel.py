@@ -13,7 +13,7 @@ from drivers.option_checks import is_number, require_within
 
 
 def parse_slots(slots_nm: Sequence[Sequence[float]], names: Sequence[str] = ()) -> tuple[Slot, ...]:
-    """Make the slots of a filter wheel driver from the options of a bench file.
+    """Make the slots of any wheel driver from the options of a bench file.
 
     slots_nm: centre and full width at half maximum of each slot, in nanometres. names: of each
     slot; by default the centres. Raises ValueError for a wrong option.
@@ -58,7 +58,7 @@ def plan_route(
     max_leg: int = 0,
     forward_only: bool = False,
 ) -> list[int]:
-    """Return the slots at which a driver stops its filter wheel on the way, the last is `end`.
+    """Return the slots at which any wheel driver stops on its route, the last of them `end`.
 
     The route is empty if the wheel is at `end` already. A wheel takes the shorter way to each stop;
     between opposite slots its direction is unknown. If a slot of `avoid` lies on the shorter way,
@@ -91,13 +91,13 @@ def plan_route(
 
 
 def _path_between(start: int, end: int, count: int, step: int) -> list[int]:
-    """Return the slots after `start` up to `end` that a driver's wheel passes in one direction."""
+    """Return the slots after `start` up to `end` that any driver's wheel passes one way."""
     steps = (end - start) * step % count
     return [(start - 1 + step * i) % count + 1 for i in range(1, steps + 1)]
 
 
 def steps_between(start: int, end: int, count: int) -> int:
-    """Return the number of slots on the shorter way of a driver's filter wheel."""
+    """Return the number of slots on the shorter way of any driver's filter wheel."""
     return min((end - start) % count, (start - end) % count)
 
 
@@ -110,11 +110,11 @@ class SlottedFilter(ABC):
     @property
     @abstractmethod
     def slot(self) -> int:
-        """Slot at which the driver's filter wheel stands."""
+        """Slot at which a filter wheel stands, for the drivers of every make."""
 
     @abstractmethod
     def set_slot(self, number: int) -> Setting[int]:
-        """Have the driver turn its filter wheel to a slot."""
+        """Turn a filter wheel to a slot, whatever its driver."""
 
     @property
     def slots(self) -> tuple[Slot, ...]:
@@ -134,7 +134,7 @@ class SlottedFilter(ABC):
         return self._slots[self.slot - 1].wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Have the driver turn its filter wheel to the slot of a wavelength."""
+        """Turn the wheel of any driver to the slot whose centre is within 1 pm of a wavelength."""
         for number, slot in enumerate(self._slots, start=1):
             if abs(slot.wavelength - wavelength) < 1e-12:
                 setting = self.set_slot(number)
@@ -146,7 +146,7 @@ class SlottedFilter(ABC):
         )
 
     def make_safe(self) -> None:
-        """Have the driver park its filter wheel at its first slot."""
+        """Park the filter wheel of any driver at its first slot."""
         self.set_slot(1)
 
     def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
@@ -197,7 +197,7 @@ class Wheel(SlottedFilter):
 
     @property
     def reply_time(self) -> float:
-        """Seconds for the longest way of the driver's filter wheel, with all queries."""
+        """Seconds for a wheel's longest way, with all queries of any wheel driver."""
         return self._turning_time
 
     @property
@@ -208,12 +208,12 @@ class Wheel(SlottedFilter):
 
     @property
     def slot(self) -> int:
-        """Slot that the real filter wheel reports to its driver now."""
+        """Slot that a filter wheel of any make reports to its driver now."""
         self._start_deadline()
         return self._read_slot("read the slot")
 
     def set_slot(self, number: int) -> Setting[int]:
-        """Turn the driver's filter wheel to a slot, and wait until it stands there."""
+        """Turn the wheel of any driver to a slot, and wait until it stands there."""
         command = f"turn to slot {number}"
         self._require_slot(number, command)
         self._start_deadline()
@@ -222,7 +222,7 @@ class Wheel(SlottedFilter):
         return Setting(number, number, self._clock.now() + self.settling)
 
     def _start_deadline(self, seconds: float | None = None) -> None:
-        """Give the filter wheel's driver `seconds`, by default the time for turning.
+        """Limit a command of any wheel driver to `seconds`, by default the time for turning.
 
         Sets `_deadline` to now plus this time.
         """
@@ -230,7 +230,7 @@ class Wheel(SlottedFilter):
         self._deadline = self._clock.now() + self._time_granted
 
     def _route(self, command: str, number: int) -> list[int]:
-        """Plan the driver's way of the filter wheel from its present slot to another one."""
+        """Plan the route of any driver's wheel from its present slot to another one."""
         start, count = self._read_slot(command), len(self._slots)
         try:
             return plan_route(
@@ -247,24 +247,24 @@ class Wheel(SlottedFilter):
             ) from None
 
     def _read_slot(self, command: str) -> int:
-        """Let the driver wait until its filter wheel stands; return the slot.
+        """Wait until any driver's wheel stands, and return its slot.
 
         Raises DeviceError if the wheel doesn't come to rest.
         """
         raise NotImplementedError
 
     def _turn_to(self, command: str, number: int) -> None:
-        """Have the driver turn its filter wheel the shorter way to a slot.
+        """Turn any driver's wheel the shorter way to a slot.
 
         Raises DeviceError unless the wheel arrives.
         """
         raise NotImplementedError
 
     def _open(self) -> None:
-        """Open the driver's connection to its filter wheel, or raise DeviceError."""
+        """Open the connection of any wheel driver to its wheel, or raise DeviceError."""
 
     def _close(self) -> None:
-        """Close the driver's connection to its filter wheel."""
+        """Close the connection of any wheel driver to its wheel."""
 
     def __enter__(self) -> Self:
         try:
@@ -286,7 +286,7 @@ class Wheel(SlottedFilter):
 
 
 def _slot_label(slot: Slot) -> str:
-    """Return a wheel slot's centre wavelength and name, as text for a driver's error."""
+    """Return a slot's centre wavelength and name, as text for the error of any wheel driver."""
     centre = f"{slot.wavelength * 1e9:g} nm"
     return centre if slot.name == centre else f"{centre} ({slot.name})"
 

@@ -76,7 +76,7 @@ def _require_one_of(name: str, value: object, known: dict[str, int]) -> None:
 def _spms_value(mode: str, integration_ms: float | None, integration_s: int | None) -> str:
     """Return the argument of the CS-2000's SPMS; ValueError if a time doesn't fit the mode.
 
-    The argument is without the internal filter.
+    The argument says nothing of the internal filter.
     """
     multi = mode.startswith("multi")
     if (integration_ms is not None) != (mode == "manual"):
@@ -98,10 +98,7 @@ def _spms_value(mode: str, integration_ms: float | None, integration_s: int | No
 
 
 def _scms_value(sync_hz: float, external: bool) -> str:
-    """Return the argument of the CS-2000's SCMS, which sets how it follows flickering light.
-
-    It sets the synchronisation with such light.
-    """
+    """Return the argument of the CS-2000's SCMS, which synchronises it with flickering light."""
     if not is_number(sync_hz) or (sync_hz and (external or not 20 <= sync_hz <= 200)):
         raise ValueError(
             f"sync_hz is {sync_hz} and external_sync {external}; "

@@ -70,7 +70,7 @@ class MessageSocket:
     __del__ = close
 
     def send(self, message: object) -> None:
-        """Send a message between parent and hosting child process; wait until it is read.
+        """Send a message to the hosting child process or its parent, waiting until it reads.
 
         Raises if the message can't be pickled.
         """

@@ -221,9 +221,9 @@ class PanelDevice:
             return seen
 
     def _draw(self, index: int) -> None:
-        """Draw a video frame on the SLM's screen; every half second, check a band before.
+        """Draw a video frame on the SLM's screen, and check the frame before at intervals.
 
-        The band is one of the frame before.
+        Every half second, one band of it is checked.
         """
         now = time.monotonic()
         if now - self._looked > 0.5:

@@ -103,7 +103,7 @@ class PanelScreen:
                     time.sleep(0.05)
 
     def check(self, command: str, grey: NDArray[np.uint8]) -> None:
-        """Raise DeviceError if the SLM's screen shows another pattern; raise the window first."""
+        """Raise the window, and DeviceError, if the SLM's screen shows another pattern."""
         if wrong := readback_error(self._read_pixels(), grey):
             self._raise_window()
             raise self._display_error(command, wrong)

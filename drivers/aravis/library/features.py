@@ -88,9 +88,9 @@ class CameraFeatures:
         return _pair(self._owner.camera.get_binning())
 
     def set_region(self, x: int, y: int, width: int, height: int) -> list[int]:
-        """Set a GenICam camera's region through Aravis; the whole sensor if a side is 0.
+        """Set a GenICam camera's region through Aravis.
 
-        The sides are width and height.
+        It is the whole sensor if width or height is 0.
         """
         c = self._owner.camera
         with contextlib.suppress(Exception):
