@@ -148,7 +148,7 @@ class StarlightWheel(UsbWheel):
             self._pause(_POLLING.quiet if position else _POLLING.interval)
 
     def _require_slot_count(self, command: str, position: int, total: int) -> None:
-        """Raise DeviceError unless the real Starlight Xpress wheel has the bench file's slots.
+        """Raise DeviceError unless the Starlight Xpress wheel has the bench file's slot count.
 
         While the wheel counts its slots, it reports 0 for both numbers.
         """

@@ -115,7 +115,10 @@ class FrameAcquisition:
         return self.readout_time + self._frames_to_discard * (self.exposure + self.readout_time)
 
     def mark_settings_changed(self) -> None:
-        """Note that an Aravis camera's exposure or gain changed; discard frames with the old."""
+        """Note that an Aravis camera's settings changed, so that older frames are discarded.
+
+        The settings are exposure and gain.
+        """
         self._changed_at = time.monotonic()
         # A free-running camera already exposes the next frame while it reads one out.
         ahead = self.options.trigger != "software"
@@ -147,7 +150,7 @@ class FrameAcquisition:
         return self._take(cancelled, time.monotonic())
 
     def take_next(self, cancelled: Callable[[], bool]) -> AcquiredFrame:
-        """Take a free-running Aravis camera's next frame that began after the last setting."""
+        """Take a free-running Aravis camera's next frame that began since its settings changed."""
         return self._take(cancelled, self._changed_at)
 
     def _take(self, cancelled: Callable[[], bool], since: float) -> AcquiredFrame:

@@ -37,7 +37,7 @@ class PixelFormat:
         return 2**self.bits - 1
 
     def byte_count(self, shape: tuple[int, int]) -> int:
-        """Return the bytes of an Aravis camera's picture of this shape (rows, columns)."""
+        """Return the number of bytes of an Aravis camera's picture of shape (rows, columns)."""
         return -(-shape[0] * shape[1] * _pixel_bits(self) // 8)
 
 

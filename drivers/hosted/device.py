@@ -249,7 +249,7 @@ class HostedDevice:
     def _close_on_failure(self) -> Iterator[None]:
         """End the hosted device's child process if opening fails.
 
-        `__exit__()` isn't called then.
+        This is necessary because `__exit__()` isn't called then.
         """
         try:
             yield

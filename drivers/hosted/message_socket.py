@@ -57,11 +57,9 @@ class MessageSocket:
             os.close(memory)
 
     def disconnect(self) -> None:
-        """Shut down the socket to the hosting child process; any `receive` gets LineClosed.
+        """Shut down the socket to the hosting child process or its parent.
 
-        This includes a thread that waits in `receive`.
-
-        Any thread may call it.
+        A thread that waits in `receive` gets LineClosed. Any thread may call it.
         """
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)

@@ -15,7 +15,7 @@ _MODEL = "screens"
 
 
 def list_screens(display: str | None = None) -> list[Output]:
-    """List the screens that are lit for an SLM to choose from, in the X server's order.
+    """List the lit screens from which the SLM's screen is chosen, in the X server's order.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ class ThorlabsClient:
         self._needs_lead_line = False
 
     def call_with_retry(self, command: str, work: Callable[[], T]) -> T:
-        """Return the result of `work`; retry once after the Thorlabs wheel is at its prompt."""
+        """Return the result of `work`; retry once after finding the Thorlabs wheel's prompt."""
         self.get_ready(command)
         try:
             return work()

@@ -133,7 +133,7 @@ class ThorlabsWheel(Wheel):
             self._link.call_with_retry("save", lambda: self._link.ask("save", "save"))
 
     def kill(self) -> None:
-        """Cancel the Thorlabs wheel driver's running call and all later ones; any thread may."""
+        """Cancel the Thorlabs wheel driver's running call and all later ones; from any thread."""
         self._line.cancel()
 
     def unplugged_reason(self) -> str | None:

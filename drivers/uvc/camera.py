@@ -259,10 +259,7 @@ class UVCCamera:
         return levels
 
     def _next_valid_frame(self, stream: Stream, cancelled: Callable[[], bool]) -> StreamFrame:
-        """Return the first UVC frame with the exposure in force that began after the call.
-
-        The exposure is the current one.
-        """
+        """Return the first UVC frame with the exposure in force that began after the call."""
         called, number, now = time.monotonic(), stream.frame_count, self._in_force
         late = called + now.exposure + self.frame_time + CALL_TIMEOUT
         while time.monotonic() < late:

@@ -95,7 +95,7 @@ class CameraConnection:
     def unplugged_reason(self) -> str | None:
         """Return why the UVC camera counts as unplugged, empty while connected, or None.
 
-        None if it is unknown.
+        The result is None if that is unknown.
         """
         if not self._had_device_file:
             return None

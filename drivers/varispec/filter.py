@@ -123,7 +123,10 @@ class VariSpec:
         self._line.close()
 
     def kill(self) -> None:
-        """Cancel the VariSpec driver's running call, from any thread; it's unusable then."""
+        """Cancel the VariSpec driver's running call, from any thread.
+
+        The filter can't be used afterwards.
+        """
         self._line.cancel()
 
     def unplugged_reason(self) -> str | None:
