@@ -15,16 +15,16 @@ class Port:
 
 
 def serial_ports() -> list[Port]:
-    """List the serial ports of this computer to which drivers can connect, by pyserial."""
+    """List the serial ports that pyserial finds on this computer, for drivers to use."""
     from serial.tools import list_ports
 
     return [Port("serial", p.device, p.description or "") for p in list_ports.comports()]
 
 
 def usb_devices() -> list[Port]:
-    """List the USB devices to which drivers can connect, as vendor:product.
+    """List this computer's USB devices as vendor:product, for drivers to use.
 
-    They are found with the libusb of the package libusb-package.
+    The devices are found with the libusb of the package libusb-package.
     """
     import libusb_package
     import usb.core
@@ -37,9 +37,7 @@ def usb_devices() -> list[Port]:
 
 
 def cameras() -> list[Port]:
-    """List this computer's cameras to which drivers can connect; this takes a second.
-
-    These are the GigE Vision and USB3 Vision cameras that answer.
+    """List the GigE Vision and USB3 Vision cameras that answer a driver; takes a second.
 
     Raises DeviceError if Aravis isn't installed.
     """
@@ -52,9 +50,7 @@ def cameras() -> list[Port]:
 
 
 def screens() -> list[Port]:
-    """List this computer's screens to which drivers can connect; none without an X server.
-
-    These are the screens of this session's X server.
+    """List the screens of this session's X server, for drivers to use; empty without a server.
 
     Raises DeviceError if the X server can't be asked.
     """

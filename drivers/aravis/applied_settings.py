@@ -94,7 +94,7 @@ class AppliedSettings:
         return region
 
     def set_gain(self, gain_db: float) -> float:
-        """Set the Aravis camera's gain in decibels; return the gain that it reads back."""
+        """Set the Aravis camera's gain in decibels; return the gain that it reports."""
         bounds = self.gain_range
         if bounds is None:
             if gain_db:

@@ -39,7 +39,7 @@ class FrameArrivals:
         return True
 
     def frames_lost_before(self, note: dict[str, Any]) -> int:
-        """Count by the numbers how many Aravis frames were lost just before this one."""
+        """Count, by the frame numbers, the Aravis frames that were lost just before this one."""
         number, last = note["number"], self._last
         self._last = number
         if last is None or follows(number, last):

@@ -136,7 +136,7 @@ class AravisCamera:
 
     @property
     def bayer(self) -> str:
-        """Return the first two colours of the Aravis camera's mosaic, such as RG; may be empty."""
+        """Return the Aravis camera's first two mosaic colours, such as RG; empty without one."""
         return self._acquisition.pixel_format.bayer
 
     @property
@@ -154,7 +154,7 @@ class AravisCamera:
 
     @property
     def exposure(self) -> float:
-        """Return the exposure time in seconds that the Aravis camera reads back."""
+        """Return the exposure time in seconds that the Aravis camera reports."""
         return self._acquisition.exposure
 
     @property
@@ -183,7 +183,7 @@ class AravisCamera:
             return Setting(exposure, actual, self._clock.now())
 
     def set_gain(self, gain_db: float) -> Setting[float]:
-        """Set the Aravis camera's gain in decibels; `gain_db` applies when it is opened."""
+        """Set the Aravis camera's gain in decibels; on opening, the option `gain_db` applies."""
         with self._translate_errors("set gain"):
             taking = self._ensure_open()
             actual = self._settings.set_gain(gain_db)
@@ -191,14 +191,14 @@ class AravisCamera:
             return Setting(gain_db, actual, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """Take an Aravis camera's frame whose exposure begins after this call."""
+        """Take an Aravis frame whose exposure begins after this call."""
         with self._translate_errors("capture"):
             return self._build_frame(self._ensure_open().take(cancelled))
 
     def next_frame(self, cancelled: Callable[[], bool]) -> Frame:
-        """Return a free-running Aravis camera's next frame; frames that were lost are counted.
+        """Return a free-running Aravis camera's next frame; lost frames are counted.
 
-        Its exposure may have begun before the call, but not before the last change of settings.
+        The exposure may have begun before the call, but not before the last change of settings.
         """
         if self._options.trigger == "software":
             raise self._error("next frame", "it isn't free-running", "Use capture()")

@@ -117,13 +117,11 @@ class CS2000:
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
-        """Return the wavelengths of a CS-2000 spectrum in metres: 380 to 780 nm by 1 nm."""
+        """Return a CS-2000 spectrum's wavelengths in metres: 380 to 780 nm in steps of 1 nm."""
         return np.arange(380, 781) / 1e9
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum:
-        """Measure one spectrum with the real CS-2000, which takes 3 to 250 s.
-
-        The time depends on the brightness.
+        """Measure one spectrum with the CS-2000; this takes 3 to 250 s, depending on brightness.
 
         If an error occurs, the reply time and 16 s may be added.
 
@@ -255,7 +253,7 @@ class CS2000:
     def _read_conditions(self) -> tuple[float, bool, float]:
         """Read a CS-2000 measurement's integration time in s, internal filter and angle.
 
-        For the filter, it returns whether it was used.
+        The second value is whether the internal filter was used. The angle is in radians.
         """
         found = self._link.confirmed_reply("MEDR,0,0,1", _CONDITIONS, COMMAND)
         told = (found[1], found[2], found[5], found[6])

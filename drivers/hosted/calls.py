@@ -29,7 +29,7 @@ class CallResult(NamedTuple):
     failure: RemoteFailure | None = None
 
     def result(self) -> Any:
-        """Return the value that the hosting child process sent, or raise its exception.
+        """Return the value from the other process, such as a hosted device's, or raise its error.
 
         An exception of a class that this process doesn't know becomes a RuntimeError.
         """
@@ -39,9 +39,9 @@ class CallResult(NamedTuple):
 
 
 def capture_result(act: Callable[..., Any], *given: Any) -> CallResult:
-    """Call a function in a hosting child process or its parent; return the outcome to send.
+    """Call a function for another process, such as a hosted device's; return the CallResult.
 
-    The outcome is a CallResult with the value or the exception.
+    The CallResult contains the function's value or exception.
     """
     try:
         return CallResult(act(*given))

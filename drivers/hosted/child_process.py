@@ -85,12 +85,12 @@ class ChildProcess:
         self.send(given)
 
     def send(self, message: object) -> None:
-        """Send a message to the hosting child process; if it ended, only `receive` reports that."""
+        """Send a message to the child process; if it has ended, only `receive` reports that."""
         with contextlib.suppress(OSError):
             self.line.send(message)
 
     def receive(self, timeout: float = math.inf, on_poll: Callable[[], None] | None = None) -> Any:
-        """Return the hosting child process's next message, or raise ProcessEnded.
+        """Return the next message of the child process, or raise ProcessEnded.
 
         A child that sends none within `timeout` seconds is killed. on_poll: called every 20 ms
         meanwhile; its exceptions pass through.
@@ -107,11 +107,11 @@ class ChildProcess:
         self._popen.send_signal(number)
 
     def exit_code(self, timeout: float = 0.0) -> int | None:
-        """Wait for the hosting child process's exit status; None after the timeout."""
+        """Wait for the child process's exit status and return it, or None after the timeout."""
         return reap(self._popen, timeout)
 
     def _describe_exit(self) -> str:
-        """Describe how the hosting child process ended; one that only closed its line is killed."""
+        """Describe how the child process ended; one that only closed its line is killed."""
         code = self.exit_code(_KILL_TIMEOUT)
         if code is None:
             self.kill()
@@ -122,12 +122,12 @@ class ChildProcess:
         return f"its process ended ({how})"
 
     def kill(self) -> None:
-        """Kill the hosting child process at once; any thread may call it, also repeatedly."""
+        """Kill the child process at once; any thread may call it, also repeatedly."""
         self._popen.kill()
         self.exit_code(_KILL_TIMEOUT)
 
     def close(self) -> None:
-        """Close the line, so that the hosting child process ends; kill it if it doesn't."""
+        """Close the line, so that the child process ends by itself; kill it if it doesn't."""
         if not self._open:
             return
         self._open = False
@@ -138,17 +138,14 @@ class ChildProcess:
 
 
 def reap(process: subprocess.Popen[Any], timeout: float) -> int | None:
-    """Wait for a child process, such as a device's host, to end; return its exit status.
-
-    Returns None after `timeout` seconds.
-    """
+    """Wait for a child process; return its exit status, or None after `timeout` seconds."""
     with contextlib.suppress(subprocess.TimeoutExpired):
         return process.wait(timeout)
     return None
 
 
 def terminate_or_kill(process: subprocess.Popen[Any], timeout: float) -> None:
-    """Terminate a child process that hosts a foreign program, or kill it after `timeout` s."""
+    """Terminate a child process that runs a foreign program; kill it after `timeout` seconds."""
     process.terminate()
     if reap(process, timeout) is None:
         process.kill()

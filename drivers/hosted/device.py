@@ -162,7 +162,7 @@ class HostedDevice:
         return self._exchange(command, pack(CallRequest(command, given)), within=seconds)
 
     def _call(self, name: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
-        """Call a method of the hosted device; raise, and send nothing, if an argument can't go."""
+        """Call a hosted device's method; if an argument can't be sent, raise and send nothing."""
         watched: list[Callable[[], Any]] = []
         given = [replace_callable(value, watched) for value in arguments]
         named = {key: replace_callable(value, watched) for key, value in options.items()}
@@ -212,7 +212,7 @@ class HostedDevice:
     def _receive(
         self, words: str, within: float, watched: Sequence[Callable[[], Any]] = ()
     ) -> Parcel:
-        """Receive the hosted device's reply, and poll the callables that it watches meanwhile."""
+        """Receive the hosted device's reply; meanwhile poll the callables that it watches."""
         deaf = dict(enumerate(watched))
 
         def look() -> None:
@@ -247,10 +247,7 @@ class HostedDevice:
 
     @contextlib.contextmanager
     def _close_on_failure(self) -> Iterator[None]:
-        """End the hosted device's child process if opening fails.
-
-        This is necessary because `__exit__()` isn't called then.
-        """
+        """End the hosted device's process if opening fails, when nothing calls __exit__()."""
         try:
             yield
         except BaseException as error:
@@ -264,10 +261,7 @@ class HostedDevice:
 
 
 def _close(channel: SharedMemoryChannel, process: ChildProcess) -> None:
-    """End a hosted device's child process, which first makes the device safe if needed.
-
-    It is needed if the device wasn't left.
-    """
+    """End a hosted device's process, which first makes the device safe unless it was closed."""
     channel.close()
     process.close()
 

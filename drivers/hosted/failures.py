@@ -30,9 +30,9 @@ class RemoteFailure(NamedTuple):
         return RemoteFailure(pickled, repr(error), "".join(traceback.format_exception(error)))
 
     def to_exception(self) -> Exception | None:
-        """Return the hosting child process's exception; None if it can't be unpickled here.
+        """Return the other process's exception; None if this process can't unpickle it.
 
-        It is also None if the exception's module isn't loaded here.
+        It is unpickled only if its module is already loaded in this process.
         """
         with contextlib.suppress(Exception):
             return (

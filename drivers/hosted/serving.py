@@ -34,7 +34,7 @@ class _Host:
         self._device_closed = False
 
     def run(self) -> None:
-        """Answer the requests to the hosted device, one by one, until it is left."""
+        """Answer the requests to the hosted device, one by one, until the device is closed."""
         with self._duties, contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
             while not self._device_closed:
                 self._attend()
@@ -58,7 +58,7 @@ class _Host:
             return self._channel.write(pack(CallResult(failure=failure)))
 
     def _obey(self, unpacked: Any) -> Any:
-        """Carry out one request to the hosted device by the method that it names."""
+        """Carry out one request to the hosted device, with the method that the request names."""
         request: CallRequest = unpacked()
         return getattr(self, f"_{request.name}")(*request.arguments)
 
@@ -92,10 +92,7 @@ class _Host:
 
 
 def _public_names(device: Any) -> dict[str, bool]:
-    """Return a hosted device's public names, and whether each is a method.
-
-    No property is read.
-    """
+    """Return a hosted device's public names, and whether each is a method; read no property."""
     names = {}
     for name in dir(device):
         if not name.startswith("_"):

@@ -37,7 +37,7 @@ class SharedMemoryChannel:
             self._memory.close()
 
     def write(self, parcel: Parcel) -> ParcelHeader:
-        """Write a parcel for a hosted device's other process to the shared memory."""
+        """Write a parcel to the shared memory between a hosted device's process and its parent."""
         parts = (parcel.body, *parcel.buffers)
         sizes = [memoryview(part).nbytes for part in parts]
         self._ensure_size(FLAG_COUNT + sum(sizes))
@@ -48,7 +48,7 @@ class SharedMemoryChannel:
         return ParcelHeader(len(self._memory), sizes)
 
     def read(self, note: ParcelHeader) -> Parcel:
-        """Copy a hosted device's parcel out of the shared memory, as its header announced it."""
+        """Copy a parcel out of a hosted device's shared memory; its header gives the sizes."""
         # NumPy is imported late, because the system's Python, which also loads this package, may
         # not have it.
         import numpy as np
@@ -82,5 +82,5 @@ class SharedMemoryChannel:
         return self._memory[index] != 0
 
     def is_peer_closed(self) -> bool:
-        """Return whether the hosted device's other process closed its end of the channel."""
+        """Return whether the other process has closed its end of the hosted device's channel."""
         return bool(hang_up_poll(self.line.fileno()).poll(0))

@@ -76,7 +76,7 @@ class CameraControl:
         ]
 
     def open(self, address: str) -> None:
-        """Open an Aravis camera by its id, serial number, IP or USB address; the first if empty."""
+        """Open an Aravis camera by id, serial number, IP or USB address; the first if empty."""
         if address and address.count(".") != 3:
             for one in self.find():
                 if address in (one["serial"], one["address"], one["id"]):
@@ -103,7 +103,7 @@ class CameraControl:
             time.sleep(_TIMING.poll_interval)
 
     def check_control(self) -> None:
-        """Read a register of Aravis' camera; note it as lost if this process lost control."""
+        """Check that this process still controls the Aravis camera; otherwise note it as lost."""
         if self.camera is None:
             return
         gige = self.camera.is_gv_device()
@@ -113,14 +113,14 @@ class CameraControl:
             self._control_lost(self.device)
 
     def lost_reason(self) -> str:
-        """Return why Aravis' camera counts as lost; empty while it doesn't."""
+        """Return why the Aravis camera counts as lost; empty while it doesn't."""
         limit = _TIMING.silence_limit
         if not self.lost and self.camera and time.monotonic() - self._last_reply_at > limit:
             self.lost = f"no word from it for {limit:g} s"
         return self.lost
 
     def close(self) -> None:
-        """Give up Aravis' control of the camera, so that other programs can open it."""
+        """Give up control of the Aravis camera, so that other programs can open it."""
         if self.camera is not None:
             with contextlib.suppress(Exception):
                 self.device.leave_control()

@@ -19,7 +19,7 @@ class CameraFeatures:
         self._owner = owner
 
     def facts(self) -> dict[str, Any]:
-        """Return a GenICam camera's identity, ranges, formats and triggers, read by Aravis."""
+        """Return the Aravis camera's identity, ranges, available formats and triggers."""
         c = self._owner.camera
         facts: dict[str, Any] = {
             "vendor": c.get_vendor_name(),
@@ -46,10 +46,7 @@ class CameraFeatures:
         return facts
 
     def turn_off_automatic(self) -> list[str]:
-        """Turn off a GenICam camera's automatic features through Aravis.
-
-        Returns those that couldn't be turned off.
-        """
+        """Turn off the Aravis camera's automatic features; return those that stay on."""
         device, stubborn = self._owner.device, []
         for name in _AUTOMATIC:
             if not self._has(name):
@@ -88,10 +85,7 @@ class CameraFeatures:
         return _pair(self._owner.camera.get_binning())
 
     def set_region(self, x: int, y: int, width: int, height: int) -> list[int]:
-        """Set a GenICam camera's region through Aravis.
-
-        It is the whole sensor if width or height is 0.
-        """
+        """Set the Aravis camera's region; the whole sensor if width or height is 0."""
         c = self._owner.camera
         with contextlib.suppress(Exception):
             c.set_region(0, 0, -1, -1)
@@ -107,7 +101,7 @@ class CameraFeatures:
         return float(self._owner.camera.get_frame_rate())
 
     def set_trigger(self, source: str) -> str:
-        """Set a GenICam camera's trigger source through Aravis; run freely if it is empty."""
+        """Set the Aravis camera's trigger source; let the camera run freely if it is empty."""
         if source:
             self._owner.camera.set_trigger(source)
             return str(self._owner.camera.get_trigger_source())
@@ -115,9 +109,9 @@ class CameraFeatures:
         return ""
 
     def set_packet_size(self, size: int) -> int:
-        """Set the GigE Vision packet size in bytes through Aravis, or negotiate it if 0.
+        """Set the Aravis camera's packet size in bytes, or negotiate it if 0; return the size.
 
-        Returns the size, 0 for a camera without packets.
+        The result is 0 for a camera without packets.
         """
         if not self._owner.camera.is_gv_device():
             return 0

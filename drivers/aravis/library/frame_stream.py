@@ -72,7 +72,7 @@ class FrameStream:
             self._buffers.clear()
 
     def trigger(self) -> float:
-        """Trigger an Aravis camera's frame by software; return the time.monotonic() before."""
+        """Trigger an Aravis frame by software; return the time.monotonic() just before."""
         began = time.monotonic()
         self._owner.camera.software_trigger()
         return began
