@@ -94,10 +94,7 @@ class SerialLine:
 
     @property
     def time_left(self) -> float:
-        """Seconds until the driver's serial line reaches the limit of within(); may be inf.
-
-        It is infinite outside of within().
-        """
+        """Seconds until the serial line's time limit set by within(); infinite outside of it."""
         return self._until - self.clock.now()
 
     def open(self, command: str = "open") -> None:
@@ -149,10 +146,7 @@ class SerialLine:
         self.open(command)
 
     def cancel(self) -> None:
-        """End the present read of the driver's serial line and all later ones.
-
-        Any thread may call it.
-        """
+        """End the present read of the driver's serial line and all later ones; from any thread."""
         self._cancelled.set()
         port = self._port
         if port is not None and hasattr(port, "cancel_read"):
@@ -163,7 +157,7 @@ class SerialLine:
     def within(self, seconds: float) -> Iterator[None]:
         """Limit the total time of all reads of the driver's serial line in this context.
 
-        The limit holds whatever their own timeouts are.
+        The limit holds whatever the timeouts of the single reads are.
         """
         before = self._until
         self._until = min(before, self.clock.now() + seconds)
@@ -185,7 +179,7 @@ class SerialLine:
         return self._read_bytes(lambda held: count if len(held) >= count else 0, command, seconds)
 
     def read_until(self, end: bytes, command: str, seconds: float) -> bytes:
-        """Read the driver's serial line up to and including `end`, within `seconds`."""
+        """Read from the driver's serial line up to and including `end`, within `seconds`."""
 
         def length(held: bytearray) -> int:
             found = held.find(end)
@@ -210,10 +204,7 @@ class SerialLine:
         return True
 
     def drain(self, quiet: float, timeout: float, command: str = "come to rest") -> bytes:
-        """Discard the driver's serial line until no byte comes for `quiet` s.
-
-        Returns the discarded bytes.
-        """
+        """Discard bytes of the driver's serial line until none comes for `quiet` s; return them."""
         self.open(command)
         gone, self._buffer = bytes(self._buffer), bytearray()
         late = min(self.clock.now() + timeout, self._until)
@@ -228,14 +219,14 @@ class SerialLine:
         return gone
 
     def error(self, command: str, reply: str, remedy: str = _CABLE) -> DeviceError:
-        """Return a serial line's DeviceError for its driver, and mark the line as not in sync."""
+        """Return a DeviceError for the serial line's device, and mark the line as not in sync."""
         self.in_sync = False
         return DeviceError(self.model, command, reply, remedy)
 
     def _read_bytes(
         self, length: Callable[[bytearray], int], command: str, seconds: float
     ) -> bytes:
-        """Read a serial line's bytes until they form a reply for the driver.
+        """Read bytes from the driver's serial line until they form a reply.
 
         length: function from the bytes so far to the length of the reply in them, 0 if it isn't
         complete.
@@ -277,7 +268,7 @@ class SerialLine:
             raise self.error(command, "the device was given up", "Open the device again")
 
     def _close_with_error(self, command: str, error: BaseException) -> DeviceError:
-        """Close a serial port that has failed, and return the driver's DeviceError."""
+        """Close a serial port that has failed, and return the DeviceError for its driver."""
         self.close()
         reply, remedy = _explain_port_error(error)
         return self.error(command, f"port {self.url}: {reply}", remedy)
@@ -309,6 +300,6 @@ def _errno_of(error: BaseException | None) -> int:
 
 
 def _preview(data: bytes | bytearray) -> str:
-    """Return a serial device's bytes as text for a driver's error, cut to about a line."""
+    """Format a serial device's bytes for a driver's error message, cut to about a line."""
     shown = bytes(data[:60])
     return f"{shown!r}" + (f" and {len(data) - 60} bytes more" if len(data) > 60 else "")

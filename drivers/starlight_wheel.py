@@ -80,14 +80,14 @@ class StarlightWheel(UsbWheel):
 
     @property
     def reply_time(self) -> float:
-        """Seconds for a Starlight Xpress wheel's longest way and for counting its slots.
+        """Seconds for the Starlight Xpress wheel's longest turn and for counting its slots.
 
-        The wheel counts the slots on power-up.
+        The wheel counts its slots on power-up.
         """
         return self._turning_time + 2 * len(self._slots) * self._step
 
     def health(self) -> dict[str, str]:
-        """Return what a Starlight Xpress wheel reports about itself to its driver, by name."""
+        """Return what the real Starlight Xpress wheel reports about itself, by name."""
         self._start_deadline()
         position, total = self._read_confirmed_state("read its state")
         return {
@@ -110,7 +110,7 @@ class StarlightWheel(UsbWheel):
         self._wait_at_slot(command, number)
 
     def _read_confirmed_state(self, command: str) -> tuple[int, int]:
-        """Return a Starlight Xpress wheel's position and slot count after equal replies."""
+        """Return the Starlight Xpress wheel's position and slot count once its replies agree."""
         seen = [self._ask(command, _QUERY_POSITION)]
         while len(seen) < _POLLING.matching_replies:
             now = self._ask(command, _QUERY_POSITION)
@@ -120,11 +120,9 @@ class StarlightWheel(UsbWheel):
         return seen[-1]
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """Wait in the driver until the Starlight Xpress wheel stands at the target slot.
+        """Wait until the real Starlight Xpress wheel stands at the target slot; return the slot.
 
-        Returns the slot. target: 0 for any.
-
-        The wheel must report it several times in a row.
+        The wheel must report the slot several times in a row. target: 0 for any slot.
         """
         seen: list[int] = []
         began, counting = self._deadline - self._time_granted, False
@@ -171,7 +169,7 @@ class StarlightWheel(UsbWheel):
         )
 
     def _ask(self, command: str, report: tuple[int, int]) -> tuple[int, int]:
-        """Send a report from the driver to a Starlight Xpress wheel, and return its state.
+        """Send a report to the real Starlight Xpress wheel; return the state that it answers.
 
         The state is the position (0: turning) and the number of slots.
         """
@@ -192,9 +190,9 @@ class StarlightWheel(UsbWheel):
         return answer[0], answer[1]
 
     def _discard_late_replies(self, command: str) -> None:
-        """Discard a Starlight Xpress wheel's replies to the driver's earlier queries.
+        """Discard the Starlight Xpress wheel's late replies to the driver's earlier queries.
 
-        Otherwise one could be taken for the next reply.
+        Otherwise a late reply could be mistaken for the answer to the next query.
         """
         link = self._link
         link.open(command)

@@ -35,25 +35,20 @@ class UsbWheel(Wheel):
         return Identity(self.model, self._link.identity.serial, simulated=False)
 
     def kill(self) -> None:
-        """End the present call of any USB wheel driver and all later ones; from any thread."""
+        """End the present call of a USB wheel's driver and all later ones; from any thread."""
         self._link.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Return why any USB driver's wheel counts as unplugged, or an empty string.
-
-        See Device.
-        """
+        """Return why a USB wheel of any make counts as unplugged; may be empty, see Device."""
         return self._link.unplugged_reason()
 
     def _read_slot(self, command: str) -> int:
         return self._wait_at_slot(command, 0)
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """Wait until any USB driver's wheel reports repeatedly that it stands at a slot.
+        """Wait until a USB wheel of any make repeatedly reports the target slot; return the slot.
 
-        Returns the slot at which it stands.
-
-        target: the slot to wait for, 0 for any.
+        target: 0 for any slot.
         """
         raise NotImplementedError
 
@@ -61,7 +56,7 @@ class UsbWheel(Wheel):
         self._link.close()
 
     def _pause(self, seconds: float) -> None:
-        """Let any USB wheel driver wait for `seconds` between queries of the wheel.
+        """Let a USB wheel's driver wait for `seconds` between its queries.
 
         The wait ends early at `_deadline`, and when the link is cancelled.
         """
@@ -69,10 +64,7 @@ class UsbWheel(Wheel):
         self._clock.wait_until(until, lambda: self._link.is_cancelled)
 
     def _descriptors(self) -> dict[str, str]:
-        """Return the wheel's identity from its USB descriptors, for any USB wheel driver.
-
-        It maps names to texts.
-        """
+        """Return the identity in a wheel's USB descriptors, as texts by name, for any make."""
         told = self._link.identity
         return {
             "product": told.product,

@@ -23,7 +23,7 @@ from drivers.x11 import libxcb
 
 
 def qt_application(display: str) -> QGuiApplication:
-    """Return the Qt application that draws pixel for pixel on the SLM's screen, an X display."""
+    """Return this process's Qt application, which draws pixel for pixel on the SLM's X display."""
     running = QGuiApplication.instance()
     if isinstance(running, QGuiApplication):
         return running
@@ -61,7 +61,7 @@ class Canvas(QWindow):
         self._connection = int(application.nativeInterface().connection())
 
     def appear(self, grey: NDArray[uint8]) -> None:
-        """Put the SLM's window on the real screen with this picture."""
+        """Show this window, with a picture, on its screen, such as the SLM's."""
         self._image = grey_image(grey)
         self.setVisible(True)
         # Seconds within which the X server must have mapped the window.
@@ -72,7 +72,7 @@ class Canvas(QWindow):
         self.draw(self._image)
 
     def draw(self, image: QImage) -> None:
-        """Draw a picture in the window on the SLM's screen; on return, the X server has it."""
+        """Draw a picture in the SLM's window; on return, the X server has received it."""
         self._image = image
         self._flush()
         libxcb.round_trip(self._connection)
@@ -92,7 +92,7 @@ class Canvas(QWindow):
         self._store.flush(whole)
 
     def exposeEvent(self, event: object) -> None:
-        """Redraw the SLM's picture after another window covered its screen; Qt calls this."""
+        """Redraw the SLM's picture after another window covered this one; Qt calls this."""
         if self.isExposed():
             self._flush()
 

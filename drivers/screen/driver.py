@@ -148,9 +148,8 @@ class ScreenSLM:
     def displayed_pattern(self) -> str:
         """Return the identifier of the pattern on the SLM's screen.
 
-        It is "neutral" if the screen was unplugged since.
-
-        A still is read back again; DeviceError if something covers it.
+        The result is "neutral" if the screen was unplugged after the last pattern was shown. A
+        still is read back again; DeviceError if something covers it.
         """
         return self._ask("shown", lambda window: window.displayed_pattern())
 
@@ -162,10 +161,7 @@ class ScreenSLM:
         return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
-        """Play a video, uint8 (n, rows, columns), in a loop on the SLM's screen.
-
-        It shows one frame per refresh.
-        """
+        """Loop a video, uint8 (n, rows, columns), on the SLM's screen, one frame per refresh."""
         command = f"play {identifier}"
         frames = self._require_grey_levels(command, np.asarray(video), 3)
         # Report a missing screen before the whole video is handed over.
@@ -174,10 +170,7 @@ class ScreenSLM:
         return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
 
     def presentations(self) -> Presentations:
-        """Return which video frames the SLM's screen has shown, and when.
-
-        Raises DeviceError without a video.
-        """
+        """Return which video frames the SLM's screen has shown, and when; DeviceError if none."""
         told = self._ask("presentations", lambda window: window.presentations())
         if told is None:
             raise DeviceError(self._model, "presentations", "no video plays", "Play one first")
@@ -187,7 +180,7 @@ class ScreenSLM:
         return self._ask("health", lambda window: window.health())
 
     def make_safe(self) -> None:
-        """Show grey level 0 on the whole screen of the real SLM."""
+        """Show grey level 0 on the SLM's whole screen."""
         self._ask("make safe", lambda window: window.make_safe())
 
     def unplugged_reason(self) -> str | None:
@@ -226,7 +219,7 @@ class ScreenSLM:
         return window
 
     def _ask(self, command: str, call: Callable[[Any], T]) -> T:
-        """Ask the process of the window on the SLM's screen; open it again if it has died."""
+        """Send a call to the process that draws on the SLM's screen; reopen it if it has died."""
         if not self._entered or self._killed:
             raise DeviceError(self._model, command, "it is closed", "Open it again")
         window = self._window

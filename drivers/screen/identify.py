@@ -15,7 +15,7 @@ _MODEL = "screens"
 
 
 def list_screens(display: str | None = None) -> list[Output]:
-    """List the lit screens from which the SLM's screen is chosen, in the X server's order.
+    """List the lit screens, one of which may be the SLM's, in the X server's order.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def list_screens(display: str | None = None) -> list[Output]:
 
 
 def identify_screens(display: str | None = None, seconds: float = 5.0) -> list[Output]:
-    """Label each screen with its number and name, to find the SLM's; return the list.
+    """List the screens, and label each with its number and name, to find the SLM's.
 
     Parameters
     ----------
@@ -78,9 +78,9 @@ def identify_screens(display: str | None = None, seconds: float = 5.0) -> list[O
 
 
 def format_listing(outputs: list[Output]) -> str:
-    """Format one line per screen that could be the SLM's, with its number and monitor.
+    """Format one numbered line for each screen that could be the SLM's.
 
-    A line names number, output, size, position, rate and monitor.
+    A line gives the screen's number, output, size, position, refresh rate and monitor.
     """
     lines = []
     for number, output in enumerate(outputs, 1):
@@ -94,9 +94,9 @@ def format_listing(outputs: list[Output]) -> str:
 
 
 def show_names(display: str | None, seconds: float) -> None:
-    """Show the labels on all screens from this process, to find the SLM's screen.
+    """Show the labels on all screens, to find the SLM's; this process's environment is changed.
 
-    The process's environment is changed for Qt.
+    Qt needs other environment variables to draw pixel for pixel.
     """
     x = connect_display(_MODEL, display)
     with x:

@@ -78,9 +78,10 @@ class PanelDevice:
         return 1 / (self._open_stage.output.refresh or self._wanted.refresh_hz)
 
     def displayed_pattern(self) -> str:
-        """Return the identifier of the pattern on the SLM's screen, checked by readback.
+        """Return the identifier of the pattern on the SLM's screen.
 
-        Raises DeviceError if the screen is gone or wrong.
+        A still pattern is read back. Raises DeviceError if the screen is gone or shows something
+        else.
         """
         self._require_screen("shown")
         self._raise_pending_error()
@@ -96,9 +97,9 @@ class PanelDevice:
         self._stop()
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> float:
-        """Show a pattern on the SLM's screen and read it back; return when it is shown.
+        """Show a pattern on the SLM's screen and read it back.
 
-        This is the latest time at which it is on the screen.
+        Returns the time by which the pattern is on the screen at the latest.
         """
         command = f"show {identifier}"
         self.prepare_to_show(command)
@@ -107,7 +108,7 @@ class PanelDevice:
     def play(self, identifier: str, video: NDArray[np.uint8]) -> float:
         """Start a video on the SLM's screen and read back its first frame.
 
-        Returns the latest time of that frame.
+        Returns the time by which that frame is on the screen at the latest.
         """
         command = f"play {identifier}"
         self.prepare_to_show(command)
@@ -180,10 +181,7 @@ class PanelDevice:
             self._require_screen("follow the screen")
 
     def _require_screen(self, command: str) -> None:
-        """Raise DeviceError while the SLM's screen is gone; once it is back, show neutral.
-
-        Neutral is the pattern of grey level 0.
-        """
+        """Raise DeviceError while the SLM's screen is gone; once it is back, show grey level 0."""
         with self._translate_x_errors(command):
             try:
                 stayed = self._open_stage.ensure_covered()
@@ -194,10 +192,7 @@ class PanelDevice:
                 self._reset_after_loss()
 
     def _reset_after_loss(self) -> None:
-        """Forget the pattern or video that the SLM's screen showed before it was lost.
-
-        It isn't shown again.
-        """
+        """Forget the pattern or video that was on the SLM's screen before the screen was lost."""
         if self._shown != _NEUTRAL or self._video is not None:
             self._stop()
             self._shown = _NEUTRAL
@@ -221,9 +216,9 @@ class PanelDevice:
             return seen
 
     def _draw(self, index: int) -> None:
-        """Draw a video frame on the SLM's screen, and check the frame before at intervals.
+        """Draw a video frame on the SLM's screen; every half second, check the frame before.
 
-        Every half second, one band of it is checked.
+        The check reads back one band of that frame.
         """
         now = time.monotonic()
         if now - self._looked > 0.5:

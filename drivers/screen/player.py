@@ -56,7 +56,7 @@ class VideoPlayer:
     def on_refresh(self, number: int, time: float) -> int:
         """Draw the next video frame after the SLM screen's refresh `number`.
 
-        Returns the refresh that shows the frame.
+        Returns the number of the refresh that will show the frame.
         """
         index = self._presented % self._count
         self._draw(index)
@@ -82,7 +82,7 @@ class VideoPlayer:
         self._presented += 1
 
     def presentations(self) -> Presentations:
-        """Return the SLM screen's presentations of video frames; an overdue one counts missed."""
+        """Return the video frames that the SLM's screen showed; an overdue one counts as missed."""
         overdue = 0
         if self._shown:
             late = (self._now() - self._shown[-1][1]) / self._period

@@ -67,9 +67,8 @@ class RefreshEvents:
     def request_refresh(self, number: int) -> None:
         """Request an event for refresh `number` of the SLM's screen.
 
-        The event is for the latest refresh if that one has passed.
-
-        Earlier requests are ignored from now on.
+        If that refresh has passed, the event is for the latest one. Earlier requests are ignored
+        from now on.
         """
         self._serial = (self._serial + 1) & 0xFFFFFFFF
         layout = "II4xQQQ"

@@ -78,7 +78,7 @@ class VideoPlayback(QObject):
         self._timer.start(max(0, round(due * 1e3)))
 
     def _on_timeout(self) -> None:
-        """Take the SLM screen's latest refresh from the clock, and continue its count."""
+        """Compute the SLM screen's latest refresh from the clock, and continue the count."""
         now = time.monotonic()
         passed = math.floor((now - self._last.time) / self._period)
         # A timer may fire half a millisecond early.

@@ -62,11 +62,10 @@ class ThorlabsClient:
         return work()
 
     def get_ready(self, command: str) -> None:
-        """Bring the Thorlabs wheel to its prompt, and check identity and settings.
+        """Bring the Thorlabs wheel to its prompt, and check its identity and settings.
 
-        Nothing is done if it is at its prompt already.
-
-        A wheel that is still turning sends its prompt only when it has stopped.
+        This does nothing if the wheel is at its prompt already. A wheel that is still turning sends
+        its prompt only when it has stopped.
         """
         if self._line.in_sync and not self._line.drain(0.0, _QUIET, command):
             return
@@ -131,7 +130,7 @@ class ThorlabsClient:
         raise self._line.error(command, f"{question} gives {answer!r} and others in turn")
 
     def ask(self, text: str, command: str, seconds: float = REPLY_TIMEOUT) -> str:
-        """Send a command to the Thorlabs wheel; return what is between its echo and prompt."""
+        """Send a command to the Thorlabs wheel; return what comes between echo and prompt."""
         if self._needs_lead_line:
             self._exchange(b">", command, REPLY_TIMEOUT)
         answer = self._exchange(text.encode(), command, seconds)

@@ -92,11 +92,9 @@ class UsbLink:
         return self._cancelled.is_set()
 
     def cancel(self) -> None:
-        """Let no further transfer begin on the USB link; its thread then closes the device.
+        """Let no further transfer begin on the USB link; any thread may call this.
 
-        That is the thread that uses the link.
-
-        Any thread may call it.
+        The thread that uses the link then closes the device.
         """
         self._cancelled.set()
 
@@ -178,9 +176,9 @@ class UsbLink:
         )
 
     def read(self, command: str, endpoint: int, length: int, seconds: float | None = None) -> bytes:
-        """Read up to `length` bytes from the USB link's bulk or interrupt endpoint.
+        """Read up to `length` bytes from a bulk or interrupt endpoint of the USB link's device.
 
-        A halt is cleared.
+        If the endpoint has halted, the halt is cleared and DeviceError is raised.
         """
         return bytes(
             self._transfer(
@@ -189,7 +187,7 @@ class UsbLink:
         )
 
     def write(self, command: str, endpoint: int, data: bytes, seconds: float | None = None) -> None:
-        """Write all bytes to the USB link's bulk or interrupt endpoint."""
+        """Write all bytes to a bulk or interrupt endpoint of the USB link's device."""
         taken = self._transfer(
             command, lambda one, ms: one.write(endpoint, data, ms), seconds, endpoint
         )
@@ -280,7 +278,7 @@ class UsbLink:
         )
 
     def _with_serial(self, devices: list[Any]) -> list[Any]:
-        """Return the USB devices that have the serial number that the link wants.
+        """Return the USB devices with the serial number that the link requires.
 
         An error when reading a serial number is raised only if no device matches.
         """
@@ -351,10 +349,7 @@ class UsbLink:
         endpoint: int = 0,
         let_through: type[Exception] | tuple[()] = (),
     ) -> Iterator[None]:
-        """Turn pyusb's exceptions on the USB link into DeviceError.
-
-        Exceptions of the class `let_through` pass.
-        """
+        """Turn pyusb's exceptions on the USB link into DeviceError, except any of `let_through`."""
         try:
             yield
         except DeviceError:

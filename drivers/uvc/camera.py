@@ -197,9 +197,7 @@ class UVCCamera:
     def measure_latency(self, exposures: Sequence[float], steps: int = 3, frames: int = 16) -> int:
         """Measure the UVC camera's `discard_frames` by alternating between two exposures.
 
-        The light must be steady.
-
-        The result is used from now on.
+        The light must be steady. The result is used from now on.
 
         exposures: two, in seconds, of which neither gives dark or clipped frames. steps: how often
         each is set. frames: number of frames that are evaluated after each change.
@@ -309,7 +307,7 @@ class UVCCamera:
     def _restore_exposure(self, command: str, stream: Stream) -> None:
         """Set the UVC camera's last exposure again on a new stream.
 
-        At first this is the camera's own exposure, moved into the range.
+        On the first stream, the camera's own exposure is set, moved into the range.
         """
         low, high = (round(limit / self._mode.unit) for limit in self._range)
         units = self._in_force.units or round(

@@ -93,10 +93,7 @@ class CameraConnection:
         return self.refuse(command, why, _CABLE)
 
     def unplugged_reason(self) -> str | None:
-        """Return why the UVC camera counts as unplugged, empty while connected, or None.
-
-        The result is None if that is unknown.
-        """
+        """Return why the UVC camera counts as unplugged, empty while connected, None if unknown."""
         if not self._had_device_file:
             return None
         path = device_path(self._mode.device)
@@ -108,5 +105,5 @@ class CameraConnection:
             self._abandoned_stream = stream
 
     def refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
-        """Return a DeviceError with the UVC camera's name for a command that is refused."""
+        """Return a DeviceError of the UVC camera for a command that failed."""
         return DeviceError(self.model, command, reply, remedy)

@@ -63,9 +63,7 @@ def device_path(device: str | int) -> Path:
 
 
 def resolve_source(source: str | CaptureFactory) -> CaptureFactory:
-    """Return the function that opens a UVC camera: OpenCV's, or that named "module:name".
-
-    OpenCV's is the default.
+    """Return the function that opens a UVC camera: OpenCV's by default, or "module:name".
 
     ValueError if there is no such function.
     """
@@ -96,7 +94,7 @@ def _open_v4l2(device: str | int) -> Any:
 
 
 def open_capture(mode: CaptureMode, source: CaptureFactory) -> Any:
-    """Open a VideoCapture and apply the UVC camera's mode; StreamStopped if it refuses."""
+    """Open a VideoCapture in the UVC camera's mode; StreamStopped if the camera refuses it."""
     capture = source(mode.device)
     try:
         if not capture.isOpened():

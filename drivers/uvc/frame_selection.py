@@ -22,10 +22,7 @@ class ExposureInForce:
     set_at: float = 0.0
 
     def with_exposure(self, units: int, exposure: float) -> ExposureInForce:
-        """Return the state after the UVC camera was set to a new exposure.
-
-        It is in force from now on.
-        """
+        """Return the state of a UVC camera whose new exposure is in force from now on."""
         return ExposureInForce(units, exposure, self.exposure, time.monotonic())
 
     def is_in_frame(self, stream: Stream, shot: StreamFrame, discard_frames: int) -> bool:

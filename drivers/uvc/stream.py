@@ -85,9 +85,7 @@ class Stream:
         return times.get(number, math.inf) - times.get(number - 1, -math.inf)
 
     def run_between_frames(self, work: Callable[[Any], T], seconds: float) -> T:
-        """Run `work` on the VideoCapture between two frames of the UVC stream.
-
-        Returns its result.
+        """Run `work` on the VideoCapture between two UVC frames; return its result.
 
         StreamStopped if the stream has ended or doesn't run it in time.
         """
@@ -184,7 +182,7 @@ class Stream:
             self._changed.notify_all()
 
     def _update_period(self, at: float) -> None:
-        """Update the measured seconds from one UVC frame to the next."""
+        """Update the UVC frames' measured period, and count missing frames."""
         gap, self._last = at - self._last, at
         if self.frame_count < 2:
             return

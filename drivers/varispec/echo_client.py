@@ -69,7 +69,7 @@ class VariSpecClient:
         """Number of missing or wrong answers since the filter was opened."""
 
     def call_with_retry(self, resynchronise: Callable[[], object], work: Callable[[], T]) -> T:
-        """Return the result of `work`; retry if the VariSpec's line failed and time is left.
+        """Return the result of `work`; retry if the line to the VariSpec failed and time is left.
 
         resynchronise: called before an attempt if commands and answers are out of step.
         """

@@ -125,7 +125,7 @@ class VariSpec:
     def kill(self) -> None:
         """Cancel the VariSpec driver's running call, from any thread.
 
-        The filter can't be used afterwards.
+        The driver can't be used afterwards.
         """
         self._line.cancel()
 
@@ -183,9 +183,7 @@ class VariSpec:
         return self._setting(wavelength)
 
     def define_palette(self, wavelengths: Sequence[float]) -> tuple[float, ...]:
-        """Have the VariSpec calculate wavelengths (in metres) in advance.
-
-        Returns its palette.
+        """Have the VariSpec calculate wavelengths (in metres) in advance; return its palette.
 
         set_wavelength() then uses them. This takes up to half a second per wavelength.
         """
@@ -213,9 +211,7 @@ class VariSpec:
         return self._setting(_metres(nm))
 
     def refresh(self, *, completely: bool = True) -> None:
-        """Initialise the VariSpec again (30 s), or only correct it for the temperature.
-
-        The correction is quick.
+        """Initialise the VariSpec again (30 s), or only correct it for the temperature (quick).
 
         Don't call this between frames that are to be compared. It takes 30 s more if the filter
         was just plugged in again.
@@ -226,10 +222,7 @@ class VariSpec:
         self.set_wavelength(_metres(self._tuning.nm or self._known_version.shortest))
 
     def exercise(self, cycles: int = 3) -> None:
-        """Exercise the VariSpec's liquid crystals, 12 s per cycle.
-
-        The manual says that 3 cycles are enough.
-        """
+        """Exercise the VariSpec's liquid crystals, 12 s per cycle; the manual says 3 are enough."""
         if cycles not in range(1, 256):
             raise ValueError(f"cycles is {cycles!r}; it must be from 1 to 255")
         self._synchronise("exercise")
@@ -320,6 +313,6 @@ class VariSpec:
 def _metres(nm: float) -> float:
     """Convert a VariSpec's wavelength from nm to m, so that equal ones compare equal.
 
-    The result is rounded: it is exactly round(nm * 100) / 1e11.
+    The result is rounded to 0.01 nm.
     """
     return round(nm * 100) / 1e11

@@ -17,7 +17,7 @@ class Palette:
         self._defined.clear()
 
     def find(self, nm: float) -> int | None:
-        """Return the VariSpec palette's element of a wavelength; None if not defined here."""
+        """Return a wavelength's element of the VariSpec's palette; None if not defined here."""
         return self._defined.get(nm)
 
     def clear(self) -> None:

@@ -41,7 +41,7 @@ class StartupTiming:
 
     @property
     def power_up(self) -> float:
-        """Return the time within which a VariSpec may initialise itself after plugging in."""
+        """Return the seconds after plugging in within which a VariSpec may initialise itself."""
         return self.initialisation * self.time_factor
 
 
@@ -185,7 +185,7 @@ class VariSpecStartup:
     def _wait_for_power_up(self) -> None:
         """Wait while a VariSpec that was just switched on initialises itself.
 
-        Aborting that would only cost time.
+        Aborting the initialisation would only cost time.
         """
         self._line.drain(0.07, 1.0, "open")
         try:

@@ -17,7 +17,7 @@ class Tuning:
         self.nm = 0.0
 
     def tune(self, nm: float, element: int | None, command: str) -> None:
-        """Tune the VariSpec to a wavelength, by the palette's element that holds it, if any."""
+        """Tune the VariSpec to a wavelength, through its palette if `element` isn't None."""
         self._talk.send_and_check(f"W {nm:.2f}" if element is None else f"P {element}", command)
         actual = self._ask(command)
         # The filter's resolution is 0.01 nm, so a smaller difference than 0.006 nm is rounding.

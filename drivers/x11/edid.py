@@ -29,9 +29,9 @@ class Monitor:
 
 
 def read_edid(edid: bytes) -> Monitor:
-    """Decode the EDID of a monitor at the X11 server; the Monitor is empty if it is wrong.
+    """Decode a monitor's EDID, as the X server has it; the Monitor is empty for an invalid EDID.
 
-    It is wrong if its bytes or their checksum are.
+    An EDID is invalid if it is too short, or if its header or checksum is wrong.
     """
     if len(edid) < 128 or edid[:8] != _HEADER or sum(edid[:128]) % 256:
         return Monitor()

@@ -64,7 +64,7 @@ class Output:
         return self.x, self.y, self.width, self.height
 
     def overlaps(self, other: Output) -> bool:
-        """Return whether some pixels of the X11 screen are shown by both outputs."""
+        """Return whether both outputs show some of the same pixels of the X server's screen."""
         return (
             self.x < other.x + other.width
             and other.x < self.x + self.width
@@ -80,7 +80,7 @@ class Output:
 
 
 def list_outputs(x: XConnection) -> list[Output]:
-    """List the X11 server's lit screens in its order; XError if it lacks RandR."""
+    """List the lit screens in the X server's order; XError if the server lacks RandR."""
     x.query_extension("RANDR", _RandrRequest.QUERY_VERSION, "II", 1, 5)
     root = x.setup.root
     told = x.query_extension("RANDR", _RandrRequest.GET_SCREEN_RESOURCES_CURRENT, "I", root)
@@ -101,7 +101,7 @@ def list_outputs(x: XConnection) -> list[Output]:
 
 
 def watch_changes(x: XConnection) -> None:
-    """Have the X11 server send events when screens are plugged in or out, or change."""
+    """Have the X server send events when screens are plugged in or out, or change."""
     screen_crtc_and_output_changes = 1 | 2 | 4
     x.send_extension_request(
         "RANDR",
@@ -113,7 +113,7 @@ def watch_changes(x: XConnection) -> None:
 
 
 def has_been_lost(x: XConnection, output: Output) -> bool:
-    """Return whether an X11 output's screen was dark or unplugged since the last call.
+    """Return whether the X server reported a screen dark or unplugged since the last call.
 
     The result is True even if the screen is back.
 
@@ -135,9 +135,9 @@ def has_been_lost(x: XConnection, output: Output) -> bool:
 
 
 def read_gamma_ramp(x: XConnection, crtc: int) -> NDArray[np.uint16]:
-    """Read a gamma ramp from the X11 server: (3, n) of 0 to 65535; n is 0 without a ramp.
+    """Read the graphics card's gamma ramp from the X server: (3, n) of 0 to 65535.
 
-    It is the graphics card's ramp.
+    Without a ramp, n is 0.
     """
     told = x.query_extension("RANDR", _RandrRequest.GET_CRTC_GAMMA, "I", crtc)
     (size,) = struct.unpack_from("<H", told, 8)
@@ -145,7 +145,7 @@ def read_gamma_ramp(x: XConnection, crtc: int) -> NDArray[np.uint16]:
 
 
 def _parse_modes(told: bytes, at: int, count: int) -> dict[int, tuple[int, int, float]]:
-    """Decode X11 RandR's modes: width, height and refresh rate of each."""
+    """Decode the X server's RandR modes: width, height and refresh rate of each."""
     found = {}
     for _ in range(count):
         number, width, height, dots = struct.unpack_from("<IHHI", told, at)
@@ -168,7 +168,7 @@ def _read_output(
     primary: bool,
     edid: int,
 ) -> Output | None:
-    """Read an X11 output's screen through RandR; None if it isn't lit."""
+    """Read an output's screen from the X server through RandR; None if it isn't lit."""
     told = x.query_extension("RANDR", _RandrRequest.GET_OUTPUT_INFO, "II", number, stamp)
     (crtc,) = struct.unpack_from("<I", told, 12)
     if not crtc or told[24] == _Connection.DISCONNECTED:
@@ -189,7 +189,7 @@ def _read_output(
 def _describe_distortion(
     x: XConnection, crtc: int, mode: tuple[int, int], size: tuple[int, int], rotation: int
 ) -> str:
-    """Describe how the X11 server has the graphics card scale or rotate an output."""
+    """Describe how an output scales or turns the X server's pixels; empty if it doesn't."""
     upright = 1
     if rotation != upright:
         return "it is turned or mirrored"
@@ -204,7 +204,7 @@ def _describe_distortion(
 
 
 def _read_property(x: XConnection, output: int, name: int) -> bytes:
-    """Read a property of an X11 output through RandR; empty if the output lacks it."""
+    """Read an output's property from the X server through RandR; empty if the output lacks it."""
     any_type = 0
     try:
         told = x.query_extension(
