@@ -289,7 +289,7 @@ class SupervisedDevice:
         return told + self._reply_time + SETTINGS.timeout_margin
 
     def _give_up(self, command: str, done: Future[Any], why: str) -> None:
-        """Kill a supervised device that hangs, or give up its thread; DeviceError says which."""
+        """Kill a hanging supervised device or give up its thread; the DeviceError says which."""
         end = "it was killed" if self._kill(done) else "it was given up"
         self._failure_reason = f"hung at {command}, and {end}"
         self._worker.give_up()

@@ -227,7 +227,7 @@ class FrameAcquisition:
         )
 
     def _pop(self, cancelled: Callable[[], bool], late: float) -> dict[str, Any] | None:
-        """Return Aravis's note on the next frame, or None if no frame comes by the time `late`."""
+        """Return Aravis' note on the next frame, or None if no frame comes by the time `late`."""
         while time.monotonic() < late:
             if cancelled():
                 self.stop()
@@ -291,7 +291,7 @@ class FrameAcquisition:
 
 
 def to_microseconds(seconds: float) -> float:
-    """Convert an exposure to microseconds, Aravis's unit, rounded to 1 ns.
+    """Convert an exposure to microseconds, Aravis' unit, rounded to 1 ns.
 
     Some cameras truncate, so a rounding error below a whole number would cost a microsecond.
     """

@@ -247,7 +247,10 @@ class HostedDevice:
 
     @contextlib.contextmanager
     def _close_on_failure(self) -> Iterator[None]:
-        """End the hosted device's process if opening fails, when nothing calls __exit__()."""
+        """End the hosted device's process if opening fails.
+
+        Python doesn't call `__exit__()` if the constructor or `__enter__()` raises an exception.
+        """
         try:
             yield
         except BaseException as error:

@@ -136,9 +136,9 @@ class ScreenReader:
             )
 
     def _attach_shared_memory(self) -> XSharedMemory | None:
-        """Share memory with an X server on this machine, which is about ten times as fast.
+        """Share memory with an X server on this machine, so that reading is ten times as fast.
 
-        Returns None if the server can't access the memory.
+        The result is None if the server can't access the memory.
         """
         with contextlib.suppress(XError):
             return XSharedMemory(self._x, 4 * self._region[2] * self._region[3])
