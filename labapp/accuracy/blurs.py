@@ -64,11 +64,16 @@ class SimulatedPhotograph:
 
     @property
     def problem(self) -> Observation:
-        """Return the observation to be restored: in single precision, with its noise unknown."""
+        """Return the observation that every measured restoration method gets.
+
+        It is in single precision, and its noise is unknown.
+        """
         return build_observation(self.observation.astype(np.float32), self.psf, None, self.border)
 
     def quality(self, image: torch.Tensor | Array) -> tuple[float, float]:
-        """Return PSNR in dB and SSIM of a restored picture against the truth, over the whole frame.
+        """Return a method's accuracy: PSNR in dB and SSIM of its restoration against the truth.
+
+        Both are over the whole frame.
 
         The picture is clipped to 0 to 1 first; white is 1.
         """
@@ -79,7 +84,9 @@ class SimulatedPhotograph:
 def simulate_photograph(
     name: str, scene: Array, psf: Array, noise: float, seed: int, border: Border = "unknown"
 ) -> SimulatedPhotograph:
-    """Blur a scene, (rows, columns), by a PSF, and add Gaussian noise.
+    """Blur a known scene and add noise, so that the accuracy of restorations can be measured.
+
+    `scene` is (rows, columns); the blur is a convolution with the PSF, and the noise is Gaussian.
 
     With an unknown border the photograph shows only the part of the scene whose light comes
     entirely from within the scene. A periodic scene is shown whole. Raises UserError for a scene
@@ -127,7 +134,9 @@ def photograph_from_options(
 
 
 def _white_level(levels: NDArray[np.float32]) -> float:
-    """Return the level of white in a picture: 1, 255 or 65535, or else the brightest level.
+    """Return the level of white in the truth picture of an accuracy measurement.
+
+    The level is 1, 255 or 65535, or else the brightest level.
 
     It is the first of these that no level of the picture exceeds.
     """
@@ -145,7 +154,9 @@ def _middle(picture: Array, size: int) -> Array:
 
 
 def _fully_seen_slice(psf: int, seen: int) -> slice:
-    """Return the slice of an axis of the scene that the photograph shows.
+    """Return the slice of the truth that a photograph for accuracy measurements shows.
+
+    It is that along one axis of the scene.
 
     Parameters
     ----------
@@ -167,18 +178,24 @@ def _convolve_periodically(scene: Array, psf: Array) -> Array:
 
 
 def disk(radius: float) -> Array:
-    """Return the PSF of defocus in geometrical optics: an even disk of `radius` pixels."""
+    """Return a defocus PSF, an even disk, to measure the accuracy of restorations on.
+
+    It has a radius of `radius` pixels, as in geometrical optics.
+    """
     at = _subpixel_positions(radius)
     return _pixel_coverage(np.hypot(at[:, None], at) <= radius)
 
 
 def box(side: int) -> Array:
-    """Return a PSF that is even over a square of `side` by `side` pixels."""
+    """Return a square PSF, even over `side`² pixels, to measure the accuracy of restorations on."""
     return np.full((side, side), side**-2.0)
 
 
 def gaussian(deviation: float) -> Array:
-    """Return a Gaussian PSF whose standard deviation is `deviation` pixels."""
+    """Return a Gaussian PSF of `deviation` pixels to measure the accuracy of restorations on.
+
+    `deviation` is its standard deviation.
+    """
     reach = math.ceil(4 * deviation)
     at = np.arange(-reach, reach + 1) / deviation
     psf = np.exp(-(at[:, None] ** 2 + at**2) / 2)
@@ -186,7 +203,9 @@ def gaussian(deviation: float) -> Array:
 
 
 def circle(radius: float, centre: float) -> Array:
-    """Return a PSF that is a thin circle around a central point.
+    """Return a PSF to measure the accuracy of restorations on: a thin circle around a point.
+
+    The point is in the centre.
 
     The circle has a radius of `radius` pixels and a line width of one pixel. The central pixel
     has the share `centre` of the light, 0 to 1.
@@ -199,7 +218,10 @@ def circle(radius: float, centre: float) -> Array:
 
 
 def shake(length: float, seed: int) -> Array:
-    """Return the PSF of camera shake: a random path that is about `length` pixels long."""
+    """Return a camera-shake PSF to measure the accuracy of restorations on.
+
+    It is a random path that is about `length` pixels long.
+    """
     rng = np.random.default_rng(seed)
     turn = np.cumsum(rng.normal(0, 0.45, 24)) + rng.uniform(0, 2 * math.pi)
     steps = length / 24 * np.stack([np.sin(turn), np.cos(turn)], axis=1)
@@ -208,7 +230,9 @@ def shake(length: float, seed: int) -> Array:
 
 
 def line(length: float, angle: float) -> Array:
-    """Return the PSF of uniform motion along a line of `length` pixels.
+    """Return a motion PSF to measure the accuracy of restorations on: a line of `length` pixels.
+
+    The motion is uniform.
 
     `angle` is in radians, from the x axis towards the y axis.
     """
@@ -217,7 +241,10 @@ def line(length: float, angle: float) -> Array:
 
 
 def shape(name: str, radius: float) -> Array:
-    """Return a PSF shape of the thesis, such as "ring", with a radius of `radius` pixels."""
+    """Return a PSF shape of the thesis, such as "ring", to measure restorations' accuracy on.
+
+    It has a radius of `radius` pixels.
+    """
     side = 2 * math.ceil(radius + 6) + 1
     target = getattr(targets, name)
     return _normalise(np.asarray(target(Plane((side, side), (1.0, 1.0)), radius, 0.8)))
@@ -234,7 +261,11 @@ BLURS: dict[str, Callable[[], Array]] = {
 
 
 def _subpixel_positions(radius: float) -> Array:
-    """Return sample positions in pixels along an axis, several per pixel and centred at 0.
+    """Return positions in pixels at which a PSF for accuracy measurements is sampled.
+
+    They lie along an axis.
+
+    There are several per pixel, centred at 0.
 
     They span an odd number of pixels that holds a disk of `radius` pixels.
     """
@@ -243,6 +274,7 @@ def _subpixel_positions(radius: float) -> Array:
 
 
 def _pixel_coverage(inside: NDArray[np.bool_]) -> Array:
+    """Average the fine samples of a PSF for accuracy measurements over its pixels."""
     side = inside.shape[0] // _FINER
     return _normalise(inside.reshape(side, _FINER, side, _FINER).mean((1, 3)))
 

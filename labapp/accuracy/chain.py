@@ -94,6 +94,7 @@ def chain_case_from_options(
 
 
 def _camera(case: LensCase, panel: str | None, separation_mm: float | None) -> Camera:
+    """Return the camera with a panel that `labapp accuracy chain` measures methods for."""
     if case.camera is None:
         shape, pitch = read_panel(panel or "96x128x8")
         camera = Camera(Panel(shape, pitch, unmodulated=0.0), case.lens, separation=50e-3)
@@ -110,6 +111,7 @@ def _camera(case: LensCase, panel: str | None, separation_mm: float | None) -> C
 
 
 def _phase(pattern: str, shape: tuple[int, int]) -> Array:
+    """Return the test phase on the panel for `labapp accuracy chain`, (rows, columns), radians."""
     require_pattern(pattern)
     if pattern == "random":
         return np.random.default_rng(0).uniform(0, 2 * np.pi, shape)
@@ -120,7 +122,7 @@ def _phase(pattern: str, shape: tuple[int, int]) -> Array:
 
 
 def _require_short(problem: ChainProblem) -> None:
-    """Raise UserError for a camera whose exact integral would take too long.
+    """Raise UserError for an accuracy case whose reference integral would take too long.
 
     The cost doesn't depend on where in the window the light arrives, so that it is known before
     anything is planned.
@@ -135,7 +137,9 @@ def _require_short(problem: ChainProblem) -> None:
 
 
 def build_reference(problem: ChainProblem) -> PSFReference:
-    """Return the exact light on some rows and columns of the window of a chain problem.
+    """Return the slow reference that accuracy rows of a chain problem are compared with.
+
+    It holds the exact light on some rows and columns of the window.
 
     Rows and columns are drawn by an approximate PSF, or evenly where no method gives one.
     """
@@ -147,7 +151,7 @@ def build_reference(problem: ChainProblem) -> PSFReference:
 
 
 def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iterator[Candidate]:
-    """Yield every PSF method for the chain at every tolerance.
+    """Yield the accuracy rows to be measured for a chain: every PSF method at every tolerance.
 
     A method that refuses gives a row with the reason.
     """
@@ -163,7 +167,9 @@ def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iter
 
 @single_threaded
 def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | None) -> None:
-    """Measure every PSF method for a chain, print the rows, and draw the plot if a path is given.
+    """Measure the accuracy and time of every PSF method for a chain, and print the rows.
+
+    The diagram is drawn if a path is given.
 
     `memory` is the number of bytes that each method may use.
     """

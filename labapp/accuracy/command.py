@@ -45,7 +45,9 @@ def accuracy_psf(
     plot: Path | None,
     compare: str | None,
 ) -> None:
-    """Measure every method for the PSF of a lens, print the rows, and draw the plot if asked.
+    """Measure the accuracy and time of every method for a lens's PSF, and print the rows.
+
+    The diagram is drawn if a path is given.
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ def accuracy_psf(
 def _find_regressions(
     measurements: MeasurementSet, stored: StoredRows, progress: Progress
 ) -> list[str]:
-    """Return a message for each row that became slower or less accurate than the stored one.
+    """Return a message for each accuracy row that became slower or less accurate than stored.
 
     Rows that look slower are timed twice more, because the machine may have been busy for a moment.
     """
@@ -97,6 +99,7 @@ def _find_regressions(
 
 
 def _report_regressions(worse: list[str], count: int, stored: StoredRows, where: Console) -> None:
+    """Print the accuracy rows that became slower or less accurate, and fail if there are any."""
     for line in worse:
         where.print(f"worse than {stored.source}: {line}", markup=False)
     if worse:
@@ -130,7 +133,7 @@ _REMARK = "Relative L2 errors against the exact integral; one thread, planning l
 def show_measurements(
     what: str, name: str, measurements: MeasurementSet, as_json: bool, plot: Path | None
 ) -> None:
-    """Print the table of a work-precision diagram, or its rows as JSON, and draw the plot.
+    """Print a work-precision diagram's measured rows as a table or JSON, and draw the diagram.
 
     `what` and `name` say what was measured and for which case. `plot` is None for no diagram.
     """
@@ -140,7 +143,10 @@ def show_measurements(
 
 
 def draw(name: str, rows: list[Row]) -> Figure:
-    """Draw error against time with one curve for each method; the caption counts the failures."""
+    """Draw a work-precision diagram: error against time, one curve for each method.
+
+    The caption counts the failures.
+    """
     figure = Figure(figsize=(9, 6), dpi=110, layout="constrained")
     axes = figure.subplots()
     good = [row for row in rows if not row.failure]
@@ -162,7 +168,10 @@ def draw(name: str, rows: list[Row]) -> Figure:
 
 
 def _curve_name(row: Row) -> str:
-    """Return the name of the curve of a row: its method without grid size and common words."""
+    """Return the name of a work-precision curve: a row's method without its grid size.
+
+    Common words are left out, too.
+    """
     if row.tol is not None:
         return row.method
     words = [_SIZE.sub("", word) for word in row.method.split(", ")]

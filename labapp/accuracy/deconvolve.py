@@ -100,7 +100,9 @@ def accuracy_deconvolve(
     as_json: bool,
     plot: Path | None,
 ) -> None:
-    """Measure every restoration method on a photograph, print the rows, and draw the plot if asked.
+    """Measure the accuracy and time of every restoration method, and print the rows.
+
+    The diagram is drawn if a path is given.
 
     `denoise` is the denoiser of plug-and-play methods; without one these are left out.
     """
@@ -120,7 +122,9 @@ def measure_deconvolution(
     progress: Progress,
     adapters: Sequence[Callable[..., Any]] = (),
 ) -> list[DeconvolutionRow]:
-    """Measure every restoration method after more and more iterations, and mark the front.
+    """Measure accuracy rows of every restoration method after more and more iterations.
+
+    The rows on the front are marked.
 
     A method that fails gives a row, too. `adapters` give the methods of other libraries, see
     `labapp.accuracy.peers`.
@@ -174,7 +178,9 @@ def _row(
 
 
 def psnr_away_from_border(case: SimulatedPhotograph, picture: Array) -> float | None:
-    """Return PSNR in dB of the pixels that are further from the border than the PSF is large.
+    """Return PSNR in dB for an accuracy row, without the border that a PSF's size blurs.
+
+    It counts the pixels that are further from the border than the PSF is large.
 
     None if there are no such pixels.
     """
@@ -187,7 +193,7 @@ def psnr_away_from_border(case: SimulatedPhotograph, picture: Array) -> float | 
 
 
 def draw(case: SimulatedPhotograph, rows: list[DeconvolutionRow]) -> Figure:
-    """Draw PSNR and SSIM against time with one curve for each restoration method."""
+    """Draw the accuracy of restoration methods: PSNR and SSIM against time, a curve for each."""
     figure = Figure(figsize=(13, 5), dpi=110, layout="constrained")
     good = [row for row in rows if not row.failure and row.iterations]
     left, right = figure.subplots(1, 2)

@@ -25,7 +25,9 @@ GROUP = "labapp.peers"
 
 
 def installed_peers(operation: str) -> list[Callable[..., Any]]:
-    """Load the installed adapters to other libraries for an operation, such as "psf".
+    """Load installed adapters to other libraries, whose accuracy is measured beside ours.
+
+    They are those for one operation, such as "psf".
 
     Raises
     ------

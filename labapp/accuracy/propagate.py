@@ -85,7 +85,7 @@ class FieldCase:
 
     @property
     def samples(self) -> torch.Tensor:
-        """Return the samples of the field on the source plane."""
+        """Return the test field of an accuracy case as samples on the source plane."""
         return torch.from_numpy(self.field.samples)
 
     def operator(self, tol: float, **settings: Any) -> FreeSpace:
@@ -125,7 +125,7 @@ def field_case_from_options(
     *,
     paraxial: bool,
 ) -> FieldCase:
-    """Build the field that the options of `labapp accuracy propagate` describe.
+    """Build the test field that the options of `labapp accuracy propagate` describe.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def field_case_from_options(
 
 
 def smooth_light(plane: Plane) -> SmoothLight:
-    """Return three Gaussian beams that fill a plane.
+    """Return the smooth test field for accuracy rows: three Gaussian beams that fill a plane.
 
     Two of them are tilted to the ends of the default band of the plane.
     """
@@ -171,7 +171,10 @@ def smooth_light(plane: Plane) -> SmoothLight:
 
 
 def random_cells(plane: Plane) -> CellLight:
-    """Return square cells of constant field with random phases, one for each sample of a plane."""
+    """Return the discontinuous test field for accuracy rows: square cells with random phases.
+
+    The field is constant in each cell; a plane has one cell for each sample.
+    """
     phase = np.random.default_rng(0).uniform(0, 2 * np.pi, plane.shape)
     return CellLight(plane, np.exp(1j * phase))
 
@@ -200,7 +203,9 @@ class FieldReference:
         )
 
     def samples_of(self, answer: Any) -> Real:
-        """Return the compared samples of a field that a method computed on the whole target.
+        """Return a method's field at the samples where the accuracy reference is known.
+
+        The method computed it on the whole target.
 
         `answer` is a tensor or an array.
         """
@@ -210,24 +215,33 @@ class FieldReference:
         )
 
     def weighted_samples(self, values: Complex) -> Real:
-        """Return field values, (samples,), as weighted real and imaginary parts, (2, samples)."""
+        """Return field values, weighted for the error of an accuracy row.
+
+        The values, (samples,), become weighted real and imaginary parts, (2, samples).
+        """
         weighed = np.sqrt(self._weight) * values
         return np.stack([weighed.real, weighed.imag])
 
 
 def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
-    """Return the positions of some samples of the target, given by their flat indices."""
+    """Return where on the target the slow reference of propagation is computed.
+
+    The samples of the target are given by their flat indices.
+    """
     rows, columns = np.divmod(where, case.target.shape[1])
     y, x = (case.target.coordinates(axis).numpy() for axis in (0, 1))
     return Places(y[rows], x[columns], case.distance, case.wavelength)
 
 
 def _product_count(case: FieldCase, places: Places) -> float:
+    """Estimate how many products the slow reference of a propagated field takes."""
     return product_count(case.field, places, paraxial=case.paraxial)
 
 
 def _rough_field(case: FieldCase) -> Complex:
-    """Return a rough field on the target, which tells about where the light arrives.
+    """Return a rough field on the target, by which samples for the accuracy reference are drawn.
+
+    It tells about where the light arrives.
 
     It is even where no method can compute it.
     """
@@ -238,7 +252,7 @@ def _rough_field(case: FieldCase) -> Complex:
 
 
 def candidates(case: FieldCase, reference: FieldReference, budget: Budget) -> Iterator[Candidate]:
-    """Yield every method for free space at every tolerance.
+    """Yield the accuracy rows to be measured for free space: every method at every tolerance.
 
     A method that refuses gives a row with the reason.
     """
@@ -271,7 +285,9 @@ def _plan_within_time_limit(
 
 @single_threaded
 def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Path | None) -> None:
-    """Measure every method for free space, print the rows, and draw the plot if a path is given.
+    """Measure the accuracy and time of every free-space method, and print the rows.
+
+    The diagram is drawn if a path is given.
 
     `peers` says whether other libraries are measured as well.
     """

@@ -66,7 +66,9 @@ _REMARK = (
 
 
 def goal_from_options(spec: PSFPattern, bench: Path | None) -> tuple[RetrievalGoal, str]:
-    """Return the retrieval goal that the options describe, and its name in words.
+    """Return the retrieval goal that the options of `labapp accuracy retrieval` describe.
+
+    Its name in words comes with it.
 
     Raises UserError for a bench file that is wrong, or a target that can't be drawn.
     """
@@ -87,7 +89,9 @@ def accuracy_retrieval(
     as_json: bool,
     plot: Path | None,
 ) -> None:
-    """Measure every phase retrieval method, print the rows, and draw the plot if a path is given.
+    """Measure the accuracy and time of every phase retrieval method, and print the rows.
+
+    The diagram is drawn if a path is given.
 
     `name` is the target in words, `budget` the processor seconds that one setting may take.
     """
@@ -106,7 +110,9 @@ def measure_retrieval(
     speed: MachineSpeed,
     progress: Progress,
 ) -> list[RetrievalRow]:
-    """Measure every phase retrieval method that can give so many frames, and mark the front.
+    """Measure accuracy rows of the phase retrieval methods that can give so many frames.
+
+    The rows on the front are marked.
 
     Each is measured after more and more iterations. A method that refuses the target gives a row
     with the reason. `budget` is the processor time in seconds that one setting may take.
@@ -124,7 +130,10 @@ def measure_retrieval(
 def _settings(
     goal: RetrievalGoal, frames: int, budget: float, speed: MachineSpeed
 ) -> Iterator[tuple[str, int]]:
-    """Yield retrieval methods with the iterations that the budget allows; each at least once."""
+    """Yield the accuracy rows to measure: retrieval methods with iterations that the budget allows.
+
+    Each method comes at least once.
+    """
     slow = goal.camera.panel.response_time > 0
     for name, method in METHODS.items():
         if not method.serves(frames) or (name == "responding" and not slow):
@@ -185,7 +194,7 @@ def _case(name: str, rows: Sequence[RetrievalRow]) -> str:
 
 
 def draw(name: str, rows: list[RetrievalRow]) -> Figure:
-    """Draw error, speckle contrast and lost light against time, a curve for each method."""
+    """Draw accuracy rows of retrieval methods: error, speckle contrast, lost light against time."""
     figure = Figure(figsize=(12, 5), dpi=110, layout="constrained")
     good = [row for row in rows if not row.failure]
     shown = {

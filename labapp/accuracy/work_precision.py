@@ -103,7 +103,10 @@ class Candidate:
 
 
 def raise_refusal(error: Exception) -> tuple[Callable[[], Any], float | None, int]:
-    """Raise an error that planning gave earlier, so that its message becomes the row's failure."""
+    """Raise a method's earlier refusal, so that its message becomes the accuracy row's failure.
+
+    The refusal is an error that planning gave.
+    """
     raise error
 
 
@@ -164,7 +167,7 @@ class MeasurementSet:
 def measure(
     candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress
 ) -> MeasurementSet:
-    """Measure error and time of every candidate; a failure gives a row, too.
+    """Measure error and time of a work-precision diagram's candidates; failures give rows, too.
 
     Calls take turns, so that a busy moment of the machine affects all of them alike. `truth` is
     the exact answer.
@@ -195,7 +198,7 @@ def measure(
 def time_calls(
     calls: Mapping[int, Callable[[], Any]], progress: Progress
 ) -> tuple[dict[int, tuple[float, float]], float]:
-    """Return median processor and wall-clock seconds of each call, by its index.
+    """Return median processor and wall-clock seconds of each work-precision call, by its index.
 
     The second value is the median processor time of the calibration kernel in seconds.
     """
@@ -214,7 +217,10 @@ def time_calls(
 
 
 def _time_call(call: Callable[[], Any]) -> tuple[float, float]:
-    """Return processor and wall-clock seconds of one call, averaged over enough calls."""
+    """Return processor and wall-clock seconds of a work-precision row's call.
+
+    They are averaged over enough calls.
+    """
     least_s = _TIMING.least_s
     count, cpu, wall = 0, time.process_time(), time.perf_counter()
     while True:
@@ -229,7 +235,7 @@ R = TypeVar("R", bound=Row)
 
 
 def mark_front(rows: Sequence[R]) -> list[R]:
-    """Return the rows, with those marked that no other row beats in both time and error."""
+    """Return the work-precision rows, with those marked that no other beats in time and error."""
 
     def is_dominated(row: R) -> bool:
         return any(

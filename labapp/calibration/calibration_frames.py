@@ -35,7 +35,7 @@ class CalibrationFrames:
 
     @staticmethod
     def of(record: Record) -> CalibrationFrames:
-        """Wrap a calibration's record; UserError if it isn't one, or isn't complete."""
+        """Read a record as a calibration run's; UserError if it isn't one, or isn't complete."""
         text = record.plan.metadata.get(names.DESIGN_KEY)
         if not isinstance(text, str):
             raise UserError(
@@ -51,7 +51,10 @@ class CalibrationFrames:
         return CalibrationFrames(record, design, record.bench.build_camera())
 
     def raw_frames(self, pattern: str, wavelength_nm: float) -> NDArray[np.uint16]:
-        """Return the record's frames of a pattern at a wavelength, (frames, rows, columns)."""
+        """Return the calibration run's frames of a pattern at a wavelength.
+
+        They are (frames, rows, columns).
+        """
         indices = self._at(wavelength_nm, target=self.design.request.star, pattern=pattern)
         if not indices:
             raise UserError(
@@ -61,7 +64,10 @@ class CalibrationFrames:
         return np.stack([self.record.image(index) for index in indices])
 
     def sweep_frames(self, wavelength_nm: float) -> list[NDArray[np.uint16]]:
-        """Return the frames of the grey-level sweep, in the order of the design's levels."""
+        """Return the frames of the calibration's grey-level sweep, in the order of its levels.
+
+        The order is that of the design.
+        """
         levels = zip(self.design.low, self.design.high, strict=True)
         return [
             self.raw_frames(names.stripes_pattern_name(low, high), wavelength_nm)[0]
@@ -69,7 +75,10 @@ class CalibrationFrames:
         ]
 
     def mean_dark_frame(self, wavelength_nm: float, exposure_ms: float) -> Array:
-        """Average an exposure's dark frames; without any, use black level and dark current."""
+        """Average the calibration run's dark frames of an exposure.
+
+        Without any, the sensor's black level and dark current give it.
+        """
         dark = self.design.request.dark
         exposure = round(exposure_ms * 1e3) / 1e6
         indices = self._at(wavelength_nm, target=dark, exposure_asked=exposure)
@@ -80,7 +89,7 @@ class CalibrationFrames:
         return np.mean([self.record.image(index) for index in indices], axis=0)
 
     def mean_light(self, pattern: str, wavelength_nm: float, dark: Array) -> tuple[Array, Array]:
-        """Average a calibration pattern's frames and subtract the dark frame.
+        """Average the calibration run's frames of a pattern, and subtract the dark frame.
 
         Return the mean and its variance, both (rows, columns).
         """
@@ -90,12 +99,12 @@ class CalibrationFrames:
         return frames.mean(axis=0) - dark, variance + frame_variance(dark, sensor) / 2
 
     def clipped_pixels(self, pattern: str, wavelength_nm: float) -> NDArray[np.bool_]:
-        """Mark the pixels that are at full scale in any of a pattern's frames, (rows, columns)."""
+        """Mark the pixels at full scale in any calibration frame of a pattern, (rows, columns)."""
         brightest = self.raw_frames(pattern, wavelength_nm).max(axis=0)
         return brightest >= self.camera.sensor.full_scale
 
     def hot_pixels(self, dark: Array) -> NDArray[np.bool_]:
-        """Mark the hot pixels of a dark frame.
+        """Mark the hot pixels of a calibration run's dark frame.
 
         They exceed its median by more than 8 times the read noise and 1 DN.
         """
@@ -103,7 +112,10 @@ class CalibrationFrames:
         return dark - np.median(dark) > 8.0 * sensor.read_noise / sensor.gain + 1
 
     def _at(self, wavelength_nm: float, **wanted: Any) -> list[int]:
-        """Select frames of the record at a wavelength, which plans round to whole picometres."""
+        """Select frames of the calibration run at a wavelength.
+
+        Plans round wavelengths to whole picometres.
+        """
         away = np.abs(self._wavelengths - wavelength_nm * 1e-9)
         return [index for index in self.record.select(**wanted) if away[index] < 1e-12]
 
@@ -113,7 +125,7 @@ class CalibrationFrames:
 
 
 def validate_design(text: str, source: str) -> CalibrationDesign:
-    """Parse a calibration's design from JSON; UserError if the text isn't a design."""
+    """Parse a calibration run's design from JSON; UserError if the text isn't a design."""
     try:
         data = json.loads(text)
     except ValueError as error:

@@ -65,12 +65,13 @@ class TrialFrame:
 
 
 def first_bracket(camera: Camera) -> tuple[float, ...]:
-    """Return the exposures of the first trial in seconds, within the sensor's range."""
+    """Return the exposures of a calibration's first trial in seconds, within the sensor's range."""
     middle, ratio = _SETTINGS.first_ms * 1e-3, _SETTINGS.bracket_ratio
     return _bracket(camera.sensor, [middle * ratio**k for k in (-1, 0, 1)])
 
 
 def _bracket(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
+    """Keep a calibration's trial exposures within the sensor's range."""
     low, high = sensor.exposure_range
     return tuple(sorted({round(min(max(t, low), high) * 1e6) / 1e6 for t in wanted}))
 
@@ -78,7 +79,10 @@ def _bracket(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
 def trial_plan(
     request: CalibrationRequest, wavelength_nm: float, exposures: tuple[float, ...]
 ) -> PlanFile:
-    """Return a plan that takes the neutral star at one wavelength and several exposures in s."""
+    """Return the plan of a calibration's trial exposures: the neutral star at one wavelength.
+
+    The exposures are in seconds.
+    """
     block = {
         "targets": [request.star],
         "patterns": [names.NEUTRAL_NAME],
@@ -109,7 +113,7 @@ class StarExposure:
 def evaluate_trials(
     trials: Sequence[TrialFrame], camera: Camera
 ) -> StarExposure | tuple[float, ...]:
-    """Derive the star's exposure from trial frames, or return the exposures in s to try next.
+    """Derive a calibration's star exposure from trial frames, or return the next exposures in s.
 
     UserError if the star is too bright or too dim for the camera.
     """
@@ -132,7 +136,9 @@ def evaluate_trials(
 
 
 def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, float, float]:
-    """Return the star's brightest pixel above the background, the noise, and the star's width.
+    """Measure the star in a calibration's trial frame: brightest pixel, noise and width.
+
+    The brightest pixel is above the background.
 
     Hot pixels are left out.
     """
@@ -151,7 +157,7 @@ def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, flo
 
 
 def _extend_bracket(exposure: float, step: float, sensor: Sensor) -> tuple[float, ...]:
-    """Return the next longer or shorter trial exposures; UserError at the camera's limit."""
+    """Return a calibration's next longer or shorter trials; UserError at the camera's limit."""
     further = _bracket(sensor, [exposure * step, exposure * step**2])
     if further[0] == exposure or further[-1] == exposure:
         trouble, remedy = ("dim", "Brighten") if step > 1 else ("bright", "Dim")
@@ -175,7 +181,7 @@ def derive_exposures(
     found: StarExposure,
     trials: int,
 ) -> CalibrationExposures:
-    """Derive the exposures of a calibration's frames from that of the neutral star.
+    """Derive all exposures of a calibration run from that of the neutral star.
 
     In the sweep, a region's spot has that region's share of the light, in one first order, and is
     wider than the star by the diffraction at the region.
@@ -201,12 +207,15 @@ def derive_exposures(
 
 
 def nominal_star_width(camera: Camera, wavelength_nm: float) -> float:
-    """Estimate the star's width in pixels from the camera's diffraction and the pixel size."""
+    """Estimate the width of the calibration's star in pixels, from diffraction and pixel size."""
     scale = wavelength_nm * 1e-9 * camera.ray_matrix_b / camera.sensor.pitch
     lines = [scale / (n * camera.panel.pitch) for n in camera.panel.shape]
     return math.sqrt(math.prod(math.hypot(line, 1.0) for line in lines))
 
 
 def _milliseconds(seconds: float) -> float:
-    """Convert an exposure from s to ms, rounded to whole microseconds as cameras count."""
+    """Convert a calibration's exposure from s to ms, rounded to whole microseconds.
+
+    Cameras count in them.
+    """
     return round(seconds * 1e6) / 1e3

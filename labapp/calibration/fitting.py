@@ -60,7 +60,7 @@ class CalibrationFits:
 
     @property
     def calibrated_camera(self) -> Camera:
-        """Return the camera with the fitted phase response and unmodulated light."""
+        """Return the camera with the calibration's fitted phase response and unmodulated light."""
         panel = self.camera.panel
         if self.responses:
             curves = [[one.fit.phase for one in regions] for regions in self.responses.values()]
@@ -75,14 +75,17 @@ class CalibrationFits:
 
     @property
     def coupling_length(self) -> float:
-        """Return the panel's coupling in metres, as fitted, or as described without a fit."""
+        """Return the panel's coupling in metres, as this calibration run fitted it.
+
+        Without a fit, it is that of the description.
+        """
         seen = [region.fit.blur for regions in self.responses.values() for region in regions]
         panel = self.camera.panel
         return min(float(np.median(seen)), 1.0) * panel.pitch if seen else panel.coupling
 
 
 def fit_calibration(path: Path, progress: Progress | None = None) -> CalibrationFits:
-    """Run every fit for which a calibration's record was taken.
+    """Run every fit for which a calibration run was recorded.
 
     UserError if it isn't a calibration's record, lacks frames, or a fit can't be trusted; it says
     what to do at the bench.
@@ -106,7 +109,7 @@ def fit_calibration(path: Path, progress: Progress | None = None) -> Calibration
 
 @contextmanager
 def _raise_user_errors(path: Path, what: str) -> Iterator[None]:
-    """Turn a fit's ValueError into a UserError that names the record and the fit."""
+    """Turn a calibration fit's ValueError into a UserError that names the record and the fit."""
     try:
         yield
     except ValueError as error:
@@ -116,6 +119,7 @@ def _raise_user_errors(path: Path, what: str) -> Iterator[None]:
 def _fit_wavelength(
     frames: CalibrationFrames, nm: float, fits: CalibrationFits, progress: Progress
 ) -> None:
+    """Run a calibration's fits at one wavelength: registration, responses and zeroth order."""
     request = frames.design.request
     progress.report(0.0, f"registration, {nm:g} nm")
     with _raise_user_errors(frames.record.path, f"registration at {nm:g} nm"):
@@ -130,7 +134,10 @@ def _fit_wavelength(
 
 
 def _fit_registration(frames: CalibrationFrames, nm: float) -> Registration:
-    """Fit the registration to the spots of the steering gratings and the neutral star."""
+    """Fit the registration to the calibration run's steered spots and the neutral star.
+
+    The spots are those of the steering gratings.
+    """
     dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
     neutral, variance = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
     hot = frames.hot_pixels(dark)
@@ -188,7 +195,9 @@ def _fit_responses(
 
 
 def _fit_zeroth_order(frames: CalibrationFrames, nm: float, fits: CalibrationFits) -> ZerothOrder:
-    """Measure the unmodulated light: what the steering gratings leave in the zeroth order.
+    """Measure the calibration run's unmodulated light: what steering gratings leave unsteered.
+
+    It lies in the zeroth order.
 
     The light that the gratings themselves leave there is computed from the fitted response, and
     subtracted.
@@ -252,7 +261,9 @@ def _fit_wavefront(frames: CalibrationFrames, fits: CalibrationFits, progress: P
 def _window(
     centre: tuple[float, float], shape: tuple[int, int]
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return first pixel and shape of the window around the star for the wavefront's fit.
+    """Return the window around the star for the calibration's wavefront fit.
+
+    The values are its first pixel and its shape.
 
     The window reaches 24 pixels from the star's middle, at most to the edge of the frame.
     """

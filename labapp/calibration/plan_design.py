@@ -30,7 +30,7 @@ Patterns = dict[str, NDArray[np.uint8]]
 def design_calibration(
     camera: Camera, request: CalibrationRequest, exposures: tuple[CalibrationExposures, ...]
 ) -> CalibrationDesign:
-    """Choose a calibration's gratings and grey levels for a camera's panel and sensor.
+    """Choose the gratings and grey levels of a calibration run for a camera's panel and sensor.
 
     UserError if the regions' spots can't be told apart on the sensor.
     """
@@ -59,7 +59,9 @@ def design_calibration(
 
 
 def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Choose the grey levels of a sweep's two stripes, frame by frame in the order of display.
+    """Choose the grey levels of a calibration sweep's two stripes, frame by frame.
+
+    They are in the order of display.
 
     The upper levels cover the whole range, more densely towards the ends, where a curve is
     supported on one side only; the last one comes twice. The lower level is 0, and in every other
@@ -82,7 +84,7 @@ def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...
 
 
 def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
-    """Compute the grey levels (rows, columns) of every pattern of a calibration's design."""
+    """Compute the grey levels (rows, columns) of every pattern of a calibration run."""
     panel = camera.panel
     shown: Patterns = {names.NEUTRAL_NAME: np.zeros(panel.shape, dtype=np.uint8)}
     for nm in design.request.wavelengths_nm:
@@ -102,7 +104,9 @@ def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
 
 
 def _defocus_pattern(camera: Camera, waves: float, wavelength: float) -> NDArray[np.uint8]:
-    """Compute a defocus pattern, wrapped at as many whole waves as the panel's range holds.
+    """Compute a defocus pattern for a calibration run, wrapped at whole waves.
+
+    They are as many as the panel's range holds.
 
     This makes the number of phase jumps as small as possible.
     """

@@ -27,7 +27,10 @@ app.add_typer(accuracy, name="accuracy")
 
 @accuracy.callback()
 def accuracy_() -> None:
-    """Measure what accuracy costs in time on your machine: error and time of every method."""
+    """Run a command that measures what accuracy costs in time on your machine.
+
+    The commands measure error and time of every method.
+    """
     use_one_thread()
 
 
@@ -39,7 +42,7 @@ _CHAIN = LensOptions(0.05, 16.0, 2.0, 1.5, size=64)
 
 @accuracy.command("list")
 def accuracy_list_(json: JsonOption = False) -> None:
-    """List what can be measured; each entry is a command of **labapp accuracy**."""
+    """List the commands of **labapp accuracy**, and what each of them measures."""
     from labapp.common.list_output import ListEntry, print_list
 
     listed = [
@@ -66,7 +69,7 @@ def accuracy_psf_(
         ),
     ] = None,
 ) -> None:
-    """Measure error and time of every method for the PSF of a lens.
+    """Measure error and time of every method for the PSF of the lens that the options describe.
 
     Each row is a method at one setting, with its relative L2 error against the exact integral and
     its processor time in ms. Rows on the front are beaten by no other row in both time and error.
@@ -118,7 +121,7 @@ def accuracy_propagate_(
     ] = False,
     peers: PeersOption = False,
 ) -> None:
-    """Measure error and time of every method for propagation through free space.
+    """Measure error and time of every free-space method for the field that the options describe.
 
     The error is that of the complex field against the exact integral, on samples that are drawn by
     their light. Rows on the front are beaten by no other row in both time and error. A method that
@@ -179,7 +182,7 @@ def accuracy_chain_(
         int, typer.Option(help="Memory that a method may use, in megabytes.")
     ] = 1000,
 ) -> None:
-    """Measure error and time of every PSF method for a panel in front of the lens.
+    """Measure error and time of every PSF method for the options' panel in front of the lens.
 
     Light goes from a point to the pixels of the panel, to lens and stop, and to the sensor
     (thesis Eq. 5.1 to 5.7). The method "collapsed" is a single Fourier integral, for a stop that
@@ -235,7 +238,7 @@ def accuracy_retrieval_(
     ] = 10.0,
     bench: BenchOption = None,
 ) -> None:
-    """Measure quality and time of every phase retrieval method for a target.
+    """Measure quality and time of every phase retrieval method for the argument TARGET.
 
     Retrieval has no exact answer. The table gives efficiency, speckle contrast, NRMSE of the PSF
     against the target, and processor time in seconds. Rows on the front are beaten by no other row
@@ -301,7 +304,7 @@ def accuracy_deconvolve_(
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
     peers: PeersOption = False,
 ) -> None:
-    """Measure quality and time of every restoration method on a blurred picture.
+    """Measure quality and time of every restoration method on a picture that the options blur.
 
     The picture is blurred, and noise is added. Each method estimates noise and weights by itself.
     The table gives PSNR in dB, SSIM and processor time in ms. Rows on the front are beaten by no
@@ -336,7 +339,7 @@ def accuracy_simulate_(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Measure what a tolerance costs a simulated picture, and check that it is kept.
+    """Measure what a tolerance costs the picture of SCENE.toml, and check that it is kept.
 
     One picture is simulated at each tolerance by its effect plan, and once with all effects at
     their finest. The table gives relative L2 errors of the mean picture, of its variance and of its

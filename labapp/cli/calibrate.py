@@ -61,7 +61,7 @@ def calibrate(
         ),
     ] = None,
 ) -> None:
-    """Calibrate panel, lens and sensor of a bench with an artificial star.
+    """Calibrate panel, lens and sensor of the bench of --bench with an artificial star.
 
     It measures the registration (where gratings send light on the sensor), the phase of every grey
     level, the wavefront with its focus, and the zeroth order, each with residual and uncertainty.

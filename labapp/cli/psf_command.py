@@ -51,7 +51,7 @@ def psf(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Compute a PSF to a tolerance, and report its cost and its error.
+    """Compute a PSF to the tolerance --tol, and report its cost and its error.
 
     Without --camera and --pattern this is the PSF of a lens with its stop. With --camera it is that
     of the file's panel and lens; options of the lens override the file. With --pattern alone the

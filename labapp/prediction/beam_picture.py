@@ -98,7 +98,7 @@ class AxialSection:
 
 @single_threaded
 def draw_beam(request: BeamRequest, path: Path) -> None:
-    """Compute a beam's irradiance along the axis, and write its picture."""
+    """Predict a beam's irradiance along the axis, and write its picture."""
     if not 2 <= request.slices <= 5000:
         raise UserError(f"--slices {request.slices}: give 2 to 5000.")
     phase = _phase(request)
@@ -117,6 +117,7 @@ def draw_beam(request: BeamRequest, path: Path) -> None:
 
 
 def _phase(request: BeamRequest) -> torch.Tensor | None:
+    """Return the phase of the panel by which a beam is predicted; None for a neutral panel."""
     if request.pattern is None:
         return None
     panel = request.camera.panel
@@ -149,7 +150,7 @@ def _panel_to_sensor_bounds(camera: Camera, field: tuple[float, float]) -> _Sect
 
 
 def _near_sensor_bounds(request: BeamRequest) -> _SectionBounds:
-    """Return the extent of the picture around the sensor.
+    """Return the extent of the predicted beam's picture around the sensor.
 
     It shows some depths of focus, or more if the object is farther out of focus.
     """
@@ -238,7 +239,7 @@ def _draw(axes: Axes, stretch: AxialSection, unit: float, name: str, dimmest: fl
 
 
 def _label(axes: Axes, request: BeamRequest, stretch: AxialSection) -> None:
-    """Draw panel, stop and sensor at their positions."""
+    """Draw panel, stop and sensor in the picture of a predicted beam, at their positions."""
     camera = request.camera
     panel, lens = camera.panel, camera.lens
     line = partial(axes.plot, color="deepskyblue", linewidth=3, solid_capstyle="butt")

@@ -37,7 +37,10 @@ class LensCase:
 
     @property
     def pitch(self) -> float:
-        """Pitch of the PSF's columns; also of its rows, if `is_clear_thin_on_axis`."""
+        """Return the pitch of the predicted PSF's columns.
+
+        It is also that of its rows, if `is_clear_thin_on_axis`.
+        """
         return self.pixels.pitch[1]
 
     @property
@@ -46,13 +49,14 @@ class LensCase:
 
     @property
     def is_clear_thin_on_axis(self) -> bool:
-        """Whether the lens is thin with a clear stop, and the PSF's window is a square on axis."""
+        """Whether the PSF to predict is that of a clear, thin lens in a square window on axis."""
         (rows, columns), (py, px) = self.pixels.shape, self.pixels.pitch
         square = rows == columns and py == px and not any(self.pixels.centre)
         return self.lens.has_clear_stop and self.lens.has_quadratic_phase and square
 
     @property
     def name(self) -> str:
+        """Return the case of the PSF to predict in words: lens, light, object and window."""
         lens, pixels = self.lens, self.pixels
         object_, focus = (
             "at infinity" if d == float("inf") else f"at {d:g} m"
@@ -74,6 +78,7 @@ class LensCase:
 
 
 def _unusual_features(lens: Lens) -> list[str]:
+    """Return what is unusual in the lens of a PSF to predict, in words."""
     from optics.stop.aperture import Circle
 
     words: list[str] = []
@@ -88,7 +93,10 @@ def _unusual_features(lens: Lens) -> list[str]:
 
 
 def lens_option_defaults(camera: Camera) -> dict[str, float | str]:
-    """Return the lens options that describe a camera's lens, by their names and in their units."""
+    """Return the lens options of a prediction that describe a camera's lens.
+
+    They are given by their names and in their units.
+    """
     lens = camera.lens
     return {
         "focal_length": lens.focal_length,
@@ -100,7 +108,7 @@ def lens_option_defaults(camera: Camera) -> dict[str, float | str]:
 
 
 def with_panel_in_front(case: LensCase, camera: Camera, given_options: Collection[str]) -> LensCase:
-    """Return the case of a lens behind a camera's panel.
+    """Return the case of a PSF to predict with a camera's panel in front of the lens.
 
     Opening, obscuration and aberrations are those of the camera, unless one of `given_options`
     sets them.
@@ -116,7 +124,7 @@ def with_panel_in_front(case: LensCase, camera: Camera, given_options: Collectio
 
 
 def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
-    """Return the aperture stop that the command line's options describe.
+    """Parse the options of the aperture stop through which a PSF is predicted.
 
     The stop has straight blades (0 for a round one), or is a rectangle "HEIGHTxWIDTH" in stop
     diameters. obscuration is the radius of a central disc that hides it, in stop radii.
@@ -138,7 +146,10 @@ def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
 
 
 def read_aberrations(texts: Sequence[str]) -> tuple[tuple[int, int, float], ...]:
-    """Parse aberrations "N,M,NANOMETRES": Zernike polynomials with their root mean square."""
+    """Parse the aberrations of a predicted PSF, "N,M,NANOMETRES".
+
+    They are Zernike polynomials with their root mean square.
+    """
     found = []
     for text in texts:
         n, m, nanometres = _numbers("--zernike", text, ",", 3)
@@ -149,13 +160,19 @@ def read_aberrations(texts: Sequence[str]) -> tuple[tuple[int, int, float], ...]
 
 
 def read_centre(text: str) -> tuple[float, float]:
-    """Parse the window's centre "Y,X" on the sensor, from micrometres to metres."""
+    """Parse the centre "Y,X" of a predicted PSF's window, from micrometres to metres.
+
+    It lies on the sensor.
+    """
     y, x = _numbers("--centre", text, ",", 2)
     return y * 1e-6, x * 1e-6
 
 
 def read_field(text: str) -> tuple[float, float]:
-    """Parse the position "Y,X" of a point's image on the sensor, from millimetres to metres."""
+    """Parse where the point of a predicted PSF is imaged, "Y,X", from millimetres to metres.
+
+    It is a position on the sensor.
+    """
     y, x = _numbers("--field", text, ",", 2)
     if not (math.isfinite(y) and math.isfinite(x)):
         raise UserError(f"--field {text}: give two finite numbers, in millimetres.")
@@ -183,7 +200,10 @@ def read_window(size: int, pitch: float, centre: str) -> Plane:
 
 
 def read_panel(text: str) -> tuple[tuple[int, int], float]:
-    """Parse a panel "ROWSxCOLUMNSxMICROMETRES" into its shape and its pitch in metres."""
+    """Parse a panel "ROWSxCOLUMNSxMICROMETRES" behind which a PSF is predicted.
+
+    The result is its shape and its pitch in metres.
+    """
     try:
         rows, columns, pitch = (float(word) for word in text.split("x"))
         if not (min(rows, columns) >= 1 and 0 < pitch < math.inf):

@@ -60,7 +60,10 @@ def mean_psf(
 
 
 def _exposures(modulator: Modulator, greys: torch.Tensor) -> Iterator[Exposure]:
-    """Yield the exposures of a still pattern, or of one period of a video."""
+    """Yield the exposures of which a predicted PSF is the mean.
+
+    They are those of a still pattern, or of one period of a video.
+    """
     if len(greys) == 1:
         for weight, modulation in modulator.still_fields(greys[0]):
             yield 0, weight, modulation

@@ -83,7 +83,7 @@ def chain_density(
     *,
     margin: float = NODE_MARGIN,
 ) -> Array:
-    """Return the share of a point's light per square metre on the sensor of a chain.
+    """Return the slow reference for a chain's PSF: the share of light per square metre.
 
     The share is relative to the light that panel and stop would pass if they stood in one plane,
     for a point on the axis.
@@ -119,7 +119,9 @@ def chain_field(
     *,
     margin: float = NODE_MARGIN,
 ) -> Field:
-    """Return the complex field at the sensor of a chain, for a wave of amplitude 1 on the panel.
+    """Return the slow reference field at the sensor of a chain, complex.
+
+    The wave on the panel has an amplitude of 1.
 
     The arguments are those of `chain_density`.
     """
@@ -136,14 +138,19 @@ def chain_field(
 
 
 def line_and_node_counts(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
-    """Estimate how many lines across the stop the quadrature takes, and how many nodes a line."""
+    """Estimate how many lines, and nodes a line, the slow reference of a chain takes.
+
+    The lines lie across the stop.
+    """
     down, across = (NODE_MARGIN * slope for slope in _slopes(chain, y, x))
     cells = math.ceil(across * chain.stop_extent / chain.radius / SETTINGS.cell_phase)
     return math.hypot(down, across) * np.pi / 4 + 40, cells * SETTINGS.nodes_per_cell
 
 
 def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
-    """Bound the phase slope of the integrand in the lens plane along y and x, rad per stop radius.
+    """Bound the phase slope along y and x that the chain's reference integral must resolve.
+
+    It is that of the integrand in the lens plane, in radians per stop radius.
 
     It includes the light from the edges of the pixels and the undeflected light.
     """
@@ -173,7 +180,9 @@ def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
 
 
 def _sensor_kernel(chain: ImagingChain, positions: Array, places: Array) -> Field:
-    """Return the kernel of lens and Fresnel integral to the sensor along one axis.
+    """Return the kernel from lens to sensor in the chain's reference integral, along one axis.
+
+    It is that of the lens and the Fresnel integral.
 
     `positions` on the sensor and `places` at the lens are in metres; the kernel is
     (positions, places).
@@ -212,7 +221,9 @@ class _LineSum:
         self._fit = degrees * legendre.legvander(self._t, self._node_count - 1).T * self._w
 
     def _field_from_panel(self) -> Field:
-        """Return the light of the columns of the panel at the nodes, (nodes, ranks).
+        """Return the panel's light at the nodes of the reference integral, (nodes, ranks).
+
+        There is one value for each column of the factored panel.
 
         It is computed in pieces, because there are many columns and many nodes.
         """
@@ -225,7 +236,7 @@ class _LineSum:
         return np.concatenate(found)
 
     def _cumulative_sums(self) -> Field | None:
-        """Return the sums over all cells up to each edge, (edges, ranks, x).
+        """Return the reference integral's sums over all cells up to each edge, (edges, ranks, x).
 
         All lines share them where the phase of the lens separates along y and x. None if they
         take too much memory.
@@ -256,6 +267,7 @@ class _LineSum:
     def _node_by_node(
         self, lines: list[StopLine], rows: Field, coefficients: Array | None
     ) -> Field:
+        """Sum the reference integral over the nodes of whole open cells, for each line anew."""
         whole = np.stack([self._open_cell_nodes(line) for line in lines])
         passed = np.where(whole, self._lens_factor(coefficients, self._nodes), 0)
         parts = self._factors.parts
@@ -275,12 +287,18 @@ class _LineSum:
         return found
 
     def _whole_cells(self, low: float, high: float) -> tuple[int, int]:
-        """Return the indices of the first and the last cell edge in an open piece of a line."""
+        """Return the first and last cell edge of the reference integral in an open piece.
+
+        Both are indices; the piece is a part of a line across the stop.
+        """
         first = np.searchsorted(self._edges, low)
         return int(first), int(np.searchsorted(self._edges, high, side="right")) - 1
 
     def _open_cell_nodes(self, line: StopLine) -> NDArray[np.bool_]:
-        """Return a mask of the nodes whose cell lies entirely in open pieces of a line."""
+        """Return a mask of the reference integral's nodes whose cell the stop leaves open.
+
+        Such a cell lies entirely in open pieces of a line.
+        """
         found = np.zeros(self._nodes.size, dtype=bool)
         for low, high in line.open:
             first, last = self._whole_cells(low, high)
@@ -288,7 +306,7 @@ class _LineSum:
         return found
 
     def _partial_cells(self, line: StopLine) -> Iterator[tuple[int, float, float]]:
-        """Yield the parts of a line's open pieces that whole cells don't cover.
+        """Yield the open pieces that whole cells of the reference integral don't cover.
 
         Each is the index of its cell, and the ends of the part in stop radii.
         """
@@ -305,7 +323,9 @@ class _LineSum:
     def _partial_cell_weights(
         self, lines: list[StopLine], coefficients: Array | None
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Field]:
-        """Return the line, the cell and the weights of every part of a cell that is open.
+        """Return the reference integral's weights for cells that are open only in part.
+
+        There are the line, the cell and the weights of every part of a cell that is open.
 
         The weights, (pieces, x, nodes), multiply the wave at the nodes of the cell. They integrate
         the polynomial through these values.
@@ -330,7 +350,9 @@ class _LineSum:
         return number, cell, (onward * passed[:, None]) @ between
 
     def _phase_coefficients(self, heights: Array) -> Array | None:
-        """Return Chebyshev coefficients of the non-quadratic phase of the lens for each line.
+        """Return Chebyshev coefficients of the lens's phase for the reference integral.
+
+        They are those of the non-quadratic phase, for each line.
 
         This is the phase of aberrations, and the difference between a stigmatic and a thin lens.
         Along a line it is a polynomial, or well approximated by one. None for a lens whose phase is
@@ -350,7 +372,7 @@ class _LineSum:
         return np.asarray(chebyshev.chebvander(nodes / self._edges[-1], SETTINGS.phase_degree))
 
     def _lens_factor(self, coefficients: Array | None, nodes: Array) -> Field | Array:
-        """Return the factor of the lens besides its quadratic phase, (lines, nodes).
+        """Return the reference integral's lens factor without the quadratic phase, (lines, nodes).
 
         `nodes` are common to all lines, (nodes,), or those of each line, (lines, nodes).
         """

@@ -50,7 +50,7 @@ class StopLine:
 def lens_psf(
     lens: Lens, distance: float, wavelength: float, pixels: Plane, progress: Progress | None = None
 ) -> Array:
-    """Return the exact PSF of a lens: the share of a point's light on each sample of a plane.
+    """Return the slow reference PSF of a lens: a point's light on each sample of a plane.
 
     A share is the density at the sample times the area of a pixel.
     """
@@ -67,7 +67,9 @@ def lens_psf_density(
     x: Array,
     progress: Progress | None = None,
 ) -> Array:
-    """Return the share of a point's light per square metre at positions y and x, (y, x), in metres.
+    """Return the slow reference PSF of a lens as a share of the light per square metre.
+
+    It is given at positions y and x in metres, (y, x).
 
     It is the Fraunhofer integral of the stop (thesis Eq. 3.1), summed directly along both axes.
     """
@@ -92,7 +94,9 @@ def lens_psf_density(
 
 
 def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) -> float:
-    """Estimate how many nodes `lens_psf_density` takes for a window on the sensor.
+    """Estimate how many nodes a lens's slow reference takes for a window on the sensor.
+
+    They are those of `lens_psf_density`.
 
     `farthest` is the distance in metres from the axis to the farthest sample.
     """
@@ -104,7 +108,7 @@ def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) 
 
 
 def sample_positions(plane: Plane, axis: int) -> Array:
-    """Return the positions of the samples of a plane along an axis, in metres."""
+    """Return the sample positions of a plane that slow references use, along an axis, in metres."""
     index = np.arange(plane.shape[axis]) - plane.shape[axis] // 2
     return np.asarray(index * plane.pitch[axis] + float(plane.centre[axis]))
 
@@ -114,7 +118,7 @@ def _farthest(y: Array, x: Array) -> float:
 
 
 def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
-    """Yield the lines of the quadrature over a stop.
+    """Yield the lines across a stop along which the slow reference integrates.
 
     The weighted sum of integrals along the lines is the integral over the stop. `slope` is the
     steepest phase slope in radians per stop radius.
@@ -136,7 +140,9 @@ def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
 
 
 def _interval_end_speed(stop: Stop, low: float, high: float) -> float:
-    """Bound how fast the ends of the open intervals move along x with the angle of the height.
+    """Bound how fast the ends of open intervals move between lines of the reference integral.
+
+    They move along x; the speed is relative to the angle of the height.
 
     The ends on nearly horizontal edges move far in a small step of the angle.
     """
@@ -160,7 +166,10 @@ def _interval_rule(low: float, high: float, slope: float) -> tuple[Array, Array]
 
 
 def open_intervals(stop: Stop, height: float) -> list[Interval]:
-    """Return the open intervals of a stop on the horizontal line at a height, in stop radii."""
+    """Return the reference integral's open intervals of a stop on a horizontal line.
+
+    They are in stop radii, as is the height of the line.
+    """
     found = _intervals(stop.opening, height)
     for shape in stop.obscurations:
         for low, high in _intervals(shape, height):
@@ -194,7 +203,10 @@ def _edges(polygon: Polygon) -> list[tuple[tuple[float, float], tuple[float, flo
 
 
 def break_heights(stop: Stop) -> list[float]:
-    """Return the heights at which open intervals of a stop begin, end or meet, in rising order."""
+    """Return the heights at which the reference integral over a stop must be cut, in rising order.
+
+    There, open intervals of the stop begin, end or meet.
+    """
     shapes: Sequence[Shape] = (stop.opening, *stop.obscurations)
     found = [height for shape in shapes for height in _extremes(shape)]
     for a, b in combinations(shapes, 2):
@@ -204,7 +216,7 @@ def break_heights(stop: Stop) -> list[float]:
 
 
 def vertical_line_crossings(stop: Stop, x: float) -> list[float]:
-    """Return the heights at which the outlines of a stop cross the vertical line at x.
+    """Return the heights where a stop's outlines cross the vertical line at x, for a reference.
 
     All lengths are in stop radii.
     """
@@ -227,7 +239,7 @@ def _extremes(shape: Shape) -> list[float]:
 
 
 def _outline_crossings(a: Shape, b: Shape) -> list[float]:
-    """Return the heights at which the outlines of two shapes cross."""
+    """Return the heights where outlines of two shapes of a reference integral's stop cross."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_crossings(a, b)
     if isinstance(a, Circle) and isinstance(b, Polygon):
@@ -266,7 +278,9 @@ def _segment_crossings(
 
 
 def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Array) -> Array:
-    """Return the pupil phase of defocus and aberrations in radians, at a height y and many x.
+    """Return the reference's own pupil phase of defocus and aberrations, in radians.
+
+    It is given at a height y and many x.
 
     Positions are in stop radii, distances, wavelength and aberrations in metres.
     """
@@ -286,7 +300,9 @@ def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Arr
 
 
 def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
-    """Return a Zernike polynomial with an rms of 1, by the sum of factorials of textbooks.
+    """Return the reference's own Zernike polynomial, by the sum of factorials of textbooks.
+
+    Its rms is 1.
 
     The sum is accurate to a degree of about twenty.
     """
@@ -304,7 +320,7 @@ def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def steepest_phase_slope(lens: Lens, distance: float, wavelength: float) -> float:
-    """Return the steepest slope of the pupil phase in radians per stop radius.
+    """Return the steepest pupil phase that a slow reference must resolve, rad per stop radius.
 
     It is estimated from samples of the phase along many lines.
     """

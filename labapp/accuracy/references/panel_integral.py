@@ -60,27 +60,38 @@ class ImagingChain:
 
     @property
     def stop_extent(self) -> float:
-        """Return the largest distance of the stop from the axis along y or x, in metres."""
+        """Return how far from the axis the chain's reference integral reaches, in metres.
+
+        It is the largest distance of the stop along y or x.
+        """
         return self.radius * _shape_extent(self.lens.stop.opening)
 
     @property
     def shadow_magnification(self) -> float:
-        """Return the magnification of the panel's shadow at the lens."""
+        """Return the magnification of the panel's shadow at the lens in a reference's chain."""
         return 1 + self.camera.separation / self.distance
 
     def tilt(self, axis: int) -> float:
-        """Return the tangent of the tilt of the point's light at the centre of the panel."""
+        """Return the tangent of the light's tilt at the panel in a slow reference's chain.
+
+        It is that of the point's light at the centre of the panel.
+        """
         return self.field[axis] / self.lens.image_distance * self.shadow_magnification
 
     def edges(self, axis: int) -> Array:
-        """Return both edges of each panel pixel along an axis, (pixels, 2), in metres."""
+        """Return the edges of panel pixels for the reference integral, (pixels, 2), in metres.
+
+        They are both edges of each pixel along an axis.
+        """
         panel = self.camera.panel
         half = panel.active_side / 2
         return sample_positions(panel.plane, axis)[:, None] + np.array([-half, half])
 
     @property
     def nodes_per_pixel(self) -> int:
-        """Return how many Gauss-Legendre nodes across a panel pixel the integral needs.
+        """Return how many nodes across a panel pixel the chain's reference integral needs.
+
+        They are Gauss-Legendre nodes.
 
         They resolve the wave on its way to the far side of the stop.
         """
@@ -104,11 +115,14 @@ class ParabolicWavePixels:
         self._chain = chain
 
     def source_field(self, modulation: Field) -> Field:
-        """Return the field on the panel from which `propagation_matrix` propagates."""
+        """Return the field on the panel from which the slow reference integral starts.
+
+        `propagation_matrix` propagates it.
+        """
         return modulation
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
-        """Return the light of every panel pixel at positions at the lens, (places, pixels).
+        """Return every panel pixel's light at the lens for the reference, (places, pixels).
 
         This is the factor of one axis. The object is at -field (d + z1) / z2. With its wave, the
         Fresnel kernel has the exponent i pi / wavelength times
@@ -141,13 +155,13 @@ class SphericalWavePixels:
         self._weights = half * weights
 
     def source_field(self, modulation: Field) -> Field:
-        """Return the wave at the nodes behind the panel, times their quadrature weights."""
+        """Return the reference's wave at the nodes behind the panel, times quadrature weights."""
         down, along = (np.tile(self._weights, n) for n in modulation.shape)
         divided = modulation.repeat(self._count, 0).repeat(self._count, 1)
         return np.asarray(divided * np.outer(down, along) * self._spherical_wave())
 
     def _spherical_wave(self) -> Field:
-        """Return the spherical wave at the nodes (thesis Eq. 5.1), up to a common phase.
+        """Return the reference's spherical wave at the nodes (thesis Eq. 5.1), up to a phase.
 
         The chief ray goes through the middle of the lens, and its direction has the sines
         s = field / z2. It meets the panel at a distance r0 = d / sqrt(1 - s²) from the point. At
@@ -165,7 +179,10 @@ class SphericalWavePixels:
         return np.asarray(cosine / ratio * np.exp(2j * np.pi / chain.wavelength * path))
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
-        """Return the Fresnel kernel from every node to the lens along one axis, (places, nodes)."""
+        """Return the reference's Fresnel kernel from every node to the lens, (places, nodes).
+
+        It is that along one axis.
+        """
         chain, z1 = self._chain, self._chain.camera.separation
         path = (places[:, None] - (self._y, self._x)[axis]) ** 2 / z1
         kernel = np.exp(1j * np.pi / chain.wavelength * path)
@@ -187,12 +204,15 @@ class LowRankModulations:
         self.parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     def apply_right_factors(self, kernel: Field) -> Field:
-        """Multiply a kernel, (places, columns), by the right factors: (places, ranks)."""
+        """Multiply a reference's kernel by the panel's right factors: (places, ranks).
+
+        The kernel is (places, columns).
+        """
         return np.concatenate([kernel if r is None else kernel @ r for r in self._right], axis=1)
 
 
 def _low_rank_factors(modulation: Field) -> tuple[Field, Field | None]:
-    """Factor a modulation into (rows, rank) and (columns, rank).
+    """Factor a modulation into (rows, rank) and (columns, rank), to speed up the reference.
 
     The second factor is None where factoring saves nothing; it stands for the identity.
     """

@@ -74,16 +74,22 @@ class PSFProblem:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Return the names of the PSF methods that may solve the problem."""
+        """Return the names of the PSF methods whose accuracy the problem measures."""
         return PANEL_METHODS if isinstance(self.optics, Camera) else METHODS
 
     def light(self, operator: PSFOperator) -> Array:
-        """Return the PSF that an operator computes for this problem, in double precision."""
+        """Return the PSF that a measured method computes for this accuracy problem.
+
+        It is in double precision.
+        """
         answer: Any = operator(None if self.phase is None else torch.from_numpy(self.phase))
         return np.asarray(answer, dtype=np.float64)
 
     def build_reference(self, light: Array) -> PSFReference:
-        """Return the reference of the problem; `light` is an approximate PSF to draw samples by."""
+        """Return the slow reference for the problem's accuracy rows.
+
+        `light` is an approximate PSF to draw samples by.
+        """
         return PSFReference(self, light)
 
 
@@ -105,7 +111,7 @@ class PSFReference:
         self._columns, self._column_weight = draw_samples(rng, np.abs(light).sum(0), count)
 
     def _pixel_quadrature_nodes(self) -> Array:
-        """Return the nodes of the integral over a sensor pixel along an axis, in pixels."""
+        """Return the reference's nodes over a sensor pixel along an axis, in pixels."""
         if not self._problem.integrate:
             return np.zeros(1)
         lens, pitch = self._problem.lens, max(self._problem.pixels.pitch)
@@ -114,7 +120,7 @@ class PSFReference:
 
     @property
     def product_count(self) -> float:
-        """Estimate how many products the exact integral takes."""
+        """Estimate how many products the slow reference of a PSF takes."""
         problem, side = self._problem, self._columns.size * self._nodes.size
         if isinstance(problem.optics, Camera):
             shape = problem.optics.panel.shape
@@ -124,14 +130,19 @@ class PSFReference:
         return node_count(problem.lens, problem.distance, problem.wavelength, corner) * side
 
     def error(self, light: Array) -> float:
-        """Return the relative L2 error of a PSF, (rows, columns), against the exact light."""
+        """Return the error for an accuracy row: a PSF against the slow reference, relative L2.
+
+        The PSF is (rows, columns).
+        """
         return float(
             np.linalg.norm(self.weighted_samples(light) - self.exact_samples)
             / np.linalg.norm(self.exact_samples)
         )
 
     def weighted_samples(self, light: Array) -> Array:
-        """Return the weighted samples of a PSF on the compared rows and columns.
+        """Return a PSF's weighted samples where the slow reference is known.
+
+        These are the compared rows and columns.
 
         Their norm estimates that of the whole PSF.
         """
@@ -142,7 +153,7 @@ class PSFReference:
 
     @cached_property
     def exact_samples(self) -> Array:
-        """Return the exact light as `weighted_samples` would give it."""
+        """Return the slow reference's light as `weighted_samples` would give it."""
         pixels, y, x = self._problem.pixels, *self._node_positions()
         density = self.density(y, x)
         count = self._nodes.size
@@ -154,7 +165,10 @@ class PSFReference:
         return self._apply_weights(np.einsum("iajb,a,b->ij", blocks, weights, weights) * area)
 
     def _node_positions(self) -> tuple[Array, Array]:
-        """Return the positions along y and x of all nodes in the compared pixels, in metres."""
+        """Return where the slow reference is computed along y and x, in metres.
+
+        These are all nodes in the compared pixels.
+        """
         pixels = self._problem.pixels
         y, x = (
             (
@@ -165,7 +179,10 @@ class PSFReference:
         return y, x
 
     def density(self, y: Array, x: Array) -> Array:
-        """Return the exact share of the light per square metre at positions y and x, (y, x)."""
+        """Return the slow reference as a share of the light per square metre, (y, x).
+
+        It is exact at the positions y and x.
+        """
         problem = self._problem
         if isinstance(problem.optics, Lens):
             return lens_psf_density(problem.optics, problem.distance, problem.wavelength, y, x)
@@ -177,7 +194,7 @@ class PSFReference:
         return (1 - share) * modulated + share * straight
 
     def _panel_nodes(self) -> int:
-        """Return how many Gauss-Legendre nodes across a panel pixel the integral needs."""
+        """Return how many Gauss-Legendre nodes across a panel pixel the slow reference needs."""
         problem = self._problem
         assert isinstance(problem.optics, Camera)
         panel, lens = problem.optics.panel, problem.lens
@@ -190,7 +207,9 @@ class PSFReference:
         return math.ceil(2 * waves) + 6
 
     def density_behind_panel(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
-        """Return the share of the light per square metre behind a panel in the plane of its lens.
+        """Return the slow reference for a panel in the plane of its lens, per square metre.
+
+        It is a share of the light.
 
         Every open pixel of the panel is a square of one modulation.
         """
@@ -221,5 +240,8 @@ class PSFReference:
 
 
 def window_corner_distance(problem: PSFProblem) -> float:
-    """Return the distance from the axis to the farthest corner of the window, in metres."""
+    """Return how far from the axis an accuracy problem's window reaches, in metres.
+
+    It is the distance to the farthest corner.
+    """
     return math.hypot(*(np.abs(sample_positions(problem.pixels, axis)).max() for axis in (0, 1)))

@@ -11,7 +11,9 @@ Real = NDArray[np.float64]
 def draw_samples(
     rng: np.random.Generator, light: Real, count: int
 ) -> tuple[NDArray[np.int64], Real]:
-    """Draw samples of a picture, with probabilities that are half by light and half even.
+    """Draw the samples on which a slow reference is computed: half by light and half evenly.
+
+    Half of a sample's probability is in proportion to its light; the other half is even.
 
     Parameters
     ----------

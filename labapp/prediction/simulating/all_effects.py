@@ -57,7 +57,7 @@ class RenderedPicture:
 def render_by_plan(
     s: Situation, tol: float, check: Callable[[], None] = lambda: None
 ) -> RenderedPicture:
-    """Simulate a picture by the effect plan of a tolerance, without clipping of full wells.
+    """Predict a picture by the effect plan of a tolerance, without clipping of full wells.
 
     Nothing is cached beforehand, so that the cost includes the planning.
     """
@@ -76,7 +76,7 @@ def render_all_effects(
     s: Situation, check: Callable[[], None] = lambda: None,
     finer: Mapping[str, int] | None = None,
 ) -> RenderedPicture:  # fmt: skip
-    """Simulate a picture with every effect at its finest level, without clipping of full wells.
+    """Predict a picture with every effect at its finest, without clipping of full wells.
 
     `finer` gives effects whose levels are finer than this situation needs.
     """
@@ -88,7 +88,10 @@ def render_all_effects(
 
 
 def finest_levels(s: Situation, finer: Mapping[str, int] | None = None) -> dict[str, int]:
-    """Return the finest levels of all effects that a situation has, and those in `finer`."""
+    """Return the finest effect levels for a predicted picture, and those in `finer`.
+
+    They are those of all effects that the situation has.
+    """
     levels = {one.name: one.finest_level(s) for one in EFFECTS if one.is_present(s)}
     return levels | {name: max(level, levels.get(name, 0)) for name, level in (finer or {}).items()}
 

@@ -24,7 +24,9 @@ from simulator.world import World
 def explain_effects(
     request: PictureRequest, *, with_audit: bool, pairs: int, as_json: bool
 ) -> bool:
-    """Print the effect plan of a picture, with an audit if asked; return whether all bounds hold.
+    """Print the effect plan of a predicted picture, with an audit if asked.
+
+    Returns whether all bounds of the audit hold.
 
     The audit also puts back `pairs` pairs of effects. Raises UserError if `pairs` is negative.
     """
@@ -47,7 +49,7 @@ def explain_effects(
 
 
 def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
-    """Return an effect plan and its situation as plain data."""
+    """Return a predicted picture's effect plan and situation as plain data."""
     return {
         "target": s.target.name,
         "wavelength_nm": s.wavelength * 1e9,
@@ -58,13 +60,13 @@ def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
 
 
 def changes_if_left_out(s: Situation, plan: EffectPlan) -> dict[str, float]:
-    """Estimate the relative change of the picture if an effect were left out, for each effect."""
+    """Estimate the relative change of a predicted picture if an effect were left out, for each."""
     taken = {one.effect for one in plan.decisions}
     return {one.name: one.estimated_error(s, 0) for one in EFFECTS if one.name in taken}
 
 
 def print_plan(data: dict[str, Any]) -> None:
-    """Print an effect plan as a table, and its error and work in a sentence."""
+    """Print a predicted picture's effect plan as a table, and its error and work in a sentence."""
     rows = [
         [
             one["effect"],
@@ -109,7 +111,10 @@ def _share(value: float | None) -> str:
 def _audit_effects(
     world: World, s: Situation, plan: EffectPlan, pairs: int
 ) -> tuple[AuditResult, ...]:
-    """Audit an effect plan: put back each effect left out, and pairs of them, largest first."""
+    """Audit the effect plan of a predicted picture by putting back what it left out.
+
+    Put back are each effect left out, and pairs of them, largest first.
+    """
 
     def render(recipe: Recipe) -> tuple[torch.Tensor, torch.Tensor]:
         picture = world.imaging.picture_moments(s, without_clipping(s, recipe))

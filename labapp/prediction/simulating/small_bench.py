@@ -18,7 +18,9 @@ _SMALL_BENCH = {
 
 
 def small_bench_setup(scene: Path | None) -> BenchSetup:
-    """Return the bundled bench with few and large pixels, of sensor and panel, before a scene.
+    """Return the bundled bench with few, large pixels, to predict pictures of a scene fast.
+
+    Both sensor and panel have few and large pixels.
 
     The scene is the bundled photograph if it is None. Raises UserError if it can't be read.
     """
@@ -28,7 +30,9 @@ def small_bench_setup(scene: Path | None) -> BenchSetup:
 def modified_bench_setup(
     scene: Path | None, changes: Mapping[str, Mapping[str, float]]
 ) -> BenchSetup:
-    """Return the bundled bench with changed keys in its tables, before a scene.
+    """Return the bundled bench before a scene, with changed keys, to predict pictures with.
+
+    The keys are those of the bench's tables.
 
     The scene is the bundled photograph if it is None. Raises UserError if it can't be read.
     """
