@@ -205,8 +205,6 @@ def gaussian(deviation: float) -> Array:
 def circle(radius: float, centre: float) -> Array:
     """Return a PSF to measure the accuracy of restorations on: a thin circle around a point.
 
-    The point is in the centre.
-
     The circle has a radius of `radius` pixels and a line width of one pixel. The central pixel
     has the share `centre` of the light, 0 to 1.
     """
@@ -232,9 +230,7 @@ def shake(length: float, seed: int) -> Array:
 def line(length: float, angle: float) -> Array:
     """Return a motion PSF to measure the accuracy of restorations on: a line of `length` pixels.
 
-    The motion is uniform.
-
-    `angle` is in radians, from the x axis towards the y axis.
+    The motion is uniform. `angle` is in radians, from the x axis towards the y axis.
     """
     end = 0.5 * length * np.array([math.sin(angle), math.cos(angle)])
     return _rasterise_strokes([np.stack([-end, end])], math.ceil(length))
@@ -263,11 +259,8 @@ BLURS: dict[str, Callable[[], Array]] = {
 def _subpixel_positions(radius: float) -> Array:
     """Return positions in pixels at which a PSF for accuracy measurements is sampled.
 
-    They lie along an axis.
-
-    There are several per pixel, centred at 0.
-
-    They span an odd number of pixels that holds a disk of `radius` pixels.
+    They lie along an axis, several per pixel and centred at 0. They span an odd number
+    of pixels that holds a disk of `radius` pixels.
     """
     side = 2 * math.ceil(radius) + 1
     return (np.arange(side * _FINER) + 0.5) / _FINER - side / 2

@@ -52,6 +52,7 @@ class LensTable(FileModel):
         return self
 
     def build(self) -> Lens:
+        """Return the lens that the table [lens] of a camera file describes."""
         opening = regular_polygon(self.blades) if self.blades else Circle()
         obscured = (Circle(self.obscuration),) if self.obscuration else ()
         return Lens(
@@ -102,7 +103,9 @@ class CameraFile(FileModel):
 
     @property
     def active_calibration(self) -> CalibrationFile | None:
-        """The camera's calibration, read from its file if need be; None if there is none.
+        """The calibration that the camera file has or names; None if there is none.
+
+        It is read from its own file if need be.
 
         Raises UserError if the file can't be read.
         """
@@ -112,7 +115,9 @@ class CameraFile(FileModel):
 
     @property
     def interference(self) -> float | None:
-        """Strength of the interference of modulated and unmodulated light; None if unknown.
+        """Interference of modulated and unmodulated light by the camera file; None if unknown.
+
+        The value is the strength of the interference.
 
         The sum of their irradiances leaves this interference out; see
         optics.polarisation.PathEffect.
@@ -126,7 +131,10 @@ class CameraFile(FileModel):
         return self.model_copy(update={"calibration": None})
 
     def build_camera(self) -> Camera:
-        """Return the calibrated camera; raise UserError if the calibration is of another panel."""
+        """Return the camera file's calibrated camera; UserError if its calibration doesn't fit.
+
+        It doesn't fit if it is of another panel.
+        """
         described = self._build_nominal_camera()
         calibration = self.active_calibration
         if calibration is None:
@@ -146,7 +154,10 @@ class CameraFile(FileModel):
         return Camera(panel, lens, sensor, transmission, separation, self.glare)
 
     def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:
-        """Return the panel with its unmodulated share, and the transmission of everything else."""
+        """Return the camera file's panel with its unmodulated share, and the transmission.
+
+        The transmission is that of everything else.
+        """
         if self.polarisation is None:
             return panel, self.transmission
         effect = self.polarisation.build().effect()

@@ -26,7 +26,7 @@ class LutTable(FileModel):
     phase_pi: list[Any]
 
     def build(self, panel: Panel) -> PhaseResponse:
-        """Return the phase response; raise ValueError if the phases don't fit the panel."""
+        """Return a look-up table file's phase response; ValueError if it doesn't fit the panel."""
         try:
             phases = np.array(self.phase_pi, dtype=np.float64) * np.pi
         except (TypeError, ValueError):
@@ -43,7 +43,7 @@ class LutFile(LutTable):
 
 
 def read_lut(path: Path, levels: int) -> LutTable:
-    """Read a panel's phase response from a file.
+    """Read the file of a panel's phase response, a look-up table.
 
     TOML and JSON files hold a LutFile. Other files are text: the first line is `grey` and the
     wavelengths in nm, and each further line is a level and its phases in units of pi, separated
@@ -75,6 +75,7 @@ def read_lut(path: Path, levels: int) -> LutTable:
 
 
 def _row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
+    """Parse a line of a look-up table's file: a grey level and its phases in units of pi."""
     values = parse_numbers(parts)
     if values is None or len(values) != length:
         raise UserError(

@@ -59,7 +59,10 @@ class PanelTable(FileModel):
         return self
 
     def build(self) -> Panel:
-        """Return the panel; raise UserError if a file can't be read, or doesn't fit the panel."""
+        """Return the panel that a panel file's table describes.
+
+        Raises UserError if a file that it names can't be read, or doesn't fit the panel.
+        """
         table = self.resolve_files(Path()) if self.lut is not None else self
         maps = {
             name: getattr(self, name).build()
@@ -95,7 +98,7 @@ class PanelTable(FileModel):
         return replace(panel, response=self.response.build(panel))
 
     def resolve_files(self, folder: Path) -> PanelTable:
-        """Return the panel with the contents of its files, or absolute paths of pictures.
+        """Return the panel's table with the contents of its files, or absolute paths of pictures.
 
         Paths are relative to `folder`. Raises UserError if the file of phases can't be read.
         """

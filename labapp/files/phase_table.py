@@ -38,21 +38,27 @@ class PhasePattern(Table):
 
     @property
     def wavelength(self) -> float:
-        """Wavelength that the pattern is made for, in metres."""
+        """Wavelength in metres that a plan-file table gives for its pattern."""
         return self.wavelength_nm * 1e-9
 
     @property
     def depends_on_seed(self) -> bool:
-        """Whether the pattern depends on the plan's seed."""
+        """Whether the pattern of this plan-file table depends on the plan's seed."""
         return False
 
     @property
     def label(self) -> str:
-        """The pattern's description on the screen and in records: its kind and sizes."""
+        """The description of a plan file's pattern on the screen and in records.
+
+        It gives its kind and sizes.
+        """
         return f"{self.summary} for {self.wavelength_nm:g} nm"
 
     def with_least_work(self) -> PhasePattern:
-        """Return the pattern with as little work as shows whether it can be computed."""
+        """Return the plan-file table with the least work that shows if its pattern is possible.
+
+        It is possible if it can be computed.
+        """
         return self
 
 
@@ -60,7 +66,7 @@ class FormulaPattern(PhasePattern):
     """A pattern whose phase is given by a formula, without iterations."""
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
-        """Return the pattern's phase on the camera's panel, (rows, columns), radians.
+        """Return the phase that a plan-file table gives on the panel, (rows, columns), radians.
 
         Raises ValueError if the panel can't show it.
         """
@@ -322,7 +328,12 @@ def _metres(millimetres: float | None) -> float | None:
 
 
 def _illuminated_radius(camera: Camera) -> float:
-    """Return the radius in metres of the disc on the panel whose light passes the stop."""
+    """Return the radius in metres that a plan-file table's pattern has by default.
+
+    It is that of the disc on the panel whose light passes the stop.
+
+    The disc is on the panel; its light passes the stop.
+    """
     from optics.stop_shadow import with_stop_shadow_on_panel
 
     corner = math.hypot(*camera.panel.shape) * camera.panel.pitch / 2

@@ -30,14 +30,16 @@ class TargetShape(Table):
     """A target of phase retrieval in a plan file: the requested shape of a PSF."""
 
     def require_frames(self, frames: int) -> None:
-        """Raise ValueError if a video of this many frames can't show the target."""
+        """Raise ValueError if a video of so many frames can't show a plan file's target."""
 
     def with_least_work(self) -> TargetShape:
-        """Return the target with as few moments as show whether it can be drawn."""
+        """Return the plan-file table with as few moments as show if its target can be drawn."""
         return self
 
     def video_drawings(self, frames: int, folder: Path) -> list[Drawing]:
-        """Return the target's drawings at the moments of a video; most shapes have only one.
+        """Return the drawings that a plan-file table gives for the moments of a video.
+
+        Most targets have only one.
 
         The number of moments divides `frames`. Picture files are read from `folder`. Raises
         ValueError for impossible sizes.
@@ -45,7 +47,10 @@ class TargetShape(Table):
         return [self.draw(folder)]
 
     def draw(self, folder: Path) -> Drawing:
-        """Return the drawing of a target that doesn't change with time."""
+        """Return the drawing that a plan-file table gives, of a target that stays the same.
+
+        The target doesn't change with time.
+        """
         raise NotImplementedError
 
 

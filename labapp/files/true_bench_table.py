@@ -142,7 +142,9 @@ class TrueBenchTable(FileModel):
     mount: MountTable = MountTable()
 
     def true_camera(self, nominal: Camera) -> Camera:
-        """Return the true camera of a virtual bench, given the camera of its bench file.
+        """Return a virtual bench's true camera by the scene file's table [truth].
+
+        `nominal` is the camera of its bench file.
 
         Raises ValueError with the table that doesn't fit the camera.
         """
@@ -160,6 +162,7 @@ def _metres(terms: list[tuple[int, int, float]]) -> tuple[tuple[int, int, float]
 
 
 def _with_table_in_errors(table: str, make: Callable[[], T]) -> T:
+    """Name the scene file's table in the ValueErrors of a call."""
     try:
         return make()
     except ValueError as error:

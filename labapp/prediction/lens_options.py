@@ -190,7 +190,10 @@ def _numbers(option: str, text: str, separator: str, count: int) -> list[float]:
 
 
 def read_window(size: int, pitch: float, centre: str) -> Plane:
-    """Return a square window of `size` pixels around a point "Y,X" of the sensor."""
+    """Return a predicted PSF's square window of `size` pixels around a point "Y,X".
+
+    The point lies on the sensor.
+    """
     if size < 1:
         raise UserError(f"--size {size}: a window has at least 1 pixel.")
     place = read_centre(centre)

@@ -153,7 +153,10 @@ def _require_lens_alone(request: PSFRequest) -> None:
 
 
 def _grey(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
-    """Return the panel's grey levels from a picture file; all 0 without one."""
+    """Return the panel's grey levels for a PSF prediction, from a picture file.
+
+    They are all 0 without one.
+    """
     if pattern is None:
         return np.zeros(panel.shape, dtype=np.uint8)
     return read_grey_pattern(pattern, panel)
