@@ -122,7 +122,7 @@ def _phase(pattern: str, shape: tuple[int, int]) -> Array:
 
 
 def _require_short(problem: ChainProblem) -> None:
-    """Raise UserError for an accuracy case whose reference integral would take too long.
+    """Raise UserError for a camera whose exact integral takes too long for `labapp accuracy chain`.
 
     The cost doesn't depend on where in the window the light arrives, so that it is known before
     anything is planned.

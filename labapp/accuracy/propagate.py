@@ -203,7 +203,7 @@ class FieldReference:
         )
 
     def samples_of(self, answer: Any) -> Real:
-        """Return a method's field at the samples where the accuracy reference is known.
+        """Return a method's field where `labapp accuracy propagate` compares it with the reference.
 
         The method computed it on the whole target.
 
@@ -215,7 +215,7 @@ class FieldReference:
         )
 
     def weighted_samples(self, values: Complex) -> Real:
-        """Return field values, weighted for the error of an accuracy row.
+        """Return field values, weighted for the error that `labapp accuracy propagate` prints.
 
         The values, (samples,), become weighted real and imaginary parts, (2, samples).
         """
@@ -224,7 +224,7 @@ class FieldReference:
 
 
 def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
-    """Return where on the target the slow reference of propagation is computed.
+    """Return where on the target `labapp accuracy propagate` computes its slow reference.
 
     The samples of the target are given by their flat indices.
     """
@@ -234,12 +234,12 @@ def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
 
 
 def _product_count(case: FieldCase, places: Places) -> float:
-    """Estimate how many products the slow reference of a propagated field takes."""
+    """Estimate how many products the slow reference of `labapp accuracy propagate` takes."""
     return product_count(case.field, places, paraxial=case.paraxial)
 
 
 def _rough_field(case: FieldCase) -> Complex:
-    """Return a rough field on the target, by which samples for the accuracy reference are drawn.
+    """Return a rough field on the target, by which `labapp accuracy propagate` draws its samples.
 
     It tells about where the light arrives.
 

@@ -65,13 +65,13 @@ class TrialFrame:
 
 
 def first_bracket(camera: Camera) -> tuple[float, ...]:
-    """Return the exposures of a calibration's first trial in seconds, within the sensor's range."""
+    """Return the exposures of a calibration run's first trial in s, within the sensor's range."""
     middle, ratio = _SETTINGS.first_ms * 1e-3, _SETTINGS.bracket_ratio
     return _bracket(camera.sensor, [middle * ratio**k for k in (-1, 0, 1)])
 
 
 def _bracket(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
-    """Keep a calibration's trial exposures within the sensor's range."""
+    """Keep a calibration run's trial exposures within the sensor's range."""
     low, high = sensor.exposure_range
     return tuple(sorted({round(min(max(t, low), high) * 1e6) / 1e6 for t in wanted}))
 
@@ -79,7 +79,7 @@ def _bracket(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
 def trial_plan(
     request: CalibrationRequest, wavelength_nm: float, exposures: tuple[float, ...]
 ) -> PlanFile:
-    """Return the plan of a calibration's trial exposures: the neutral star at one wavelength.
+    """Return the plan of a calibration run's trial exposures: the neutral star at one wavelength.
 
     The exposures are in seconds.
     """
@@ -113,7 +113,7 @@ class StarExposure:
 def evaluate_trials(
     trials: Sequence[TrialFrame], camera: Camera
 ) -> StarExposure | tuple[float, ...]:
-    """Derive a calibration's star exposure from trial frames, or return the next exposures in s.
+    """Derive the star's exposure from a calibration run's trials, or return the next ones in s.
 
     UserError if the star is too bright or too dim for the camera.
     """
@@ -136,7 +136,7 @@ def evaluate_trials(
 
 
 def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, float, float]:
-    """Measure the star in a calibration's trial frame: brightest pixel, noise and width.
+    """Measure the star in a calibration run's trial frame: brightest pixel, noise and width.
 
     The brightest pixel is above the background.
 
@@ -157,7 +157,10 @@ def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, flo
 
 
 def _extend_bracket(exposure: float, step: float, sensor: Sensor) -> tuple[float, ...]:
-    """Return a calibration's next longer or shorter trials; UserError at the camera's limit."""
+    """Return a calibration run's next trial exposures; UserError at the camera's limit.
+
+    They are longer or shorter.
+    """
     further = _bracket(sensor, [exposure * step, exposure * step**2])
     if further[0] == exposure or further[-1] == exposure:
         trouble, remedy = ("dim", "Brighten") if step > 1 else ("bright", "Dim")
@@ -207,14 +210,14 @@ def derive_exposures(
 
 
 def nominal_star_width(camera: Camera, wavelength_nm: float) -> float:
-    """Estimate the width of the calibration's star in pixels, from diffraction and pixel size."""
+    """Estimate the star's width in pixels in a calibration run, from diffraction and pixel size."""
     scale = wavelength_nm * 1e-9 * camera.ray_matrix_b / camera.sensor.pitch
     lines = [scale / (n * camera.panel.pitch) for n in camera.panel.shape]
     return math.sqrt(math.prod(math.hypot(line, 1.0) for line in lines))
 
 
 def _milliseconds(seconds: float) -> float:
-    """Convert a calibration's exposure from s to ms, rounded to whole microseconds.
+    """Convert an exposure of a calibration run's plan from s to ms, to whole microseconds.
 
     Cameras count in them.
     """

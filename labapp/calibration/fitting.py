@@ -60,7 +60,10 @@ class CalibrationFits:
 
     @property
     def calibrated_camera(self) -> Camera:
-        """Return the camera with the calibration's fitted phase response and unmodulated light."""
+        """Return the camera with the phase response that a calibration run gave.
+
+        It also has the unmodulated light that was fitted.
+        """
         panel = self.camera.panel
         if self.responses:
             curves = [[one.fit.phase for one in regions] for regions in self.responses.values()]
@@ -119,7 +122,7 @@ def _raise_user_errors(path: Path, what: str) -> Iterator[None]:
 def _fit_wavelength(
     frames: CalibrationFrames, nm: float, fits: CalibrationFits, progress: Progress
 ) -> None:
-    """Run a calibration's fits at one wavelength: registration, responses and zeroth order."""
+    """Run a calibration run's fits at one wavelength: registration, responses, zeroth order."""
     request = frames.design.request
     progress.report(0.0, f"registration, {nm:g} nm")
     with _raise_user_errors(frames.record.path, f"registration at {nm:g} nm"):

@@ -20,7 +20,7 @@ from optics.slm import grey_to_phase
 
 
 def draw_overview(fits: CalibrationFits, file: CalibrationFile) -> Figure:
-    """Draw a calibration's overview: registration and sweep by wavelength, and the wavefront.
+    """Draw a calibration run's overview: registration and sweep by wavelength, and wavefront.
 
     There is a row for each wavelength.
     """
@@ -57,7 +57,7 @@ def _wavelength_row(
 
 
 def _draw_spots(axes: Axes, fits: CalibrationFits, frames: CalibrationFrames, nm: float) -> None:
-    """Draw a calibration's steered spots in one picture, with the registration's residuals.
+    """Draw a calibration run's steered spots in one picture, with the registration's residuals.
 
     The registration's grid is drawn, too.
     """
@@ -131,7 +131,7 @@ def _draw_curves(axes: Axes, fits: CalibrationFits, regions: list[RegionFit], nm
 
 
 def _draw_light(axes: Axes, below: Axes, regions: list[RegionFit]) -> None:
-    """Draw a calibration sweep's light against the fitted phase step, with residuals below.
+    """Draw a calibration run's sweep: light against the fitted phase step, residuals below.
 
     It is the light of the first orders.
     """

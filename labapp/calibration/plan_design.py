@@ -59,7 +59,7 @@ def design_calibration(
 
 
 def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Choose the grey levels of a calibration sweep's two stripes, frame by frame.
+    """Choose the grey levels of a calibration run's sweep, two stripes frame by frame.
 
     They are in the order of display.
 
@@ -121,7 +121,7 @@ def _defocus_pattern(camera: Camera, waves: float, wavelength: float) -> NDArray
 def build_plan(
     design: CalibrationDesign, patterns: Mapping[str, NDArray[np.uint8]], folder: str
 ) -> PlanFile:
-    """Build the plan that takes a calibration's frames.
+    """Build the plan of a calibration run.
 
     folder: the folder with the patterns' picture files, beside the plan.
     """

@@ -83,7 +83,7 @@ def chain_density(
     *,
     margin: float = NODE_MARGIN,
 ) -> Array:
-    """Return the slow reference for a chain's PSF: the share of light per square metre.
+    """Return the slow reference of `labapp accuracy chain`: a share of light per square metre.
 
     The share is relative to the light that panel and stop would pass if they stood in one plane,
     for a point on the axis.
@@ -119,7 +119,7 @@ def chain_field(
     *,
     margin: float = NODE_MARGIN,
 ) -> Field:
-    """Return the slow reference field at the sensor of a chain, complex.
+    """Return the field at the sensor for the slow reference of `labapp accuracy chain`, complex.
 
     The wave on the panel has an amplitude of 1.
 
@@ -138,7 +138,7 @@ def chain_field(
 
 
 def line_and_node_counts(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
-    """Estimate how many lines, and nodes a line, the slow reference of a chain takes.
+    """Estimate how many lines, and nodes a line, the reference of `labapp accuracy chain` takes.
 
     The lines lie across the stop.
     """
@@ -148,7 +148,7 @@ def line_and_node_counts(chain: ImagingChain, y: Array, x: Array) -> tuple[float
 
 
 def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
-    """Bound the phase slope along y and x that the chain's reference integral must resolve.
+    """Bound the phase slopes that the reference of `labapp accuracy chain` resolves, along y and x.
 
     It is that of the integrand in the lens plane, in radians per stop radius.
 
@@ -180,7 +180,9 @@ def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
 
 
 def _sensor_kernel(chain: ImagingChain, positions: Array, places: Array) -> Field:
-    """Return the kernel from lens to sensor in the chain's reference integral, along one axis.
+    """Return the kernel from lens to sensor in the slow reference of `labapp accuracy chain`.
+
+    It is the kernel along one axis.
 
     It is that of the lens and the Fresnel integral.
 
@@ -221,7 +223,7 @@ class _LineSum:
         self._fit = degrees * legendre.legvander(self._t, self._node_count - 1).T * self._w
 
     def _field_from_panel(self) -> Field:
-        """Return the panel's light at the nodes of the reference integral, (nodes, ranks).
+        """Return the panel's light at the nodes of an exact accuracy reference, (nodes, ranks).
 
         There is one value for each column of the factored panel.
 
@@ -236,7 +238,7 @@ class _LineSum:
         return np.concatenate(found)
 
     def _cumulative_sums(self) -> Field | None:
-        """Return the reference integral's sums over all cells up to each edge, (edges, ranks, x).
+        """Return sums over cells up to each edge, for `labapp accuracy chain`, (edges, ranks, x).
 
         All lines share them where the phase of the lens separates along y and x. None if they
         take too much memory.
@@ -267,7 +269,7 @@ class _LineSum:
     def _node_by_node(
         self, lines: list[StopLine], rows: Field, coefficients: Array | None
     ) -> Field:
-        """Sum the reference integral over the nodes of whole open cells, for each line anew."""
+        """Sum the exact reference of `labapp accuracy chain` over nodes of whole open cells."""
         whole = np.stack([self._open_cell_nodes(line) for line in lines])
         passed = np.where(whole, self._lens_factor(coefficients, self._nodes), 0)
         parts = self._factors.parts
@@ -287,7 +289,7 @@ class _LineSum:
         return found
 
     def _whole_cells(self, low: float, high: float) -> tuple[int, int]:
-        """Return the first and last cell edge of the reference integral in an open piece.
+        """Return a line's first and last cell edge, for the reference of `labapp accuracy chain`.
 
         Both are indices; the piece is a part of a line across the stop.
         """
@@ -295,9 +297,9 @@ class _LineSum:
         return int(first), int(np.searchsorted(self._edges, high, side="right")) - 1
 
     def _open_cell_nodes(self, line: StopLine) -> NDArray[np.bool_]:
-        """Return a mask of the reference integral's nodes whose cell the stop leaves open.
+        """Return a mask of the nodes that the stop leaves open, for `labapp accuracy chain`.
 
-        Such a cell lies entirely in open pieces of a line.
+        They are the nodes whose cell lies entirely in open pieces of a line.
         """
         found = np.zeros(self._nodes.size, dtype=bool)
         for low, high in line.open:
@@ -306,7 +308,7 @@ class _LineSum:
         return found
 
     def _partial_cells(self, line: StopLine) -> Iterator[tuple[int, float, float]]:
-        """Yield the open pieces that whole cells of the reference integral don't cover.
+        """Yield the open pieces outside whole cells, for the reference of `labapp accuracy chain`.
 
         Each is the index of its cell, and the ends of the part in stop radii.
         """
@@ -323,7 +325,7 @@ class _LineSum:
     def _partial_cell_weights(
         self, lines: list[StopLine], coefficients: Array | None
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Field]:
-        """Return the reference integral's weights for cells that are open only in part.
+        """Return the weights of partly open cells in the reference of `labapp accuracy chain`.
 
         There are the line, the cell and the weights of every part of a cell that is open.
 
@@ -350,7 +352,7 @@ class _LineSum:
         return number, cell, (onward * passed[:, None]) @ between
 
     def _phase_coefficients(self, heights: Array) -> Array | None:
-        """Return Chebyshev coefficients of the lens's phase for the reference integral.
+        """Return Chebyshev coefficients of the lens's phase, for `labapp accuracy chain`.
 
         They are those of the non-quadratic phase, for each line.
 
@@ -372,7 +374,9 @@ class _LineSum:
         return np.asarray(chebyshev.chebvander(nodes / self._edges[-1], SETTINGS.phase_degree))
 
     def _lens_factor(self, coefficients: Array | None, nodes: Array) -> Field | Array:
-        """Return the reference integral's lens factor without the quadratic phase, (lines, nodes).
+        """Return the lens factor in the slow reference of `labapp accuracy chain`, (lines, nodes).
+
+        It is the factor besides the quadratic phase of the lens.
 
         `nodes` are common to all lines, (nodes,), or those of each line, (lines, nodes).
         """

@@ -56,7 +56,7 @@ class ChainProblem(PSFProblem):
 
     @property
     def description(self) -> str:
-        """Describe the chain problem of an accuracy measurement in one line, for reports."""
+        """Describe the problem of `labapp accuracy chain` in one line, for reports."""
         camera, lens, pixels = self.camera, self.lens, self.pixels
         rows, columns = camera.panel.shape
         return (
@@ -79,7 +79,7 @@ class ChainReference(PSFReference):
 
     @property
     def product_count(self) -> float:
-        """Estimate how many products the chain's slow reference integral takes."""
+        """Estimate how many products the exact integral of `labapp accuracy chain` takes."""
         # Costs of a Fresnel integral, of an exponential, and of a line besides both, as the number
         # of products that take the same time.
         fresnel_cost, exponential_cost, line_cost = 1000, 500, 2e6
@@ -101,7 +101,7 @@ class ChainReference(PSFReference):
         return lines * line + nodes * columns * place
 
     def _modulations(self) -> list[NDArray[np.complex128]]:
-        """Return the panel modulations that the chain's slow reference takes.
+        """Return the panel modulations that the reference of `labapp accuracy chain` takes.
 
         There is that of the pattern, and that of unmodulated light if there is any.
         """
@@ -110,7 +110,7 @@ class ChainReference(PSFReference):
         return [shown, np.ones_like(shown)] if self._problem.camera.panel.unmodulated else [shown]
 
     def density(self, y: Array, x: Array) -> Array:
-        """Return the chain's slow reference, as light per square metre at y and x, (y, x).
+        """Return the slow reference of `labapp accuracy chain` at y and x, (y, x), per m².
 
         It is the exact share of the light.
         """

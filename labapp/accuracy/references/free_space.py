@@ -46,7 +46,7 @@ class Gaussian:
     width: float
 
     def factor_along(self, axis: int, where: Real) -> Complex:
-        """Return one axis's factor of a test beam for accuracy references."""
+        """Return one axis's factor of a test beam for `labapp accuracy propagate`."""
         away = where - self.middle[axis]
         wave = 2j * np.pi * self.frequency[axis] * away
         return np.asarray(np.exp(wave - (away / self.width) ** 2))
@@ -71,7 +71,7 @@ class SmoothLight:
         return self.on(*(self.plane.coordinates(axis).numpy() for axis in (0, 1)))
 
     def smooth_pieces(self, axis: int) -> Real:
-        """Return where the reference quadrature may cut a test field: ends of smooth pieces.
+        """Return the ends of smooth pieces of a test field for `labapp accuracy propagate`.
 
         They are (pieces, 2), in metres.
 
@@ -81,7 +81,7 @@ class SmoothLight:
         return np.array([[where[0], where[-1]]])
 
     def spatial_frequency(self, axis: int) -> float:
-        """Return the highest frequency of a test field that its reference must resolve.
+        """Return the highest frequency of a test field for `labapp accuracy propagate`.
 
         It is along an axis, in cycles per metre.
         """
@@ -114,7 +114,9 @@ Light = SmoothLight | CellLight
 
 
 def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
-    """Return the slow reference for a propagated field at some positions, without exp(ikz).
+    """Return the slow reference of `labapp accuracy propagate` at some positions, without exp(ikz).
+
+    It is the exact propagated field.
 
     Parameters
     ----------
@@ -149,7 +151,7 @@ def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
 
 
 def product_count(light: Light, places: Places, *, paraxial: bool) -> float:
-    """Return how many kernel values the slow reference of a propagated field computes."""
+    """Return how many kernel values the reference of `labapp accuracy propagate` computes."""
     counts = [
         sum(_node_counts(light, places, axis, paraxial=paraxial))
         * light.smooth_pieces(axis).shape[0]
@@ -161,7 +163,9 @@ def product_count(light: Light, places: Places, *, paraxial: bool) -> float:
 def _quadrature_rule(
     light: Light, places: Places, axis: int, *, paraxial: bool
 ) -> tuple[Real, Real]:
-    """Return nodes and weights of the slow reference for propagation, on the source plane's axis.
+    """Return nodes and weights along an axis for the reference of `labapp accuracy propagate`.
+
+    The axis is one of the source plane.
 
     All pieces have the density of nodes that the piece with the steepest phase needs.
     """
@@ -173,7 +177,7 @@ def _quadrature_rule(
 
 
 def _node_counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> list[int]:
-    """Return how many nodes the slow reference for propagation takes in each part of a piece."""
+    """Return how many nodes the reference of `labapp accuracy propagate` takes in each part."""
     # A part holds at most 6 cycles and has 24 nodes, whose remainder is (e pi 6 / 96)^48, 1e-14.
     # A piece of a single part may have fewer nodes, but at least 4.
     max_cycles, full_count, least_count = 6.0, 24, 4
@@ -196,7 +200,10 @@ def _node_counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> 
 
 
 def _composite_rule(counts: list[int]) -> list[tuple[Real, Real]]:
-    """Return a slow reference's Gauss-Legendre nodes and weights of equal parts from -1 to 1."""
+    """Return Gauss-Legendre nodes and weights for the reference of `labapp accuracy propagate`.
+
+    They are those of equal parts that together span -1 to 1.
+    """
     found = []
     for number, count in enumerate(counts):
         nodes, weights = np.polynomial.legendre.leggauss(count)
@@ -206,7 +213,7 @@ def _composite_rule(counts: list[int]) -> list[tuple[Real, Real]]:
 
 
 def _fresnel(away: Real, places: Places) -> Complex:
-    """Return the Fresnel kernel of the slow reference along one axis.
+    """Return the Fresnel kernel of the slow reference of `labapp accuracy`, along one axis.
 
     The product of both axes is exp(i pi r² / (wavelength z)) / (i wavelength z).
     """
@@ -216,7 +223,9 @@ def _fresnel(away: Real, places: Places) -> Complex:
 
 
 def _rayleigh_sommerfeld(y: Real, x: Real, places: Places) -> Complex:
-    """Return the Rayleigh-Sommerfeld kernel of the slow reference, without the factor exp(ikz).
+    """Return the Rayleigh-Sommerfeld kernel of the slow reference of `labapp accuracy`.
+
+    The factor exp(ikz) is left out.
 
     It is z / (2 pi r²) (1 / r - ik) exp(ik(r - z)), or the conjugate of this for propagation back.
     """

@@ -50,7 +50,9 @@ class StopLine:
 def lens_psf(
     lens: Lens, distance: float, wavelength: float, pixels: Plane, progress: Progress | None = None
 ) -> Array:
-    """Return the slow reference PSF of a lens: a point's light on each sample of a plane.
+    """Return the slow reference PSF of a lens with which `labapp accuracy` compares methods.
+
+    It is a point's light on each sample of a plane.
 
     A share is the density at the sample times the area of a pixel.
     """
@@ -67,7 +69,7 @@ def lens_psf_density(
     x: Array,
     progress: Progress | None = None,
 ) -> Array:
-    """Return the slow reference PSF of a lens as a share of the light per square metre.
+    """Return the slow reference PSF of `labapp accuracy` for a lens, as light per square metre.
 
     It is given at positions y and x in metres, (y, x).
 
@@ -94,7 +96,7 @@ def lens_psf_density(
 
 
 def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) -> float:
-    """Estimate how many nodes a lens's slow reference takes for a window on the sensor.
+    """Estimate how many nodes the slow reference of `labapp accuracy` takes for a window.
 
     They are those of `lens_psf_density`.
 
@@ -108,7 +110,10 @@ def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) 
 
 
 def sample_positions(plane: Plane, axis: int) -> Array:
-    """Return the sample positions of a plane that slow references use, along an axis, in metres."""
+    """Return a plane's sample positions along an axis, for references of `labapp accuracy`.
+
+    They are in metres.
+    """
     index = np.arange(plane.shape[axis]) - plane.shape[axis] // 2
     return np.asarray(index * plane.pitch[axis] + float(plane.centre[axis]))
 
@@ -118,7 +123,7 @@ def _farthest(y: Array, x: Array) -> float:
 
 
 def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
-    """Yield the lines across a stop along which the slow reference integrates.
+    """Yield the lines across a stop along which references of `labapp accuracy` integrate.
 
     The weighted sum of integrals along the lines is the integral over the stop. `slope` is the
     steepest phase slope in radians per stop radius.
@@ -140,7 +145,7 @@ def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
 
 
 def _interval_end_speed(stop: Stop, low: float, high: float) -> float:
-    """Bound how fast the ends of open intervals move between lines of the reference integral.
+    """Bound how fast ends of open intervals move along x, for references of `labapp accuracy`.
 
     They move along x; the speed is relative to the angle of the height.
 
@@ -166,7 +171,7 @@ def _interval_rule(low: float, high: float, slope: float) -> tuple[Array, Array]
 
 
 def open_intervals(stop: Stop, height: float) -> list[Interval]:
-    """Return the reference integral's open intervals of a stop on a horizontal line.
+    """Return a stop's open intervals on a horizontal line, for references of `labapp accuracy`.
 
     They are in stop radii, as is the height of the line.
     """
@@ -203,7 +208,7 @@ def _edges(polygon: Polygon) -> list[tuple[tuple[float, float], tuple[float, flo
 
 
 def break_heights(stop: Stop) -> list[float]:
-    """Return the heights at which the reference integral over a stop must be cut, in rising order.
+    """Return the heights that cut the quadrature of `labapp accuracy` over a stop, rising.
 
     There, open intervals of the stop begin, end or meet.
     """
@@ -216,7 +221,9 @@ def break_heights(stop: Stop) -> list[float]:
 
 
 def vertical_line_crossings(stop: Stop, x: float) -> list[float]:
-    """Return the heights where a stop's outlines cross the vertical line at x, for a reference.
+    """Return where a stop's outlines cross a vertical line, for references of `labapp accuracy`.
+
+    The line is at x; the result is heights.
 
     All lengths are in stop radii.
     """
@@ -239,7 +246,7 @@ def _extremes(shape: Shape) -> list[float]:
 
 
 def _outline_crossings(a: Shape, b: Shape) -> list[float]:
-    """Return the heights where outlines of two shapes of a reference integral's stop cross."""
+    """Return the heights at which two outlines cross, for references of `labapp accuracy`."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_crossings(a, b)
     if isinstance(a, Circle) and isinstance(b, Polygon):
@@ -278,7 +285,9 @@ def _segment_crossings(
 
 
 def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Array) -> Array:
-    """Return the reference's own pupil phase of defocus and aberrations, in radians.
+    """Return the pupil phase for references of `labapp accuracy`, by code of their own, in radians.
+
+    It includes defocus and aberrations.
 
     It is given at a height y and many x.
 
@@ -300,7 +309,9 @@ def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Arr
 
 
 def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
-    """Return the reference's own Zernike polynomial, by the sum of factorials of textbooks.
+    """Return a Zernike polynomial for references of `labapp accuracy`, by code of their own.
+
+    It is the sum of factorials of textbooks.
 
     Its rms is 1.
 
@@ -320,7 +331,7 @@ def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def steepest_phase_slope(lens: Lens, distance: float, wavelength: float) -> float:
-    """Return the steepest pupil phase that a slow reference must resolve, rad per stop radius.
+    """Return the steepest pupil phase for references of `labapp accuracy`, in rad per stop radius.
 
     It is estimated from samples of the phase along many lines.
     """

@@ -60,7 +60,7 @@ class ImagingChain:
 
     @property
     def stop_extent(self) -> float:
-        """Return how far from the axis the chain's reference integral reaches, in metres.
+        """Return how far the reference of `labapp accuracy chain` reaches off axis, in metres.
 
         It is the largest distance of the stop along y or x.
         """
@@ -68,18 +68,20 @@ class ImagingChain:
 
     @property
     def shadow_magnification(self) -> float:
-        """Return the magnification of the panel's shadow at the lens in a reference's chain."""
+        """Return the panel shadow's magnification at the lens for `labapp accuracy chain`."""
         return 1 + self.camera.separation / self.distance
 
     def tilt(self, axis: int) -> float:
-        """Return the tangent of the light's tilt at the panel in a slow reference's chain.
+        """Return the tangent of the light's tilt at the panel for `labapp accuracy chain`.
 
         It is that of the point's light at the centre of the panel.
         """
         return self.field[axis] / self.lens.image_distance * self.shadow_magnification
 
     def edges(self, axis: int) -> Array:
-        """Return the edges of panel pixels for the reference integral, (pixels, 2), in metres.
+        """Return the edges of panel pixels for the reference of `labapp accuracy chain`.
+
+        They are (pixels, 2), in metres.
 
         They are both edges of each pixel along an axis.
         """
@@ -89,7 +91,9 @@ class ImagingChain:
 
     @property
     def nodes_per_pixel(self) -> int:
-        """Return how many nodes across a panel pixel the chain's reference integral needs.
+        """Return how many nodes a panel pixel needs in the reference of `labapp accuracy chain`.
+
+        They lie across the pixel.
 
         They are Gauss-Legendre nodes.
 
@@ -115,14 +119,16 @@ class ParabolicWavePixels:
         self._chain = chain
 
     def source_field(self, modulation: Field) -> Field:
-        """Return the field on the panel from which the slow reference integral starts.
+        """Return the field on the panel that `labapp accuracy chain` propagates exactly.
 
         `propagation_matrix` propagates it.
         """
         return modulation
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
-        """Return every panel pixel's light at the lens for the reference, (places, pixels).
+        """Return every panel pixel's light at the lens for `labapp accuracy chain`.
+
+        It is (places, pixels).
 
         This is the factor of one axis. The object is at -field (d + z1) / z2. With its wave, the
         Fresnel kernel has the exponent i pi / wavelength times
@@ -155,13 +161,18 @@ class SphericalWavePixels:
         self._weights = half * weights
 
     def source_field(self, modulation: Field) -> Field:
-        """Return the reference's wave at the nodes behind the panel, times quadrature weights."""
+        """Return the wave at the nodes behind the panel for `labapp accuracy chain`, weighted.
+
+        The weights are those of the quadrature.
+        """
         down, along = (np.tile(self._weights, n) for n in modulation.shape)
         divided = modulation.repeat(self._count, 0).repeat(self._count, 1)
         return np.asarray(divided * np.outer(down, along) * self._spherical_wave())
 
     def _spherical_wave(self) -> Field:
-        """Return the reference's spherical wave at the nodes (thesis Eq. 5.1), up to a phase.
+        """Return the spherical wave at the nodes for `labapp accuracy chain` (thesis Eq. 5.1).
+
+        A common phase is left out.
 
         The chief ray goes through the middle of the lens, and its direction has the sines
         s = field / z2. It meets the panel at a distance r0 = d / sqrt(1 - s²) from the point. At
@@ -179,7 +190,9 @@ class SphericalWavePixels:
         return np.asarray(cosine / ratio * np.exp(2j * np.pi / chain.wavelength * path))
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
-        """Return the reference's Fresnel kernel from every node to the lens, (places, nodes).
+        """Return the exact kernel from every node to the lens for `labapp accuracy chain`.
+
+        It is the Fresnel kernel, (places, nodes).
 
         It is that along one axis.
         """
@@ -204,7 +217,9 @@ class LowRankModulations:
         self.parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     def apply_right_factors(self, kernel: Field) -> Field:
-        """Multiply a reference's kernel by the panel's right factors: (places, ranks).
+        """Multiply a kernel of `labapp accuracy chain` by the panel's right factors.
+
+        The product is (places, ranks).
 
         The kernel is (places, columns).
         """
@@ -212,7 +227,9 @@ class LowRankModulations:
 
 
 def _low_rank_factors(modulation: Field) -> tuple[Field, Field | None]:
-    """Factor a modulation into (rows, rank) and (columns, rank), to speed up the reference.
+    """Factor a modulation to speed up the exact reference of `labapp accuracy chain`.
+
+    The factors are (rows, rank) and (columns, rank).
 
     The second factor is None where factoring saves nothing; it stands for the identity.
     """

@@ -74,11 +74,11 @@ class PSFProblem:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Return the names of the PSF methods whose accuracy the problem measures."""
+        """Return the names of the PSF methods that `labapp accuracy` measures on the problem."""
         return PANEL_METHODS if isinstance(self.optics, Camera) else METHODS
 
     def light(self, operator: PSFOperator) -> Array:
-        """Return the PSF that a measured method computes for this accuracy problem.
+        """Return the PSF that a method computes for this problem of `labapp accuracy`.
 
         It is in double precision.
         """
@@ -86,7 +86,7 @@ class PSFProblem:
         return np.asarray(answer, dtype=np.float64)
 
     def build_reference(self, light: Array) -> PSFReference:
-        """Return the slow reference for the problem's accuracy rows.
+        """Return the slow reference with which `labapp accuracy` compares methods.
 
         `light` is an approximate PSF to draw samples by.
         """
@@ -111,7 +111,10 @@ class PSFReference:
         self._columns, self._column_weight = draw_samples(rng, np.abs(light).sum(0), count)
 
     def _pixel_quadrature_nodes(self) -> Array:
-        """Return the reference's nodes over a sensor pixel along an axis, in pixels."""
+        """Return the nodes over a sensor pixel in a reference of `labapp accuracy`, in pixels.
+
+        They lie along an axis.
+        """
         if not self._problem.integrate:
             return np.zeros(1)
         lens, pitch = self._problem.lens, max(self._problem.pixels.pitch)
@@ -120,7 +123,7 @@ class PSFReference:
 
     @property
     def product_count(self) -> float:
-        """Estimate how many products the slow reference of a PSF takes."""
+        """Estimate how many products the exact PSF of `labapp accuracy` takes."""
         problem, side = self._problem, self._columns.size * self._nodes.size
         if isinstance(problem.optics, Camera):
             shape = problem.optics.panel.shape
@@ -130,7 +133,7 @@ class PSFReference:
         return node_count(problem.lens, problem.distance, problem.wavelength, corner) * side
 
     def error(self, light: Array) -> float:
-        """Return the error for an accuracy row: a PSF against the slow reference, relative L2.
+        """Return the error that `labapp accuracy` prints for a PSF, relative L2.
 
         The PSF is (rows, columns).
         """
@@ -140,7 +143,7 @@ class PSFReference:
         )
 
     def weighted_samples(self, light: Array) -> Array:
-        """Return a PSF's weighted samples where the slow reference is known.
+        """Return a PSF's samples, weighted, that `labapp accuracy` compares with the reference.
 
         These are the compared rows and columns.
 
@@ -153,7 +156,7 @@ class PSFReference:
 
     @cached_property
     def exact_samples(self) -> Array:
-        """Return the slow reference's light as `weighted_samples` would give it."""
+        """Return the slow reference of `labapp accuracy` as `weighted_samples` would give it."""
         pixels, y, x = self._problem.pixels, *self._node_positions()
         density = self.density(y, x)
         count = self._nodes.size
@@ -165,7 +168,7 @@ class PSFReference:
         return self._apply_weights(np.einsum("iajb,a,b->ij", blocks, weights, weights) * area)
 
     def _node_positions(self) -> tuple[Array, Array]:
-        """Return where the slow reference is computed along y and x, in metres.
+        """Return where the slow reference of `labapp accuracy` is computed, y and x in metres.
 
         These are all nodes in the compared pixels.
         """
@@ -179,7 +182,7 @@ class PSFReference:
         return y, x
 
     def density(self, y: Array, x: Array) -> Array:
-        """Return the slow reference as a share of the light per square metre, (y, x).
+        """Return the slow reference of `labapp accuracy` as light per square metre, (y, x).
 
         It is exact at the positions y and x.
         """
@@ -194,7 +197,10 @@ class PSFReference:
         return (1 - share) * modulated + share * straight
 
     def _panel_nodes(self) -> int:
-        """Return how many Gauss-Legendre nodes across a panel pixel the slow reference needs."""
+        """Return how many nodes across a panel pixel a reference of `labapp accuracy` needs.
+
+        They are Gauss-Legendre nodes.
+        """
         problem = self._problem
         assert isinstance(problem.optics, Camera)
         panel, lens = problem.optics.panel, problem.lens
@@ -207,7 +213,7 @@ class PSFReference:
         return math.ceil(2 * waves) + 6
 
     def density_behind_panel(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
-        """Return the slow reference for a panel in the plane of its lens, per square metre.
+        """Return the slow reference of `labapp accuracy` for a panel in its lens's plane, per m².
 
         It is a share of the light.
 
@@ -240,7 +246,7 @@ class PSFReference:
 
 
 def window_corner_distance(problem: PSFProblem) -> float:
-    """Return how far from the axis an accuracy problem's window reaches, in metres.
+    """Return how far from the axis a window of `labapp accuracy` reaches, in metres.
 
     It is the distance to the farthest corner.
     """

@@ -14,7 +14,9 @@ Picture = NDArray[np.float64]
 def round_lens_psf(
     lens: Lens, distance: float, wavelength: float, pitch: float, side: int
 ) -> Picture:
-    """Return the slow reference PSF of a clear, thin lens: shares of light on a square window.
+    """Return the slow reference PSF of `labapp accuracy` for a clear, thin lens.
+
+    It is the shares of the light on a square window.
 
     A share is the density at the centre of a pixel times its area. The Hankel integral is computed
     at the radius of every pixel, with at least three Gauss-Legendre nodes for every two radians.

@@ -11,7 +11,7 @@ Real = NDArray[np.float64]
 def draw_samples(
     rng: np.random.Generator, light: Real, count: int
 ) -> tuple[NDArray[np.int64], Real]:
-    """Draw the samples on which a slow reference is computed: half by light and half evenly.
+    """Draw the samples on which `labapp accuracy` compares methods: half by light, half evenly.
 
     Half of a sample's probability is in proportion to its light; the other half is even.
 
