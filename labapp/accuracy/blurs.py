@@ -73,9 +73,7 @@ class SimulatedPhotograph:
     def quality(self, image: torch.Tensor | Array) -> tuple[float, float]:
         """Return a method's accuracy: PSNR in dB and SSIM of its restoration against the truth.
 
-        Both are over the whole frame.
-
-        The picture is clipped to 0 to 1 first; white is 1.
+        Both are over the whole frame. The picture is clipped to 0 to 1 first; white is 1.
         """
         seen = np.clip(np.asarray(image, dtype=np.float64), 0, 1)
         return psnr(seen, self.truth), ssim(seen, self.truth)
@@ -87,7 +85,6 @@ def simulate_photograph(
     """Blur a known scene and add noise, so that the accuracy of restorations can be measured.
 
     `scene` is (rows, columns); the blur is a convolution with the PSF, and the noise is Gaussian.
-
     With an unknown border the photograph shows only the part of the scene whose light comes
     entirely from within the scene. A periodic scene is shown whole. Raises UserError for a scene
     that is no larger than the PSF.
@@ -136,9 +133,8 @@ def photograph_from_options(
 def _white_level(levels: NDArray[np.float32]) -> float:
     """Return the level of white in the truth picture of an accuracy measurement.
 
-    The level is 1, 255 or 65535, or else the brightest level.
-
-    It is the first of these that no level of the picture exceeds.
+    The level is 1, 255 or 65535, or else the brightest level. It is the first of these that no
+    level of the picture exceeds.
     """
     brightest = float(levels.max())
     return next((top for top in (1.0, 255.0, 65535.0) if brightest <= top), brightest)

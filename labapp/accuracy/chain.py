@@ -139,9 +139,8 @@ def _require_short(problem: ChainProblem) -> None:
 def build_reference(problem: ChainProblem) -> PSFReference:
     """Return the slow reference that accuracy rows of a chain problem are compared with.
 
-    It holds the exact light on some rows and columns of the window.
-
-    Rows and columns are drawn by an approximate PSF, or evenly where no method gives one.
+    It holds the exact light on some rows and columns of the window. Rows and columns are drawn by
+    an approximate PSF, or evenly where no method gives one.
     """
     try:
         light = problem.light(problem.operator(problem.tol))
@@ -169,9 +168,8 @@ def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iter
 def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | None) -> None:
     """Measure the accuracy and time of every PSF method for a chain, and print the rows.
 
-    The diagram is drawn if a path is given.
-
-    `memory` is the number of bytes that each method may use.
+    The diagram is drawn if a path is given. `memory` is the number of bytes that each method may
+    use.
     """
     with terminal_progress() as progress:
         budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)))

@@ -102,9 +102,8 @@ def accuracy_deconvolve(
 ) -> None:
     """Measure the accuracy and time of every restoration method, and print the rows.
 
-    The diagram is drawn if a path is given.
-
-    `denoise` is the denoiser of plug-and-play methods; without one these are left out.
+    The diagram is drawn if a path is given. `denoise` is the denoiser of plug-and-play methods;
+    without one these are left out.
     """
     adapters = installed_peers("deconvolve") if peers else []
     with terminal_progress() as progress:
@@ -124,10 +123,8 @@ def measure_deconvolution(
 ) -> list[DeconvolutionRow]:
     """Measure accuracy rows of every restoration method after more and more iterations.
 
-    The rows on the front are marked.
-
-    A method that fails gives a row, too. `adapters` give the methods of other libraries, see
-    `labapp.accuracy.peers`.
+    The rows on the front are marked. A method that fails gives a row, too. `adapters` give the
+    methods of other libraries, see `labapp.accuracy.peers`.
     """
     settings = [
         (name, count, partial(_restore_image, case, name, count, denoise))
@@ -180,9 +177,8 @@ def _row(
 def psnr_away_from_border(case: SimulatedPhotograph, picture: Array) -> float | None:
     """Return PSNR in dB for an accuracy row, without the border that a PSF's size blurs.
 
-    It counts the pixels that are further from the border than the PSF is large.
-
-    None if there are no such pixels.
+    It counts the pixels that are further from the border than the PSF is large. None if there are
+    no such pixels.
     """
     rows, columns = case.psf.shape
     part = slice(rows, -rows), slice(columns, -columns)

@@ -25,9 +25,8 @@ def require_pattern(name: str) -> None:
 def require_propagation(light: str, distance: float, wavelength: float) -> None:
     """Raise UserError for impossible options of `labapp accuracy propagate`.
 
-    These are an unknown kind of field, or an impossible distance or wavelength.
-
-    Distance and wavelength are in metres.
+    These are an unknown kind of field, or an impossible distance or wavelength. Distance and
+    wavelength are in metres.
     """
     if light not in FIELD_KINDS:
         raise UserError(f"--light {light}: choose {' or '.join(FIELD_KINDS)}.")

@@ -205,9 +205,7 @@ class FieldReference:
     def samples_of(self, answer: Any) -> Real:
         """Return a method's field where `labapp accuracy propagate` compares it with the reference.
 
-        The method computed it on the whole target.
-
-        `answer` is a tensor or an array.
+        The method computed it on the whole target. `answer` is a tensor or an array.
         """
         values = answer.reshape(-1)[self._where]
         return self.weighted_samples(
@@ -241,9 +239,7 @@ def _product_count(case: FieldCase, places: Places) -> float:
 def _rough_field(case: FieldCase) -> Complex:
     """Return a rough field on the target, by which `labapp accuracy propagate` draws its samples.
 
-    It tells about where the light arrives.
-
-    It is even where no method can compute it.
+    It tells about where the light arrives. It is even where no method can compute it.
     """
     try:
         return np.asarray(case.operator(1e-1)(case.samples).resolve_conj())
@@ -287,9 +283,8 @@ def _plan_within_time_limit(
 def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Path | None) -> None:
     """Measure the accuracy and time of every free-space method, and print the rows.
 
-    The diagram is drawn if a path is given.
-
-    `peers` says whether other libraries are measured as well.
+    The diagram is drawn if a path is given. `peers` says whether other libraries are measured as
+    well.
     """
     adapters = installed_peers("propagate") if peers else []
     with terminal_progress() as progress:

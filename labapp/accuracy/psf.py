@@ -83,10 +83,9 @@ def _on_grid(
 ) -> tuple[Callable[[], Any], None, int]:
     """Plan an accuracy row of the method of most programs: the pupil on a square grid.
 
-    The samples of the pupil are Fourier transformed.
-
-    Cells at the edge of the stop are weighted by their open area. No error is predicted, because
-    this method can't tell how far its sum is from the integral.
+    The samples of the pupil are Fourier transformed. Cells at the edge of the stop are weighted by
+    their open area. No error is predicted, because this method can't tell how far its sum is from
+    the integral.
     """
     lens, plane, radius = case.lens, geometry.pupil, case.lens.stop_diameter / 2
     assert isinstance(plane, Plane)

@@ -68,9 +68,8 @@ _REMARK = (
 def goal_from_options(spec: PSFPattern, bench: Path | None) -> tuple[RetrievalGoal, str]:
     """Return the retrieval goal that the options of `labapp accuracy retrieval` describe.
 
-    Its name in words comes with it.
-
-    Raises UserError for a bench file that is wrong, or a target that can't be drawn.
+    Its name in words comes with it. Raises UserError for a bench file that is wrong, or a target
+    that can't be drawn.
     """
     camera = read_bench(BenchFiles.with_defaults(bench).bench).build_camera()
     drawing = spec.target.video_drawings(1, Path())[0]
@@ -91,9 +90,8 @@ def accuracy_retrieval(
 ) -> None:
     """Measure the accuracy and time of every phase retrieval method, and print the rows.
 
-    The diagram is drawn if a path is given.
-
-    `name` is the target in words, `budget` the processor seconds that one setting may take.
+    The diagram is drawn if a path is given. `name` is the target in words, `budget` the processor
+    seconds that one setting may take.
     """
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
@@ -112,10 +110,9 @@ def measure_retrieval(
 ) -> list[RetrievalRow]:
     """Measure accuracy rows of the phase retrieval methods that can give so many frames.
 
-    The rows on the front are marked.
-
-    Each is measured after more and more iterations. A method that refuses the target gives a row
-    with the reason. `budget` is the processor time in seconds that one setting may take.
+    The rows on the front are marked. Each is measured after more and more iterations. A method that
+    refuses the target gives a row with the reason. `budget` is the processor time in seconds that
+    one setting may take.
     """
     # This call computes stop, target and FFT plans, so that no method's time includes them.
     _retrieve_once(goal, frames, "published", 1)

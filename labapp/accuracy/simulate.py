@@ -87,10 +87,9 @@ _REMARK = (
 def accuracy_simulate(request: PictureRequest, *, as_json: bool) -> None:
     """Measure the accuracy of simulated pictures at five tolerances, and print the rows.
 
-    The reference is the same picture with all effects at their finest.
-
-    Without a bench file the bundled bench with few pixels is used. The process ends with exit
-    code 1 if an error exceeds its tolerance.
+    The reference is the same picture with all effects at their finest. Without a bench file the
+    bundled bench with few pixels is used. The process ends with exit code 1 if an error exceeds its
+    tolerance.
     """
     with terminal_progress() as progress:
         s = _situation(request, progress.part(0.0, 0.1))

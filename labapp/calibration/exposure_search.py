@@ -138,9 +138,7 @@ def evaluate_trials(
 def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, float, float]:
     """Measure the star in a calibration run's trial frame: brightest pixel, noise and width.
 
-    The brightest pixel is above the background.
-
-    Hot pixels are left out.
+    The brightest pixel is above the background. Hot pixels are left out.
     """
     frame = image.astype(np.float64)
     variance = frame_variance(frame, sensor)

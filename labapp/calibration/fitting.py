@@ -200,10 +200,8 @@ def _fit_responses(
 def _fit_zeroth_order(frames: CalibrationFrames, nm: float, fits: CalibrationFits) -> ZerothOrder:
     """Measure the calibration run's unmodulated light: what steering gratings leave unsteered.
 
-    It lies in the zeroth order.
-
-    The light that the gratings themselves leave there is computed from the fitted response, and
-    subtracted.
+    It lies in the zeroth order. The light that the gratings themselves leave there is computed from
+    the fitted response, and subtracted.
     """
     dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
     neutral, _ = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
@@ -266,9 +264,8 @@ def _window(
 ) -> tuple[tuple[int, int], tuple[int, int]]:
     """Return the window around the star for the calibration's wavefront fit.
 
-    The values are its first pixel and its shape.
-
-    The window reaches 24 pixels from the star's middle, at most to the edge of the frame.
+    The values are its first pixel and its shape. The window reaches 24 pixels from the star's
+    middle, at most to the edge of the frame.
     """
     reach = 24
     low = [max(round(c) - reach, 0) for c in centre]

@@ -61,11 +61,10 @@ def design_calibration(
 def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Choose the grey levels of a calibration run's sweep, two stripes frame by frame.
 
-    They are in the order of display.
-
-    The upper levels cover the whole range, more densely towards the ends, where a curve is
-    supported on one side only; the last one comes twice. The lower level is 0, and in every other
-    frame about a quarter of a wave above it, by the expected phase range `reach` in radians.
+    They are in the order of display. The upper levels cover the whole range, more densely towards
+    the ends, where a curve is supported on one side only; the last one comes twice. The lower level
+    is 0, and in every other frame about a quarter of a wave above it, by the expected phase range
+    `reach` in radians.
     """
     top = levels - 1
     x = np.linspace(0, 1, frames - 1)
@@ -106,9 +105,8 @@ def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
 def _defocus_pattern(camera: Camera, waves: float, wavelength: float) -> NDArray[np.uint8]:
     """Compute a defocus pattern for a calibration run, wrapped at whole waves.
 
-    They are as many as the panel's range holds.
-
-    This makes the number of phase jumps as small as possible.
+    They are as many as the panel's range holds. This makes the number of phase jumps as small as
+    possible.
     """
     y, x = camera.panel.plane.mesh()
     phase = 2 * math.pi * waves * (y**2 + x**2) / open_pupil_radius(camera) ** 2

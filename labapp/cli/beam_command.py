@@ -35,11 +35,9 @@ def beam(
 ) -> None:
     """Draw a point's light from the panel through the lens to the sensor, to the file of --out.
 
-    The light is drawn along the axis.
-
-    The file shows two pictures over four decades: the whole way, and the light around the sensor.
-    They show what the stop cuts off, where the diffraction orders of a pattern go, and how deep
-    the focus is. For instance
+    The light is drawn along the axis. The file shows two pictures over four decades: the whole way,
+    and the light around the sensor. They show what the stop cuts off, where the diffraction orders
+    of a pattern go, and how deep the focus is. For instance
 
     **labapp beam --distance 2 --out beam.png**
     """

@@ -54,9 +54,8 @@ def report(
 def verify(record: RecordArgument, json: JsonOption = False) -> None:
     """Check that RUN.h5 is complete: every frame, its checksum, patterns, settings, state.
 
-    RUN.h5 is the record of a run.
-
-    The exit code is 0 only if all is well. Otherwise the last line says what to do. For instance
+    RUN.h5 is the record of a run. The exit code is 0 only if all is well. Otherwise the last line
+    says what to do. For instance
 
     **labapp verify first-light/run.h5**
     """

@@ -70,10 +70,9 @@ def resume(
 ) -> None:
     """Take the frames that RUN.h5 lacks after a crash, a failure or Ctrl-C.
 
-    RUN.h5 is the record of the interrupted run.
-
-    Plan, patterns, seed and bench are read from the record, so that the result is that of an
-    uninterrupted run. Frames that are damaged in the record are taken again. For instance
+    RUN.h5 is the record of the interrupted run. Plan, patterns, seed and bench are read from the
+    record, so that the result is that of an uninterrupted run. Frames that are damaged in the
+    record are taken again. For instance
 
     **labapp resume wavelengths.h5**
     """

@@ -105,9 +105,7 @@ class CameraFile(FileModel):
     def active_calibration(self) -> CalibrationFile | None:
         """The calibration that the camera file has or names; None if there is none.
 
-        It is read from its own file if need be.
-
-        Raises UserError if the file can't be read.
+        It is read from its own file if need be. Raises UserError if the file can't be read.
         """
         if isinstance(self.calibration, str):
             return read_file(Path(self.calibration), CalibrationFile)
@@ -117,10 +115,8 @@ class CameraFile(FileModel):
     def interference(self) -> float | None:
         """Interference of modulated and unmodulated light by the camera file; None if unknown.
 
-        The value is the strength of the interference.
-
-        The sum of their irradiances leaves this interference out; see
-        optics.polarisation.PathEffect.
+        The value is the strength of the interference. The sum of their irradiances leaves this
+        interference out; see optics.polarisation.PathEffect.
         """
         if self.polarisation is None:
             return None

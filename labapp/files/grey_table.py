@@ -39,9 +39,8 @@ class GreyPattern(Table):
     def grey_levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
         """Return the grey levels that a plan-file table gives on the camera's panel.
 
-        They are (rows, columns).
-
-        Picture files are read from `folder`. Raises UserError if the panel can't show them.
+        They are (rows, columns). Picture files are read from `folder`. Raises UserError if the
+        panel can't show them.
         """
         raise NotImplementedError
 

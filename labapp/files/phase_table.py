@@ -331,8 +331,6 @@ def _illuminated_radius(camera: Camera) -> float:
     """Return the radius in metres that a plan-file table's pattern has by default.
 
     It is that of the disc on the panel whose light passes the stop.
-
-    The disc is on the panel; its light passes the stop.
     """
     from optics.stop_shadow import with_stop_shadow_on_panel
 

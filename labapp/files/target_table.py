@@ -39,10 +39,8 @@ class TargetShape(Table):
     def video_drawings(self, frames: int, folder: Path) -> list[Drawing]:
         """Return the drawings that a plan-file table gives for the moments of a video.
 
-        Most targets have only one.
-
-        The number of moments divides `frames`. Picture files are read from `folder`. Raises
-        ValueError for impossible sizes.
+        Most targets have only one. The number of moments divides `frames`. Picture files are read
+        from `folder`. Raises ValueError for impossible sizes.
         """
         return [self.draw(folder)]
 

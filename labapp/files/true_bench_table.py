@@ -144,9 +144,8 @@ class TrueBenchTable(FileModel):
     def true_camera(self, nominal: Camera) -> Camera:
         """Return a virtual bench's true camera by the scene file's table [truth].
 
-        `nominal` is the camera of its bench file.
-
-        Raises ValueError with the table that doesn't fit the camera.
+        `nominal` is the camera of its bench file. Raises ValueError with the table that doesn't fit
+        the camera.
         """
         panel = _with_table_in_errors("panel", lambda: self.panel.apply(nominal.panel))
         lens = _with_table_in_errors("lens", lambda: self.lens.apply(nominal.lens))

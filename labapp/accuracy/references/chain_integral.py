@@ -121,9 +121,7 @@ def chain_field(
 ) -> Field:
     """Return the field at the sensor for the slow reference of `labapp accuracy chain`, complex.
 
-    The wave on the panel has an amplitude of 1.
-
-    The arguments are those of `chain_density`.
+    The wave on the panel has an amplitude of 1. The arguments are those of `chain_density`.
     """
     y, x = y + chain.field[0], x + chain.field[1]
     down, across = (margin * slope for slope in _slopes(chain, y, x))
@@ -150,9 +148,8 @@ def line_and_node_counts(chain: ImagingChain, y: Array, x: Array) -> tuple[float
 def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
     """Bound the phase slopes that the reference of `labapp accuracy chain` resolves, along y and x.
 
-    It is that of the integrand in the lens plane, in radians per stop radius.
-
-    It includes the light from the edges of the pixels and the undeflected light.
+    It is that of the integrand in the lens plane, in radians per stop radius. It includes the light
+    from the edges of the pixels and the undeflected light.
     """
     lens, wavelength, z1 = chain.lens, chain.wavelength, chain.camera.separation
     # The phase of the light from an edge begins to change within a Fresnel zone of its shadow.
@@ -182,12 +179,8 @@ def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
 def _sensor_kernel(chain: ImagingChain, positions: Array, places: Array) -> Field:
     """Return the kernel from lens to sensor in the slow reference of `labapp accuracy chain`.
 
-    It is the kernel along one axis.
-
-    It is that of the lens and the Fresnel integral.
-
-    `positions` on the sensor and `places` at the lens are in metres; the kernel is
-    (positions, places).
+    It is the kernel along one axis. It is that of the lens and the Fresnel integral. `positions` on
+    the sensor and `places` at the lens are in metres; the kernel is (positions, places).
     """
     lens, wavelength, z2 = chain.lens, chain.wavelength, chain.lens.image_distance
     path = (positions[:, None] - places) ** 2 / z2 - places**2 / lens.focal_length
@@ -225,9 +218,8 @@ class _LineSum:
     def _field_from_panel(self) -> Field:
         """Return the panel's light at the nodes of an exact accuracy reference, (nodes, ranks).
 
-        There is one value for each column of the factored panel.
-
-        It is computed in pieces, because there are many columns and many nodes.
+        There is one value for each column of the factored panel. It is computed in pieces, because
+        there are many columns and many nodes.
         """
         places = self._nodes * self._chain.radius
         pieces = np.array_split(places, math.ceil(places.size / SETTINGS.places_at_once))
@@ -327,10 +319,9 @@ class _LineSum:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Field]:
         """Return the weights of partly open cells in the reference of `labapp accuracy chain`.
 
-        There are the line, the cell and the weights of every part of a cell that is open.
-
-        The weights, (pieces, x, nodes), multiply the wave at the nodes of the cell. They integrate
-        the polynomial through these values.
+        There are the line, the cell and the weights of every part of a cell that is open. The
+        weights, (pieces, x, nodes), multiply the wave at the nodes of the cell. They integrate the
+        polynomial through these values.
         """
         pieces = [
             (n, *piece) for n, line in enumerate(lines) for piece in self._partial_cells(line)
@@ -354,11 +345,9 @@ class _LineSum:
     def _phase_coefficients(self, heights: Array) -> Array | None:
         """Return Chebyshev coefficients of the lens's phase, for `labapp accuracy chain`.
 
-        They are those of the non-quadratic phase, for each line.
-
-        This is the phase of aberrations, and the difference between a stigmatic and a thin lens.
-        Along a line it is a polynomial, or well approximated by one. None for a lens whose phase is
-        quadratic.
+        They are those of the non-quadratic phase, for each line. This is the phase of aberrations,
+        and the difference between a stigmatic and a thin lens. Along a line it is a polynomial, or
+        well approximated by one. None for a lens whose phase is quadratic.
         """
         chain, lens = self._chain, self._chain.lens
         if lens.has_quadratic_phase:
@@ -376,9 +365,8 @@ class _LineSum:
     def _lens_factor(self, coefficients: Array | None, nodes: Array) -> Field | Array:
         """Return the lens factor in the slow reference of `labapp accuracy chain`, (lines, nodes).
 
-        It is the factor besides the quadratic phase of the lens.
-
-        `nodes` are common to all lines, (nodes,), or those of each line, (lines, nodes).
+        It is the factor besides the quadratic phase of the lens. `nodes` are common to all lines,
+        (nodes,), or those of each line, (lines, nodes).
         """
         if coefficients is None:
             return np.ones((1, nodes.shape[-1]))

@@ -73,9 +73,7 @@ def _edges(plane: Plane, radius: float) -> tuple[Array, Array]:
 def _open_lengths(stop: Stop, height: float, left: Array) -> Array:
     """Return a line's open length in every cell, for references of `labapp accuracy`.
 
-    Lengths are in stop radii.
-
-    The line is horizontal, at a height.
+    Lengths are in stop radii. The line is horizontal, at a height.
     """
     length = np.zeros(left.size - 1)
     for low, high in open_intervals(stop, height):

@@ -73,9 +73,7 @@ class SmoothLight:
     def smooth_pieces(self, axis: int) -> Real:
         """Return the ends of smooth pieces of a test field for `labapp accuracy propagate`.
 
-        They are (pieces, 2), in metres.
-
-        The whole plane is one piece.
+        They are (pieces, 2), in metres. The whole plane is one piece.
         """
         where = self.plane.coordinates(axis).numpy()
         return np.array([[where[0], where[-1]]])
@@ -165,9 +163,8 @@ def _quadrature_rule(
 ) -> tuple[Real, Real]:
     """Return nodes and weights along an axis for the reference of `labapp accuracy propagate`.
 
-    The axis is one of the source plane.
-
-    All pieces have the density of nodes that the piece with the steepest phase needs.
+    The axis is one of the source plane. All pieces have the density of nodes that the piece with
+    the steepest phase needs.
     """
     pieces = light.smooth_pieces(axis)
     counts = _node_counts(light, places, axis, paraxial=paraxial)
@@ -225,9 +222,8 @@ def _fresnel(away: Real, places: Places) -> Complex:
 def _rayleigh_sommerfeld(y: Real, x: Real, places: Places) -> Complex:
     """Return the Rayleigh-Sommerfeld kernel of the slow reference of `labapp accuracy`.
 
-    The factor exp(ikz) is left out.
-
-    It is z / (2 pi r²) (1 / r - ik) exp(ik(r - z)), or the conjugate of this for propagation back.
+    The factor exp(ikz) is left out. It is z / (2 pi r²) (1 / r - ik) exp(ik(r - z)), or the
+    conjugate of this for propagation back.
     """
     k, far = 2 * np.pi / places.wavelength, abs(places.distance)
     squared = y**2 + x**2

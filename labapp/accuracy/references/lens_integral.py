@@ -52,9 +52,8 @@ def lens_psf(
 ) -> Array:
     """Return the slow reference PSF of a lens with which `labapp accuracy` compares methods.
 
-    It is a point's light on each sample of a plane.
-
-    A share is the density at the sample times the area of a pixel.
+    It is the share of a point's light on each sample of a plane: the density at the sample times
+    the area of a pixel.
     """
     y, x = (sample_positions(pixels, axis) for axis in (0, 1))
     density = lens_psf_density(lens, distance, wavelength, y, x, progress)
@@ -71,9 +70,8 @@ def lens_psf_density(
 ) -> Array:
     """Return the slow reference PSF of `labapp accuracy` for a lens, as light per square metre.
 
-    It is given at positions y and x in metres, (y, x).
-
-    It is the Fraunhofer integral of the stop (thesis Eq. 3.1), summed directly along both axes.
+    It is given at positions y and x in metres, (y, x). It is the Fraunhofer integral of the stop
+    (thesis Eq. 3.1), summed directly along both axes.
     """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     tilt = 2 * np.pi * radius / scale
@@ -98,9 +96,8 @@ def lens_psf_density(
 def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) -> float:
     """Estimate how many nodes the slow reference of `labapp accuracy` takes for a window.
 
-    They are those of `lens_psf_density`.
-
-    `farthest` is the distance in metres from the axis to the farthest sample.
+    They are those of `lens_psf_density`. `farthest` is the distance in metres from the axis to the
+    farthest sample.
     """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     slope = NODE_MARGIN * (
@@ -147,9 +144,8 @@ def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
 def _interval_end_speed(stop: Stop, low: float, high: float) -> float:
     """Bound how fast ends of open intervals move along x, for references of `labapp accuracy`.
 
-    They move along x; the speed is relative to the angle of the height.
-
-    The ends on nearly horizontal edges move far in a small step of the angle.
+    They move along x; the speed is relative to the angle of the height. The ends on nearly
+    horizontal edges move far in a small step of the angle.
     """
     angles = np.linspace(-np.pi / 2, np.pi / 2, 65)[1:-1]
     heights = (low + high) / 2 + (high - low) / 2 * np.sin(angles)
@@ -223,9 +219,7 @@ def break_heights(stop: Stop) -> list[float]:
 def vertical_line_crossings(stop: Stop, x: float) -> list[float]:
     """Return where a stop's outlines cross a vertical line, for references of `labapp accuracy`.
 
-    The line is at x; the result is heights.
-
-    All lengths are in stop radii.
+    The line is at x; the result is heights. All lengths are in stop radii.
     """
     low, high = break_heights(stop)[0] - 1, break_heights(stop)[-1] + 1
     found: list[float] = []
@@ -287,11 +281,8 @@ def _segment_crossings(
 def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Array) -> Array:
     """Return the pupil phase for references of `labapp accuracy`, by code of their own, in radians.
 
-    It includes defocus and aberrations.
-
-    It is given at a height y and many x.
-
-    Positions are in stop radii, distances, wavelength and aberrations in metres.
+    It includes defocus and aberrations. It is given at a height y and many x. Positions are in stop
+    radii, distances, wavelength and aberrations in metres.
     """
     rho2 = y * y + x * x
     r2 = rho2 * (lens.stop_diameter / 2) ** 2
@@ -311,11 +302,8 @@ def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Arr
 def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
     """Return a Zernike polynomial for references of `labapp accuracy`, by code of their own.
 
-    It is the sum of factorials of textbooks.
-
-    Its rms is 1.
-
-    The sum is accurate to a degree of about twenty.
+    It is the sum of factorials of textbooks. Its rms is 1. The sum is accurate to a degree of about
+    twenty.
     """
     k = abs(m)
     radial = sum(

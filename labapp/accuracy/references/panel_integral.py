@@ -81,9 +81,7 @@ class ImagingChain:
     def edges(self, axis: int) -> Array:
         """Return the edges of panel pixels for the reference of `labapp accuracy chain`.
 
-        They are (pixels, 2), in metres.
-
-        They are both edges of each pixel along an axis.
+        They are both edges of each pixel along an axis, (pixels, 2), in metres.
         """
         panel = self.camera.panel
         half = panel.active_side / 2
@@ -93,11 +91,8 @@ class ImagingChain:
     def nodes_per_pixel(self) -> int:
         """Return how many nodes a panel pixel needs in the reference of `labapp accuracy chain`.
 
-        They lie across the pixel.
-
-        They are Gauss-Legendre nodes.
-
-        They resolve the wave on its way to the far side of the stop.
+        They are Gauss-Legendre nodes across the pixel. They resolve the wave on its way
+        to the far side of the stop.
         """
         half = self.camera.panel.active_side / 2
         far = max(np.abs(self.edges(axis)).max() for axis in (0, 1))
@@ -192,9 +187,7 @@ class SphericalWavePixels:
     def propagation_matrix(self, axis: int, places: Array) -> Field:
         """Return the exact kernel from every node to the lens for `labapp accuracy chain`.
 
-        It is the Fresnel kernel, (places, nodes).
-
-        It is that along one axis.
+        It is the Fresnel kernel along one axis, (places, nodes).
         """
         chain, z1 = self._chain, self._chain.camera.separation
         path = (places[:, None] - (self._y, self._x)[axis]) ** 2 / z1
@@ -219,9 +212,7 @@ class LowRankModulations:
     def apply_right_factors(self, kernel: Field) -> Field:
         """Multiply a kernel of `labapp accuracy chain` by the panel's right factors.
 
-        The product is (places, ranks).
-
-        The kernel is (places, columns).
+        The kernel is (places, columns), and the product (places, ranks).
         """
         return np.concatenate([kernel if r is None else kernel @ r for r in self._right], axis=1)
 

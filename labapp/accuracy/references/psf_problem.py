@@ -145,9 +145,7 @@ class PSFReference:
     def weighted_samples(self, light: Array) -> Array:
         """Return a PSF's samples, weighted, that `labapp accuracy` compares with the reference.
 
-        These are the compared rows and columns.
-
-        Their norm estimates that of the whole PSF.
+        These are the compared rows and columns. Their norm estimates that of the whole PSF.
         """
         return self._apply_weights(light[np.ix_(self._rows, self._columns)])
 
@@ -215,9 +213,7 @@ class PSFReference:
     def density_behind_panel(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
         """Return the slow reference of `labapp accuracy` for a panel in its lens's plane, per m².
 
-        It is a share of the light.
-
-        Every open pixel of the panel is a square of one modulation.
+        It is a share of the light. Every open pixel of the panel is a square of one modulation.
         """
         panel, lens, problem = camera.panel, camera.lens, self._problem
         scale, radius = problem.wavelength * lens.image_distance, lens.stop_diameter / 2

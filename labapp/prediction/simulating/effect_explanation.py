@@ -26,9 +26,8 @@ def explain_effects(
 ) -> bool:
     """Print the effect plan of a predicted picture, with an audit if asked.
 
-    Returns whether all bounds of the audit hold.
-
-    The audit also puts back `pairs` pairs of effects. Raises UserError if `pairs` is negative.
+    Returns whether all bounds of the audit hold. The audit also puts back `pairs` pairs of effects.
+    Raises UserError if `pairs` is negative.
     """
     if pairs < 0:
         raise UserError(f"--pairs {pairs}: give 0 or more.")

@@ -188,9 +188,7 @@ def _exposure(world: World, request: PictureRequest, progress: Progress) -> floa
 def parse_forced_effects(settings: list[str]) -> dict[str, str | bool]:
     """Parse the effects forced on a predicted picture: "NAME=LEVEL".
 
-    LEVEL is on, off, or the name of a level.
-
-    Raises UserError for anything else.
+    LEVEL is on, off, or the name of a level. Raises UserError for anything else.
     """
     found: dict[str, str | bool] = {}
     for setting in settings:

@@ -18,11 +18,10 @@ _SMALL_BENCH = {
 
 
 def small_bench_setup(scene: Path | None) -> BenchSetup:
-    """Return the bundled bench with few, large pixels, to predict pictures of a scene fast.
+    """Return the bundled bench with few, large pixels, to compare predicted pictures on.
 
-    Both sensor and panel have few and large pixels.
-
-    The scene is the bundled photograph if it is None. Raises UserError if it can't be read.
+    Both sensor and panel have few and large pixels. The scene is the bundled photograph if it is
+    None. Raises UserError if it can't be read.
     """
     return modified_bench_setup(scene, _SMALL_BENCH)
 
@@ -32,9 +31,8 @@ def modified_bench_setup(
 ) -> BenchSetup:
     """Return the bundled bench before a scene, with changed keys, to predict pictures with.
 
-    The keys are those of the bench's tables.
-
-    The scene is the bundled photograph if it is None. Raises UserError if it can't be read.
+    The keys are those of the bench's tables. The scene is the bundled photograph if it is None.
+    Raises UserError if it can't be read.
     """
     files = BenchFiles.with_defaults(None, scene)
     data = read_file(files.bench, BenchFile).model_dump(mode="json")
