@@ -64,7 +64,7 @@ class SimulatedPhotograph:
 
     @property
     def problem(self) -> Observation:
-        """Return the observation that every measured restoration method gets.
+        """Return the observation on which the accuracy of every restoration is measured.
 
         It is in single precision, and its noise is unknown.
         """

@@ -55,7 +55,7 @@ class CalibrationFrames:
 
         They are (frames, rows, columns).
         """
-        indices = self._at(wavelength_nm, target=self.design.request.star, pattern=pattern)
+        indices = self._select_frames(wavelength_nm, target=self.design.request.star, pattern=pattern)
         if not indices:
             raise UserError(
                 f"{self.record.path}: has no frame of {pattern!r} at {wavelength_nm:g} nm. "
@@ -64,7 +64,7 @@ class CalibrationFrames:
         return np.stack([self.record.image(index) for index in indices])
 
     def sweep_frames(self, wavelength_nm: float) -> list[NDArray[np.uint16]]:
-        """Return the frames of the calibration's grey-level sweep, in the order of its levels.
+        """Return the frames of a calibration run's grey-level sweep, in the order of its levels.
 
         The order is that of the design.
         """
@@ -81,7 +81,7 @@ class CalibrationFrames:
         """
         dark = self.design.request.dark
         exposure = round(exposure_ms * 1e3) / 1e6
-        indices = self._at(wavelength_nm, target=dark, exposure_asked=exposure)
+        indices = self._select_frames(wavelength_nm, target=dark, exposure_asked=exposure)
         if not indices:
             sensor = self.camera.sensor
             level = sensor.black_level + sensor.dark_current * exposure / sensor.gain
@@ -99,7 +99,10 @@ class CalibrationFrames:
         return frames.mean(axis=0) - dark, variance + frame_variance(dark, sensor) / 2
 
     def clipped_pixels(self, pattern: str, wavelength_nm: float) -> NDArray[np.bool_]:
-        """Mark the pixels at full scale in any calibration frame of a pattern, (rows, columns)."""
+        """Mark pixels that are at full scale in any of a calibration run's frames of a pattern.
+
+        The result is (rows, columns).
+        """
         brightest = self.raw_frames(pattern, wavelength_nm).max(axis=0)
         return brightest >= self.camera.sensor.full_scale
 
@@ -111,7 +114,7 @@ class CalibrationFrames:
         sensor = self.camera.sensor
         return dark - np.median(dark) > 8.0 * sensor.read_noise / sensor.gain + 1
 
-    def _at(self, wavelength_nm: float, **wanted: Any) -> list[int]:
+    def _select_frames(self, wavelength_nm: float, **wanted: Any) -> list[int]:
         """Select frames of the calibration run at a wavelength.
 
         Plans round wavelengths to whole picometres.

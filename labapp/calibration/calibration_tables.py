@@ -23,7 +23,7 @@ from optics.calibration.zeroth_order import ZerothOrder
 
 
 def build_calibration_file(fits: CalibrationFits) -> CalibrationFile:
-    """Build a calibration file from a run's fits; date, devices and bench come from the record."""
+    """Build the file of a calibration run's fits; date, devices and bench come from the record."""
     with Record(fits.path) as record:
         bench = record.bench.model_dump(mode="json")
         trials = sum(exposures.trials for exposures in fits.design.exposures)
@@ -116,7 +116,7 @@ def _wavefront_table(found: WavefrontFit, nm: float) -> WavefrontTable:
 
 
 def _zeroth_table(nm: float, found: ZerothOrder) -> ZerothOrderTable:
-    """Return a calibration file's table of the unmodulated light at one wavelength."""
+    """Return the unmodulated light that a calibration run measured, as a table of its file."""
     # Noise can make the estimate of a small share slightly negative.
     share = min(max(found.share, 0.0), 1.0)
     return ZerothOrderTable(

@@ -262,7 +262,7 @@ def _fit_wavefront(frames: CalibrationFrames, fits: CalibrationFits, progress: P
 def _window(
     centre: tuple[float, float], shape: tuple[int, int]
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the window around the star for the calibration's wavefront fit.
+    """Return the window around the star for a calibration run's wavefront fit.
 
     The values are its first pixel and its shape. The window reaches 24 pixels from the star's
     middle, at most to the edge of the frame.

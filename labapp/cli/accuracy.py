@@ -69,7 +69,9 @@ def accuracy_psf_(
         ),
     ] = None,
 ) -> None:
-    """Measure error and time of every method for the PSF of the lens that the options describe.
+    """Measure error and time of every PSF method for a lens of --focal-length and --f-number.
+
+    Further options describe its stop, its aberrations, the object and the window.
 
     Each row is a method at one setting, with its relative L2 error against the exact integral and
     its processor time in ms. Rows on the front are beaten by no other row in both time and error.
@@ -121,7 +123,7 @@ def accuracy_propagate_(
     ] = False,
     peers: PeersOption = False,
 ) -> None:
-    """Measure error and time of every free-space method for the field that the options describe.
+    """Measure error and time of every free-space method for the field of --light and --distance.
 
     The error is that of the complex field against the exact integral, on samples that are drawn by
     their light. Rows on the front are beaten by no other row in both time and error. A method that
@@ -182,7 +184,7 @@ def accuracy_chain_(
         int, typer.Option(help="Memory that a method may use, in megabytes.")
     ] = 1000,
 ) -> None:
-    """Measure error and time of every PSF method for the options' panel in front of the lens.
+    """Measure error and time of every PSF method for the panel of --panel or --camera.
 
     Light goes from a point to the pixels of the panel, to lens and stop, and to the sensor
     (thesis Eq. 5.1 to 5.7). The method "collapsed" is a single Fourier integral, for a stop that
@@ -304,7 +306,7 @@ def accuracy_deconvolve_(
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
     peers: PeersOption = False,
 ) -> None:
-    """Measure quality and time of every restoration method on a picture that the options blur.
+    """Measure quality and time of every restoration method on a picture blurred by --blur.
 
     The picture is blurred, and noise is added. Each method estimates noise and weights by itself.
     The table gives PSNR in dB, SSIM and processor time in ms. Rows on the front are beaten by no
@@ -339,7 +341,7 @@ def accuracy_simulate_(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Measure what a tolerance costs the picture of SCENE.toml, and check that it is kept.
+    """Measure what tolerances cost a picture of SCENE.toml (--target); check that they are kept.
 
     One picture is simulated at each tolerance by its effect plan, and once with all effects at
     their finest. The table gives relative L2 errors of the mean picture, of its variance and of its

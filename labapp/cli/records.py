@@ -13,7 +13,7 @@ from labapp.cli.shared_options import ForceOption, JsonOption, RecordArgument
 
 @app.command()
 def show(record: RecordArgument, json: JsonOption = False) -> None:
-    """Print what RUN.h5 holds: state, devices, frames, the simulator's decisions, log.
+    """Print what the argument RUN.h5 holds: state, devices, frames, simulator's decisions, log.
 
     For instance
 
@@ -33,7 +33,7 @@ def report(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Analyse RUN.h5, and write report.png and a self-contained report.html to --out.
+    """Analyse the argument RUN.h5, and write report.png and a self-contained report.html to --out.
 
     Exposures are merged, the PSF is measured on the star, and the photograph is restored as the
     plan says. For instance
@@ -52,7 +52,7 @@ def report(
 
 @app.command()
 def verify(record: RecordArgument, json: JsonOption = False) -> None:
-    """Check that RUN.h5 is complete: every frame, its checksum, patterns, settings, state.
+    """Check that the argument RUN.h5 is complete: frames, checksums, patterns, settings, state.
 
     RUN.h5 is the record of a run. The exit code is 0 only if all is well. Otherwise the last line
     says what to do. For instance

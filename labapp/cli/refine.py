@@ -41,7 +41,7 @@ def refine(
         typer.Option(metavar="FOLDER", help="Folder for the records.  [BETTER_runs, beside]"),
     ] = None,
 ) -> None:
-    """Correct the retrieved pattern or video in DESIGN.h5 by pictures of its PSF.
+    """Correct the retrieved pattern or video in the argument DESIGN.h5 by pictures of its PSF.
 
     **labapp refine ring.h5 --out better.h5**
 

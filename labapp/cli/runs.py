@@ -68,7 +68,7 @@ def resume(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Take the frames that RUN.h5 lacks after a crash, a failure or Ctrl-C.
+    """Take the frames that the argument RUN.h5 lacks after a crash, a failure or Ctrl-C.
 
     RUN.h5 is the record of the interrupted run. Plan, patterns, seed and bench are read from the
     record, so that the result is that of an uninterrupted run. Frames that are damaged in the

@@ -62,7 +62,7 @@ def read_lut(path: Path, levels: int) -> LutTable:
         raise UserError(
             f"{path}: line {number} must say 'grey' and the wavelengths in nm, as in 'grey, 532'."
         )
-    rows = [_row(path, number, parts, len(head)) for number, parts in rest]
+    rows = [_parse_row(path, number, parts, len(head)) for number, parts in rest]
     level, phases = np.array([r[0] for r in rows]), np.array([r[1:] for r in rows])
     if len(rows) < 2 or level[0] != 0 or level[-1] != levels - 1 or (np.diff(level) <= 0).any():
         raise UserError(
@@ -74,7 +74,7 @@ def read_lut(path: Path, levels: int) -> LutTable:
     return LutTable(wavelengths_nm=wavelengths, phase_pi=curves)
 
 
-def _row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
+def _parse_row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
     """Parse a line of a look-up table's file: a grey level and its phases in units of pi."""
     values = parse_numbers(parts)
     if values is None or len(values) != length:

@@ -198,7 +198,7 @@ def _picture(request: BeamRequest, whole: AxialSection, focus: AxialSection) -> 
     top, bottom = figure.subplots(2, 1)
     _draw(top, whole, 1e3, "mm", _SETTINGS.dimmest)
     _draw(bottom, focus, 1e6, "µm", _SETTINGS.lowest_ratio * float(focus.light.max()))
-    _label(top, request, whole)
+    _draw_elements(top, request, whole)
     sensor = request.camera.separation + request.camera.lens.image_distance
     _mark(bottom, sensor, "sensor")
     return figure
@@ -238,7 +238,7 @@ def _draw(axes: Axes, stretch: AxialSection, unit: float, name: str, dimmest: fl
     axes.figure.colorbar(image, ax=axes, label="light per area, over that on the panel", pad=0.01)
 
 
-def _label(axes: Axes, request: BeamRequest, stretch: AxialSection) -> None:
+def _draw_elements(axes: Axes, request: BeamRequest, stretch: AxialSection) -> None:
     """Draw panel, stop and sensor in the picture of a predicted beam, at their positions."""
     camera = request.camera
     panel, lens = camera.panel, camera.lens

@@ -87,7 +87,7 @@ def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool
     """Predict a PSF, print its account, and write it to a file with a picture beside it."""
     if request.camera is None:
         _require_lens_alone(request)
-    grey = None if request.camera is None else _grey(request.pattern, request.camera.panel)
+    grey = None if request.camera is None else _panel_greys(request.pattern, request.camera.panel)
     with terminal_progress() as progress:
         speed = machine_speed(progress)
     started = time.process_time()
@@ -152,7 +152,7 @@ def _require_lens_alone(request: PSFRequest) -> None:
         )
 
 
-def _grey(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
+def _panel_greys(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
     """Return the panel's grey levels for a PSF prediction, from a picture file.
 
     They are all 0 without one.
@@ -163,7 +163,7 @@ def _grey(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
 
 
 def _light_budget(request: PSFRequest) -> dict[str, Any]:
-    """Return the light that a predicted PSF is a part of: shares through the stop, unmodulated.
+    """Return the light budget of a predicted PSF: shares through the stop, and unmodulated.
 
     They are plain data.
     """

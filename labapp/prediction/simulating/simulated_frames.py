@@ -29,7 +29,9 @@ Frames = NDArray[np.uint16]
 def simulate_frames(
     request: PictureRequest, path: Path, kind: str, *, frames: int, seed: int
 ) -> None:
-    """Predict frames of a scene, and write their raw 16-bit digital numbers to a file.
+    """Predict frames of a scene by simulation, and write their raw 16-bit numbers to a file.
+
+    The numbers are digital numbers of the sensor.
 
     `kind` is the file's kind: png, tiff or h5.
     """
