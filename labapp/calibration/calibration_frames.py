@@ -55,7 +55,9 @@ class CalibrationFrames:
 
         They are (frames, rows, columns).
         """
-        indices = self._select_frames(wavelength_nm, target=self.design.request.star, pattern=pattern)
+        indices = self._select_frames(
+            wavelength_nm, target=self.design.request.star, pattern=pattern
+        )
         if not indices:
             raise UserError(
                 f"{self.record.path}: has no frame of {pattern!r} at {wavelength_nm:g} nm. "
