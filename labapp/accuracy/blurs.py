@@ -64,16 +64,16 @@ class SimulatedPhotograph:
 
     @property
     def problem(self) -> Observation:
-        """Return the observation on which the accuracy of every restoration is measured.
+        """Return the observation that every method restores when its accuracy is measured.
 
-        It is in single precision, and its noise is unknown.
+        The picture is in single precision, and its noise is unknown.
         """
         return build_observation(self.observation.astype(np.float32), self.psf, None, self.border)
 
     def quality(self, image: torch.Tensor | Array) -> tuple[float, float]:
-        """Return a method's accuracy: PSNR in dB and SSIM of its restoration against the truth.
+        """Return a restoration's accuracy: its PSNR in dB and its SSIM against the truth.
 
-        Both are over the whole frame. The picture is clipped to 0 to 1 first; white is 1.
+        Both cover the whole frame. The picture is clipped to 0 to 1 first; white is 1.
         """
         seen = np.clip(np.asarray(image, dtype=np.float64), 0, 1)
         return psnr(seen, self.truth), ssim(seen, self.truth)
@@ -133,8 +133,8 @@ def photograph_from_options(
 def _white_level(levels: NDArray[np.float32]) -> float:
     """Return the level of white in the truth picture of an accuracy measurement.
 
-    The level is 1, 255 or 65535, or else the brightest level. It is the first of these that no
-    level of the picture exceeds.
+    The level is the first of 1, 255 and 65535 that no level of the picture exceeds, or else the
+    picture's brightest level.
     """
     brightest = float(levels.max())
     return next((top for top in (1.0, 255.0, 65535.0) if brightest <= top), brightest)
@@ -150,9 +150,7 @@ def _middle(picture: Array, size: int) -> Array:
 
 
 def _fully_seen_slice(psf: int, seen: int) -> slice:
-    """Return the slice of the truth that a photograph for accuracy measurements shows.
-
-    It is that along one axis of the scene.
+    """Return the part of the scene's axis that an accuracy test's photograph shows.
 
     Parameters
     ----------
@@ -174,23 +172,23 @@ def _convolve_periodically(scene: Array, psf: Array) -> Array:
 
 
 def disk(radius: float) -> Array:
-    """Return a defocus PSF, an even disk, to measure the accuracy of restorations on.
+    """Return a defocus PSF to test restoration accuracy: an even disk of `radius` pixels.
 
-    It has a radius of `radius` pixels, as in geometrical optics.
+    Geometrical optics gives this shape.
     """
     at = _subpixel_positions(radius)
     return _pixel_coverage(np.hypot(at[:, None], at) <= radius)
 
 
 def box(side: int) -> Array:
-    """Return a square PSF, even over `side`² pixels, to measure the accuracy of restorations on."""
+    """Return a PSF to test restoration accuracy: an even square of `side` by `side` pixels."""
     return np.full((side, side), side**-2.0)
 
 
 def gaussian(deviation: float) -> Array:
-    """Return a Gaussian PSF of `deviation` pixels to measure the accuracy of restorations on.
+    """Return a Gaussian PSF to test restoration accuracy.
 
-    `deviation` is its standard deviation.
+    `deviation` is the standard deviation in pixels.
     """
     reach = math.ceil(4 * deviation)
     at = np.arange(-reach, reach + 1) / deviation
@@ -199,10 +197,10 @@ def gaussian(deviation: float) -> Array:
 
 
 def circle(radius: float, centre: float) -> Array:
-    """Return a PSF to measure the accuracy of restorations on: a thin circle around a point.
+    """Return a PSF to test restoration accuracy: a thin circle around a point.
 
-    The circle has a radius of `radius` pixels and a line width of one pixel. The central pixel
-    has the share `centre` of the light, 0 to 1.
+    The circle has a radius of `radius` pixels and a line width of one pixel. The central pixel has
+    the share `centre` of the light, 0 to 1.
     """
     at = _subpixel_positions(radius + 3)
     far = np.hypot(at[:, None], at)
@@ -212,9 +210,9 @@ def circle(radius: float, centre: float) -> Array:
 
 
 def shake(length: float, seed: int) -> Array:
-    """Return a camera-shake PSF to measure the accuracy of restorations on.
+    """Return a camera-shake PSF to test restoration accuracy: a random path.
 
-    It is a random path that is about `length` pixels long.
+    The path is about `length` pixels long.
     """
     rng = np.random.default_rng(seed)
     turn = np.cumsum(rng.normal(0, 0.45, 24)) + rng.uniform(0, 2 * math.pi)
@@ -224,7 +222,7 @@ def shake(length: float, seed: int) -> Array:
 
 
 def line(length: float, angle: float) -> Array:
-    """Return a motion PSF to measure the accuracy of restorations on: a line of `length` pixels.
+    """Return a motion PSF to test restoration accuracy: a line of `length` pixels.
 
     The motion is uniform. `angle` is in radians, from the x axis towards the y axis.
     """
@@ -233,9 +231,9 @@ def line(length: float, angle: float) -> Array:
 
 
 def shape(name: str, radius: float) -> Array:
-    """Return a PSF shape of the thesis, such as "ring", to measure restorations' accuracy on.
+    """Return a PSF shape of the thesis, such as "ring", to test restoration accuracy.
 
-    It has a radius of `radius` pixels.
+    `radius` is in pixels.
     """
     side = 2 * math.ceil(radius + 6) + 1
     target = getattr(targets, name)
@@ -253,17 +251,17 @@ BLURS: dict[str, Callable[[], Array]] = {
 
 
 def _subpixel_positions(radius: float) -> Array:
-    """Return positions in pixels at which a PSF for accuracy measurements is sampled.
+    """Return the positions in pixels at which an accuracy test's PSF is sampled along an axis.
 
-    They lie along an axis, several per pixel and centred at 0. They span an odd number
-    of pixels that holds a disk of `radius` pixels.
+    There are several positions per pixel, centred at 0. They span an odd number of pixels, which is
+    large enough for a disk of `radius` pixels.
     """
     side = 2 * math.ceil(radius) + 1
     return (np.arange(side * _FINER) + 0.5) / _FINER - side / 2
 
 
 def _pixel_coverage(inside: NDArray[np.bool_]) -> Array:
-    """Average the fine samples of a PSF for accuracy measurements over its pixels."""
+    """Average the fine samples of an accuracy test's PSF over each pixel."""
     side = inside.shape[0] // _FINER
     return _normalise(inside.reshape(side, _FINER, side, _FINER).mean((1, 3)))
 

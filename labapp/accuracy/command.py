@@ -47,8 +47,6 @@ def accuracy_psf(
 ) -> None:
     """Measure the accuracy and time of every method for a lens's PSF, and print the rows.
 
-    The diagram is drawn if a path is given.
-
     Parameters
     ----------
     case : LensCase
@@ -82,7 +80,7 @@ def accuracy_psf(
 def _find_regressions(
     measurements: MeasurementSet, stored: StoredRows, progress: Progress
 ) -> list[str]:
-    """Return a message for each accuracy row that became slower or less accurate than stored.
+    """Return a message for each accuracy row that is slower or less accurate than its stored row.
 
     Rows that look slower are timed twice more, because the machine may have been busy for a moment.
     """
@@ -99,7 +97,7 @@ def _find_regressions(
 
 
 def _report_regressions(worse: list[str], count: int, stored: StoredRows, where: Console) -> None:
-    """Print the accuracy rows that became slower or less accurate, and fail if there are any."""
+    """Print the accuracy rows that became worse, and exit with code 1 if there are any."""
     for line in worse:
         where.print(f"worse than {stored.source}: {line}", markup=False)
     if worse:
@@ -133,9 +131,10 @@ _REMARK = "Relative L2 errors against the exact integral; one thread, planning l
 def show_measurements(
     what: str, name: str, measurements: MeasurementSet, as_json: bool, plot: Path | None
 ) -> None:
-    """Print a work-precision diagram's measured rows as a table or JSON, and draw the diagram.
+    """Print the rows of a work-precision diagram as a table or as JSON, and draw the diagram.
 
-    `what` and `name` say what was measured and for which case. `plot` is None for no diagram.
+    `what` and `name` say what was measured and for which case. `plot` is the file of the diagram,
+    or None for no diagram.
     """
     rows, kernel = measurements.rows, measurements.calibration_s
     print_rows(f"{what}: {name}", _COLUMNS, _REMARK, rows, as_json=as_json, calibration_s=kernel)
@@ -168,9 +167,10 @@ def draw(name: str, rows: list[Row]) -> Figure:
 
 
 def _curve_name(row: Row) -> str:
-    """Return the name of a work-precision curve: a row's method without its grid size.
+    """Return the name of a row's curve in the work-precision diagram.
 
-    Common words are left out, too.
+    The name is the row's method. If the row has no tolerance, the name leaves out the grid size and
+    common words, and adds the precision.
     """
     if row.tol is not None:
         return row.method

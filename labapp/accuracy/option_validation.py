@@ -25,8 +25,8 @@ def require_pattern(name: str) -> None:
 def require_propagation(light: str, distance: float, wavelength: float) -> None:
     """Raise UserError for impossible options of `labapp accuracy propagate`.
 
-    These are an unknown kind of field, or an impossible distance or wavelength. Distance and
-    wavelength are in metres.
+    The kind of field must be known, the distance finite and not 0, and the wavelength positive.
+    Distance and wavelength are in metres.
     """
     if light not in FIELD_KINDS:
         raise UserError(f"--light {light}: choose {' or '.join(FIELD_KINDS)}.")
@@ -39,7 +39,7 @@ def require_propagation(light: str, distance: float, wavelength: float) -> None:
 def require_pitch(option: str, micrometres: float) -> None:
     """Raise UserError unless a sample pitch for `labapp accuracy` is positive and finite.
 
-    `option` names it in the message.
+    `option` is the option's name in the message.
     """
     if not 0 < micrometres < math.inf:
         raise UserError(f"--{option} {micrometres:g}: it must be positive, in micrometres.")

@@ -25,9 +25,9 @@ GROUP = "labapp.peers"
 
 
 def installed_peers(operation: str) -> list[Callable[..., Any]]:
-    """Load installed adapters to other libraries, whose accuracy is measured beside ours.
+    """Load the installed adapters for other libraries whose accuracy is measured beside ours.
 
-    They are those for one operation, such as "psf".
+    Only the adapters for `operation`, such as "psf", are loaded.
 
     Raises
     ------

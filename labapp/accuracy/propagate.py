@@ -152,7 +152,7 @@ def field_case_from_options(
 def smooth_light(plane: Plane) -> SmoothLight:
     """Return the smooth test field for accuracy rows: three Gaussian beams that fill a plane.
 
-    Two of them are tilted to the ends of the default band of the plane.
+    Two of them are tilted so that their spectra reach the edge of the plane's default band.
     """
     # At 5.4 widths from its middle a Gaussian has fallen to 2e-13. Plane and band extend that far.
     extent = 5.4
@@ -173,7 +173,7 @@ def smooth_light(plane: Plane) -> SmoothLight:
 def random_cells(plane: Plane) -> CellLight:
     """Return the discontinuous test field for accuracy rows: square cells with random phases.
 
-    The field is constant in each cell; a plane has one cell for each sample.
+    The plane has one cell for each sample. The field is constant in each cell.
     """
     phase = np.random.default_rng(0).uniform(0, 2 * np.pi, plane.shape)
     return CellLight(plane, np.exp(1j * phase))
@@ -205,7 +205,8 @@ class FieldReference:
     def samples_of(self, answer: Any) -> Real:
         """Return a method's field where `labapp accuracy propagate` compares it with the reference.
 
-        The method computed it on the whole target. `answer` is a tensor or an array.
+        `answer` is the field on the whole target, a tensor or an array. The result is weighted like
+        that of `weighted_samples`.
         """
         values = answer.reshape(-1)[self._where]
         return self.weighted_samples(
@@ -213,18 +214,18 @@ class FieldReference:
         )
 
     def weighted_samples(self, values: Complex) -> Real:
-        """Return field values, weighted for the error that `labapp accuracy propagate` prints.
+        """Weight field values for the error that `labapp accuracy propagate` prints.
 
-        The values, (samples,), become weighted real and imaginary parts, (2, samples).
+        The values are (samples,). The result holds weighted real and imaginary parts, (2, samples).
         """
         weighed = np.sqrt(self._weight) * values
         return np.stack([weighed.real, weighed.imag])
 
 
 def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
-    """Return where on the target `labapp accuracy propagate` computes its slow reference.
+    """Return the positions at which `labapp accuracy propagate` computes its slow reference.
 
-    The samples of the target are given by their flat indices.
+    `where` holds flat indices of samples of the target.
     """
     rows, columns = np.divmod(where, case.target.shape[1])
     y, x = (case.target.coordinates(axis).numpy() for axis in (0, 1))
@@ -237,9 +238,10 @@ def _product_count(case: FieldCase, places: Places) -> float:
 
 
 def _rough_field(case: FieldCase) -> Complex:
-    """Return a rough field on the target, by which `labapp accuracy propagate` draws its samples.
+    """Estimate the target's field, so that `labapp accuracy propagate` can choose where to compare.
 
-    It tells about where the light arrives. It is even where no method can compute it.
+    The estimate shows roughly where the light arrives. If no method can compute it, the field is 1
+    everywhere.
     """
     try:
         return np.asarray(case.operator(1e-1)(case.samples).resolve_conj())
@@ -283,8 +285,8 @@ def _plan_within_time_limit(
 def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Path | None) -> None:
     """Measure the accuracy and time of every free-space method, and print the rows.
 
-    The diagram is drawn if a path is given. `peers` says whether other libraries are measured as
-    well.
+    `plot` is the file of the diagram, or None for no diagram. `peers` says whether other libraries
+    are measured as well.
     """
     adapters = installed_peers("propagate") if peers else []
     with terminal_progress() as progress:

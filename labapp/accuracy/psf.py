@@ -30,7 +30,7 @@ _METHODS = {"axial": "along the radius", "scattered": "quadrature and non-unifor
 def exact_psf(case: LensCase, progress: Progress) -> Picture:
     """Return the slow reference PSF of a lens that accuracy rows are compared with.
 
-    It is the exact light at the centre of every pixel, by direct quadrature.
+    The PSF is exact at the centre of every pixel. It is computed by direct quadrature.
     """
     if case.is_clear_thin_on_axis:
         return round_lens_psf(case.lens, case.distance, case.wavelength, case.pitch, case.size)
@@ -81,11 +81,10 @@ def _grid_geometry(case: LensCase, grid: int) -> FourierGeometry:
 def _on_grid(
     case: LensCase, geometry: FourierGeometry, dtype: torch.dtype, method: str
 ) -> tuple[Callable[[], Any], None, int]:
-    """Plan an accuracy row of the method of most programs: the pupil on a square grid.
+    """Plan an accuracy row for the usual method: Fourier transform the pupil on a square grid.
 
-    The samples of the pupil are Fourier transformed. Cells at the edge of the stop are weighted by
-    their open area. No error is predicted, because this method can't tell how far its sum is from
-    the integral.
+    Most programs use this method. Cells at the edge of the stop are weighted by their open area. No
+    error is predicted, because this method can't tell how far its sum is from the integral.
     """
     lens, plane, radius = case.lens, geometry.pupil, case.lens.stop_diameter / 2
     assert isinstance(plane, Plane)

@@ -52,7 +52,7 @@ def read_stored(name: str) -> StoredRows:
 
 
 def _key(row: dict[str, Any]) -> _Key:
-    """Return what identifies an accuracy row among stored ones."""
+    """Return the key that identifies an accuracy row among the stored rows."""
     return row["operation"], row["case"], row["method"], row["precision"], row["tol"]
 
 

@@ -68,8 +68,8 @@ _REMARK = (
 def goal_from_options(spec: PSFPattern, bench: Path | None) -> tuple[RetrievalGoal, str]:
     """Return the retrieval goal that the options of `labapp accuracy retrieval` describe.
 
-    Its name in words comes with it. Raises UserError for a bench file that is wrong, or a target
-    that can't be drawn.
+    The second value is its name in words. Raises UserError for a bench file that is wrong, or a
+    target that can't be drawn.
     """
     camera = read_bench(BenchFiles.with_defaults(bench).bench).build_camera()
     drawing = spec.target.video_drawings(1, Path())[0]
@@ -90,8 +90,8 @@ def accuracy_retrieval(
 ) -> None:
     """Measure the accuracy and time of every phase retrieval method, and print the rows.
 
-    The diagram is drawn if a path is given. `name` is the target in words, `budget` the processor
-    seconds that one setting may take.
+    `name` is the target in words. `budget` is the processor time in seconds that one setting may
+    take. `plot` is the file of the diagram, or None for no diagram.
     """
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
@@ -108,11 +108,11 @@ def measure_retrieval(
     speed: MachineSpeed,
     progress: Progress,
 ) -> list[RetrievalRow]:
-    """Measure accuracy rows of the phase retrieval methods that can give so many frames.
+    """Measure the accuracy of every phase retrieval method that can give so many frames.
 
-    The rows on the front are marked. Each is measured after more and more iterations. A method that
-    refuses the target gives a row with the reason. `budget` is the processor time in seconds that
-    one setting may take.
+    Each method is measured after more and more iterations. Rows that no other row beats in both
+    time and error are marked. A method that refuses the target gives a row with the reason.
+    `budget` is the processor time in seconds that one setting may take.
     """
     # This call computes stop, target and FFT plans, so that no method's time includes them.
     _retrieve_once(goal, frames, "published", 1)
@@ -127,7 +127,7 @@ def measure_retrieval(
 def _settings(
     goal: RetrievalGoal, frames: int, budget: float, speed: MachineSpeed
 ) -> Iterator[tuple[str, int]]:
-    """Yield the accuracy rows to measure: retrieval methods with iterations that the budget allows.
+    """Yield each accuracy row's retrieval method and number of iterations, within the time budget.
 
     Each method comes at least once.
     """
@@ -191,7 +191,7 @@ def _case(name: str, rows: Sequence[RetrievalRow]) -> str:
 
 
 def draw(name: str, rows: list[RetrievalRow]) -> Figure:
-    """Draw accuracy rows of retrieval methods: error, speckle contrast, lost light against time."""
+    """Draw retrieval methods' accuracy against time: error, speckle contrast and lost light."""
     figure = Figure(figsize=(12, 5), dpi=110, layout="constrained")
     good = [row for row in rows if not row.failure]
     shown = {

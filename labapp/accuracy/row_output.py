@@ -44,7 +44,7 @@ def print_rows(
 
 
 def format_number(value: float | None, form: str, scale: float = 1.0) -> str:
-    """Format a number for a cell of the accuracy table, times `scale`; empty text for None."""
+    """Format `scale` times a number for a cell of an accuracy table; None gives empty text."""
     return "" if value is None else format(scale * value, form)
 
 
@@ -72,7 +72,7 @@ def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
 
 
 def describe_machine() -> str:
-    """Describe in a line the machine on which accuracy rows were timed, for captions.
+    """Describe the machine on which accuracy rows were timed, in one line for captions.
 
     The line has the processor, the number of cores and the version of Python.
     """

@@ -105,7 +105,7 @@ class Candidate:
 def raise_refusal(error: Exception) -> tuple[Callable[[], Any], float | None, int]:
     """Raise a method's earlier refusal, so that its message becomes the accuracy row's failure.
 
-    The refusal is an error that planning gave.
+    The refusal is the error that planning raised.
     """
     raise error
 
@@ -167,10 +167,10 @@ class MeasurementSet:
 def measure(
     candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress
 ) -> MeasurementSet:
-    """Measure error and time of a work-precision diagram's candidates; failures give rows, too.
+    """Measure the error and time of each candidate of a work-precision diagram.
 
-    Calls take turns, so that a busy moment of the machine affects all of them alike. `truth` is
-    the exact answer.
+    A candidate that fails gives a row, too. Calls take turns, so that a busy moment of the machine
+    affects all of them alike. `truth` is the exact answer.
     """
     rows: list[Row] = []
     calls: dict[int, Callable[[], Any]] = {}
@@ -217,9 +217,9 @@ def time_calls(
 
 
 def _time_call(call: Callable[[], Any]) -> tuple[float, float]:
-    """Return processor and wall-clock seconds of a work-precision row's call.
+    """Return processor and wall-clock seconds of a call for a work-precision row.
 
-    They are averaged over enough calls.
+    The call is repeated until it has used enough processor time. Both values are averages.
     """
     least_s = _TIMING.least_s
     count, cpu, wall = 0, time.process_time(), time.perf_counter()

@@ -67,8 +67,8 @@ def calibrate(
 ) -> CalibrationResult:
     """Run a calibration on a bench: find the exposure, take all frames, fit, and write the files.
 
-    The folder gets plan.toml, patterns/, run.h5, calibration.json and calibration.png.
-    UserError says what is wrong at the bench; Cancelled if the progress was cancelled.
+    The folder gets plan.toml, patterns/, run.h5, calibration.json and calibration.png. Raises a
+    UserError that says what is wrong at the bench, and Cancelled if the progress was cancelled.
     """
     progress = progress or Progress()
     require_free_names(
@@ -130,7 +130,7 @@ def prepare_plan_only(
 
 
 def fit_and_write(record: Path, progress: Progress | None = None) -> CalibrationResult:
-    """Fit a calibration run's record, and write calibration.json and calibration.png beside it."""
+    """Fit a calibration's record, and write calibration.json and calibration.png beside it."""
     from labapp.calibration.overview_figure import draw_overview
     from labapp.common.figure_png import figure_to_png
 
@@ -145,10 +145,10 @@ def fit_and_write(record: Path, progress: Progress | None = None) -> Calibration
 
 
 def complete_request(request: CalibrationRequest, bench: Bench) -> CalibrationRequest:
-    """Complete a calibration's request with the star's size and distance from the bench's scene.
+    """Complete a calibration request with the star's size and distance from the bench's scene.
 
-    UserError if the bench lacks the star or the dark target, or if the wavefront is requested and
-    the star's size or distance isn't known.
+    Raises UserError if the bench lacks the star or the dark target, or if the wavefront is
+    requested and the star's size or distance isn't known.
     """
     table = require_star_target(bench, request.star, request.dark)
     known: dict[str, float] = {}

@@ -35,7 +35,7 @@ class CalibrationFrames:
 
     @staticmethod
     def of(record: Record) -> CalibrationFrames:
-        """Read a record as a calibration run's; UserError if it isn't one, or isn't complete."""
+        """Open a calibration run's record; UserError if it is another record or isn't complete."""
         text = record.plan.metadata.get(names.DESIGN_KEY)
         if not isinstance(text, str):
             raise UserError(
@@ -66,10 +66,7 @@ class CalibrationFrames:
         return np.stack([self.record.image(index) for index in indices])
 
     def sweep_frames(self, wavelength_nm: float) -> list[NDArray[np.uint16]]:
-        """Return the frames of a calibration run's grey-level sweep, in the order of its levels.
-
-        The order is that of the design.
-        """
+        """Return a calibration run's frames of the grey-level sweep, in the order of the design."""
         levels = zip(self.design.low, self.design.high, strict=True)
         return [
             self.raw_frames(names.stripes_pattern_name(low, high), wavelength_nm)[0]
@@ -77,9 +74,9 @@ class CalibrationFrames:
         ]
 
     def mean_dark_frame(self, wavelength_nm: float, exposure_ms: float) -> Array:
-        """Average the calibration run's dark frames of an exposure.
+        """Average the dark frames that a calibration run took at an exposure.
 
-        Without any, the sensor's black level and dark current give it.
+        If there are none, the frame is computed from the sensor's black level and dark current.
         """
         dark = self.design.request.dark
         exposure = round(exposure_ms * 1e3) / 1e6
@@ -91,9 +88,9 @@ class CalibrationFrames:
         return np.mean([self.record.image(index) for index in indices], axis=0)
 
     def mean_light(self, pattern: str, wavelength_nm: float, dark: Array) -> tuple[Array, Array]:
-        """Average the calibration run's frames of a pattern, and subtract the dark frame.
+        """Average a calibration run's frames of a pattern, and subtract the dark frame.
 
-        Return the mean and its variance, both (rows, columns).
+        Returns the mean and its variance, both (rows, columns).
         """
         frames = self.raw_frames(pattern, wavelength_nm).astype(np.float64)
         sensor = self.camera.sensor
@@ -101,9 +98,9 @@ class CalibrationFrames:
         return frames.mean(axis=0) - dark, variance + frame_variance(dark, sensor) / 2
 
     def clipped_pixels(self, pattern: str, wavelength_nm: float) -> NDArray[np.bool_]:
-        """Mark pixels that are at full scale in any of a calibration run's frames of a pattern.
+        """Mark the pixels that are at full scale in any of a calibration pattern's frames.
 
-        The result is (rows, columns).
+        The mask is (rows, columns).
         """
         brightest = self.raw_frames(pattern, wavelength_nm).max(axis=0)
         return brightest >= self.camera.sensor.full_scale
@@ -111,13 +108,13 @@ class CalibrationFrames:
     def hot_pixels(self, dark: Array) -> NDArray[np.bool_]:
         """Mark the hot pixels of a calibration run's dark frame.
 
-        They exceed its median by more than 8 times the read noise and 1 DN.
+        A hot pixel exceeds the frame's median by more than 8 times the read noise plus 1 DN.
         """
         sensor = self.camera.sensor
         return dark - np.median(dark) > 8.0 * sensor.read_noise / sensor.gain + 1
 
     def _select_frames(self, wavelength_nm: float, **wanted: Any) -> list[int]:
-        """Select frames of the calibration run at a wavelength.
+        """Return the indices of the calibration run's frames at a wavelength.
 
         Plans round wavelengths to whole picometres.
         """
@@ -130,7 +127,7 @@ class CalibrationFrames:
 
 
 def validate_design(text: str, source: str) -> CalibrationDesign:
-    """Parse a calibration run's design from JSON; UserError if the text isn't a design."""
+    """Parse a calibration's design from JSON; UserError if the text isn't a design."""
     try:
         data = json.loads(text)
     except ValueError as error:

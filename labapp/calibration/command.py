@@ -75,7 +75,7 @@ class CalibrateOptions:
 def calibrate_bench(
     options: CalibrateOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
 ) -> None:
-    """Calibrate a bench, and print the calibration's results and the files' paths."""
+    """Calibrate a bench, and print the calibration's results and the paths of its files."""
     request = options.request()
     require_free_names(
         folder, (PLAN_FILE, RECORD_FILE, CALIBRATION_FILE, PICTURE_FILE), force=execution.force
@@ -105,7 +105,7 @@ def write_plan_only(
 
 
 def refit_record(record: Path, execution: ExecutionOptions) -> None:
-    """Fit an existing calibration run again, and write its file and picture beside the record."""
+    """Fit a calibration run's record again, and write the file and the picture beside it."""
     require_free_names(record.parent, (CALIBRATION_FILE, PICTURE_FILE), force=execution.force)
     with terminal_progress() as progress:
         found = fit_and_write(record, progress)

@@ -78,9 +78,9 @@ class CalibrationFits:
 
     @property
     def coupling_length(self) -> float:
-        """Return the panel's coupling in metres, as this calibration run fitted it.
+        """Return the panel's coupling in metres from the calibration's fit.
 
-        Without a fit, it is that of the description.
+        Without a fit, the value comes from the camera's description.
         """
         seen = [region.fit.blur for regions in self.responses.values() for region in regions]
         panel = self.camera.panel
@@ -88,10 +88,10 @@ class CalibrationFits:
 
 
 def fit_calibration(path: Path, progress: Progress | None = None) -> CalibrationFits:
-    """Run every fit for which a calibration run was recorded.
+    """Run every fit for which a calibration's record has frames.
 
-    UserError if it isn't a calibration's record, lacks frames, or a fit can't be trusted; it says
-    what to do at the bench.
+    Raises UserError if the file is another record, lacks frames, or gives a fit that can't be
+    trusted. The message says what to do at the bench.
     """
     progress = progress or Progress()
     with Record(path) as record:
@@ -122,7 +122,7 @@ def _raise_user_errors(path: Path, what: str) -> Iterator[None]:
 def _fit_wavelength(
     frames: CalibrationFrames, nm: float, fits: CalibrationFits, progress: Progress
 ) -> None:
-    """Run a calibration run's fits at one wavelength: registration, responses, zeroth order."""
+    """Run a calibration's fits at one wavelength: registration, responses and zeroth order."""
     request = frames.design.request
     progress.report(0.0, f"registration, {nm:g} nm")
     with _raise_user_errors(frames.record.path, f"registration at {nm:g} nm"):
@@ -137,10 +137,7 @@ def _fit_wavelength(
 
 
 def _fit_registration(frames: CalibrationFrames, nm: float) -> Registration:
-    """Fit the registration to the calibration run's steered spots and the neutral star.
-
-    The spots are those of the steering gratings.
-    """
+    """Fit a calibration's registration to the steering gratings' spots and the neutral star."""
     dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
     neutral, variance = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
     hot = frames.hot_pixels(dark)
@@ -262,10 +259,9 @@ def _fit_wavefront(frames: CalibrationFrames, fits: CalibrationFits, progress: P
 def _window(
     centre: tuple[float, float], shape: tuple[int, int]
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the window around the star for a calibration run's wavefront fit.
+    """Return the window around the star for a calibration's wavefront fit: first pixel and shape.
 
-    The values are its first pixel and its shape. The window reaches 24 pixels from the star's
-    middle, at most to the edge of the frame.
+    The window reaches 24 pixels from the star's middle, at most to the edge of the frame.
     """
     reach = 24
     low = [max(round(c) - reach, 0) for c in centre]

@@ -20,9 +20,9 @@ from optics.slm import grey_to_phase
 
 
 def draw_overview(fits: CalibrationFits, file: CalibrationFile) -> Figure:
-    """Draw a calibration run's overview: registration and sweep by wavelength, and wavefront.
+    """Draw a calibration's overview: registration and sweep for each wavelength, and the wavefront.
 
-    There is a row for each wavelength.
+    Each wavelength has a row of its own.
     """
     rows = len(fits.registrations) + (fits.wavefront is not None)
     figure = Figure(figsize=(17, 5.2 * rows + 0.6), dpi=100, layout="constrained")
@@ -131,9 +131,9 @@ def _draw_curves(axes: Axes, fits: CalibrationFits, regions: list[RegionFit], nm
 
 
 def _draw_light(axes: Axes, below: Axes, regions: list[RegionFit]) -> None:
-    """Draw a calibration run's sweep: light against the fitted phase step, residuals below.
+    """Draw a calibration's sweep: first orders' light against the phase step, and residuals below.
 
-    It is the light of the first orders.
+    The phase step is the fitted one.
     """
     for number, region in enumerate(regions):
         sweep, fit = region.sweep, region.fit

@@ -81,7 +81,7 @@ def result_data(result: CalibrationResult, folder: Path) -> dict[str, Any]:
 
 
 def print_tables(result: CalibrationResult, folder: Path) -> None:
-    """Print the calibration report: results with uncertainties, the advice, how to use the file."""
+    """Print a calibration report: results with uncertainties, advice, and how to use the file."""
     file = result.file
     print_table("Calibration", ["what", "found", "how well", "from"], result_rows(file))
     for line in advice(result):
@@ -171,9 +171,9 @@ def _wavefront_rows(one: WavefrontTable) -> list[Row]:
 
 
 def advice(result: CalibrationResult) -> list[str]:
-    """Return the calibration report's advice on what to check at the bench; empty if all is good.
+    """Return a calibration report's advice on what to check or change at the bench.
 
-    The advice also says what to change.
+    The list is empty if the calibration is good.
     """
     fits, file = result.fits, result.file
     return [

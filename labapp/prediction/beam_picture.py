@@ -117,7 +117,7 @@ def draw_beam(request: BeamRequest, path: Path) -> None:
 
 
 def _phase(request: BeamRequest) -> torch.Tensor | None:
-    """Return the phase of the panel by which a beam is predicted; None for a neutral panel."""
+    """Return the panel's phase for the prediction of a beam; None for a neutral panel."""
     if request.pattern is None:
         return None
     panel = request.camera.panel
@@ -152,7 +152,7 @@ def _panel_to_sensor_bounds(camera: Camera, field: tuple[float, float]) -> _Sect
 def _near_sensor_bounds(request: BeamRequest) -> _SectionBounds:
     """Return the extent of the predicted beam's picture around the sensor.
 
-    It shows some depths of focus, or more if the object is farther out of focus.
+    The picture shows some depths of focus, or more if the object is farther out of focus.
     """
     camera, lens = request.camera, request.camera.lens
     sensor = camera.separation + lens.image_distance
@@ -239,7 +239,7 @@ def _draw(axes: Axes, stretch: AxialSection, unit: float, name: str, dimmest: fl
 
 
 def _draw_elements(axes: Axes, request: BeamRequest, stretch: AxialSection) -> None:
-    """Draw panel, stop and sensor in the picture of a predicted beam, at their positions."""
+    """Draw panel, stop and sensor at their positions in the picture of a predicted beam."""
     camera = request.camera
     panel, lens = camera.panel, camera.lens
     line = partial(axes.plot, color="deepskyblue", linewidth=3, solid_capstyle="butt")

@@ -37,9 +37,9 @@ class LensCase:
 
     @property
     def pitch(self) -> float:
-        """Return the pitch of the predicted PSF's columns.
+        """Return the column pitch of the PSF to predict.
 
-        It is also that of its rows, if `is_clear_thin_on_axis`.
+        The rows have the same pitch if `is_clear_thin_on_axis`.
         """
         return self.pixels.pitch[1]
 
@@ -56,7 +56,7 @@ class LensCase:
 
     @property
     def name(self) -> str:
-        """Return the case of the PSF to predict in words: lens, light, object and window."""
+        """Describe the PSF to predict in words: its lens, light, object and window."""
         lens, pixels = self.lens, self.pixels
         object_, focus = (
             "at infinity" if d == float("inf") else f"at {d:g} m"
@@ -78,7 +78,7 @@ class LensCase:
 
 
 def _unusual_features(lens: Lens) -> list[str]:
-    """Return what is unusual in the lens of a PSF to predict, in words."""
+    """Name the unusual features of a predicted PSF's lens, such as blades or aberrations."""
     from optics.stop.aperture import Circle
 
     words: list[str] = []
@@ -93,9 +93,9 @@ def _unusual_features(lens: Lens) -> list[str]:
 
 
 def lens_option_defaults(camera: Camera) -> dict[str, float | str]:
-    """Return the lens options of a prediction that describe a camera's lens.
+    """Return the values of a prediction's lens options that describe a camera's lens.
 
-    They are given by their names and in their units.
+    The keys are the options' names, and the values are in the options' units.
     """
     lens = camera.lens
     return {
@@ -108,10 +108,10 @@ def lens_option_defaults(camera: Camera) -> dict[str, float | str]:
 
 
 def with_panel_in_front(case: LensCase, camera: Camera, given_options: Collection[str]) -> LensCase:
-    """Return the case of a PSF to predict with a camera's panel in front of the lens.
+    """Return the case of a PSF prediction with a camera's panel in front of the lens.
 
-    Opening, obscuration and aberrations are those of the camera, unless one of `given_options`
-    sets them.
+    Opening, obscuration and aberrations are those of the camera's lens, unless `given_options` sets
+    them.
     """
     stop, lens = camera.lens.stop, case.lens
     if {"blades", "rectangle"} & set(given_options):
@@ -124,10 +124,10 @@ def with_panel_in_front(case: LensCase, camera: Camera, given_options: Collectio
 
 
 def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
-    """Parse the options of the aperture stop through which a PSF is predicted.
+    """Parse the aperture stop's options for a PSF prediction.
 
     The stop has straight blades (0 for a round one), or is a rectangle "HEIGHTxWIDTH" in stop
-    diameters. obscuration is the radius of a central disc that hides it, in stop radii.
+    diameters. `obscuration` is the radius of the central disc that hides part of it, in stop radii.
     """
     if blades and rectangular:
         raise UserError("--blades and --rectangle: a stop is one or the other.")
@@ -146,9 +146,9 @@ def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
 
 
 def read_aberrations(texts: Sequence[str]) -> tuple[tuple[int, int, float], ...]:
-    """Parse the aberrations of a predicted PSF, "N,M,NANOMETRES".
+    """Parse the aberrations of a PSF to predict, each "N,M,NANOMETRES".
 
-    They are Zernike polynomials with their root mean square.
+    Each is a Zernike polynomial with its root mean square.
     """
     found = []
     for text in texts:
@@ -169,9 +169,9 @@ def read_centre(text: str) -> tuple[float, float]:
 
 
 def read_field(text: str) -> tuple[float, float]:
-    """Parse where the point of a predicted PSF is imaged, "Y,X", from millimetres to metres.
+    """Parse the image position "Y,X" of a predicted PSF's point on the sensor.
 
-    It is a position on the sensor.
+    The text is in millimetres, and the result in metres.
     """
     y, x = _numbers("--field", text, ",", 2)
     if not (math.isfinite(y) and math.isfinite(x)):
@@ -203,9 +203,9 @@ def read_window(size: int, pitch: float, centre: str) -> Plane:
 
 
 def read_panel(text: str) -> tuple[tuple[int, int], float]:
-    """Parse a panel "ROWSxCOLUMNSxMICROMETRES" behind which a PSF is predicted.
+    """Parse the panel "ROWSxCOLUMNSxMICROMETRES" for a PSF prediction.
 
-    The result is its shape and its pitch in metres.
+    Returns its shape and its pitch in metres.
     """
     try:
         rows, columns, pitch = (float(word) for word in text.split("x"))

@@ -60,9 +60,9 @@ def mean_psf(
 
 
 def _exposures(modulator: Modulator, greys: torch.Tensor) -> Iterator[Exposure]:
-    """Yield the exposures of which a predicted PSF is the mean.
+    """Yield the exposures over which a predicted PSF is averaged.
 
-    They are those of a still pattern, or of one period of a video.
+    A still pattern gives its own exposures, and a video those of one period.
     """
     if len(greys) == 1:
         for weight, modulation in modulator.still_fields(greys[0]):

@@ -64,9 +64,9 @@ class PSFRequest:
 
     @cached_property
     def camera(self) -> Camera | None:
-        """Return the camera whose PSF is predicted.
+        """Return the camera whose PSF is predicted; None for a lens without a panel.
 
-        It is the camera of the lens; for a pattern without a camera, that of the virtual bench.
+        A pattern without a camera is shown on the camera of the virtual bench.
         """
         if self.case.camera is not None or self.pattern is None:
             return self.case.camera
@@ -74,9 +74,9 @@ class PSFRequest:
 
     @property
     def point_options(self) -> dict[str, Any]:
-        """Return a prediction's options for the PSFOperator on the point.
+        """Return the options of a PSF prediction that concern the point, besides its distance.
 
-        The point's distance isn't among them.
+        The options are those of PSFOperator.
         """
         asked = {"field": self.field if any(self.field) else None, "sphere": self.sphere or None}
         return {name: value for name, value in asked.items() if value is not None}
@@ -84,7 +84,7 @@ class PSFRequest:
 
 @single_threaded
 def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool) -> None:
-    """Predict a PSF, print its account, and write it to a file with a picture beside it."""
+    """Predict a PSF, print how it was computed, and write it to a file with a picture beside it."""
     if request.camera is None:
         _require_lens_alone(request)
     grey = None if request.camera is None else _panel_greys(request.pattern, request.camera.panel)
@@ -122,7 +122,7 @@ def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool
 def _plan(
     request: PSFRequest, grey: NDArray[np.uint8] | None, speed: MachineSpeed
 ) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
-    """Return the planned operator of a PSF prediction, and the call that computes the PSF."""
+    """Plan a PSF prediction; return the operator and the call that computes the PSF."""
     case, camera = request.case, request.camera
     plan = partial(
         PSFOperator,
@@ -163,9 +163,9 @@ def _panel_greys(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
 
 
 def _light_budget(request: PSFRequest) -> dict[str, Any]:
-    """Return the light budget of a predicted PSF: shares through the stop, and unmodulated.
+    """Return the light shares that a PSF prediction reports, as plain data.
 
-    They are plain data.
+    They are the shares that pass the stop and that stay unmodulated.
     """
     camera = request.camera
     if camera is None:

@@ -79,7 +79,7 @@ class ChainReference(PSFReference):
 
     @property
     def product_count(self) -> float:
-        """Estimate how many products the exact integral of `labapp accuracy chain` takes."""
+        """Estimate how many products the slow reference of `labapp accuracy chain` takes."""
         # Costs of a Fresnel integral, of an exponential, and of a line besides both, as the number
         # of products that take the same time.
         fresnel_cost, exponential_cost, line_cost = 1000, 500, 2e6
@@ -101,9 +101,10 @@ class ChainReference(PSFReference):
         return lines * line + nodes * columns * place
 
     def _modulations(self) -> list[NDArray[np.complex128]]:
-        """Return the panel modulations that the reference of `labapp accuracy chain` takes.
+        """Return the panel modulations in the slow reference of `labapp accuracy chain`.
 
-        There is that of the pattern, and that of unmodulated light if there is any.
+        The first one is the pattern's. The second one stands for unmodulated light, if there is
+        any.
         """
         assert self._problem.phase is not None
         shown = np.exp(1j * self._problem.phase)
@@ -112,7 +113,7 @@ class ChainReference(PSFReference):
     def density(self, y: Array, x: Array) -> Array:
         """Return the slow reference of `labapp accuracy chain` at y and x, (y, x), per m².
 
-        It is the exact share of the light.
+        The values are exact shares of the light.
         """
         share = self._problem.camera.panel.unmodulated
         found = chain_density(self._problem.chain, self._modulations(), y, x)

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 def open_area_shares(stop: Stop, radius: float, plane: Plane) -> Array:
     """Return the share of each cell that a stop leaves open, for references of `labapp accuracy`.
 
-    The cells lie around the samples of the plane.
+    Each cell surrounds one sample of the plane.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def open_area_shares(stop: Stop, radius: float, plane: Plane) -> Array:
 
 
 def _edges(plane: Plane, radius: float) -> tuple[Array, Array]:
-    """Return the cell edges along y and x for an accuracy reference's open areas, in stop radii."""
+    """Return the edges of an accuracy reference's cells along y and x, in stop radii."""
     found = []
     for axis in (0, 1):
         middles, half = sample_positions(plane, axis), plane.pitch[axis] / 2
@@ -73,7 +73,7 @@ def _edges(plane: Plane, radius: float) -> tuple[Array, Array]:
 def _open_lengths(stop: Stop, height: float, left: Array) -> Array:
     """Return a line's open length in every cell, for references of `labapp accuracy`.
 
-    Lengths are in stop radii. The line is horizontal, at a height.
+    The line is horizontal at `height`. All lengths are in stop radii.
     """
     length = np.zeros(left.size - 1)
     for low, high in open_intervals(stop, height):

@@ -50,10 +50,10 @@ class StopLine:
 def lens_psf(
     lens: Lens, distance: float, wavelength: float, pixels: Plane, progress: Progress | None = None
 ) -> Array:
-    """Return the slow reference PSF of a lens with which `labapp accuracy` compares methods.
+    """Return a lens's slow reference PSF, with which `labapp accuracy` compares methods.
 
-    It is the share of a point's light on each sample of a plane: the density at the sample times
-    the area of a pixel.
+    Each value is the share of a point's light on one sample of a plane: the density at the sample
+    times the area of a pixel.
     """
     y, x = (sample_positions(pixels, axis) for axis in (0, 1))
     density = lens_psf_density(lens, distance, wavelength, y, x, progress)
@@ -68,10 +68,10 @@ def lens_psf_density(
     x: Array,
     progress: Progress | None = None,
 ) -> Array:
-    """Return the slow reference PSF of `labapp accuracy` for a lens, as light per square metre.
+    """Return a lens's slow reference PSF for `labapp accuracy`, as light per square metre.
 
-    It is given at positions y and x in metres, (y, x). It is the Fraunhofer integral of the stop
-    (thesis Eq. 3.1), summed directly along both axes.
+    The positions y and x are in metres; the result is (y, x). The Fraunhofer integral over the stop
+    (thesis Eq. 3.1) is summed directly along both axes.
     """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     tilt = 2 * np.pi * radius / scale
@@ -96,8 +96,8 @@ def lens_psf_density(
 def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) -> float:
     """Estimate how many nodes the slow reference of `labapp accuracy` takes for a window.
 
-    They are those of `lens_psf_density`. `farthest` is the distance in metres from the axis to the
-    farthest sample.
+    The estimate is for `lens_psf_density`. `farthest` is the distance in metres from the axis to
+    the farthest sample.
     """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     slope = NODE_MARGIN * (
@@ -109,7 +109,7 @@ def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) 
 def sample_positions(plane: Plane, axis: int) -> Array:
     """Return a plane's sample positions along an axis, for references of `labapp accuracy`.
 
-    They are in metres.
+    The positions are in metres.
     """
     index = np.arange(plane.shape[axis]) - plane.shape[axis] // 2
     return np.asarray(index * plane.pitch[axis] + float(plane.centre[axis]))
@@ -120,7 +120,7 @@ def _farthest(y: Array, x: Array) -> float:
 
 
 def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
-    """Yield the lines across a stop along which references of `labapp accuracy` integrate.
+    """Yield the lines across a stop that references of `labapp accuracy` integrate along.
 
     The weighted sum of integrals along the lines is the integral over the stop. `slope` is the
     steepest phase slope in radians per stop radius.
@@ -142,9 +142,9 @@ def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
 
 
 def _interval_end_speed(stop: Stop, low: float, high: float) -> float:
-    """Bound how fast ends of open intervals move along x, for references of `labapp accuracy`.
+    """Bound how fast the ends of open intervals move, for references of `labapp accuracy`.
 
-    They move along x; the speed is relative to the angle of the height. The ends on nearly
+    The speed is the distance that an end moves along x per angle of the height. Ends on nearly
     horizontal edges move far in a small step of the angle.
     """
     angles = np.linspace(-np.pi / 2, np.pi / 2, 65)[1:-1]
@@ -169,7 +169,7 @@ def _interval_rule(low: float, high: float, slope: float) -> tuple[Array, Array]
 def open_intervals(stop: Stop, height: float) -> list[Interval]:
     """Return a stop's open intervals on a horizontal line, for references of `labapp accuracy`.
 
-    They are in stop radii, as is the height of the line.
+    All lengths are in stop radii.
     """
     found = _intervals(stop.opening, height)
     for shape in stop.obscurations:
@@ -204,9 +204,9 @@ def _edges(polygon: Polygon) -> list[tuple[tuple[float, float], tuple[float, flo
 
 
 def break_heights(stop: Stop) -> list[float]:
-    """Return the heights that cut the quadrature of `labapp accuracy` over a stop, rising.
+    """Return the heights at which `labapp accuracy` cuts its integral over a stop, in rising order.
 
-    There, open intervals of the stop begin, end or meet.
+    Open intervals of the stop begin, end or meet at these heights.
     """
     shapes: Sequence[Shape] = (stop.opening, *stop.obscurations)
     found = [height for shape in shapes for height in _extremes(shape)]
@@ -219,7 +219,7 @@ def break_heights(stop: Stop) -> list[float]:
 def vertical_line_crossings(stop: Stop, x: float) -> list[float]:
     """Return where a stop's outlines cross a vertical line, for references of `labapp accuracy`.
 
-    The line is at x; the result is heights. All lengths are in stop radii.
+    The line is at x, and the result holds heights. All lengths are in stop radii.
     """
     low, high = break_heights(stop)[0] - 1, break_heights(stop)[-1] + 1
     found: list[float] = []
@@ -279,10 +279,11 @@ def _segment_crossings(
 
 
 def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Array) -> Array:
-    """Return the pupil phase for references of `labapp accuracy`, by code of their own, in radians.
+    """Return the pupil phase in radians for references of `labapp accuracy`.
 
-    It includes defocus and aberrations. It is given at a height y and many x. Positions are in stop
-    radii, distances, wavelength and aberrations in metres.
+    The phase includes defocus and aberrations at one height y and many x. Positions are in stop
+    radii; distances, wavelength and aberrations are in metres. The references have their own code
+    for it, so that they are independent of the methods that they test.
     """
     rho2 = y * y + x * x
     r2 = rho2 * (lens.stop_diameter / 2) ** 2
@@ -300,10 +301,10 @@ def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Arr
 
 
 def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
-    """Return a Zernike polynomial for references of `labapp accuracy`, by code of their own.
+    """Return a Zernike polynomial with an rms of 1, for references of `labapp accuracy`.
 
-    It is the sum of factorials of textbooks. Its rms is 1. The sum is accurate to a degree of about
-    twenty.
+    The polynomial is computed as the textbook sum of factorials, which is accurate to a degree of
+    about twenty.
     """
     k = abs(m)
     radial = sum(
@@ -319,9 +320,10 @@ def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def steepest_phase_slope(lens: Lens, distance: float, wavelength: float) -> float:
-    """Return the steepest pupil phase for references of `labapp accuracy`, in rad per stop radius.
+    """Estimate the steepest slope of the pupil phase for references of `labapp accuracy`.
 
-    It is estimated from samples of the phase along many lines.
+    The slope is in radians per stop radius. It is estimated from samples of the phase along many
+    lines.
     """
     found = 0.0
     x = np.linspace(-1, 1, 801)

@@ -60,28 +60,28 @@ class ImagingChain:
 
     @property
     def stop_extent(self) -> float:
-        """Return how far the reference of `labapp accuracy chain` reaches off axis, in metres.
+        """Return how far the stop reaches from the axis, for the `labapp accuracy chain` reference.
 
-        It is the largest distance of the stop along y or x.
+        The extent is the stop's largest distance from the axis along y or x, in metres.
         """
         return self.radius * _shape_extent(self.lens.stop.opening)
 
     @property
     def shadow_magnification(self) -> float:
-        """Return the panel shadow's magnification at the lens for `labapp accuracy chain`."""
+        """Return how much larger the panel's shadow is at the lens, for `labapp accuracy chain`."""
         return 1 + self.camera.separation / self.distance
 
     def tilt(self, axis: int) -> float:
-        """Return the tangent of the light's tilt at the panel for `labapp accuracy chain`.
+        """Return the tilt of a point's light at the panel for `labapp accuracy chain`.
 
-        It is that of the point's light at the centre of the panel.
+        The tilt is the tangent of the light's angle along an axis, at the centre of the panel.
         """
         return self.field[axis] / self.lens.image_distance * self.shadow_magnification
 
     def edges(self, axis: int) -> Array:
         """Return the edges of panel pixels for the reference of `labapp accuracy chain`.
 
-        They are both edges of each pixel along an axis, (pixels, 2), in metres.
+        The result holds both edges of each pixel along an axis, (pixels, 2), in metres.
         """
         panel = self.camera.panel
         half = panel.active_side / 2
@@ -91,8 +91,8 @@ class ImagingChain:
     def nodes_per_pixel(self) -> int:
         """Return how many nodes a panel pixel needs in the reference of `labapp accuracy chain`.
 
-        They are Gauss-Legendre nodes across the pixel. They resolve the wave on its way
-        to the far side of the stop.
+        The Gauss-Legendre nodes across the pixel resolve the wave on its way to the far side of the
+        stop.
         """
         half = self.camera.panel.active_side / 2
         far = max(np.abs(self.edges(axis)).max() for axis in (0, 1))
@@ -114,21 +114,20 @@ class ParabolicWavePixels:
         self._chain = chain
 
     def source_field(self, modulation: Field) -> Field:
-        """Return the field on the panel that `labapp accuracy chain` propagates exactly.
+        """Return the field on the panel that the reference of `labapp accuracy chain` propagates.
 
-        `propagation_matrix` propagates it.
+        The field is the modulation itself, because `propagation_matrix` includes the wave of the
+        point.
         """
         return modulation
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
         """Return every panel pixel's light at the lens for `labapp accuracy chain`.
 
-        It is (places, pixels).
-
-        This is the factor of one axis. The object is at -field (d + z1) / z2. With its wave, the
-        Fresnel kernel has the exponent i pi / wavelength times
-        (M / z1) (p - c)² + x² / z1 - (M / z1) c², where p is a position on the panel and
-        c = x / M - z1 field / z2. An infinitely far object is the limit.
+        The matrix, (places, pixels), is the factor of one axis. The object is at -field (d + z1) /
+        z2. With its wave, the Fresnel kernel has the exponent i pi / wavelength times (M / z1) (p -
+        c)² + x² / z1 - (M / z1) c², where p is a position on the panel and c = x / M - z1 field /
+        z2. An infinitely far object is the limit.
         """
         chain, wavelength, z1 = self._chain, self._chain.wavelength, self._chain.camera.separation
         spread = chain.shadow_magnification
@@ -156,9 +155,9 @@ class SphericalWavePixels:
         self._weights = half * weights
 
     def source_field(self, modulation: Field) -> Field:
-        """Return the wave at the nodes behind the panel for `labapp accuracy chain`, weighted.
+        """Return the weighted wave at the nodes behind the panel, for `labapp accuracy chain`.
 
-        The weights are those of the quadrature.
+        The weights are the nodes' quadrature weights.
         """
         down, along = (np.tile(self._weights, n) for n in modulation.shape)
         divided = modulation.repeat(self._count, 0).repeat(self._count, 1)
@@ -167,12 +166,12 @@ class SphericalWavePixels:
     def _spherical_wave(self) -> Field:
         """Return the spherical wave at the nodes for `labapp accuracy chain` (thesis Eq. 5.1).
 
-        A common phase is left out.
+        The wave leaves out a common phase.
 
-        The chief ray goes through the middle of the lens, and its direction has the sines
-        s = field / z2. It meets the panel at a distance r0 = d / sqrt(1 - s²) from the point. At
-        an offset p from there, r² = r0² + 2 r0 p·s + p², and therefore
-        r - r0 = (2 p·s + p² / r0) / (1 + r / r0). This form loses no digits for far objects.
+        The chief ray goes through the middle of the lens, and its direction has the sines s = field
+        / z2. It meets the panel at a distance r0 = d / sqrt(1 - s²) from the point. At an offset p
+        from there, r² = r0² + 2 r0 p·s + p², and therefore r - r0 = (2 p·s + p² / r0) / (1 + r /
+        r0). This form loses no digits for far objects.
         """
         chain = self._chain
         down, along = (f / chain.lens.image_distance for f in chain.field)
@@ -185,9 +184,9 @@ class SphericalWavePixels:
         return np.asarray(cosine / ratio * np.exp(2j * np.pi / chain.wavelength * path))
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
-        """Return the exact kernel from every node to the lens for `labapp accuracy chain`.
+        """Return the Fresnel kernel from every node to the lens, for `labapp accuracy chain`.
 
-        It is the Fresnel kernel along one axis, (places, nodes).
+        The kernel is that of one axis, (places, nodes).
         """
         chain, z1 = self._chain, self._chain.camera.separation
         path = (places[:, None] - (self._y, self._x)[axis]) ** 2 / z1
@@ -210,19 +209,18 @@ class LowRankModulations:
         self.parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     def apply_right_factors(self, kernel: Field) -> Field:
-        """Multiply a kernel of `labapp accuracy chain` by the panel's right factors.
+        """Multiply a kernel by the panel's right factors, for the slow accuracy reference.
 
-        The kernel is (places, columns), and the product (places, ranks).
+        The kernel is (places, columns), and the product is (places, ranks).
         """
         return np.concatenate([kernel if r is None else kernel @ r for r in self._right], axis=1)
 
 
 def _low_rank_factors(modulation: Field) -> tuple[Field, Field | None]:
-    """Factor a modulation to speed up the exact reference of `labapp accuracy chain`.
+    """Factor a panel modulation to speed up the slow reference of `labapp accuracy chain`.
 
-    The factors are (rows, rank) and (columns, rank).
-
-    The second factor is None where factoring saves nothing; it stands for the identity.
+    The factors are (rows, rank) and (columns, rank). The second factor is None where factoring
+    saves nothing; it stands for the identity.
     """
     rows, columns = modulation.shape
     corner = modulation[:20, :20]

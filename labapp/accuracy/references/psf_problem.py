@@ -78,9 +78,9 @@ class PSFProblem:
         return PANEL_METHODS if isinstance(self.optics, Camera) else METHODS
 
     def light(self, operator: PSFOperator) -> Array:
-        """Return the PSF that a method computes for this problem of `labapp accuracy`.
+        """Return the PSF that an operator computes for this problem of `labapp accuracy`.
 
-        It is in double precision.
+        The PSF is in double precision.
         """
         answer: Any = operator(None if self.phase is None else torch.from_numpy(self.phase))
         return np.asarray(answer, dtype=np.float64)
@@ -88,7 +88,8 @@ class PSFProblem:
     def build_reference(self, light: Array) -> PSFReference:
         """Return the slow reference with which `labapp accuracy` compares methods.
 
-        `light` is an approximate PSF to draw samples by.
+        `light` is an approximate PSF. The reference draws its samples mostly where the PSF is
+        bright.
         """
         return PSFReference(self, light)
 
@@ -111,10 +112,7 @@ class PSFReference:
         self._columns, self._column_weight = draw_samples(rng, np.abs(light).sum(0), count)
 
     def _pixel_quadrature_nodes(self) -> Array:
-        """Return the nodes over a sensor pixel in a reference of `labapp accuracy`, in pixels.
-
-        They lie along an axis.
-        """
+        """Return the nodes along an axis of a sensor pixel for an accuracy reference, in pixels."""
         if not self._problem.integrate:
             return np.zeros(1)
         lens, pitch = self._problem.lens, max(self._problem.pixels.pitch)
@@ -123,7 +121,7 @@ class PSFReference:
 
     @property
     def product_count(self) -> float:
-        """Estimate how many products the exact PSF of `labapp accuracy` takes."""
+        """Estimate how many products the slow reference PSF of `labapp accuracy` takes."""
         problem, side = self._problem, self._columns.size * self._nodes.size
         if isinstance(problem.optics, Camera):
             shape = problem.optics.panel.shape
@@ -133,19 +131,17 @@ class PSFReference:
         return node_count(problem.lens, problem.distance, problem.wavelength, corner) * side
 
     def error(self, light: Array) -> float:
-        """Return the error that `labapp accuracy` prints for a PSF, relative L2.
-
-        The PSF is (rows, columns).
-        """
+        """Return the relative L2 error that `labapp accuracy` prints for a PSF, (rows, columns)."""
         return float(
             np.linalg.norm(self.weighted_samples(light) - self.exact_samples)
             / np.linalg.norm(self.exact_samples)
         )
 
     def weighted_samples(self, light: Array) -> Array:
-        """Return a PSF's samples, weighted, that `labapp accuracy` compares with the reference.
+        """Return the weighted samples of a PSF that `labapp accuracy` compares with the reference.
 
-        These are the compared rows and columns. Their norm estimates that of the whole PSF.
+        The samples lie on the compared rows and columns. Their norm estimates that of the whole
+        PSF.
         """
         return self._apply_weights(light[np.ix_(self._rows, self._columns)])
 
@@ -168,7 +164,7 @@ class PSFReference:
     def _node_positions(self) -> tuple[Array, Array]:
         """Return where the slow reference of `labapp accuracy` is computed, y and x in metres.
 
-        These are all nodes in the compared pixels.
+        The positions are those of all nodes in the compared pixels.
         """
         pixels = self._problem.pixels
         y, x = (
@@ -180,9 +176,9 @@ class PSFReference:
         return y, x
 
     def density(self, y: Array, x: Array) -> Array:
-        """Return the slow reference of `labapp accuracy` as light per square metre, (y, x).
+        """Return the slow reference of `labapp accuracy` at positions y and x, (y, x).
 
-        It is exact at the positions y and x.
+        The values are exact shares of the light per square metre.
         """
         problem = self._problem
         if isinstance(problem.optics, Lens):
@@ -197,7 +193,7 @@ class PSFReference:
     def _panel_nodes(self) -> int:
         """Return how many nodes across a panel pixel a reference of `labapp accuracy` needs.
 
-        They are Gauss-Legendre nodes.
+        The nodes are those of a Gauss-Legendre rule.
         """
         problem = self._problem
         assert isinstance(problem.optics, Camera)
@@ -213,7 +209,8 @@ class PSFReference:
     def density_behind_panel(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
         """Return the slow reference of `labapp accuracy` for a panel in its lens's plane, per m².
 
-        It is a share of the light. Every open pixel of the panel is a square of one modulation.
+        The density is the share of light per square metre. Every open pixel of the panel is a
+        square of one modulation.
         """
         panel, lens, problem = camera.panel, camera.lens, self._problem
         scale, radius = problem.wavelength * lens.image_distance, lens.stop_diameter / 2

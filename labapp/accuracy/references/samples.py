@@ -13,7 +13,8 @@ def draw_samples(
 ) -> tuple[NDArray[np.int64], Real]:
     """Draw the samples on which `labapp accuracy` compares methods: half by light, half evenly.
 
-    Half of a sample's probability is in proportion to its light; the other half is even.
+    Half of a sample's probability is in proportion to its light; the other half is the same for
+    all.
 
     Parameters
     ----------

@@ -18,10 +18,10 @@ _SMALL_BENCH = {
 
 
 def small_bench_setup(scene: Path | None) -> BenchSetup:
-    """Return the bundled bench with few, large pixels, to compare predicted pictures on.
+    """Return a bench with few, large pixels, on which predicted pictures are compared.
 
-    Both sensor and panel have few and large pixels. The scene is the bundled photograph if it is
-    None. Raises UserError if it can't be read.
+    It is the bundled bench with a smaller sensor and panel. A `scene` of None stands for the
+    bundled photograph. Raises UserError if the scene can't be read.
     """
     return modified_bench_setup(scene, _SMALL_BENCH)
 
@@ -29,10 +29,10 @@ def small_bench_setup(scene: Path | None) -> BenchSetup:
 def modified_bench_setup(
     scene: Path | None, changes: Mapping[str, Mapping[str, float]]
 ) -> BenchSetup:
-    """Return the bundled bench before a scene, with changed keys, to predict pictures with.
+    """Return the bundled bench with changed keys in its tables, to predict pictures of a scene.
 
-    The keys are those of the bench's tables. The scene is the bundled photograph if it is None.
-    Raises UserError if it can't be read.
+    A `scene` of None stands for the bundled photograph. Raises UserError if the scene can't be
+    read.
     """
     files = BenchFiles.with_defaults(None, scene)
     data = read_file(files.bench, BenchFile).model_dump(mode="json")
