@@ -62,7 +62,7 @@ def _finite(value: Any) -> Any:
 
 
 def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
-    """Write an accuracy diagram to a file, in the format of its ending; do nothing for None."""
+    """Write an accuracy diagram to a file in the format of its ending; do nothing for None."""
     if plot is None:
         return
     buffer = io.BytesIO()

@@ -235,7 +235,7 @@ R = TypeVar("R", bound=Row)
 
 
 def mark_front(rows: Sequence[R]) -> list[R]:
-    """Return the work-precision rows, with those marked that no other beats in time and error."""
+    """Mark work-precision rows that no other row beats in both time and error; return all rows."""
 
     def is_dominated(row: R) -> bool:
         return any(

@@ -51,10 +51,7 @@ class CalibrationFrames:
         return CalibrationFrames(record, design, record.bench.build_camera())
 
     def raw_frames(self, pattern: str, wavelength_nm: float) -> NDArray[np.uint16]:
-        """Return the calibration run's frames of a pattern at a wavelength.
-
-        They are (frames, rows, columns).
-        """
+        """Return a calibration's frames of a pattern at a wavelength, (frames, rows, columns)."""
         indices = self._select_frames(
             wavelength_nm, target=self.design.request.star, pattern=pattern
         )

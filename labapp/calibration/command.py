@@ -47,9 +47,9 @@ class CalibrateOptions:
     star_m: float | None
 
     def request(self) -> CalibrationRequest:
-        """Convert the options of `labapp calibrate` to a calibration's request.
+        """Return the calibration request that the options of `labapp calibrate` describe.
 
-        UserError names a wrong one.
+        Raises UserError with the name of a wrong option.
         """
         rows, _, columns = self.regions.partition("x")
         if not (rows.isdigit() and columns.isdigit()):

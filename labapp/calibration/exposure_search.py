@@ -71,7 +71,7 @@ def first_bracket(camera: Camera) -> tuple[float, ...]:
 
 
 def _bracket(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
-    """Keep a calibration run's trial exposures within the sensor's range."""
+    """Limit a calibration's trial exposures to the sensor's range, in whole microseconds."""
     low, high = sensor.exposure_range
     return tuple(sorted({round(min(max(t, low), high) * 1e6) / 1e6 for t in wanted}))
 
@@ -136,9 +136,9 @@ def evaluate_trials(
 
 
 def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, float, float]:
-    """Measure the star in a calibration run's trial frame: brightest pixel, noise and width.
+    """Measure the star in a calibration's trial frame: brightest pixel, noise and the star's width.
 
-    The brightest pixel is above the background. Hot pixels are left out.
+    The brightest pixel is measured above the background. Hot pixels are left out.
     """
     frame = image.astype(np.float64)
     variance = frame_variance(frame, sensor)
@@ -215,8 +215,5 @@ def nominal_star_width(camera: Camera, wavelength_nm: float) -> float:
 
 
 def _milliseconds(seconds: float) -> float:
-    """Convert an exposure of a calibration run's plan from s to ms, to whole microseconds.
-
-    Cameras count in them.
-    """
+    """Convert a calibration exposure from s to ms, in whole microseconds as cameras count."""
     return round(seconds * 1e6) / 1e3

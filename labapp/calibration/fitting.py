@@ -60,10 +60,7 @@ class CalibrationFits:
 
     @property
     def calibrated_camera(self) -> Camera:
-        """Return the camera with the phase response that a calibration run gave.
-
-        It also has the unmodulated light that was fitted.
-        """
+        """Return the camera with the calibration's fitted phase response and unmodulated light."""
         panel = self.camera.panel
         if self.responses:
             curves = [[one.fit.phase for one in regions] for regions in self.responses.values()]
@@ -195,10 +192,10 @@ def _fit_responses(
 
 
 def _fit_zeroth_order(frames: CalibrationFrames, nm: float, fits: CalibrationFits) -> ZerothOrder:
-    """Measure the calibration run's unmodulated light: what steering gratings leave unsteered.
+    """Measure the unmodulated light that a calibration's steering gratings leave unsteered.
 
-    It lies in the zeroth order. The light that the gratings themselves leave there is computed from
-    the fitted response, and subtracted.
+    This light lies in the zeroth order. The light that the gratings themselves leave there is
+    computed from the fitted response, and subtracted.
     """
     dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
     neutral, _ = frames.mean_light(names.NEUTRAL_NAME, nm, dark)

@@ -57,9 +57,9 @@ def _wavelength_row(
 
 
 def _draw_spots(axes: Axes, fits: CalibrationFits, frames: CalibrationFrames, nm: float) -> None:
-    """Draw a calibration run's steered spots in one picture, with the registration's residuals.
+    """Draw a calibration's steered spots in one picture, with the registration's residuals.
 
-    The registration's grid is drawn, too.
+    The picture also shows the registration's grid.
     """
     found, design = fits.registrations[nm], fits.design
     dark = frames.mean_dark_frame(nm, design.exposures_at(nm).full_ms)

@@ -39,10 +39,9 @@ def labapp_(
         bool, typer.Option("--debug", help="Show the traceback of an error; for any command.")
     ] = False,
 ) -> None:
-    """Run a command of labapp: programmable optics for computational photography.
+    """Control programmable optics for computational photography from the command line.
 
-    A phase-only SLM in front of a camera lens makes the optics programmable. labapp
-    computes its patterns, runs acquisitions on a real or simulated bench, and undoes the
-    coding. Start with **labapp demo**, which needs no hardware, then open
-    **labapp gui**.
+    A phase-only SLM in front of a camera lens makes the optics programmable. labapp computes its
+    patterns, runs acquisitions on a real or simulated bench, and undoes the coding. Start with
+    **labapp demo**, which needs no hardware, then open **labapp gui**.
     """

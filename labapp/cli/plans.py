@@ -20,10 +20,7 @@ PlanArgument = Annotated[
 
 @plan.callback()
 def plan_() -> None:
-    """Run a command that checks, shows or lists acquisition plans; nothing is acquired.
-
-    Ready plans can be listed, and any plan checked and shown before it runs.
-    """
+    """Check, show and list acquisition plans by command, without acquiring anything."""
 
 
 @plan.command("check")
@@ -33,10 +30,10 @@ def plan_check_(
     scene: SceneOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Check what the argument PLAN needs, and whether --bench can run it; no device moves.
+    """Check what PLAN needs, and whether a bench (--bench) can run it; no device moves.
 
-    It prints the number of frames, the expected duration, the prompts, the disk space, and each
-    requirement beside what the bench has. Patterns are computed. The exit code is 1 if the run
+    The command prints the number of frames, the expected duration, the prompts, the disk space, and
+    each requirement beside what the bench has. Patterns are computed. The exit code is 1 if the run
     can't start, or if its pictures can't be reconstructed as the plan says. For instance
 
     **labapp plan check psf-over-wavelengths**
@@ -59,7 +56,7 @@ def plan_show_(
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Print the steps of the argument PLAN in order, with the time at which each is due.
+    """Print the steps of PLAN in order, with the time at which each is due (--all for every row).
 
     Frames that differ only in exposure time and repeat share a row. Dark frames and prompts are
     listed where they come. **--json** gives every frame. For instance

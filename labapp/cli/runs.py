@@ -37,9 +37,7 @@ def run(
     ],
     image: ImageOption = None,
 ) -> None:
-    """Run acquisition plans on the bench of --bench, and write every frame to --out at once.
-
-    What is written is a record.
+    """Run acquisition plans on a bench (--bench), and write each frame at once to a record (--out).
 
     In a terminal, **p** pauses after the current frame, **r** continues, Enter answers a prompt,
     and Ctrl-C ends the run safely: the SLM is neutral, the filter parked, the camera stopped, and
@@ -68,11 +66,10 @@ def resume(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Take the frames that the argument RUN.h5 lacks after a crash, a failure or Ctrl-C.
+    """Take the frames that the record RUN.h5 lacks after a crash, a failure or Ctrl-C.
 
-    RUN.h5 is the record of the interrupted run. Plan, patterns, seed and bench are read from the
-    record, so that the result is that of an uninterrupted run. Frames that are damaged in the
-    record are taken again. For instance
+    Plan, patterns, seed and bench are read from the record, so that the result is that of an
+    uninterrupted run. Frames that are damaged in the record are taken again. For instance
 
     **labapp resume wavelengths.h5**
     """

@@ -40,7 +40,7 @@ def existing_path(path: Path | None) -> Path | None:
 
 
 def find_scene_file(name: Path | None) -> Path | None:
-    """Return the file of a command's scene option, or None; UserError lists the bundled scenes."""
+    """Return the scene file of a command's option, or None; UserError lists the bundled scenes."""
     from labapp.files.file_lookup import find_scene
 
     return None if name is None else find_scene(name)
@@ -126,14 +126,14 @@ class RunOptions:
     json: JsonOption = False
 
     def bench_files(self, image: Path | None = None) -> BenchFiles:
-        """Return the files that the command's options open the bench from."""
+        """Return the bench's files that the command's options name."""
         from labapp.bench.opening import BenchFiles
 
         return BenchFiles.with_defaults(self.bench, self.scene, image, self.faults)
 
     @property
     def run_mode(self) -> ExecutionOptions:
-        """Return how the command's options execute a run: overwriting, prompts, speed, output."""
+        """Return the run settings of the command's options: overwriting, prompts, speed, output."""
         from labapp.runs.run_commands import ExecutionOptions
 
         return ExecutionOptions(self.force, self.yes, self.speed, self.json)
@@ -185,7 +185,7 @@ class DesignOptions:
     json: JsonOption = False
 
     def design_and_write(self, spec: StillPattern) -> None:
-        """Compute the pattern of a command's options, predict its PSF, and write both.
+        """Compute the pattern that the command's options describe, predict its PSF, and write both.
 
         Raises UserError for options that are wrong, or a pattern that the panel can't show.
         """
@@ -256,10 +256,10 @@ class PictureOptions:
         *,
         everything: bool = False,
     ) -> PictureRequest:
-        """Return the request for a picture on a bench that the command's options describe.
+        """Return the request for a picture that the command's options describe, on a bench.
 
-        `effect_options` decide what is left out, or the scene if they are None. `everything`
-        requests all effects at their finest.
+        `effect_options` decide which effects are left out; if they are None, the scene decides.
+        `everything` requests all effects at their finest.
         """
         from labapp.prediction.simulating.picture_request import (
             PictureRequest,

@@ -31,11 +31,11 @@ def explain(
     ] = 10,
     json: JsonOption = False,
 ) -> None:
-    """Explain which effects a picture of SCENE.toml needs, at which level (--set), and why.
+    """Explain which effects a simulated picture of SCENE.toml needs, at which level, and why.
 
-    The picture is simulated. For each effect it prints the level at which it is computed, the bound
-    of the error that this leaves, and the physics in a sentence. The sum of all bounds stays within
-    the tolerance. The exit code is 1 if **--audit** finds an error beyond its bound. For instance
+    For each effect the command prints the level at which it is computed, the bound of the error
+    that this leaves, and the physics in a sentence. The sum of all bounds stays within the
+    tolerance. The exit code is 1 if **--audit** finds an error beyond its bound. For instance
 
     **labapp explain bricks --tol 1e-3 --audit**
     """

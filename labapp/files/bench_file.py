@@ -27,12 +27,12 @@ class DeviceTable(FileModel):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether the device's table in the bench file names a simulated driver."""
+        """Whether this device table of a bench file names a simulated driver."""
         return self.driver.startswith("simulated-")
 
     @property
     def is_exclusive(self) -> bool:
-        """Whether only one application can open the device of this table in a bench file at a time.
+        """Whether only one application at a time can open the device of this bench-file table.
 
         Simulated devices, and targets that a person changes by hand, can be shared.
         """
@@ -53,7 +53,7 @@ class DevicesTable(FileModel):
 
     @property
     def tables(self) -> dict[str, DeviceTable]:
-        """The tables of all devices that the bench file has, by role."""
+        """The bench file's tables of all devices that it has, by role."""
         named = {name: getattr(self, name) for name in DevicesTable.model_fields}
         return {name: table for name, table in named.items() if table is not None}
 
@@ -77,7 +77,7 @@ class BenchFile(CameraFile):
     def is_real(self) -> bool:
         """Whether the bench file names any real device for a run.
 
-        The run's clock is then the wall clock.
+        A run with a real device follows the wall clock.
         """
         return not all(table.is_simulated for table in self.devices.run_devices.values())
 

@@ -72,9 +72,9 @@ class RegistrationTable(FileModel):
     image_distance_mm: Positive
 
     def build(self) -> Registration:
-        """Return the registration of a calibration file, without the residuals of the spots.
+        """Return a calibration file's registration, without the residuals of the spots.
 
-        The file has only their rms.
+        The file holds only the rms of the residuals.
         """
         return Registration(
             self.wavelength_nm * 1e-9,
@@ -145,9 +145,9 @@ class MeasuredResponseTable(FileModel):
 
     @property
     def phases(self) -> Any:
-        """The calibration file's phases, (rows, columns, levels), radians.
+        """The phases in a calibration file, (rows, columns, levels), in radians.
 
-        They are those of all regions and grey levels.
+        Rows and columns count the regions of the panel.
         """
         return np.array([curve.phase_rad for curve in self.curves]).reshape(*self.regions, -1)
 

@@ -105,7 +105,8 @@ class CameraFile(FileModel):
     def active_calibration(self) -> CalibrationFile | None:
         """The calibration that the camera file has or names; None if there is none.
 
-        It is read from its own file if need be. Raises UserError if the file can't be read.
+        If the camera file only names a calibration file, that file is read. Raises UserError if it
+        can't be read.
         """
         if isinstance(self.calibration, str):
             return read_file(Path(self.calibration), CalibrationFile)
@@ -113,9 +114,9 @@ class CameraFile(FileModel):
 
     @property
     def interference(self) -> float | None:
-        """Interference of modulated and unmodulated light by the camera file; None if unknown.
+        """Strength of the interference of modulated and unmodulated light in the camera file.
 
-        The value is the strength of the interference. The sum of their irradiances leaves this
+        None if the file doesn't describe the polarisation. The sum of their irradiances leaves this
         interference out; see optics.polarisation.PathEffect.
         """
         if self.polarisation is None:
@@ -127,9 +128,9 @@ class CameraFile(FileModel):
         return self.model_copy(update={"calibration": None})
 
     def build_camera(self) -> Camera:
-        """Return the camera file's calibrated camera; UserError if its calibration doesn't fit.
+        """Return the camera file's calibrated camera.
 
-        It doesn't fit if it is of another panel.
+        Raises UserError if the calibration is of another panel.
         """
         described = self._build_nominal_camera()
         calibration = self.active_calibration
@@ -150,9 +151,9 @@ class CameraFile(FileModel):
         return Camera(panel, lens, sensor, transmission, separation, self.glare)
 
     def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:
-        """Return the camera file's panel with its unmodulated share, and the transmission.
+        """Return the panel with the unmodulated share that the camera file's polarisation gives.
 
-        The transmission is that of everything else.
+        The second value is the camera's transmission, which includes the polarisation's.
         """
         if self.polarisation is None:
             return panel, self.transmission

@@ -24,7 +24,7 @@ class GreyPattern(Table):
 
     @property
     def depends_on_seed(self) -> bool:
-        """Whether the pattern of this plan-file table depends on the plan's seed."""
+        """Whether this pattern of a plan file depends on the plan's seed."""
         return False
 
     @property
@@ -33,14 +33,13 @@ class GreyPattern(Table):
         raise NotImplementedError
 
     def with_least_work(self) -> GreyPattern:
-        """Return the plan-file table with the least work that shows if its pattern is possible."""
+        """Reduce the work of a plan file's pattern to what shows whether it can be computed."""
         return self
 
     def grey_levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
-        """Return the grey levels that a plan-file table gives on the camera's panel.
+        """Return the grey levels, (rows, columns), of a plan file's pattern on the camera's panel.
 
-        They are (rows, columns). Picture files are read from `folder`. Raises UserError if the
-        panel can't show them.
+        Picture files are read from `folder`. Raises UserError if the panel can't show the levels.
         """
         raise NotImplementedError
 
@@ -115,7 +114,7 @@ class ImagePattern(GreyPattern):
 
 
 def read_grey_pattern(path: Path, panel: Panel) -> NDArray[np.uint8]:
-    """Read a picture file as grey levels of a pattern, (rows, columns).
+    """Read a picture file as a pattern's grey levels, (rows, columns).
 
     Raises UserError if the panel can't show them.
     """

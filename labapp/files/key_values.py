@@ -44,10 +44,7 @@ def describe_keys(model: type[Any], exclude: Collection[str] = ()) -> list[dict[
 
 
 def _fields(model: type[Any]) -> Mapping[str, FieldInfo]:
-    """Return the keys of a file's table by name.
-
-    They are the fields of a pydantic model or a dataclass.
-    """
+    """Return the keys of a file's table, a pydantic model or a dataclass, with their fields."""
     if issubclass(model, BaseModel):
         return model.model_fields
     hints = get_type_hints(model, include_extras=True)

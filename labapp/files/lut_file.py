@@ -43,13 +43,13 @@ class LutFile(LutTable):
 
 
 def read_lut(path: Path, levels: int) -> LutTable:
-    """Read the file of a panel's phase response, a look-up table.
+    """Read a panel's phase response from a look-up table file.
 
     TOML and JSON files hold a LutFile. Other files are text: the first line is `grey` and the
-    wavelengths in nm, and each further line is a level and its phases in units of pi, separated
-    by commas, semicolons or blanks. Missing levels are interpolated linearly, but the first and
-    the last level must be given. `#` begins a comment. Raises UserError with the file and, in
-    text files, the line.
+    wavelengths in nm, and each further line is a level and its phases in units of pi, separated by
+    commas, semicolons or blanks. Missing levels are interpolated linearly, but the first and the
+    last level must be given. `#` begins a comment. Raises UserError with the file and, in text
+    files, the line.
     """
     if path.suffix.lower() in (".toml", ".json"):
         return LutTable(**read_file(path, LutFile).model_dump(exclude={"version"}))
@@ -75,7 +75,7 @@ def read_lut(path: Path, levels: int) -> LutTable:
 
 
 def _parse_row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
-    """Parse a line of a look-up table's file: a grey level and its phases in units of pi."""
+    """Parse a line of a look-up table file: a grey level and its phases in units of pi."""
     values = parse_numbers(parts)
     if values is None or len(values) != length:
         raise UserError(

@@ -32,9 +32,9 @@ class MapTable(FileModel):
         return self.model_copy(update={"file": str(folder / self.file)})
 
     def build(self) -> PanelMap:
-        """Read the panel's map from its picture file; UserError if the file is no map.
+        """Read the panel's map from its picture file.
 
-        The same is raised if the file can't be read.
+        Raises UserError if the file can't be read or is no map.
         """
         return self._map(_values(Path(self.file)))
 
@@ -66,7 +66,7 @@ class FlatnessTable(MapTable):
 
 
 def _values(path: Path) -> NDArray[np.float64]:
-    """Read the numbers of a map's picture file, not decoded from sRGB."""
+    """Read the numbers in a map's picture file, without decoding them from sRGB."""
     values: NDArray[Any] | None = None
     if path.suffix.lower() == ".npy":
         with suppress(ValueError, EOFError):

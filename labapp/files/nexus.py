@@ -14,16 +14,16 @@ _PACKAGES = ("numpy", "scipy", "torch", "h5py")
 
 
 def create_group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
-    """Create an HDF5 group of a NeXus class in a file."""
+    """Create a group of a NeXus class in an HDF5 file."""
     made = parent.create_group(name)
     made.attrs["NX_class"] = kind
     return made
 
 
 def program_versions() -> dict[str, str]:
-    """Return the versions that go into an HDF5 file: those of labapp and of its libraries.
+    """Return the program versions that labapp writes into an HDF5 file.
 
-    There are labapp's version and commit, and the versions of what computed results depend on.
+    They are labapp's version and commit, and the versions of what computed results depend on.
     """
     found = {name: version(name) for name in _PACKAGES}
     own = {"labapp": labapp.__version__, "commit": source_commit() or "unknown"}

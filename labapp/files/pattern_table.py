@@ -33,10 +33,7 @@ RetrievalMethod = Literal[
 
 
 def _tagged_union(tables: Iterable[Any], tag: str) -> Any:
-    """Return the union type of several file tables, told apart by a key `tag`.
-
-    pydantic tells them apart by it.
-    """
+    """Return the union type of several file tables, which pydantic tells apart by a key `tag`."""
     return Annotated[reduce(operator.or_, tables), Field(discriminator=tag)]
 
 
@@ -84,7 +81,7 @@ class SumPattern(PhasePattern):
     @model_validator(mode="before")
     @classmethod
     def _inherit_wavelength(cls, table: Any) -> Any:
-        """Give the wavelength in a sum's plan-file table to those parts that have none."""
+        """Give the wavelength of a plan file's sum to those of its parts that have none."""
         if not (isinstance(table, dict) and "wavelength_nm" in table and "parts" in table):
             return table
         shared = {"wavelength_nm": table["wavelength_nm"]}
@@ -169,10 +166,7 @@ class VideoPattern(FileModel):
         return f"video of {self.length}" + (f" x {self.pattern.label}" if self.pattern else "")
 
     def with_least_work(self) -> VideoPattern:
-        """Return the plan-file table with the least work that shows if its video is possible.
-
-        It is possible if it can be computed.
-        """
+        """Reduce the work of a plan file's video to what shows whether it can be computed."""
         if self.pattern is None:
             return self
         return self.model_copy(update={"pattern": self.pattern.with_least_work(), "count": 2})

@@ -38,27 +38,21 @@ class PhasePattern(Table):
 
     @property
     def wavelength(self) -> float:
-        """Wavelength in metres that a plan-file table gives for its pattern."""
+        """Wavelength in metres for which a plan file's pattern is made."""
         return self.wavelength_nm * 1e-9
 
     @property
     def depends_on_seed(self) -> bool:
-        """Whether the pattern of this plan-file table depends on the plan's seed."""
+        """Whether this pattern of a plan file depends on the plan's seed."""
         return False
 
     @property
     def label(self) -> str:
-        """The description of a plan file's pattern on the screen and in records.
-
-        It gives its kind and sizes.
-        """
+        """The description of a plan file's pattern on the screen and in records: kind and sizes."""
         return f"{self.summary} for {self.wavelength_nm:g} nm"
 
     def with_least_work(self) -> PhasePattern:
-        """Return the plan-file table with the least work that shows if its pattern is possible.
-
-        It is possible if it can be computed.
-        """
+        """Reduce the work of a plan file's pattern to what shows whether it can be computed."""
         return self
 
 
@@ -66,7 +60,7 @@ class FormulaPattern(PhasePattern):
     """A pattern whose phase is given by a formula, without iterations."""
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
-        """Return the phase that a plan-file table gives on the panel, (rows, columns), radians.
+        """Return the phase of a plan file's pattern on the panel, (rows, columns), in radians.
 
         Raises ValueError if the panel can't show it.
         """
@@ -328,9 +322,9 @@ def _metres(millimetres: float | None) -> float | None:
 
 
 def _illuminated_radius(camera: Camera) -> float:
-    """Return the radius in metres that a plan-file table's pattern has by default.
+    """Return the default radius in metres of a plan file's round patterns.
 
-    It is that of the disc on the panel whose light passes the stop.
+    The default is the radius of the disc on the panel whose light passes the stop.
     """
     from optics.stop_shadow import with_stop_shadow_on_panel
 

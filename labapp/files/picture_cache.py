@@ -15,7 +15,7 @@ _pictures: WeakValueDictionary[tuple[str, int], NDArray[np.float32]] = WeakValue
 
 
 def cached_picture(file: str) -> NDArray[np.float32]:
-    """Read a picture file as linear red, green and blue; again only if the file has changed.
+    """Return a picture file as linear red, green and blue; read it again only if it has changed.
 
     Targets of the same picture share one array.
     """

@@ -116,7 +116,7 @@ class Acquisition(FileModel):
         return self
 
     def length(self, axis: Axis) -> int:
-        """Return the number of values that an axis has in a plan file's block."""
+        """Return the number of values that an axis has in a block of a plan file."""
         values = {
             "target": self.targets,
             "pattern": self.patterns,
@@ -150,9 +150,9 @@ class Reconstruction(FileModel):
 
     @property
     def wavelength(self) -> float | None:
-        """Wavelength in a plan file's table [reconstruct], in metres; None for the plan's only one.
+        """Wavelength in metres of the frames that a plan file's table [reconstruct] selects.
 
-        It is that of the reconstructed frames.
+        None stands for the plan's only wavelength.
         """
         return None if self.wavelength_nm is None else self.wavelength_nm * 1e-9
 

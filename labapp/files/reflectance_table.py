@@ -27,9 +27,9 @@ PAINTS: dict[str, tuple[float, float, float]] = {
 
 
 def _validate_reflectance(value: Any) -> Any:
-    """Check a scene file's reflectance, so that a wrong one gives one error instead of four.
+    """Check a scene file's reflectance before pydantic tries each kind of reflectance.
 
-    This comes before pydantic tries each kind of reflectance.
+    This check gives one error for a wrong reflectance instead of four.
     """
     shares = value if isinstance(value, list | tuple) else [value]
     if isinstance(value, str):
@@ -67,14 +67,14 @@ def reflectance_spectrum(surface: Reflectance) -> Spectrum:
 
 
 def mallett_basis() -> Basis:
-    """Read the file of reflectance spectra of sRGB's primaries by Mallett and Yuksel (2019)."""
+    """Read the file with the reflectance spectra of sRGB's primaries, Mallett and Yuksel (2019)."""
     table = bundled_spectra("mallett2019")
     return basis_of(table["red"], table["green"], table["blue"])
 
 
 def reflectance_basis(spectra: Literal["mallett", "primaries"]) -> Basis:
-    """Return the reflectance spectra that a scene file's key `spectra` names.
+    """Return the basis of reflectance spectra that a scene file's key `spectra` names.
 
-    By this basis, a photograph's colours are converted to reflectances.
+    The basis converts a photograph's colours to reflectances.
     """
     return mallett_basis() if spectra == "mallett" else primaries()

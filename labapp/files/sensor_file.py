@@ -115,9 +115,9 @@ class SensorTable(FileModel):
 
     @property
     def has_all_curves(self) -> bool:
-        """Whether the sensor file's table has all curves of quantum efficiency itself.
+        """Whether the sensor file itself holds all curves of quantum efficiency.
 
-        Otherwise, one of them is in another file.
+        Otherwise, at least one curve is in another file.
         """
         curves = [
             self.quantum_efficiency,
@@ -126,7 +126,7 @@ class SensorTable(FileModel):
         return not any(isinstance(one, CurveFile) for one in curves)
 
     def resolve_files(self, folder: Path) -> Self:
-        """Return the sensor's table with its curves read from their files in `folder`.
+        """Return a sensor file's table with its curves read from their files in `folder`.
 
         Raises UserError with file, line and value.
         """

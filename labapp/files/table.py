@@ -72,7 +72,7 @@ class Table:
 
     @property
     def summary(self) -> str:
-        """A few words on the kind and sizes in a plan file's table."""
+        """Describe the kind and sizes in a plan file's table in a few words."""
         return self.summary_template.format(**vars(self))
 
 
@@ -83,7 +83,7 @@ def tag_value(table: type[Table], key: str) -> str:
 
 
 def keys_of(table: type[Any]) -> Iterator[tuple[str, type[Any], Key]]:
-    """Yield the keys of a plan file's table in their order: name, type and Key.
+    """Yield the name, the type and the Key of each key of a plan file's table, in their order.
 
     Fields without a Key are left out.
     """
@@ -97,5 +97,5 @@ def keys_of(table: type[Any]) -> Iterator[tuple[str, type[Any], Key]]:
 
 
 def unit_of(key: str) -> str:
-    """Return the unit in which the name of a file's key ends; empty if it has none."""
+    """Return the unit at the end of a file key's name; empty if it has none."""
     return next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")

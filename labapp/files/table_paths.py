@@ -17,7 +17,7 @@ PATH_KEYS = frozenset({"file", "disparity", "depth"})
 def with_absolute_paths(table: M, folder: Path) -> M:
     """Return a file's table with absolute paths of the files that it names.
 
-    Tables within it are included. Paths are relative to `folder`.
+    Relative paths start at `folder`. Tables within the table are included.
     """
     changes = {
         name: _make_absolute(name, getattr(table, name), folder)

@@ -10,7 +10,7 @@ from labapp.files.reading import read_text
 
 
 def table_lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Return the lines of a text table's file with their numbers, split into cells.
+    """Return the numbered lines of a text table's file, split into cells.
 
     The separator is a semicolon if there is any in the file, else a comma, else blanks. Text after
     # is a comment, and empty lines are left out. Raises UserError if the file isn't text.

@@ -160,9 +160,9 @@ def read_aberrations(texts: Sequence[str]) -> tuple[tuple[int, int, float], ...]
 
 
 def read_centre(text: str) -> tuple[float, float]:
-    """Parse the centre "Y,X" of a predicted PSF's window, from micrometres to metres.
+    """Parse the centre "Y,X" of a predicted PSF's window on the sensor.
 
-    It lies on the sensor.
+    The text is in micrometres, and the result in metres.
     """
     y, x = _numbers("--centre", text, ",", 2)
     return y * 1e-6, x * 1e-6
@@ -190,10 +190,7 @@ def _numbers(option: str, text: str, separator: str, count: int) -> list[float]:
 
 
 def read_window(size: int, pitch: float, centre: str) -> Plane:
-    """Return a predicted PSF's square window of `size` pixels around a point "Y,X".
-
-    The point lies on the sensor.
-    """
+    """Return a predicted PSF's square window of `size` pixels around the sensor's point "Y,X"."""
     if size < 1:
         raise UserError(f"--size {size}: a window has at least 1 pixel.")
     place = read_centre(centre)

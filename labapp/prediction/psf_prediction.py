@@ -64,9 +64,9 @@ class PSFRequest:
 
     @cached_property
     def camera(self) -> Camera | None:
-        """Return the camera whose PSF is predicted; None for a lens without a panel.
+        """Return the camera whose PSF is predicted; None for a lens alone.
 
-        A pattern without a camera is shown on the camera of the virtual bench.
+        For a pattern without a camera it is the virtual bench's camera with the requested lens.
         """
         if self.case.camera is not None or self.pattern is None:
             return self.case.camera
@@ -153,10 +153,7 @@ def _require_lens_alone(request: PSFRequest) -> None:
 
 
 def _panel_greys(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
-    """Return the panel's grey levels for a PSF prediction, from a picture file.
-
-    They are all 0 without one.
-    """
+    """Read the panel's grey levels for a PSF prediction from a picture; all 0 without a picture."""
     if pattern is None:
         return np.zeros(panel.shape, dtype=np.uint8)
     return read_grey_pattern(pattern, panel)

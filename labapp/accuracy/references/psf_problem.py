@@ -239,8 +239,5 @@ class PSFReference:
 
 
 def window_corner_distance(problem: PSFProblem) -> float:
-    """Return how far from the axis a window of `labapp accuracy` reaches, in metres.
-
-    It is the distance to the farthest corner.
-    """
+    """Return how far a `labapp accuracy` window's farthest corner is from the axis, in metres."""
     return math.hypot(*(np.abs(sample_positions(problem.pixels, axis)).max() for axis in (0, 1)))
