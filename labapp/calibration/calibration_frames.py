@@ -35,7 +35,7 @@ class CalibrationFrames:
 
     @staticmethod
     def of(record: Record) -> CalibrationFrames:
-        """Open a calibration run's record; UserError if it is another record or isn't complete."""
+        """Open a calibration run's record; UserError if it is of another kind or incomplete."""
         text = record.plan.metadata.get(names.DESIGN_KEY)
         if not isinstance(text, str):
             raise UserError(

@@ -87,8 +87,8 @@ class CalibrationFits:
 def fit_calibration(path: Path, progress: Progress | None = None) -> CalibrationFits:
     """Run every fit for which a calibration's record has frames.
 
-    Raises UserError if the file is another record, lacks frames, or gives a fit that can't be
-    trusted. The message says what to do at the bench.
+    Raises UserError if the record isn't that of a calibration, lacks frames, or gives a fit that
+    can't be trusted. The message says what to do at the bench.
     """
     progress = progress or Progress()
     with Record(path) as record:

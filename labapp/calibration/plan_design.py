@@ -105,8 +105,8 @@ def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
 def _defocus_pattern(camera: Camera, waves: float, wavelength: float) -> NDArray[np.uint8]:
     """Compute a calibration's defocus pattern, wrapped at whole waves.
 
-    The wraps are as many waves apart as the panel's range holds, which makes them as few as
-    possible.
+    The wraps are as many whole waves apart as the panel's range holds. This keeps the number of
+    phase jumps as small as possible.
     """
     y, x = camera.panel.plane.mesh()
     phase = 2 * math.pi * waves * (y**2 + x**2) / open_pupil_radius(camera) ** 2

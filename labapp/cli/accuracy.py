@@ -69,7 +69,7 @@ def accuracy_psf_(
         ),
     ] = None,
 ) -> None:
-    """Measure the error and time of every method for the PSF of a lens (such as --f-number 16).
+    """Measure the error and time of every method for a lens's PSF (--focal-length, --f-number).
 
     Further options describe its stop, its aberrations, the object and the window.
 

@@ -256,7 +256,7 @@ class PictureOptions:
         *,
         everything: bool = False,
     ) -> PictureRequest:
-        """Return the request for a picture that the command's options describe, on a bench.
+        """Return the request for a picture on a bench, as the command's options describe it.
 
         `effect_options` decide which effects are left out; if they are None, the scene decides.
         `everything` requests all effects at their finest.
