@@ -98,9 +98,9 @@ class PanelTable(FileModel):
         return replace(panel, response=self.response.build(panel))
 
     def resolve_files(self, folder: Path) -> PanelTable:
-        """Return a panel file's table with its response file read, and absolute paths of pictures.
+        """Return a panel file's table with its look-up table read, and absolute paths of pictures.
 
-        Paths are relative to `folder`. Raises UserError if the response file can't be read.
+        Paths are relative to `folder`. Raises UserError if the look-up table can't be read.
         """
         change: dict[str, Any] = {}
         if self.lut is not None:

@@ -124,7 +124,7 @@ class PictureTargetTable(IlluminatedTargetTable):
     credit: str = ""
 
     def picture_arguments(self, lamps: Lamps) -> dict[str, Any]:
-        """Return a simulated target's size, offset and light by a scene file's table."""
+        """Return a simulated target's size, offset and light as a scene file's table gives them."""
         y, x = self.offset_mm
         return {
             "cover": self.cover,

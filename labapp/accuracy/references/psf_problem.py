@@ -88,7 +88,7 @@ class PSFProblem:
     def build_reference(self, light: Array) -> PSFReference:
         """Return the slow reference with which `labapp accuracy` compares methods.
 
-        `light` is an approximate PSF. The reference draws its samples mostly where the PSF is
+        `light` is an approximate PSF. The reference draws its samples more often where this PSF is
         bright.
         """
         return PSFReference(self, light)
