@@ -57,7 +57,7 @@ class Frame:
 
 
 def checksum(image: NDArray[np.uint16]) -> int:
-    """Return the CRC-32 of a picture's bytes, row by row."""
+    """Return a picture's CRC-32, row by row, as a camera device may give it in Frame.checksum."""
     return zlib.crc32(np.ascontiguousarray(image).data)
 
 
@@ -67,7 +67,7 @@ class Clock(Protocol):
     def now(self) -> float: ...
 
     def wait_until(self, time: float, cancelled: Callable[[], bool]) -> None:
-        """Return at `time`, or soon after `cancelled()` becomes true."""
+        """Let a device or another caller wait until `time`, or soon after `cancelled()` is true."""
         ...
 
 
@@ -89,16 +89,16 @@ class Device(Protocol):
 
     @property
     def reply_time(self) -> float:
-        """Seconds within which the device documents that it answers a call, besides an exposure."""
+        """Documented seconds within which a device answers a call, in addition to an exposure."""
         ...
 
     @property
     def settling(self) -> float:
-        """Longest time in seconds until a new setting of the device stands."""
+        """Longest time in seconds until a new setting of a device stands."""
         ...
 
     def make_safe(self) -> None:
-        """Put the device into a state in which it may be left alone; may be called twice."""
+        """Put a device into a state in which it may be left alone; may be called twice."""
         ...
 
     def __enter__(self) -> Self: ...
@@ -119,18 +119,18 @@ class SLM(Device, Protocol):
 
     @property
     def displayed_pattern(self) -> str:
-        """Identifier of the pattern that the SLM shows now."""
+        """Identifier of the pattern that an SLM device shows now."""
         ...
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]: ...
 
     @property
     def frame_time(self) -> float:
-        """Seconds for which the SLM shows each frame of a video."""
+        """Seconds for which an SLM device shows each frame of a video."""
         ...
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
-        """Show the frames (n, rows, columns) of a video on the SLM in an endless loop."""
+        """Show a video's frames (n, rows, columns) on an SLM device in an endless loop."""
         ...
 
 
@@ -142,7 +142,7 @@ class SpectralFilter(Device, Protocol):
 
     @property
     def bandwidth(self) -> float:
-        """Full width at half maximum of the filter's band, in metres."""
+        """Full width at half maximum of a filter device's band, in metres."""
         ...
 
     @property
@@ -181,7 +181,7 @@ class Camera(Device, Protocol):
 
     @property
     def full_scale(self) -> int:
-        """Digital number at which a pixel of the camera counts as clipped."""
+        """Digital number at which a pixel of a camera device counts as clipped."""
         ...
 
     @property
@@ -189,7 +189,7 @@ class Camera(Device, Protocol):
 
     @property
     def frame_time(self) -> float:
-        """Seconds from the end of the camera's exposure to the picture in memory."""
+        """Seconds from the end of a camera device's exposure to the picture in memory."""
         ...
 
     def set_exposure(self, exposure: float) -> Setting[float]: ...
@@ -225,7 +225,7 @@ class Spectroradiometer(Device, Protocol):
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
-        """Wavelengths at which the spectroradiometer measures, in metres, (n,)."""
+        """Wavelengths at which a spectroradiometer device measures, in metres, (n,)."""
         ...
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum: ...
@@ -236,7 +236,7 @@ class TargetChanger(Device, Protocol):
 
     @property
     def by_hand(self) -> bool:
-        """Whether a person places the targets, who must be asked and waited for."""
+        """Whether a person, who must be asked and waited for, places this device's targets."""
         ...
 
     @property

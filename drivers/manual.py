@@ -46,7 +46,7 @@ class ManualTargets:
         return Setting(name, name, self._clock.now() + self.settling)
 
     def make_safe(self) -> None:
-        """Do nothing: a target that was placed by hand is always safe."""
+        """Do nothing in this driver, because a target that was placed by hand is always safe."""
 
     def __enter__(self) -> Self:
         return self

@@ -7,7 +7,7 @@ from typing import TypeGuard
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether an option is a finite number; true and false don't count."""
+    """Return whether a driver's option is a finite number; true and false don't count."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 

@@ -15,14 +15,17 @@ class Port:
 
 
 def serial_ports() -> list[Port]:
-    """List the serial ports that pyserial finds."""
+    """List the serial ports that pyserial finds on this computer, for drivers to use."""
     from serial.tools import list_ports
 
     return [Port("serial", p.device, p.description or "") for p in list_ports.comports()]
 
 
 def usb_devices() -> list[Port]:
-    """List the USB devices as vendor:product, with the libusb of the package libusb-package."""
+    """List this computer's USB devices as vendor:product, for drivers to use.
+
+    The devices are found with the libusb of the package libusb-package.
+    """
     import libusb_package
     import usb.core
 
@@ -34,7 +37,7 @@ def usb_devices() -> list[Port]:
 
 
 def cameras() -> list[Port]:
-    """List the GigE Vision and USB3 Vision cameras that answer, which takes a second.
+    """List the GigE Vision and USB3 Vision cameras that answer a driver; takes a second.
 
     Raises DeviceError if Aravis isn't installed.
     """
@@ -47,7 +50,7 @@ def cameras() -> list[Port]:
 
 
 def screens() -> list[Port]:
-    """List the screens of this session's X server; the list is empty without an X server.
+    """List the screens of this session's X server, for drivers to use; empty without a server.
 
     Raises DeviceError if the X server can't be asked.
     """

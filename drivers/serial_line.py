@@ -48,7 +48,7 @@ _ERRNO_EXPLANATIONS = {
 
 
 def port_errors() -> tuple[type[BaseException], ...]:
-    """Return the exception classes that a serial port may raise on this system."""
+    """Return the exception classes that a driver's serial port may raise on this system."""
     import serial
 
     errors: tuple[type[BaseException], ...] = (serial.SerialException, OSError, ValueError)
@@ -89,16 +89,16 @@ class SerialLine:
 
     @property
     def is_cancelled(self) -> bool:
-        """Whether cancel() was called, after which the device can't be used any more."""
+        """Whether the serial line was cancelled, so that its driver can't use it any more."""
         return self._cancelled.is_set()
 
     @property
     def time_left(self) -> float:
-        """Seconds until the time limit of within(); infinite outside of it."""
+        """Seconds until the serial line's time limit set by within(); infinite outside of it."""
         return self._until - self.clock.now()
 
     def open(self, command: str = "open") -> None:
-        """Open the serial port for exclusive use, unless it is open already."""
+        """Open the driver's serial port for exclusive use, unless it is open already."""
         if self._port is not None:
             return
         self._require_not_cancelled(command)
@@ -122,7 +122,7 @@ class SerialLine:
             raise self._close_with_error(command, error) from error
 
     def unplugged_reason(self) -> str | None:
-        """Return why the device counts as unplugged, or an empty string while its port is there.
+        """Return why a driver's serial device counts as unplugged; empty while its port exists.
 
         It looks only for the port's file and sends nothing; it returns None for a port that isn't
         a file. Any thread may call it.
@@ -132,7 +132,7 @@ class SerialLine:
         return "" if os.path.exists(self.url) else f"port {self.url} isn't there any more"
 
     def close(self) -> None:
-        """Close the serial port; this never raises."""
+        """Close the driver's serial port; this never raises."""
         port, self._port = self._port, None
         self.in_sync = False
         self._buffer.clear()
@@ -141,11 +141,12 @@ class SerialLine:
                 port.close()
 
     def reopen(self, command: str = "open again") -> None:
+        """Close the driver's serial port, and open it again."""
         self.close()
         self.open(command)
 
     def cancel(self) -> None:
-        """End the present read and all later ones; any thread may call it."""
+        """End the present read of the driver's serial line and all later ones; from any thread."""
         self._cancelled.set()
         port = self._port
         if port is not None and hasattr(port, "cancel_read"):
@@ -154,7 +155,10 @@ class SerialLine:
 
     @contextlib.contextmanager
     def within(self, seconds: float) -> Iterator[None]:
-        """Limit the total time of all reads in this context, whatever their own timeouts are."""
+        """Limit the total time of all reads of the driver's serial line in this context.
+
+        The limit holds whatever the timeouts of the single reads are.
+        """
         before = self._until
         self._until = min(before, self.clock.now() + seconds)
         try:
@@ -163,7 +167,7 @@ class SerialLine:
             self._until = before
 
     def write(self, data: bytes, command: str) -> None:
-        """Send bytes to the device; a closed port is opened first."""
+        """Send bytes over the driver's serial line; a closed port is opened first."""
         self.open(command)
         try:
             self._port.write(data)
@@ -171,11 +175,11 @@ class SerialLine:
             raise self._close_with_error(command, error) from error
 
     def read(self, count: int, command: str, seconds: float) -> bytes:
-        """Read exactly `count` bytes from the device within `seconds`."""
+        """Read exactly `count` bytes from the driver's serial line within `seconds`."""
         return self._read_bytes(lambda held: count if len(held) >= count else 0, command, seconds)
 
     def read_until(self, end: bytes, command: str, seconds: float) -> bytes:
-        """Read the device's bytes up to and including the next `end`, within `seconds`."""
+        """Read from the driver's serial line up to and including `end`, within `seconds`."""
 
         def length(held: bytearray) -> int:
             found = held.find(end)
@@ -184,7 +188,7 @@ class SerialLine:
         return self._read_bytes(length, command, seconds)
 
     def has_received(self, end: bytes, command: str, seconds: float) -> bool:
-        """Return whether an `end` has arrived from the device, waiting up to `seconds` for it.
+        """Return whether an `end` has arrived on the driver's serial line within `seconds`.
 
         Raises DeviceError when the time of within() is over.
         """
@@ -200,7 +204,7 @@ class SerialLine:
         return True
 
     def drain(self, quiet: float, timeout: float, command: str = "come to rest") -> bytes:
-        """Discard bytes until none has come for `quiet` seconds; return the discarded bytes."""
+        """Discard bytes of the driver's serial line until none comes for `quiet` s; return them."""
         self.open(command)
         gone, self._buffer = bytes(self._buffer), bytearray()
         late = min(self.clock.now() + timeout, self._until)
@@ -215,14 +219,14 @@ class SerialLine:
         return gone
 
     def error(self, command: str, reply: str, remedy: str = _CABLE) -> DeviceError:
-        """Return a DeviceError of this device, and mark the line as not in sync."""
+        """Return a DeviceError for the serial line's device, and mark the line as not in sync."""
         self.in_sync = False
         return DeviceError(self.model, command, reply, remedy)
 
     def _read_bytes(
         self, length: Callable[[bytearray], int], command: str, seconds: float
     ) -> bytes:
-        """Read bytes from the device until they form a reply.
+        """Read bytes from the driver's serial line until they form a reply.
 
         length: function from the bytes so far to the length of the reply in them, 0 if it isn't
         complete.
@@ -247,7 +251,7 @@ class SerialLine:
         return taken
 
     def _read_available(self, command: str, seconds: float) -> bytes:
-        """Return the next bytes from the port, or none if none come within `seconds`."""
+        """Return the serial port's next bytes, or none if none come within `seconds`."""
         self._require_not_cancelled(command)
         try:
             self._port.timeout = seconds
@@ -259,18 +263,19 @@ class SerialLine:
         return piece
 
     def _require_not_cancelled(self, command: str) -> None:
+        """Raise DeviceError if the driver's serial line was cancelled."""
         if self._cancelled.is_set():
             raise self.error(command, "the device was given up", "Open the device again")
 
     def _close_with_error(self, command: str, error: BaseException) -> DeviceError:
-        """Close a port that has failed, and return the DeviceError for it."""
+        """Close a serial port that has failed, and return the DeviceError for its driver."""
         self.close()
         reply, remedy = _explain_port_error(error)
         return self.error(command, f"port {self.url}: {reply}", remedy)
 
 
 def _explain_port_error(error: BaseException) -> tuple[str, str]:
-    """Return the reply and remedy of a DeviceError for a serial port's exception."""
+    """Return the reply and remedy of a driver's DeviceError for a serial port's exception."""
     number = _errno_of(error)
     if number in _ERRNO_EXPLANATIONS:
         return _ERRNO_EXPLANATIONS[number]
@@ -285,7 +290,7 @@ def _explain_port_error(error: BaseException) -> tuple[str, str]:
 
 
 def _errno_of(error: BaseException | None) -> int:
-    """Return the errno of a port's exception or of one of the exceptions that it came from."""
+    """Return the errno of a serial port's exception, or of one that it came from."""
     while error is not None:
         for number in (getattr(error, "errno", None), *error.args[:1]):
             if isinstance(number, int):
@@ -295,6 +300,6 @@ def _errno_of(error: BaseException | None) -> int:
 
 
 def _preview(data: bytes | bytearray) -> str:
-    """Return bytes as text for an error message, shortened to about a line."""
+    """Format a serial device's bytes for a driver's error message, cut to about a line."""
     shown = bytes(data[:60])
     return f"{shown!r}" + (f" and {len(data) - 60} bytes more" if len(data) > 60 else "")

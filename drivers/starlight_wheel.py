@@ -80,11 +80,14 @@ class StarlightWheel(UsbWheel):
 
     @property
     def reply_time(self) -> float:
-        """Seconds for the longest way and for counting the slots, as the wheel does on power-up."""
+        """Seconds for the Starlight Xpress wheel's longest turn and for counting its slots.
+
+        The wheel counts its slots on power-up.
+        """
         return self._turning_time + 2 * len(self._slots) * self._step
 
     def health(self) -> dict[str, str]:
-        """Return what the wheel reports about itself, by name."""
+        """Return what the real Starlight Xpress wheel reports about itself, by name."""
         self._start_deadline()
         position, total = self._read_confirmed_state("read its state")
         return {
@@ -107,7 +110,7 @@ class StarlightWheel(UsbWheel):
         self._wait_at_slot(command, number)
 
     def _read_confirmed_state(self, command: str) -> tuple[int, int]:
-        """Return the wheel's position and number of slots after several equal replies."""
+        """Return the Starlight Xpress wheel's position and slot count once its replies agree."""
         seen = [self._ask(command, _QUERY_POSITION)]
         while len(seen) < _POLLING.matching_replies:
             now = self._ask(command, _QUERY_POSITION)
@@ -117,9 +120,9 @@ class StarlightWheel(UsbWheel):
         return seen[-1]
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """Wait until the wheel stands at the target slot (0: any), and return the slot.
+        """Wait until the real Starlight Xpress wheel stands at the target slot; return the slot.
 
-        The wheel must report it several times in a row.
+        The wheel must report the slot several times in a row. target: 0 for any slot.
         """
         seen: list[int] = []
         began, counting = self._deadline - self._time_granted, False
@@ -143,7 +146,7 @@ class StarlightWheel(UsbWheel):
             self._pause(_POLLING.quiet if position else _POLLING.interval)
 
     def _require_slot_count(self, command: str, position: int, total: int) -> None:
-        """Raise DeviceError unless the wheel's number of slots is that of the bench file.
+        """Raise DeviceError unless the Starlight Xpress wheel has the bench file's slot count.
 
         While the wheel counts its slots, it reports 0 for both numbers.
         """
@@ -166,7 +169,10 @@ class StarlightWheel(UsbWheel):
         )
 
     def _ask(self, command: str, report: tuple[int, int]) -> tuple[int, int]:
-        """Send a report to the wheel; return the position (0: turning) and the number of slots."""
+        """Send a report to the real Starlight Xpress wheel; return the state that it answers.
+
+        The state is the position (0: turning) and the number of slots.
+        """
         link = self._link
         self._discard_late_replies(command)
         left = self._deadline - self._clock.now()
@@ -184,7 +190,10 @@ class StarlightWheel(UsbWheel):
         return answer[0], answer[1]
 
     def _discard_late_replies(self, command: str) -> None:
-        """Discard replies of the wheel to earlier queries, so that none is taken for the next."""
+        """Discard the Starlight Xpress wheel's late replies to the driver's earlier queries.
+
+        Otherwise a late reply could be mistaken for the answer to the next query.
+        """
         link = self._link
         link.open(command)
         # After a failure a reply that is still missing may come late or never.

@@ -107,16 +107,16 @@ class SupervisedDevice:
 
     @property
     def failure_reason(self) -> str:
-        """Why the device can't be used; empty while it can."""
+        """Why the supervised device can't be used; empty while it can."""
         return self._failure_reason
 
     @property
     def can_report_unplugging(self) -> bool:
-        """Whether the device has a method unplugged_reason()."""
+        """Whether the supervised device has a method unplugged_reason()."""
         return callable(getattr(type(self._device), "unplugged_reason", None))
 
     def unplugged_reason(self) -> str | None:
-        """Return why the device counts as unplugged, with its model, or an empty string.
+        """Return why a supervised device counts as unplugged, with its model; else empty.
 
         Any thread may call it, and it returns at once, even during another call. The result is
         None if it is unknown whether the device is there.
@@ -131,7 +131,7 @@ class SupervisedDevice:
         return f"{self._model}: {why}" if why else why
 
     def begin_make_safe(self) -> Callable[[], None]:
-        """Begin to make the device safe; the returned function waits for the end.
+        """Begin to make the supervised device safe; the returned function waits for the end.
 
         That function raises DeviceError if the device can't be made safe. A device that was given
         up is opened again first, because it may be in any state.
@@ -156,7 +156,7 @@ class SupervisedDevice:
         self.begin_make_safe()()
 
     def revive(self) -> None:
-        """Open a new device in place of the present one; raise DeviceError if that fails."""
+        """Open a new device in place of the supervised one; DeviceError if that fails."""
         with self._turn, self._only_device_errors("open"):
             self._close_if_alive()
             self._open()
@@ -187,7 +187,10 @@ class SupervisedDevice:
                 raise
 
     def _make_and_enter(self, worker: Worker, made: list[Any]) -> Any:
-        """Make and enter a device. made: list to which it is added early, so it can be killed."""
+        """Make and enter the device that is supervised.
+
+        made: list to which the device is added early, so that it can be killed.
+        """
         device = self._make()
         made.append(device)
         if worker.has_ended:
@@ -201,7 +204,7 @@ class SupervisedDevice:
         return entered
 
     def _close_if_alive(self) -> None:
-        """Close the device unless it was given up."""
+        """Close the supervised device unless it was given up."""
         with self._turn:
             if self._failure_reason:
                 return
@@ -212,7 +215,7 @@ class SupervisedDevice:
                 self._worker.end()
 
     def _close(self) -> None:
-        """Close the device; a failure is only logged."""
+        """Close the supervised device; a failure is only logged."""
         device = self._device
         try:
             self._ask("close", lambda: device.__exit__(None, None, None), SETTINGS.open_timeout)
@@ -230,7 +233,7 @@ class SupervisedDevice:
         exposure_time: float = 0.0,
         cancelled: Callable[[], bool] = _never,
     ) -> Any:
-        """Call the device, with a timeout by its documented reply time."""
+        """Call the supervised device, with a timeout based on its documented reply time."""
         with self._turn:
             self._require_alive(command)
             device = self._device
@@ -255,7 +258,7 @@ class SupervisedDevice:
         seconds: float,
         cancelled: Callable[[], bool] = _never,
     ) -> Any:
-        """Wait for a device's call and return its result; give the device up after a timeout."""
+        """Wait for a supervised device's result; give the device up after a timeout."""
         late = time.monotonic() + seconds
         heard = False
         interval = SETTINGS.poll_interval
@@ -278,7 +281,7 @@ class SupervisedDevice:
 
     @property
     def _progress_deadline(self) -> float:
-        """Time until which a device that reports progress by `alive_at` is waited for.
+        """Time until which to wait for a supervised device that reports progress by `alive_at`.
 
         Only the instance's dictionary is read, because the device's thread is busy and may hang.
         """
@@ -286,14 +289,14 @@ class SupervisedDevice:
         return told + self._reply_time + SETTINGS.timeout_margin
 
     def _give_up(self, command: str, done: Future[Any], why: str) -> None:
-        """Kill the device or give up its thread, and raise a DeviceError that says which."""
+        """Kill a hanging supervised device or give up its thread; the DeviceError says which."""
         end = "it was killed" if self._kill(done) else "it was given up"
         self._failure_reason = f"hung at {command}, and {end}"
         self._worker.give_up()
         raise self._error(command, f"{why}; {end}", "Look at the device and its cable")
 
     def _kill(self, done: Future[Any]) -> bool:
-        """Kill the device if it has a method kill(); return whether the hanging call has ended."""
+        """Kill a supervised device that has kill(); return whether the hanging call has ended."""
         device: Any = self._devices[-1] if self._devices else None
         if not callable(getattr(type(device), "kill", None)):
             return False
@@ -352,7 +355,10 @@ class SupervisedCamera(SupervisedDevice):
         return setting
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """Take a frame, see Camera.capture(); raise DeviceError if it doesn't come in time."""
+        """Take a frame with a supervised camera; DeviceError if it doesn't come in time.
+
+        See Camera.capture().
+        """
         unwanted = threading.Event()
 
         def stop() -> bool:

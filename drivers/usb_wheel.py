@@ -35,20 +35,20 @@ class UsbWheel(Wheel):
         return Identity(self.model, self._link.identity.serial, simulated=False)
 
     def kill(self) -> None:
-        """End the present call of the wheel and all later ones; any thread may call it."""
+        """End the present call of a USB wheel's driver and all later ones; from any thread."""
         self._link.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Return why the wheel counts as unplugged, or an empty string; see Device."""
+        """Return why a USB wheel of any make counts as unplugged; may be empty, see Device."""
         return self._link.unplugged_reason()
 
     def _read_slot(self, command: str) -> int:
         return self._wait_at_slot(command, 0)
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """Wait until the wheel reports repeatedly that it stands at a slot; return the slot.
+        """Wait until a USB wheel of any make repeatedly reports the target slot; return the slot.
 
-        target: the slot to wait for, 0 for any.
+        target: 0 for any slot.
         """
         raise NotImplementedError
 
@@ -56,12 +56,15 @@ class UsbWheel(Wheel):
         self._link.close()
 
     def _pause(self, seconds: float) -> None:
-        """Wait for `seconds`, but only until `_deadline` and until the link is cancelled."""
+        """Let a USB wheel's driver wait for `seconds` between its queries.
+
+        The wait ends early at `_deadline`, and when the link is cancelled.
+        """
         until = min(self._clock.now() + seconds, self._deadline)
         self._clock.wait_until(until, lambda: self._link.is_cancelled)
 
     def _descriptors(self) -> dict[str, str]:
-        """Return the identity in the wheel's USB descriptors, by name."""
+        """Return the identity in a wheel's USB descriptors, as texts by name, for any make."""
         told = self._link.identity
         return {
             "product": told.product,

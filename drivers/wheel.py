@@ -13,7 +13,7 @@ from drivers.option_checks import is_number, require_within
 
 
 def parse_slots(slots_nm: Sequence[Sequence[float]], names: Sequence[str] = ()) -> tuple[Slot, ...]:
-    """Make the slots of a filter wheel from the options of a bench file.
+    """Make the slots of any filter wheel, real or simulated, from its bench file options.
 
     slots_nm: centre and full width at half maximum of each slot, in nanometres. names: of each
     slot; by default the centres. Raises ValueError for a wrong option.
@@ -58,7 +58,7 @@ def plan_route(
     max_leg: int = 0,
     forward_only: bool = False,
 ) -> list[int]:
-    """Return the slots at which a filter wheel stops on its route, the last of them `end`.
+    """Return the slots at which a wheel of any make stops on its route, the last of them `end`.
 
     The route is empty if the wheel is at `end` already. A wheel takes the shorter way to each stop;
     between opposite slots its direction is unknown. If a slot of `avoid` lies on the shorter way,
@@ -91,13 +91,13 @@ def plan_route(
 
 
 def _path_between(start: int, end: int, count: int, step: int) -> list[int]:
-    """Return the wheel's slots after `start` up to `end`, in one direction."""
+    """Return the slots after `start` up to `end` that a wheel of any make passes, one way."""
     steps = (end - start) * step % count
     return [(start - 1 + step * i) % count + 1 for i in range(1, steps + 1)]
 
 
 def steps_between(start: int, end: int, count: int) -> int:
-    """Return the number of slots on the wheel's shorter way."""
+    """Return the number of steps on a wheel's shorter way between two slots, for any make."""
     return min((end - start) % count, (start - end) % count)
 
 
@@ -110,11 +110,11 @@ class SlottedFilter(ABC):
     @property
     @abstractmethod
     def slot(self) -> int:
-        """Slot at which the wheel stands."""
+        """Slot at which a filter wheel of any make stands."""
 
     @abstractmethod
     def set_slot(self, number: int) -> Setting[int]:
-        """Turn the wheel to a slot."""
+        """Turn a filter wheel of any make to a slot."""
 
     @property
     def slots(self) -> tuple[Slot, ...]:
@@ -134,7 +134,7 @@ class SlottedFilter(ABC):
         return self._slots[self.slot - 1].wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Turn the wheel to the slot whose centre is within a picometre of the wavelength."""
+        """Turn a wheel of any make to the slot whose centre is within 1 pm of the wavelength."""
         for number, slot in enumerate(self._slots, start=1):
             if abs(slot.wavelength - wavelength) < 1e-12:
                 setting = self.set_slot(number)
@@ -146,7 +146,7 @@ class SlottedFilter(ABC):
         )
 
     def make_safe(self) -> None:
-        """Park the wheel at its first slot."""
+        """Park a filter wheel of any make at its first slot."""
         self.set_slot(1)
 
     def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
@@ -197,7 +197,7 @@ class Wheel(SlottedFilter):
 
     @property
     def reply_time(self) -> float:
-        """Seconds for the wheel's longest way, with all queries."""
+        """Seconds for the longest turn of a wheel of any make, with all its driver's queries."""
         return self._turning_time
 
     @property
@@ -208,12 +208,12 @@ class Wheel(SlottedFilter):
 
     @property
     def slot(self) -> int:
-        """Slot that the wheel reports now."""
+        """Slot that a filter wheel of any make now reports to its driver."""
         self._start_deadline()
         return self._read_slot("read the slot")
 
     def set_slot(self, number: int) -> Setting[int]:
-        """Turn the wheel to a slot, and wait until it stands there."""
+        """Turn a real wheel of any make to a slot, and wait until it stands there."""
         command = f"turn to slot {number}"
         self._require_slot(number, command)
         self._start_deadline()
@@ -222,11 +222,12 @@ class Wheel(SlottedFilter):
         return Setting(number, number, self._clock.now() + self.settling)
 
     def _start_deadline(self, seconds: float | None = None) -> None:
-        """Set `_deadline` to now plus `seconds`, by default the time for turning the wheel."""
+        """Set a wheel driver's `_deadline` to now plus `seconds`, by default the turning time."""
         self._time_granted = self._turning_time if seconds is None else seconds
         self._deadline = self._clock.now() + self._time_granted
 
     def _route(self, command: str, number: int) -> list[int]:
+        """Plan the route of a wheel of any make from its present slot to another one."""
         start, count = self._read_slot(command), len(self._slots)
         try:
             return plan_route(
@@ -243,18 +244,18 @@ class Wheel(SlottedFilter):
             ) from None
 
     def _read_slot(self, command: str) -> int:
-        """Wait until the wheel stands, and return its slot; raise DeviceError if it doesn't."""
+        """Wait until a wheel of any make stands, and return its slot; DeviceError if it doesn't."""
         raise NotImplementedError
 
     def _turn_to(self, command: str, number: int) -> None:
-        """Turn the wheel the shorter way to a slot; raise DeviceError unless it arrives."""
+        """Turn a wheel of any make the shorter way to a slot; DeviceError unless it arrives."""
         raise NotImplementedError
 
     def _open(self) -> None:
-        """Open the connection to the wheel, or raise DeviceError."""
+        """Open a wheel driver's connection to its wheel, or raise DeviceError."""
 
     def _close(self) -> None:
-        """Close the connection to the wheel."""
+        """Close a wheel driver's connection to its wheel."""
 
     def __enter__(self) -> Self:
         try:
@@ -276,7 +277,7 @@ class Wheel(SlottedFilter):
 
 
 def _slot_label(slot: Slot) -> str:
-    """Return a slot's centre wavelength and its name, as text for an error message."""
+    """Format a slot's centre wavelength and name, for the errors of wheels of any make."""
     centre = f"{slot.wavelength * 1e9:g} nm"
     return centre if slot.name == centre else f"{centre} ({slot.name})"
 

@@ -27,11 +27,11 @@ class Worker:
 
     @property
     def has_ended(self) -> bool:
-        """Whether the worker accepts no more functions."""
+        """Whether a device's worker thread accepts no more calls."""
         return self._ended
 
     def submit(self, work: Callable[[], Any]) -> Future[Any]:
-        """Queue a function for the worker thread; return a cancelled future if it has ended."""
+        """Queue a call for a device's worker thread; return a cancelled future if it has ended."""
         done: Future[Any] = Future()
         with self._lock:
             if self._ended:
@@ -41,14 +41,14 @@ class Worker:
         return done
 
     def end(self) -> None:
-        """End the worker thread after the functions that were submitted."""
+        """End a device's worker thread after the calls that were submitted."""
         with self._lock:
             if not self._ended:
                 self._ended = True
                 self._jobs.put(None)
 
     def give_up(self) -> None:
-        """End the worker thread after the function that it runs now, and cancel the others."""
+        """End a device's worker thread after its present call, and cancel the other calls."""
         with self._lock:
             self._ended = True
             try:

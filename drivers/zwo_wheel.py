@@ -39,7 +39,7 @@ class _ZwoState(NamedTuple):
 
     @property
     def slot(self) -> int:
-        """Slot at which the wheel stands; 0 while it turns."""
+        """Slot at which the real ZWO wheel stands; 0 while it turns."""
         stands = self.status == ZwoStatus.IDLE and len(set(self.positions)) == 1
         return self.positions[0] if stands else 0
 
@@ -79,7 +79,7 @@ class ZwoWheel(UsbWheel):
         self._name, self._firmware = "", ""
 
     def health(self) -> dict[str, str]:
-        """Return what the wheel reports about itself, by name."""
+        """Return what the real ZWO wheel reports about itself, by name."""
         self._start_deadline()
         command = "read its state"
         state, again = self._read_state(command), self._read_state(command)
@@ -106,7 +106,10 @@ class ZwoWheel(UsbWheel):
         self._wait_at_slot(command, number)
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """Wait until the wheel reports the target slot (0: any) twice in a row; return the slot."""
+        """Wait until the real ZWO wheel reports the target slot twice in a row; return the slot.
+
+        target: 0 for any slot.
+        """
         agreeing, last = 0, 0
         while True:
             slot = self._read_state(command).slot
@@ -122,7 +125,7 @@ class ZwoWheel(UsbWheel):
             self._pause(0.1)
 
     def _read_identity(self, command: str) -> None:
-        """Read the wheel's name and firmware, which it must report equally twice."""
+        """Read the real ZWO wheel's name and firmware; two readings must agree."""
         told = {self._ask(command, _QUERY_IDENTITY) for _ in range(2)}
         if len(told) > 1:
             raise self._invalid_reply_error(command, told.pop())
@@ -131,6 +134,7 @@ class ZwoWheel(UsbWheel):
         self._name = data[8:].split(b"\0")[0].decode("ascii", errors="replace")
 
     def _read_state(self, command: str) -> _ZwoState:
+        """Ask the real ZWO wheel for its slots and status; DeviceError if it reports a failure."""
         data = self._ask(command, _QUERY_STATE)
         state = _ZwoState(data[4], data[5], (data[6], data[7], data[8]), data[9])
         if state.status == ZwoStatus.FAILED or state.error:
@@ -150,7 +154,7 @@ class ZwoWheel(UsbWheel):
         return state
 
     def _ask(self, command: str, question: bytes) -> bytes:
-        """Send a query and return the wheel's reply, which must name the same query."""
+        """Send a query to the real ZWO wheel; return its reply, which must name the query."""
         self._send(command, question)
         left = self._deadline - self._clock.now()
         # If another length than 17 bytes is requested, the wheel's reply makes no sense.

@@ -103,16 +103,16 @@ class FrameAcquisition:
 
     @property
     def readout_time(self) -> float:
-        """Estimate the seconds from the end of an exposure to a picture in memory, at 1 Gbit/s."""
+        """Estimate the seconds from the end of an Aravis exposure to the picture, at 1 Gbit/s."""
         return 0.02 + self.pixel_format.byte_count(self.shape) / 100e6
 
     @property
     def frame_time(self) -> float:
-        """Return `readout_time` plus the time of the frames that are discarded first, in s."""
+        """Return `readout_time` plus the seconds of the Aravis frames that are discarded first."""
         return self.readout_time + self._frames_to_discard * (self.exposure + self.readout_time)
 
     def mark_settings_changed(self) -> None:
-        """Note that exposure or gain changed, so that frames with the old ones are discarded."""
+        """Note that the Aravis camera's exposure or gain changed; older frames are discarded."""
         self._changed_at = time.monotonic()
         # A free-running camera already exposes the next frame while it reads one out.
         ahead = self.options.trigger != "software"
@@ -140,11 +140,11 @@ class FrameAcquisition:
         self.link.ask("stop", timeout=REPLY_TIMEOUT)
 
     def take(self, cancelled: Callable[[], bool]) -> AcquiredFrame:
-        """Take a camera frame whose exposure begins after this call; DeviceError if none comes."""
+        """Take an Aravis frame whose exposure begins after this call; DeviceError if none comes."""
         return self._take(cancelled, time.monotonic())
 
     def take_next(self, cancelled: Callable[[], bool]) -> AcquiredFrame:
-        """Take a free-running camera's next frame that began after the last change of settings."""
+        """Take a free-running Aravis camera's next frame that began after its settings changed."""
         return self._take(cancelled, self._changed_at)
 
     def _take(self, cancelled: Callable[[], bool], since: float) -> AcquiredFrame:
@@ -183,12 +183,12 @@ class FrameAcquisition:
 
     @property
     def _frame_timeout(self) -> float:
-        """Return the seconds for which a camera frame is waited for beyond its own time."""
+        """Return the seconds that an Aravis frame may be overdue before it counts as missing."""
         more = self.options.trigger_wait_s if self.options.trigger == "hardware" else 0.0
         return more + self.options.frame_timeout_ms * 1e-3
 
     def _next_good_frame(self, cancelled: Callable[[], bool], since: float) -> AcquiredFrame:
-        """Return the camera's next good frame whose exposure began after `since`."""
+        """Return the Aravis camera's next good frame whose exposure began after `since`."""
         triggered = self.options.trigger == "software"
         if triggered:
             self._return_buffer()
@@ -227,6 +227,7 @@ class FrameAcquisition:
         )
 
     def _pop(self, cancelled: Callable[[], bool], late: float) -> dict[str, Any] | None:
+        """Return Aravis' note on the next frame, or None if no frame comes by the time `late`."""
         while time.monotonic() < late:
             if cancelled():
                 self.stop()
@@ -246,6 +247,7 @@ class FrameAcquisition:
             self._buffer_to_return = -1
 
     def _image(self, note: dict[str, Any]) -> NDArray[np.uint16]:
+        """Unpack an Aravis frame's picture; BadFrame if the frame doesn't match the settings."""
         if note["status"] != "success":
             raise BadFrame("incomplete", f"number {note['number']}: {note['status']}")
         needed = self.pixel_format.byte_count(self.shape)
@@ -279,7 +281,7 @@ class FrameAcquisition:
         )
 
     def _require_exposure(self) -> None:
-        """Raise BadFrame if another program changed the exposure, which is then set again."""
+        """Raise BadFrame, and restore the Aravis exposure, if another program changed it."""
         us = float(self.link.ask("exposure", timeout=REPLY_TIMEOUT))
         if self._matches_exposure(us):
             return
@@ -289,7 +291,7 @@ class FrameAcquisition:
 
 
 def to_microseconds(seconds: float) -> float:
-    """Convert an exposure to microseconds, rounded to 1 ns.
+    """Convert an exposure to microseconds, Aravis' unit, rounded to 1 ns.
 
     Some cameras truncate, so a rounding error below a whole number would cost a microsecond.
     """
@@ -297,5 +299,5 @@ def to_microseconds(seconds: float) -> float:
 
 
 def set_exposure(link: AravisProcess, us: float) -> float:
-    """Set the camera's exposure in microseconds; return what it reads back, in seconds."""
+    """Set the Aravis camera's exposure in microseconds; return what it reports, in seconds."""
     return float(link.ask("set_exposure", us, timeout=REPLY_TIMEOUT)) * 1e-6

@@ -62,7 +62,7 @@ class AppliedSettings:
 
     @property
     def gain_range(self) -> tuple[float, float] | None:
-        """Return the camera's range of gain in decibels; None if it has no gain."""
+        """Return the Aravis camera's range of gain in decibels; None if it has no gain."""
         gain = self.facts["gain_db"]
         return None if gain is None else (gain[0], gain[1])
 
@@ -94,7 +94,7 @@ class AppliedSettings:
         return region
 
     def set_gain(self, gain_db: float) -> float:
-        """Set the camera's gain in decibels; return the gain that it reads back."""
+        """Set the Aravis camera's gain in decibels; return the gain that it reports."""
         bounds = self.gain_range
         if bounds is None:
             if gain_db:

@@ -27,7 +27,7 @@ class FrameArrivals:
         self._clock_offset: tuple[float, float] | None = None
 
     def is_fresh(self, note: dict[str, Any], since: float) -> bool:
-        """Return whether this frame is the triggered one, and not an older or repeated frame."""
+        """Return whether an Aravis frame is the triggered one, not an older or repeated one."""
         number, last = note["number"], self._last
         if note["arrived"] < since - 1e-3:
             return False
@@ -39,7 +39,7 @@ class FrameArrivals:
         return True
 
     def frames_lost_before(self, note: dict[str, Any]) -> int:
-        """Count by the frame numbers how many frames were lost just before this one."""
+        """Count, by the frame numbers, the Aravis frames that were lost just before this one."""
         number, last = note["number"], self._last
         self._last = number
         if last is None or follows(number, last):
@@ -48,7 +48,7 @@ class FrameArrivals:
         return max(1, number + around - last - 1)
 
     def departure_time(self, note: dict[str, Any]) -> float:
-        """Estimate the time.monotonic() at which a frame left the camera.
+        """Estimate the time.monotonic() at which a frame left the Aravis camera.
 
         A busy computer notices a frame late, so the camera's own time stamp is used, too. The
         camera's clock has an arbitrary zero. The smallest difference seen so far between arrival
@@ -67,7 +67,7 @@ class FrameArrivals:
 
 
 def follows(number: int, last: int) -> bool:
-    """Return whether a camera's frame number directly follows `last`.
+    """Return whether a GigE or USB3 Vision camera's frame number directly follows `last`.
 
     GigE Vision counts to 65535 and continues from 1, or counts in 64 bits; USB3 Vision begins
     at 0.

@@ -136,7 +136,7 @@ class AravisCamera:
 
     @property
     def bayer(self) -> str:
-        """Return the colours of the mosaic's first two pixels, such as RG; empty without one."""
+        """Return the Aravis camera's first two mosaic colours, such as RG; empty without one."""
         return self._acquisition.pixel_format.bayer
 
     @property
@@ -149,12 +149,12 @@ class AravisCamera:
 
     @property
     def gain_range(self) -> tuple[float, float] | None:
-        """Return the camera's range of gain in decibels; None if it has no gain."""
+        """Return the Aravis camera's range of gain in decibels; None if it has no gain."""
         return self._settings.gain_range
 
     @property
     def exposure(self) -> float:
-        """Return the exposure time in seconds, as the camera reads it back."""
+        """Return the exposure time in seconds that the Aravis camera reports."""
         return self._acquisition.exposure
 
     @property
@@ -163,7 +163,7 @@ class AravisCamera:
 
     @property
     def counts(self) -> Counter[str]:
-        """Count the frames since this object was made: taken, thrown away, stale, missing, ..."""
+        """Count the Aravis frames since this object was made: taken, stale, missing, ..."""
         return Counter(self._counts)
 
     def set_exposure(self, exposure: float) -> Setting[float]:
@@ -183,7 +183,7 @@ class AravisCamera:
             return Setting(exposure, actual, self._clock.now())
 
     def set_gain(self, gain_db: float) -> Setting[float]:
-        """Set the camera's gain in decibels; the option `gain_db` applies when it is opened."""
+        """Set the Aravis camera's gain in decibels; on opening, the option `gain_db` applies."""
         with self._translate_errors("set gain"):
             taking = self._ensure_open()
             actual = self._settings.set_gain(gain_db)
@@ -191,14 +191,14 @@ class AravisCamera:
             return Setting(gain_db, actual, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """Take a camera frame whose exposure begins after this call."""
+        """Take an Aravis frame whose exposure begins after this call."""
         with self._translate_errors("capture"):
             return self._build_frame(self._ensure_open().take(cancelled))
 
     def next_frame(self, cancelled: Callable[[], bool]) -> Frame:
-        """Return the next frame of a free-running camera; frames that were lost are counted.
+        """Return a free-running Aravis camera's next frame; lost frames are counted.
 
-        Its exposure may have begun before the call, but not before the last change of settings.
+        The exposure may have begun before the call, but not before the last change of settings.
         """
         if self._options.trigger == "software":
             raise self._error("next frame", "it isn't free-running", "Use capture()")
@@ -219,7 +219,7 @@ class AravisCamera:
             return told | {name.replace("_", " "): str(n) for name, n in counted.items()}
 
     def make_safe(self) -> None:
-        """Stop the camera's acquisition."""
+        """Stop the Aravis camera's acquisition."""
         if self._link is None:
             return
         with self._translate_errors("stop"):
@@ -232,7 +232,7 @@ class AravisCamera:
             link.kill()
 
     def unplugged_reason(self) -> str | None:
-        """Return why the camera counts as unplugged, empty while it is connected; see Device."""
+        """Return why the Aravis camera counts as unplugged, empty while connected; see Device."""
         link = self._link
         return None if link is None else link.unplugged_reason()
 
@@ -257,7 +257,7 @@ class AravisCamera:
         return self._open_acquisition
 
     def _ensure_open(self) -> FrameAcquisition:
-        """Return the open camera's acquisition; open the camera again if it was lost."""
+        """Return the open Aravis camera's acquisition; open the camera again if it was lost."""
         if self._link is not None:
             return self._acquisition
         # A camera forgets a controller that has died after 1.5 s.
@@ -299,7 +299,7 @@ class AravisCamera:
         return Frame(taken.image, self._acquisition.exposure, gain, began, number)
 
     def _unwrap_number(self, number: int) -> int:
-        """Return a frame number that always increases, although the camera's may restart.
+        """Return an Aravis frame number that always increases, although the camera's may restart.
 
         GigE Vision 1 counts only to 65535, and a new stream may begin again. Frames with the
         same number as the one before are rejected earlier.
@@ -310,7 +310,7 @@ class AravisCamera:
         return self._number
 
     def _note_progress(self, seconds: float) -> None:
-        """Note that the camera makes progress and will be busy for some seconds."""
+        """Note that the Aravis camera makes progress and will be busy for some seconds."""
         self.alive_at = time.monotonic() + seconds
 
     def _disconnect(self) -> None:
@@ -320,7 +320,7 @@ class AravisCamera:
 
     @contextlib.contextmanager
     def _translate_errors(self, command: str) -> Iterator[None]:
-        """Turn errors into DeviceError; a lost camera is opened again at the next call."""
+        """Turn errors into DeviceError; a lost Aravis camera is opened again at the next call."""
         try:
             yield
         except CameraLost:

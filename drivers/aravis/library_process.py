@@ -63,7 +63,7 @@ class AravisProcess:
         self._open = True
 
     def unplugged_reason(self) -> str | None:
-        """Return why the camera counts as lost, empty while it doesn't; from any thread.
+        """Return why the Aravis camera counts as lost, empty while it doesn't; from any thread.
 
         None while a request is running, which then reports the loss itself, or when the process
         has ended.
@@ -140,7 +140,7 @@ def python_with_gi() -> list[str]:
 
 
 def find_cameras() -> list[dict[str, str]]:
-    """List the GigE Vision and USB3 Vision cameras that answer; takes a second.
+    """List the GigE Vision and USB3 Vision cameras that answer Aravis; takes a second.
 
     Returns
     -------
@@ -183,6 +183,7 @@ def open_camera(model: str, address: str, timeout: float) -> AravisProcess:
 
 
 def _cannot_open_error(link: AravisProcess, address: str, error: DeviceError) -> DeviceError:
+    """Return the DeviceError for a camera that Aravis can't open, naming those that it finds."""
     asked = f"open {address}" if address else "open"
     if HELD_BY_OTHER in error.reply:
         return DeviceError(link.model, asked, error.reply, "Close the other program")

@@ -37,7 +37,7 @@ class PixelFormat:
         return 2**self.bits - 1
 
     def byte_count(self, shape: tuple[int, int]) -> int:
-        """Return the number of bytes of a camera picture of this shape (rows, columns)."""
+        """Return the number of bytes in an Aravis picture of this shape (rows, columns)."""
         return -(-shape[0] * shape[1] * _pixel_bits(self) // 8)
 
 
@@ -84,7 +84,7 @@ FORMATS = _formats()
 def unpack(
     data: NDArray[np.uint8], pixel_format: PixelFormat, shape: tuple[int, int]
 ) -> NDArray[np.uint16]:
-    """Unpack a camera frame's bytes into a picture (rows, columns), which is a copy.
+    """Unpack an Aravis frame's bytes into a picture (rows, columns), which is a copy.
 
     ValueError if there are fewer bytes than the picture needs.
     """
@@ -104,9 +104,9 @@ def _unpack_words(data: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.
 
 
 def _byte_groups(data: NDArray[np.uint8], length: int, pixels: int, count: int) -> Any:
-    """Return the bytes in groups of `length` for `pixels` pixels each, and an empty result array.
+    """Return an Aravis frame's bytes in groups of `length`, and an empty array for the pixels.
 
-    The last group is filled up with zeros.
+    Each group holds `pixels` pixels. The last group is filled up with zeros.
     """
     groups = -(-count // pixels)
     if data.size < groups * length:

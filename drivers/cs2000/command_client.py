@@ -151,7 +151,7 @@ class CS2000Client:
         return found[3][1:]
 
     def confirmed_reply(self, text: str, pattern: str, command: str) -> re.Match[str]:
-        """Return an answer that the CS-2000 gave three times in a row.
+        """Return an answer that the real CS-2000 gave three times in a row.
 
         Repetition rules out noise and late answers.
         """
@@ -223,7 +223,10 @@ class CS2000Client:
                     raise
 
     def _resynchronise(self, command: str, quiet: float) -> None:
-        """Discard partial commands and late answers, stop a measurement, and set remote mode."""
+        """Discard the CS-2000's late answers, stop its measurement, and set its remote mode.
+
+        The instrument also discards a command that it has received only in part.
+        """
         self.line.drain(quiet, quiet + _TIMING.short_timeout, command)
         self.line.write(_END, command)
         self.line.drain(_TIMING.quiet_periods[0], _TIMING.short_timeout, command)

@@ -117,11 +117,11 @@ class CS2000:
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
-        """Return the wavelengths of a spectrum in metres: 380 to 780 nm in steps of 1 nm."""
+        """Return a CS-2000 spectrum's wavelengths in metres: 380 to 780 nm in steps of 1 nm."""
         return np.arange(380, 781) / 1e9
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum:
-        """Measure one spectrum, which takes 3 to 250 s, depending on the brightness.
+        """Measure one spectrum with the CS-2000; this takes 3 to 250 s, depending on brightness.
 
         If an error occurs, the reply time and 16 s may be added.
 
@@ -143,7 +143,7 @@ class CS2000:
         return Spectrum(self.wavelengths, values * 1e9, integration, dimmed, angle, started)
 
     def tristimulus(self) -> tuple[float, float, float]:
-        """Read X, Y and Z of the last measurement as the instrument computes them, Y in cd/m²."""
+        """Read the CS-2000's own X, Y and Z of the last measurement, Y in cd/m²."""
         command = "read X, Y, Z"
 
         def read() -> list[float]:
@@ -155,7 +155,7 @@ class CS2000:
         return x, y, z
 
     def health(self) -> dict[str, str]:
-        """Read the spectroradiometer's serial number, measuring angle and calibration date."""
+        """Read the real CS-2000's serial number, measuring angle and calibration date."""
         command = "health"
 
         def read() -> dict[str, str]:
@@ -173,16 +173,16 @@ class CS2000:
             return self._link.call_with_retry(command, read)
 
     def unplugged_reason(self) -> str | None:
-        """Return why the spectroradiometer counts as unplugged, empty while it is connected."""
+        """Return why the CS-2000 counts as unplugged, empty while it is connected."""
         return self._line.unplugged_reason()
 
     def make_safe(self) -> None:
-        """Stop a running measurement of the spectroradiometer."""
+        """Stop a running measurement of the CS-2000."""
         with self._line.within(self.reply_time):
             self._link.get_ready("make safe")
 
     def kill(self) -> None:
-        """Cancel the spectroradiometer's running call and all later ones; from any thread."""
+        """Cancel the CS-2000 driver's running call and all later ones; from any thread."""
         self._line.cancel()
 
     def __enter__(self) -> Self:
@@ -229,6 +229,7 @@ class CS2000:
         self._set_speed(command)
 
     def _set_speed(self, command: str) -> None:
+        """Set the CS-2000's measuring mode, integration time and internal filter."""
         try:
             self._link.set(
                 "SPMS",
@@ -250,7 +251,10 @@ class CS2000:
         self.alive_at = time.monotonic()
 
     def _read_conditions(self) -> tuple[float, bool, float]:
-        """Read a measurement's integration time in s, use of the internal filter, and angle."""
+        """Read a CS-2000 measurement's integration time in s, internal filter and angle.
+
+        The second value is whether the internal filter was used. The angle is in radians.
+        """
         found = self._link.confirmed_reply("MEDR,0,0,1", _CONDITIONS, COMMAND)
         told = (found[1], found[2], found[5], found[6])
         want = self._requested_settings

@@ -40,7 +40,7 @@ def settings_from_options(
     close_up_lens: bool,
     rtscts: bool,
 ) -> InstrumentSettings:
-    """Translate the options of CS2000 for its commands; ValueError names an invalid option."""
+    """Translate the CS-2000's options for its commands; ValueError names an invalid option."""
     baudrates = (600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
     if not isinstance(port, str) or not port:
         raise ValueError(f"port is {port!r}; look it up by: labapp devices")
@@ -74,7 +74,10 @@ def _require_one_of(name: str, value: object, known: dict[str, int]) -> None:
 
 
 def _spms_value(mode: str, integration_ms: float | None, integration_s: int | None) -> str:
-    """Return the argument of SPMS without the filter; ValueError if a time doesn't fit the mode."""
+    """Return the argument of the CS-2000's SPMS; ValueError if a time doesn't fit the mode.
+
+    The part for the internal filter is left out.
+    """
     multi = mode.startswith("multi")
     if (integration_ms is not None) != (mode == "manual"):
         raise ValueError(
@@ -95,7 +98,7 @@ def _spms_value(mode: str, integration_ms: float | None, integration_s: int | No
 
 
 def _scms_value(sync_hz: float, external: bool) -> str:
-    """Return the argument of SCMS, which sets the synchronisation with flickering light."""
+    """Return the argument of the CS-2000's SCMS, which synchronises it with flickering light."""
     if not is_number(sync_hz) or (sync_hz and (external or not 20 <= sync_hz <= 200)):
         raise ValueError(
             f"sync_hz is {sync_hz} and external_sync {external}; "

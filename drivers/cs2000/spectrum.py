@@ -14,7 +14,7 @@ _FAILED_VALUE = "D1BA43B6"
 
 
 def read_spectrum(link: CS2000Client, command: str) -> NDArray[np.float64]:
-    """Read the 401 spectral radiances in W/(sr m² nm) until two readings agree."""
+    """Read the CS-2000's 401 radiances in W/(sr m² nm) until two readings agree."""
     before = _read_all_blocks(link, command)
     for _ in range(2):
         texts = _read_all_blocks(link, command)

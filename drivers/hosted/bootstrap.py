@@ -34,7 +34,9 @@ are on it only until the function is loaded."""
 
 
 def run_child(end: str, memory: str, grace: str, target: str, path: list[str]) -> None:
-    """Run a child process: call target(line, *arguments), with a watchdog until it returns.
+    """Run this child process, such as a hosted device's: call target(line, *arguments).
+
+    A watchdog guards the process until the target returns.
 
     The first message on the line contains the arguments. An exception of the target is sent as a
     result, even if no request is pending. end, memory: descriptors of the socket and of the shared

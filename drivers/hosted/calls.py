@@ -29,7 +29,7 @@ class CallResult(NamedTuple):
     failure: RemoteFailure | None = None
 
     def result(self) -> Any:
-        """Return the value, or raise the other process's exception.
+        """Return the value from the other process, such as a hosted device's, or raise its error.
 
         An exception of a class that this process doesn't know becomes a RuntimeError.
         """
@@ -39,7 +39,10 @@ class CallResult(NamedTuple):
 
 
 def capture_result(act: Callable[..., Any], *given: Any) -> CallResult:
-    """Call a function, and return its value or exception as a CallResult to be sent."""
+    """Call a function for another process, such as a hosted device's; return the CallResult.
+
+    The CallResult contains the function's value or exception.
+    """
     try:
         return CallResult(act(*given))
     except BaseException as error:

@@ -90,7 +90,7 @@ class ChildProcess:
             self.line.send(message)
 
     def receive(self, timeout: float = math.inf, on_poll: Callable[[], None] | None = None) -> Any:
-        """Return the child process's next message, or raise ProcessEnded.
+        """Return the next message of the child process, or raise ProcessEnded.
 
         A child that sends none within `timeout` seconds is killed. on_poll: called every 20 ms
         meanwhile; its exceptions pass through.
@@ -138,14 +138,14 @@ class ChildProcess:
 
 
 def reap(process: subprocess.Popen[Any], timeout: float) -> int | None:
-    """Wait for a process, and return its exit status, or None after `timeout` seconds."""
+    """Wait for a child process; return its exit status, or None after `timeout` seconds."""
     with contextlib.suppress(subprocess.TimeoutExpired):
         return process.wait(timeout)
     return None
 
 
 def terminate_or_kill(process: subprocess.Popen[Any], timeout: float) -> None:
-    """Terminate a foreign program, and kill it if it hasn't ended after `timeout` seconds."""
+    """Terminate a child process that runs a foreign program; kill it after `timeout` seconds."""
     process.terminate()
     if reap(process, timeout) is None:
         process.kill()

@@ -119,7 +119,7 @@ class HostedDevice:
                 self._release()
 
     def kill(self) -> None:
-        """Kill the device's process at once; any thread may call it, also repeatedly.
+        """Kill the hosted device's child process at once; from any thread, also repeatedly.
 
         A pending call of another thread raises DeviceError there. The device isn't made safe.
         `__exit__` must still be called.
@@ -129,7 +129,7 @@ class HostedDevice:
 
     @property
     def is_dead(self) -> bool:
-        """Whether the device's process has ended or was killed, and no longer answers."""
+        """Whether the hosted device's child process has ended, and no longer answers."""
         return self._lost or self._process.exit_code() is not None
 
     def __getattr__(self, name: str) -> Any:
@@ -157,12 +157,12 @@ class HostedDevice:
         return sorted({*super().__dir__(), *self._names})
 
     def _ask(self, command: str, *given: Any, within: float | None = None) -> Any:
-        """Send a request to the device's process and return the result."""
+        """Send a request to the hosted device's child process and return the result."""
         seconds = self._reply_timeout if within is None else within
         return self._exchange(command, pack(CallRequest(command, given)), within=seconds)
 
     def _call(self, name: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
-        """Call a method of the device; raise, and send nothing, if an argument can't be sent."""
+        """Call a hosted device's method; if an argument can't be sent, raise and send nothing."""
         watched: list[Callable[[], Any]] = []
         given = [replace_callable(value, watched) for value in arguments]
         named = {key: replace_callable(value, watched) for key, value in options.items()}
@@ -178,7 +178,7 @@ class HostedDevice:
         watched: Sequence[Callable[[], Any]] = (),
         within: float = math.inf,
     ) -> Any:
-        """Send the device's process one request, and return the result.
+        """Send the hosted device's child process one request, and return the result.
 
         words: the command's name in errors.
         """
@@ -212,6 +212,7 @@ class HostedDevice:
     def _receive(
         self, words: str, within: float, watched: Sequence[Callable[[], Any]] = ()
     ) -> Parcel:
+        """Receive the hosted device's reply; meanwhile poll the callables that it watches."""
         deaf = dict(enumerate(watched))
 
         def look() -> None:
@@ -229,7 +230,7 @@ class HostedDevice:
         return pack(note) if isinstance(note, CallResult) else self._channel.read(note)
 
     def _result(self, words: str, parcel: Parcel) -> Any:
-        """Return the value of the device's reply, or raise the exception that it contains."""
+        """Return the value of the hosted device's reply, or raise the exception in it."""
         try:
             answer: CallResult = parcel.unpack()
         except Exception as error:
@@ -246,7 +247,10 @@ class HostedDevice:
 
     @contextlib.contextmanager
     def _close_on_failure(self) -> Iterator[None]:
-        """End the device's process if opening fails, because __exit__() isn't called then."""
+        """End the hosted device's process if opening fails.
+
+        Python doesn't call `__exit__()` if the constructor or `__enter__()` raises an exception.
+        """
         try:
             yield
         except BaseException as error:
@@ -260,13 +264,13 @@ class HostedDevice:
 
 
 def _close(channel: SharedMemoryChannel, process: ChildProcess) -> None:
-    """End the device's process, which first makes a device safe that wasn't left."""
+    """End a hosted device's process, which first makes the device safe unless it was closed."""
     channel.close()
     process.close()
 
 
 def _clock_start(surroundings: Surroundings, model: str) -> float:
-    """Return the start of the bench's clock; raise ValueError if the bench is virtual."""
+    """Return the bench clock's start for a hosted device; ValueError if the bench is virtual."""
     if surroundings.world is None and isinstance(surroundings.clock, RealClock):
         return surroundings.clock.start
     raise ValueError(

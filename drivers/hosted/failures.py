@@ -30,7 +30,10 @@ class RemoteFailure(NamedTuple):
         return RemoteFailure(pickled, repr(error), "".join(traceback.format_exception(error)))
 
     def to_exception(self) -> Exception | None:
-        """Return the exception; None if it can't be unpickled or its module isn't loaded here."""
+        """Return the other process's exception; None if this process can't unpickle it.
+
+        It is unpickled only if its module is already loaded in this process.
+        """
         with contextlib.suppress(Exception):
             return (
                 None

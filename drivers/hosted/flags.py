@@ -34,7 +34,7 @@ class RemoteFlag:
 
 
 def replace_callable(value: Any, callables: list[Callable[[], Any]]) -> Any:
-    """Return a flag in place of a callable, and other values unchanged.
+    """Replace a callable by a flag for a hosted device's process; return other values unchanged.
 
     Classes such as np.uint16 count as values, although they can be called.
     """

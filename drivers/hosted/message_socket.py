@@ -57,9 +57,9 @@ class MessageSocket:
             os.close(memory)
 
     def disconnect(self) -> None:
-        """Shut the socket down; a thread that waits in `receive` gets LineClosed.
+        """Shut down the socket to the other process, such as a hosted device's child process.
 
-        Any thread may call it.
+        A thread that waits in `receive` gets LineClosed. Any thread may call this method.
         """
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
@@ -68,7 +68,10 @@ class MessageSocket:
     __del__ = close
 
     def send(self, message: object) -> None:
-        """Send a message, waiting until the other end reads; raise if it can't be pickled."""
+        """Send a message to the other process, such as a hosted device's, and wait until it reads.
+
+        An exception is raised if the message can't be pickled.
+        """
         # Length and object are sent in one piece, so that the receiver wakes up only once.
         whole = io.BytesIO(bytes(_LENGTH.size))
         whole.seek(_LENGTH.size)
@@ -78,7 +81,9 @@ class MessageSocket:
             self._socket.sendall(data)
 
     def receive_nowait(self) -> Any:
-        """Return the next message without waiting, or None if it hasn't arrived completely.
+        """Return the next message from the other process, such as a hosted device's, or None.
+
+        The result is None if the message hasn't arrived completely.
 
         Bytes of later messages stay in the socket, so that it can still be polled for them.
         """
@@ -109,7 +114,9 @@ class MessageSocket:
         on_poll: Callable[[], None] | None = None,
         exit_descriptor: int | None = None,
     ) -> Any:
-        """Wait for the next message and return it; raise MessageTimeout or LineClosed.
+        """Wait for the next message from the other process, such as a hosted device's; return it.
+
+        MessageTimeout is raised after the timeout, and LineClosed if the other end is closed.
 
         timeout: seconds. on_poll: called every 20 ms meanwhile; its exceptions pass through.
         exit_descriptor: descriptor that becomes readable when the other process has ended, even if
@@ -140,7 +147,7 @@ class MessageSocket:
 
 
 def hang_up_poll(end: int) -> select.poll:
-    """Return a poll object that reports only that the other end of a socket was closed."""
+    """Return a poll object that reports only that a parent or child process closed its socket."""
     closed = select.poll()
     closed.register(end, select.POLLRDHUP)
     return closed

@@ -34,6 +34,7 @@ class _Host:
         self._device_closed = False
 
     def run(self) -> None:
+        """Answer the requests to the hosted device, one by one, until the device is closed."""
         with self._duties, contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
             while not self._device_closed:
                 self._attend()
@@ -43,7 +44,7 @@ class _Host:
                 )
 
     def _attend(self) -> None:
-        """Let a device that has work to do between calls do it until the next call arrives."""
+        """Let the hosted device do its own work between calls, until the next call arrives."""
         attend = getattr(type(self._device), "_attend_until_readable", None)
         if attend is not None:
             attend(self._device, self._channel.line.fileno())
@@ -57,6 +58,7 @@ class _Host:
             return self._channel.write(pack(CallResult(failure=failure)))
 
     def _obey(self, unpacked: Any) -> Any:
+        """Carry out one request to the hosted device, with the method that the request names."""
         request: CallRequest = unpacked()
         return getattr(self, f"_{request.name}")(*request.arguments)
 
@@ -90,7 +92,7 @@ class _Host:
 
 
 def _public_names(device: Any) -> dict[str, bool]:
-    """Return a device's public names, and whether each is a method; no property is read."""
+    """Return a hosted device's public names, and whether each is a method; read no property."""
     names = {}
     for name in dir(device):
         if not name.startswith("_"):

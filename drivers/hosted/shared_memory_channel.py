@@ -37,6 +37,7 @@ class SharedMemoryChannel:
             self._memory.close()
 
     def write(self, parcel: Parcel) -> ParcelHeader:
+        """Write a parcel to the shared memory between a hosted device's process and its parent."""
         parts = (parcel.body, *parcel.buffers)
         sizes = [memoryview(part).nbytes for part in parts]
         self._ensure_size(FLAG_COUNT + sum(sizes))
@@ -47,6 +48,7 @@ class SharedMemoryChannel:
         return ParcelHeader(len(self._memory), sizes)
 
     def read(self, note: ParcelHeader) -> Parcel:
+        """Copy a parcel out of a hosted device's shared memory; its header gives the sizes."""
         # NumPy is imported late, because the system's Python, which also loads this package, may
         # not have it.
         import numpy as np
@@ -60,7 +62,7 @@ class SharedMemoryChannel:
         return Parcel(parts[0], parts[1:])
 
     def _ensure_size(self, length: int) -> None:
-        """Enlarge the shared memory if needed; it never shrinks.
+        """Enlarge a hosted device's shared memory if needed; it never shrinks.
 
         Fresh memory for each picture would take longer than copying the picture.
         """
@@ -80,5 +82,5 @@ class SharedMemoryChannel:
         return self._memory[index] != 0
 
     def is_peer_closed(self) -> bool:
-        """Return whether the other end of the channel was closed."""
+        """Return whether the other process has closed its end of the hosted device's channel."""
         return bool(hang_up_poll(self.line.fileno()).poll(0))

@@ -10,7 +10,7 @@ from drivers.hosted.message_socket import hang_up_poll
 
 
 def start_watchdog(end: int, grace: float) -> None:
-    """Start a watchdog process, which kills this process if it doesn't end after its parent.
+    """Start a watchdog process, which kills this child process if it doesn't end after its parent.
 
     A thread couldn't do this, because a library that hangs may hold the interpreter's lock. The
     watchdog is forked, so this function must be called before threads are started. It is forked

@@ -23,7 +23,7 @@ from drivers.x11 import libxcb
 
 
 def qt_application(display: str) -> QGuiApplication:
-    """Return this process's Qt application, set up to draw pixel for pixel on an X display."""
+    """Return this process's Qt application, which draws pixel for pixel on the SLM's X display."""
     running = QGuiApplication.instance()
     if isinstance(running, QGuiApplication):
         return running
@@ -61,7 +61,7 @@ class Canvas(QWindow):
         self._connection = int(application.nativeInterface().connection())
 
     def appear(self, grey: NDArray[uint8]) -> None:
-        """Put the SLM's window on the screen with this picture."""
+        """Show this window, with a picture, on its screen, such as the SLM's."""
         self._image = grey_image(grey)
         self.setVisible(True)
         # Seconds within which the X server must have mapped the window.
@@ -92,13 +92,16 @@ class Canvas(QWindow):
         self._store.flush(whole)
 
     def exposeEvent(self, event: object) -> None:
-        """Redraw the picture after another window covered this one; Qt calls this."""
+        """Redraw the SLM's picture after another window covered this one; Qt calls this."""
         if self.isExposed():
             self._flush()
 
 
 def grey_image(grey: NDArray[uint8]) -> QImage:
-    """Wrap grey levels as a QImage that shares the array's memory, which must outlive it."""
+    """Wrap the SLM screen's grey levels as a QImage that shares the array's memory.
+
+    The array must outlive the image.
+    """
     rows, columns = grey.shape
     image = QImage(grey.data, columns, rows, columns, QImage.Format.Format_Grayscale8)
     image.setColorSpace(type(image.colorSpace())())

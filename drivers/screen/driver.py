@@ -146,21 +146,22 @@ class ScreenSLM:
 
     @property
     def displayed_pattern(self) -> str:
-        """Return the identifier of the SLM's pattern: "neutral" if the screen was unplugged since.
+        """Return the identifier of the pattern on the SLM's screen.
 
-        A still is read back again; DeviceError if something covers it.
+        The result is "neutral" if the screen was unplugged after the last pattern was shown. A
+        still is read back again; DeviceError if something covers it.
         """
         return self._ask("shown", lambda window: window.displayed_pattern())
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
-        """Show grey levels, uint8 (rows, columns), on the SLM, and read them back."""
+        """Show grey levels, uint8 (rows, columns), on the SLM's screen, and read them back."""
         command = f"show {identifier}"
         picture = self._require_grey_levels(command, np.asarray(grey), 2)
         seen = self._ask(command, lambda window: window.show(identifier, picture))
         return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
-        """Play a video, uint8 (n, rows, columns), in a loop on the SLM, one frame per refresh."""
+        """Loop a video, uint8 (n, rows, columns), on the SLM's screen, one frame per refresh."""
         command = f"play {identifier}"
         frames = self._require_grey_levels(command, np.asarray(video), 3)
         # Report a missing screen before the whole video is handed over.
@@ -169,7 +170,7 @@ class ScreenSLM:
         return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
 
     def presentations(self) -> Presentations:
-        """Return which frames of the video the SLM has shown, and when; DeviceError without one."""
+        """Return which video frames the SLM's screen has shown, and when; DeviceError if none."""
         told = self._ask("presentations", lambda window: window.presentations())
         if told is None:
             raise DeviceError(self._model, "presentations", "no video plays", "Play one first")
@@ -179,7 +180,7 @@ class ScreenSLM:
         return self._ask("health", lambda window: window.health())
 
     def make_safe(self) -> None:
-        """Show grey level 0 on the whole SLM."""
+        """Show grey level 0 on the SLM's whole screen."""
         self._ask("make safe", lambda window: window.make_safe())
 
     def unplugged_reason(self) -> str | None:
@@ -190,7 +191,7 @@ class ScreenSLM:
         return self._lookout.unplugged_reason() if self._entered and not self._killed else None
 
     def kill(self) -> None:
-        """Kill the process of the SLM's window at once, from any thread."""
+        """Kill the process of the window on the SLM's screen at once, from any thread."""
         self._killed = True
         if self._window is not None:
             self._window.kill()
@@ -218,7 +219,7 @@ class ScreenSLM:
         return window
 
     def _ask(self, command: str, call: Callable[[Any], T]) -> T:
-        """Call the SLM's window and return its answer; open the window again if it has died."""
+        """Send a call to the process that draws on the SLM's screen; reopen it if it has died."""
         if not self._entered or self._killed:
             raise DeviceError(self._model, command, "it is closed", "Open it again")
         window = self._window

@@ -15,7 +15,7 @@ _MODEL = "screens"
 
 
 def list_screens(display: str | None = None) -> list[Output]:
-    """List the screens that are lit, in the X server's order.
+    """List the lit screens, one of which may be the SLM's, in the X server's order.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def list_screens(display: str | None = None) -> list[Output]:
 
 
 def identify_screens(display: str | None = None, seconds: float = 5.0) -> list[Output]:
-    """Show a label with its number and name on each screen, and list the screens.
+    """List the screens, and label each with its number and name, to find the SLM's.
 
     Parameters
     ----------
@@ -78,7 +78,10 @@ def identify_screens(display: str | None = None, seconds: float = 5.0) -> list[O
 
 
 def format_listing(outputs: list[Output]) -> str:
-    """Format one line per screen: number, output, size, position, rate and monitor."""
+    """Format one numbered line for each screen that could be the SLM's.
+
+    A line gives the screen's number, output, size, position, refresh rate and monitor.
+    """
     lines = []
     for number, output in enumerate(outputs, 1):
         monitor = output.monitor
@@ -91,7 +94,10 @@ def format_listing(outputs: list[Output]) -> str:
 
 
 def show_names(display: str | None, seconds: float) -> None:
-    """Show the screens' labels from this process, whose environment is changed for Qt."""
+    """Show the labels on all screens, to find the SLM's; this process's environment is changed.
+
+    Qt needs other environment variables to draw pixel for pixel.
+    """
     x = connect_display(_MODEL, display)
     with x:
         there, name = list_outputs(x), x.display

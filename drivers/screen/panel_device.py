@@ -78,7 +78,11 @@ class PanelDevice:
         return 1 / (self._open_stage.output.refresh or self._wanted.refresh_hz)
 
     def displayed_pattern(self) -> str:
-        """Return the shown pattern's identifier; DeviceError if the screen is gone or wrong."""
+        """Return the identifier of the pattern on the SLM's screen.
+
+        A still pattern is read back. Raises DeviceError if the screen is gone or shows something
+        else.
+        """
         self._require_screen("shown")
         self._raise_pending_error()
         if self._video is None and self._shown:
@@ -87,19 +91,25 @@ class PanelDevice:
         return self._shown
 
     def prepare_to_show(self, command: str) -> None:
-        """Stop a video before another pattern is shown on the SLM."""
+        """Stop the video on the SLM's screen before another pattern is shown."""
         self._require_screen(command)
         self._raise_pending_error()
         self._stop()
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> float:
-        """Show a pattern and read it back; return the latest time at which it is on the screen."""
+        """Show a pattern on the SLM's screen and read it back.
+
+        Returns the time by which the pattern is on the screen at the latest.
+        """
         command = f"show {identifier}"
         self.prepare_to_show(command)
         return self._display_frames(command, identifier, [grey])
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> float:
-        """Start a video and read back its first frame; return the latest time of that frame."""
+        """Start a video on the SLM's screen and read back its first frame.
+
+        Returns the time by which that frame is on the screen at the latest.
+        """
         command = f"play {identifier}"
         self.prepare_to_show(command)
         seen = self._display_frames(command, identifier, list(video))
@@ -113,7 +123,7 @@ class PanelDevice:
         return seen + self.frame_time
 
     def presentations(self) -> Presentations | None:
-        """Return which frames of the video the screen has shown, and when; None without a video."""
+        """Return which video frames the SLM's screen has shown, and when; None without one."""
         self._require_screen("presentations")
         self._raise_pending_error()
         return None if self._video is None else self._video.player.presentations()
@@ -144,7 +154,7 @@ class PanelDevice:
         }
 
     def _attend_until_readable(self, end: int) -> None:
-        """Run Qt's event loop until the parent process calls or has ended."""
+        """Run the SLM window's Qt event loop until the parent process calls or has ended."""
         if self._stage is None:
             return
         from PySide6.QtCore import QEventLoop, QSocketNotifier
@@ -171,7 +181,7 @@ class PanelDevice:
             self._require_screen("follow the screen")
 
     def _require_screen(self, command: str) -> None:
-        """Raise DeviceError while the screen is gone; when it is back, show the neutral pattern."""
+        """Raise DeviceError while the SLM's screen is gone; once it is back, show grey level 0."""
         with self._translate_x_errors(command):
             try:
                 stayed = self._open_stage.ensure_covered()
@@ -182,7 +192,7 @@ class PanelDevice:
                 self._reset_after_loss()
 
     def _reset_after_loss(self) -> None:
-        """Forget the shown pattern or video after the screen was lost; it isn't shown again."""
+        """Forget the pattern or video that was on the SLM's screen before the screen was lost."""
         if self._shown != _NEUTRAL or self._video is not None:
             self._stop()
             self._shown = _NEUTRAL
@@ -206,7 +216,10 @@ class PanelDevice:
             return seen
 
     def _draw(self, index: int) -> None:
-        """Draw a video's frame; every half second, check a band of the frame before."""
+        """Draw a video frame on the SLM's screen; every half second, check the frame before.
+
+        The check reads back one band of that frame.
+        """
         now = time.monotonic()
         if now - self._looked > 0.5:
             self._looked, self._looks = now, self._looks + 1
@@ -227,7 +240,7 @@ class PanelDevice:
             self._shown = ""
 
     def _counts(self) -> tuple[int, int]:
-        """Count the frames presented and missed, over all videos."""
+        """Count the video frames that the SLM's screen presented and missed, over all videos."""
         if self._video is None:
             return self._played, self._missed
         told = self._video.player.presentations()

@@ -53,7 +53,7 @@ class PanelScreen:
 
     @property
     def window(self) -> int:
-        """Return the X server's number of the SLM's window."""
+        """Return the X server's number of the window on the SLM's screen; 0 without a window."""
         return int(self._canvas.winId()) if self._canvas else 0
 
     def ensure_covered(self) -> bool:
@@ -84,7 +84,7 @@ class PanelScreen:
             self._canvas.draw(image)
 
     def verify(self, command: str, grey: NDArray[np.uint8]) -> None:
-        """Raise DeviceError unless the screen shows this pattern pixel for pixel, unchanged."""
+        """Raise DeviceError unless the SLM's screen shows this pattern pixel for pixel."""
         self.has_linear_ramp = self._check_ramp()
         # A compositor may take up to half a second.
         late = time.monotonic() + 0.5
@@ -103,15 +103,15 @@ class PanelScreen:
                     time.sleep(0.05)
 
     def check(self, command: str, grey: NDArray[np.uint8]) -> None:
-        """Raise DeviceError if the screen shows something else, after raising the window again."""
+        """Raise DeviceError if the SLM's screen shows another pattern; put the window on top."""
         if wrong := readback_error(self._read_pixels(), grey):
             self._raise_window()
             raise self._display_error(command, wrong)
 
     def check_band(self, command: str, grey: NDArray[np.uint8]) -> None:
-        """Check one band of the video frame on the screen, which takes less time than all of it.
+        """Check only one band of the video frame on the SLM's screen, to save time.
 
-        Each call takes the next band.
+        Each call checks the next band.
         """
         rows = -(-grey.shape[0] // _CHECKED_BANDS)
         top = self._band * rows
@@ -124,7 +124,7 @@ class PanelScreen:
             raise self._display_error(command, wrong)
 
     def uncover(self) -> None:
-        """Remove the window, because its place may now belong to another screen."""
+        """Remove the SLM's window, because its place may now belong to another screen."""
         if self._reader is not None:
             self._reader.close()
             self._reader = None
@@ -180,5 +180,5 @@ class PanelScreen:
 
 
 def panel_name(output: Output) -> str:
-    """Return the SLM's name: its monitor's model, or its connector."""
+    """Return the name of the SLM's screen: its monitor's model, or its connector."""
     return output.monitor.model or f"screen {output.name}"

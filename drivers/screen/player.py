@@ -54,7 +54,10 @@ class VideoPlayer:
         self._smoothed_time = 0.0
 
     def on_refresh(self, number: int, time: float) -> int:
-        """Draw the next video frame after refresh `number`; return the refresh that shows it."""
+        """Draw the next video frame after the SLM screen's refresh `number`.
+
+        Returns the number of the refresh that will show the frame.
+        """
         index = self._presented % self._count
         self._draw(index)
         # The frame appears at the first refresh after it was drawn.
@@ -79,7 +82,7 @@ class VideoPlayer:
         self._presented += 1
 
     def presentations(self) -> Presentations:
-        """Return the video's presentations until now; an overdue frame counts as missed."""
+        """Return the video frames that the SLM's screen showed; an overdue one counts as missed."""
         overdue = 0
         if self._shown:
             late = (self._now() - self._shown[-1][1]) / self._period

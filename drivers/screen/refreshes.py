@@ -65,9 +65,10 @@ class RefreshEvents:
         self._serial = 0
 
     def request_refresh(self, number: int) -> None:
-        """Request an event for refresh `number`, or for the latest if that one has passed.
+        """Request an event for refresh `number` of the SLM's screen.
 
-        Earlier requests are ignored from now on.
+        If that refresh has passed, the event is for the latest one. Earlier requests are ignored
+        from now on.
         """
         self._serial = (self._serial + 1) & 0xFFFFFFFF
         layout = "II4xQQQ"
@@ -83,7 +84,7 @@ class RefreshEvents:
         )
 
     def poll_refresh(self) -> Refresh | None:
-        """Return the screen refresh that was requested, if its event has arrived."""
+        """Return the requested refresh of the SLM's screen, if its event has arrived."""
         found = None
         for event in self.x.events():
             if len(event) < 44 or event[0] & 0x7F != GENERIC_EVENT or event[1] != self._major:

@@ -25,7 +25,7 @@ class ScreenRequest:
 
 
 def choose_screen(request: ScreenRequest, outputs: Sequence[Output]) -> Output:
-    """Choose the screen that fits the request; otherwise DeviceError lists all screens."""
+    """Choose the screen that fits the SLM's options; otherwise DeviceError lists all screens."""
     found = [output for output in outputs if _matches_request(request, output)]
     if request.screen:
         what = f"no screen is called {request.screen!r}"

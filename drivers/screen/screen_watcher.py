@@ -26,7 +26,7 @@ class ScreenWatcher:
         self._reason = ""
 
     def unplugged_reason(self) -> str:
-        """Return why the screen is missing, empty if it isn't; takes 4 s at most."""
+        """Return why the SLM's screen is missing, empty if it isn't; takes 4 s at most."""
         with self._turn:
             try:
                 self._update()

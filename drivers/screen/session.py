@@ -22,11 +22,11 @@ class ServerGone(DeviceError):
 
 
 def connect_display(model: str, display: str | None) -> XConnection:
-    """Connect to the X server; DeviceError if there is none, or if it is Xwayland.
+    """Connect the SLM's screen driver to the X server; DeviceError without one, or for Xwayland.
 
     Wayland's compositor controls screens and scaling, so that Xwayland can't show exact pixels.
 
-    display: as in DISPLAY; that of the environment if None.
+    display: as in DISPLAY; None means the environment's.
     """
     if display is None and _is_wayland():
         reply = "this is a Wayland session, where no program can choose its screen or pixels"
@@ -52,7 +52,7 @@ def connect_display(model: str, display: str | None) -> XConnection:
 
 
 def disable_scaling(environment: MutableMapping[str, str], display: str) -> None:
-    """Change this process's environment so that Qt draws pixel for pixel on that display."""
+    """Change this process's environment so that Qt draws pixel for pixel on the SLM's screen."""
     for name in _SCALING:
         environment.pop(name, None)
     environment.update(

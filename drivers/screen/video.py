@@ -51,7 +51,7 @@ class VideoPlayback(QObject):
         return "the clock" if self._refreshes is None else "the screen's refreshes"
 
     def process_refreshes(self, *_: object) -> None:
-        """Draw the video frames that are due after the refreshes that were reported."""
+        """Draw the video frames that are due after the SLM screen's reported refreshes."""
         try:
             while (
                 self._refreshes is not None and (told := self._refreshes.poll_refresh()) is not None
@@ -78,7 +78,7 @@ class VideoPlayback(QObject):
         self._timer.start(max(0, round(due * 1e3)))
 
     def _on_timeout(self) -> None:
-        """Take the latest refresh from the clock, and continue the screen's count."""
+        """Compute the SLM screen's latest refresh from the clock, and continue the count."""
         now = time.monotonic()
         passed = math.floor((now - self._last.time) / self._period)
         # A timer may fire half a millisecond early.

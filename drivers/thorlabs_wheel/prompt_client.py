@@ -51,7 +51,7 @@ class ThorlabsClient:
         self._needs_lead_line = False
 
     def call_with_retry(self, command: str, work: Callable[[], T]) -> T:
-        """Return the result of `work`; retry once after the wheel's prompt was found again."""
+        """Return the result of `work`; retry once after finding the Thorlabs wheel's prompt."""
         self.get_ready(command)
         try:
             return work()
@@ -62,9 +62,10 @@ class ThorlabsClient:
         return work()
 
     def get_ready(self, command: str) -> None:
-        """Bring the wheel to its prompt, unless it is there, and check identity and settings.
+        """Bring the Thorlabs wheel to its prompt, and check its identity and settings.
 
-        A wheel that is still turning sends its prompt only when it has stopped.
+        This does nothing if the wheel is at its prompt already. A wheel that is still turning sends
+        its prompt only when it has stopped.
         """
         if self._line.in_sync and not self._line.drain(0.0, _QUIET, command):
             return
@@ -88,7 +89,10 @@ class ThorlabsClient:
                 return
 
     def read_firmware(self, command: str) -> str:
-        """Return the wheel's firmware version; find out if each command needs a line before it."""
+        """Return the Thorlabs wheel's firmware version.
+
+        This also finds out whether each command needs a line before it.
+        """
         try:
             answer = self.confirmed_reply("*idn?", command)
         except UnknownCommand:
@@ -106,14 +110,14 @@ class ThorlabsClient:
         return found[1]
 
     def query_integer(self, question: str, command: str, most: int, least: int = 1) -> int:
-        """Return the wheel's answer as a whole number from `least` to `most`."""
+        """Return the Thorlabs wheel's answer as a whole number from `least` to `most`."""
         answer = self.confirmed_reply(question, command)
         if not re.fullmatch("[0-9]{1,2}", answer) or not least <= int(answer) <= most:
             raise self._line.error(command, f"{question} gives {answer!r}, not {least} to {most}")
         return int(answer)
 
     def confirmed_reply(self, question: str, command: str) -> str:
-        """Return an answer that the filter wheel gave three times in a row.
+        """Return an answer that the real Thorlabs wheel gave three times in a row.
 
         Repetition rules out noise and late answers.
         """
@@ -126,7 +130,7 @@ class ThorlabsClient:
         raise self._line.error(command, f"{question} gives {answer!r} and others in turn")
 
     def ask(self, text: str, command: str, seconds: float = REPLY_TIMEOUT) -> str:
-        """Send a command to the wheel; return what comes between its echo and the prompt."""
+        """Send a command to the Thorlabs wheel; return what comes between echo and prompt."""
         if self._needs_lead_line:
             self._exchange(b">", command, REPLY_TIMEOUT)
         answer = self._exchange(text.encode(), command, seconds)

@@ -17,7 +17,7 @@ _NAME = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*(@.+)?")
 
 
 def require_backend_name(backend: object) -> None:
-    """Raise ValueError unless a driver's option `backend` has the form of a backend's name."""
+    """Raise ValueError unless the USB link's option `backend` has the form of a backend's name."""
     if not isinstance(backend, str) or (backend and not _NAME.fullmatch(backend)):
         raise ValueError(
             f'backend is {backend!r}; leave it empty for libusb, or give "module:name" or '
@@ -34,7 +34,7 @@ class BackendMissing(Exception):
 
 
 def load_backend(backend: str) -> Any:
-    """Return the pyusb backend of a name, or raise BackendMissing."""
+    """Return the pyusb backend of that name for a USB link, or raise BackendMissing."""
     if not backend:
         return _libusb()
     name, _, address = backend.partition("@")

@@ -20,7 +20,7 @@ STRING_TIMEOUT = 0.5
 
 
 def read_string(device: Any, index: int, twice: bool = True) -> str:
-    """Read a string descriptor of a USB device; the string is empty if the device has none.
+    """Read a USB device's string descriptor over the link; empty if the device has none.
 
     twice: whether it is read a second time for comparison. Raises ValueError for a reply that is no
     string and for two replies that differ.
@@ -52,6 +52,6 @@ def _string_bytes(device: Any, index: int) -> bytes:
 
 
 def describe_identity(identity: UsbIdentity) -> str:
-    """Describe a USB device's identity for an error message."""
+    """Describe the identity of a USB link's device for an error message."""
     number = f"serial number {identity.serial}" if identity.serial else "no serial number"
     return f"{identity.product or 'a device without a name'} ({number}, release {identity.release})"

@@ -22,7 +22,7 @@ _EXPLANATIONS: dict[int | None, tuple[str, str]] = {
 def explain_usb_error(
     error: Exception, seconds: float, vendor: int, product: int
 ) -> tuple[str, str]:
-    """Return the reply and remedy of a DeviceError for an exception of pyusb.
+    """Return the reply and remedy of a USB link's DeviceError for an exception of pyusb.
 
     seconds: timeout of the transfer.
     """
@@ -41,7 +41,7 @@ def explain_usb_error(
 
 
 def udev_rule(vendor: int, product: int) -> str:
-    """Return the instruction for a udev rule with which users may access a USB device."""
+    """Return the instruction for a udev rule that lets users open a USB link to a device."""
     return (
         "Write into /etc/udev/rules.d/70-labapp.rules the line "
         f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vendor:04x}", ATTR{{idProduct}}=="{product:04x}", '

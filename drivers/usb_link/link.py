@@ -79,7 +79,7 @@ class UsbLink:
 
     @property
     def identity(self) -> UsbIdentity:
-        """Identity that the USB device reported when it was first opened."""
+        """Identity that the USB link's device reported when it was first opened."""
         return self._first_identity or UsbIdentity("", "", "", "")
 
     @property
@@ -88,18 +88,18 @@ class UsbLink:
 
     @property
     def is_cancelled(self) -> bool:
-        """Whether cancel() was called, after which the link can't be used any more."""
+        """Whether the USB link was cancelled, after which it can't be used any more."""
         return self._cancelled.is_set()
 
     def cancel(self) -> None:
-        """Let no further transfer begin; the thread that uses the link then closes the device.
+        """Let no further transfer begin on the USB link; any thread may call this.
 
-        Any thread may call it.
+        The thread that uses the link then closes the device.
         """
         self._cancelled.set()
 
     def open(self, command: str = "open") -> None:
-        """Find and claim the USB device, unless it is open already."""
+        """Find and claim the USB link's device, unless it is open already."""
         self._require_not_cancelled(command)
         if self._device is not None:
             return
@@ -117,7 +117,7 @@ class UsbLink:
             raise
 
     def unplugged_reason(self) -> str | None:
-        """Return why the device counts as unplugged, or an empty string while it is there.
+        """Return why the USB link's device counts as unplugged, empty while it is there.
 
         It looks only at the system's list of USB devices and sends nothing. It returns None before
         the device was found. Any thread may call it.
@@ -131,7 +131,7 @@ class UsbLink:
         return "" if there >= self._matching_count else "it was unplugged"
 
     def close(self) -> None:
-        """Release the USB device to the system; this never raises."""
+        """Close the USB link and release the device to the system; this never raises."""
         device, self._device = self._device, None
         if device is None:
             return
@@ -155,7 +155,7 @@ class UsbLink:
         data: bytes,
         seconds: float | None = None,
     ) -> None:
-        """Send a control transfer to the device; raise DeviceError unless it takes all bytes."""
+        """Send a USB control transfer to the device; DeviceError unless it takes all bytes."""
         given = (request_type, request, value, self._interface, data)
         taken = self._transfer(command, lambda one, ms: one.ctrl_transfer(*given, ms), seconds)
         self._require_all(command, int(taken), data)
@@ -169,14 +169,17 @@ class UsbLink:
         length: int,
         seconds: float | None = None,
     ) -> bytes:
-        """Fetch up to `length` bytes from the device by a USB control transfer."""
+        """Fetch up to `length` bytes over the USB link by a control transfer."""
         given = (request_type, request, value, self._interface, length)
         return bytes(
             self._transfer(command, lambda one, ms: one.ctrl_transfer(*given, ms), seconds)
         )
 
     def read(self, command: str, endpoint: int, length: int, seconds: float | None = None) -> bytes:
-        """Read up to `length` bytes from a bulk or interrupt endpoint; a halt is cleared."""
+        """Read up to `length` bytes from a bulk or interrupt endpoint of the USB link's device.
+
+        If the endpoint has halted, the halt is cleared and DeviceError is raised.
+        """
         return bytes(
             self._transfer(
                 command, lambda one, ms: one.read(endpoint, length, ms), seconds, endpoint
@@ -184,7 +187,7 @@ class UsbLink:
         )
 
     def write(self, command: str, endpoint: int, data: bytes, seconds: float | None = None) -> None:
-        """Write all bytes to a bulk or interrupt endpoint of the USB device."""
+        """Write all bytes to a bulk or interrupt endpoint of the USB link's device."""
         taken = self._transfer(
             command, lambda one, ms: one.write(endpoint, data, ms), seconds, endpoint
         )
@@ -198,7 +201,7 @@ class UsbLink:
     def drain(
         self, command: str, endpoint: int, length: int, quiet: float, is_overdue: Callable[[], bool]
     ) -> int:
-        """Discard the USB device's reports until none comes for `quiet` seconds; count them.
+        """Discard the USB link's reports until none comes for `quiet` seconds; count them.
 
         Raises DeviceError if reports still come when `is_overdue()` is true, or if the device is
         gone.
@@ -225,7 +228,7 @@ class UsbLink:
         seconds: float | None,
         endpoint: int = 0,
     ) -> Any:
-        """Carry out a transfer on the open USB device, within `seconds` and the link's timeout.
+        """Carry out a transfer on the open USB link, within `seconds` and the link's timeout.
 
         transfer: function of pyusb's device and a timeout in milliseconds.
         """
@@ -238,12 +241,13 @@ class UsbLink:
         return answer
 
     def _require_not_cancelled(self, command: str) -> None:
-        """Raise DeviceError if the link was cancelled, and close it, so that the device is free."""
+        """Raise DeviceError if the USB link was cancelled, and close it to free the device."""
         if self._cancelled.is_set():
             self.close()
             raise self._error(command, "the device was given up", "Open the device again")
 
     def _find(self, command: str) -> Any:
+        """Find the USB link's device by vendor, product and serial number, or raise DeviceError."""
         import usb.core
 
         found = usb.core.find(
@@ -267,14 +271,14 @@ class UsbLink:
         return devices[0]
 
     def _count_matching(self) -> int:
-        """Count the USB devices with this vendor and product, without opening any."""
+        """Count the USB devices that match the link's vendor and product, without opening any."""
         return sum(
             (told.idVendor, told.idProduct) == (self._vendor, self._product)
             for told in map(self._backend.get_device_descriptor, self._backend.enumerate_devices())
         )
 
     def _with_serial(self, devices: list[Any]) -> list[Any]:
-        """Return the USB devices with the wanted serial number.
+        """Return the USB devices with the serial number that the link requires.
 
         An error when reading a serial number is raised only if no device matches.
         """
@@ -295,6 +299,7 @@ class UsbLink:
         return fitting
 
     def _claim(self) -> None:
+        """Claim the interface of the USB link's device; detach the system's driver if needed."""
         import usb.core
         import usb.util
 
@@ -344,7 +349,7 @@ class UsbLink:
         endpoint: int = 0,
         let_through: type[Exception] | tuple[()] = (),
     ) -> Iterator[None]:
-        """Turn exceptions of pyusb into DeviceError, except those of the class `let_through`."""
+        """Turn pyusb's exceptions on the USB link into DeviceError, except any of `let_through`."""
         try:
             yield
         except DeviceError:

@@ -146,7 +146,7 @@ class UVCCamera:
 
     @property
     def frame_time(self) -> float:
-        """Return the seconds for the camera frames that are discarded and the one that is kept."""
+        """Return the seconds for the UVC frames that are discarded and the one that is kept."""
         return (self.discard_frames + QUEUE_LENGTH + 4) * self._period
 
     @property
@@ -156,7 +156,7 @@ class UVCCamera:
         return max(given, self._in_force.exposure)
 
     def health(self) -> dict[str, str]:
-        """Return the camera's description, and the frame time and counts of its stream."""
+        """Return the UVC camera's description, and the frame time and counts of its stream."""
         stream = self._connection.ensure_stream("read its state")
         return {
             **self._connection.description,
@@ -167,7 +167,7 @@ class UVCCamera:
         }
 
     def set_exposure(self, exposure: float) -> Setting[float]:
-        """Set the camera's exposure in s, and read back the value that is actually in force."""
+        """Set the UVC camera's exposure in s, and read back the value that is in force."""
         command = f"set the exposure to {exposure * 1e3:g} ms"
         low, high = self._range
         if not low <= exposure <= high:
@@ -181,7 +181,7 @@ class UVCCamera:
         return Setting(exposure, self._in_force.exposure, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """Return the camera's first frame that began after this call with the current exposure.
+        """Return the first UVC frame with the current exposure that began after this call.
 
         DeviceError if the stream stops for a second, or if the call is cancelled.
         """
@@ -195,9 +195,9 @@ class UVCCamera:
         return Frame(image, self._in_force.exposure, self._gain, begun, shot.number)
 
     def measure_latency(self, exposures: Sequence[float], steps: int = 3, frames: int = 16) -> int:
-        """Measure `discard_frames` by alternating between two exposures under steady light.
+        """Measure the UVC camera's `discard_frames` by alternating between two exposures.
 
-        The result is used from now on.
+        The light must be steady. The result is used from now on.
 
         exposures: two, in seconds, of which neither gives dark or clipped frames. steps: how often
         each is set. frames: number of frames that are evaluated after each change.
@@ -226,7 +226,7 @@ class UVCCamera:
         return latency
 
     def make_safe(self) -> None:
-        """Stop the camera's stream; the next command starts it again."""
+        """Stop the UVC camera's stream; the next command starts it again."""
         self._connection.stop()
 
     def unplugged_reason(self) -> str | None:
@@ -241,7 +241,7 @@ class UVCCamera:
         self._connection.stop()
 
     def _mean_levels(self, command: str, count: int) -> list[tuple[int, float]]:
-        """Return the mean levels of the camera's next frames, to measure its latency.
+        """Return the mean levels of the UVC camera's next frames, to measure its latency.
 
         Each comes with the number of frames since the exposure was set.
         """
@@ -257,7 +257,7 @@ class UVCCamera:
         return levels
 
     def _next_valid_frame(self, stream: Stream, cancelled: Callable[[], bool]) -> StreamFrame:
-        """Return the camera's first frame with the current exposure that began after the call."""
+        """Return the first UVC frame with the exposure in force that began after the call."""
         called, number, now = time.monotonic(), stream.frame_count, self._in_force
         late = called + now.exposure + self.frame_time + CALL_TIMEOUT
         while time.monotonic() < late:
@@ -270,7 +270,7 @@ class UVCCamera:
         raise self._connection.end_with_error("capture", "no frame of the new exposure came")
 
     def _require_frame_interval(self, stream: Stream, shot: StreamFrame) -> None:
-        """Raise DeviceError if the camera's frames come faster than the exposure allows."""
+        """Raise DeviceError if UVC frames come faster than the exposure allows."""
         gap = self._in_force.too_short_interval(stream, shot)
         if gap:
             raise self._connection.refuse(
@@ -282,7 +282,7 @@ class UVCCamera:
             )
 
     def _next_shot(self, stream: Stream, after: int, cancelled: Callable[[], bool]) -> StreamFrame:
-        """Return the stream's next frame; DeviceError if none comes for a second, or on cancel."""
+        """Return the UVC stream's next frame; DeviceError if none comes for 1 s, or on cancel."""
         began = time.monotonic()
         while True:
             if cancelled():
@@ -305,7 +305,10 @@ class UVCCamera:
         self._in_force = self._in_force.with_exposure(units, actual * self._mode.unit)
 
     def _restore_exposure(self, command: str, stream: Stream) -> None:
-        """Set the last exposure again on a new stream; at first the camera's own, in the range."""
+        """Set the UVC camera's last exposure again on a new stream.
+
+        On the first stream, the camera's own exposure is set, moved into the range.
+        """
         low, high = (round(limit / self._mode.unit) for limit in self._range)
         units = self._in_force.units or round(
             self._connection.ask(command, stream, read_exposure_units)
@@ -314,7 +317,7 @@ class UVCCamera:
 
 
 def _range(exposure_range_ms: Sequence[float]) -> tuple[float, float]:
-    """Convert an exposure range to seconds; ValueError if it isn't a range."""
+    """Convert a UVC camera's exposure range to seconds; ValueError if it isn't a range."""
     try:
         low, high = (float(limit) for limit in exposure_range_ms)
     except (TypeError, ValueError):

@@ -53,7 +53,7 @@ class CameraConnection:
         return self.description.get("name", "") or self._model
 
     def ensure_stream(self, command: str) -> Stream:
-        """Return the camera's stream; if it has ended, restart it and check the identity."""
+        """Return the UVC camera's stream; if it has ended, restart it and check the identity."""
         stream = self.stream
         if stream is not None and not stream.end_reason:
             return stream
@@ -77,7 +77,7 @@ class CameraConnection:
     def ask(
         self, command: str, stream: Stream, work: Callable[[Any], T], seconds: float = CALL_TIMEOUT
     ) -> T:
-        """Run `work` on the VideoCapture of the camera's stream, between two frames."""
+        """Run `work` on the VideoCapture of the UVC camera's stream, between two frames."""
         try:
             return stream.run_between_frames(work, seconds)
         except StreamStopped as stopped:
@@ -86,14 +86,14 @@ class CameraConnection:
             raise self.end_with_error(command, f"{type(error).__name__}: {error}") from error
 
     def end_with_error(self, command: str, why: str) -> DeviceError:
-        """End the camera's stream and return its error; the next command starts another stream."""
+        """End the UVC camera's stream and return its error; the next command restarts it."""
         self.stop(0.0)
         if self.unplugged_reason():
             return self.refuse(command, "it was unplugged", "Plug it in again")
         return self.refuse(command, why, _CABLE)
 
     def unplugged_reason(self) -> str | None:
-        """Return why the camera counts as unplugged, empty while connected, None if unknown."""
+        """Return why the UVC camera counts as unplugged, empty while connected, None if unknown."""
         if not self._had_device_file:
             return None
         path = device_path(self._mode.device)
@@ -105,4 +105,5 @@ class CameraConnection:
             self._abandoned_stream = stream
 
     def refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
+        """Return a DeviceError of the UVC camera for a command that failed."""
         return DeviceError(self.model, command, reply, remedy)

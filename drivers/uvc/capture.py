@@ -58,12 +58,12 @@ class CaptureMode:
 
 
 def device_path(device: str | int) -> Path:
-    """Return the path of a video device's file."""
+    """Return the path of a UVC camera's Video4Linux device file."""
     return Path(f"/dev/video{device}" if isinstance(device, int) else device)
 
 
 def resolve_source(source: str | CaptureFactory) -> CaptureFactory:
-    """Return the function that opens a camera: OpenCV's by default, or that named "module:name".
+    """Return the function that opens a UVC camera: OpenCV's by default, or "module:name".
 
     ValueError if there is no such function.
     """
@@ -94,7 +94,7 @@ def _open_v4l2(device: str | int) -> Any:
 
 
 def open_capture(mode: CaptureMode, source: CaptureFactory) -> Any:
-    """Open a VideoCapture and apply the camera's mode; StreamStopped if the camera refuses it."""
+    """Open a VideoCapture in the UVC camera's mode; StreamStopped if the camera refuses it."""
     capture = source(mode.device)
     try:
         if not capture.isOpened():
@@ -128,7 +128,7 @@ def _set_format(capture: Any, mode: CaptureMode) -> None:
 
 
 def _disable_automatics(capture: Any, mode: CaptureMode) -> None:
-    """Turn off the camera's automatic exposure, white balance and focus, and set its gain."""
+    """Turn off the UVC camera's automatic exposure, white balance and focus; set its gain."""
     import cv2
 
     capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _EXPOSURE_MANUAL)
@@ -157,7 +157,7 @@ def _require_manual(capture: Any) -> None:
 
 
 def read_exposure_units(capture: Any) -> float:
-    """Read the camera's exposure in its own units."""
+    """Read the UVC camera's exposure in the camera's own units."""
     import cv2
 
     units = float(capture.get(cv2.CAP_PROP_EXPOSURE))
@@ -167,7 +167,7 @@ def read_exposure_units(capture: Any) -> float:
 
 
 def set_exposure_units(capture: Any, units: int) -> float:
-    """Set the camera's exposure in its own units; return what it then reads."""
+    """Set the UVC camera's exposure in its own units; return what it then reads."""
     import cv2
 
     if not capture.set(cv2.CAP_PROP_EXPOSURE, float(units)):
@@ -177,7 +177,7 @@ def set_exposure_units(capture: Any, units: int) -> float:
 
 
 def describe_camera(capture: Any, device: str | int) -> dict[str, str]:
-    """Describe the camera: device file, backend, name and serial number, as far as known."""
+    """Describe the UVC camera: device file, backend, name and serial number, if known."""
     path = device_path(device).resolve()
     told = {"device": str(path), "backend": str(capture.getBackendName())}
     if not re.fullmatch(r"video\d+", path.name):

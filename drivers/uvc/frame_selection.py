@@ -22,11 +22,11 @@ class ExposureInForce:
     set_at: float = 0.0
 
     def with_exposure(self, units: int, exposure: float) -> ExposureInForce:
-        """Return the state after the camera was set to a new exposure, in force from now on."""
+        """Return the state of a UVC camera whose new exposure is in force from now on."""
         return ExposureInForce(units, exposure, self.exposure, time.monotonic())
 
     def is_in_frame(self, stream: Stream, shot: StreamFrame, discard_frames: int) -> bool:
-        """Return whether a camera frame certainly has this exposure.
+        """Return whether a UVC camera's frame certainly has this exposure.
 
         More than `discard_frames` frames must have begun since it was set, including this one. A
         frame's time stamp is at its end at the latest. It began at most an exposure and a frame
@@ -38,14 +38,14 @@ class ExposureInForce:
         return stream.count_frames_since(self.set_at + margin, shot.number) > most
 
     def is_begun_after(self, time_: float, stream: Stream, shot: StreamFrame) -> bool:
-        """Return whether a camera frame's exposure certainly began after `time_`."""
+        """Return whether the exposure of a UVC frame certainly began after `time_`."""
         margin = self._frame_time(stream) + self.exposure
         return stream.count_frames_since(time_ + margin, shot.number) > (
             0 if shot.stamped else QUEUE_LENGTH
         )
 
     def too_short_interval(self, stream: Stream, shot: StreamFrame) -> float:
-        """Return the camera's frame interval in s if it is shorter than the exposure; else 0."""
+        """Return the UVC frame interval in s if it is shorter than the exposure; else 0."""
         gap = stream.interval_before(shot.number)
         return gap if shot.stamped and gap < 0.7 * self.exposure else 0.0
 

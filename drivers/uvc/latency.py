@@ -8,7 +8,7 @@ import numpy as np
 
 
 def count_old_frames(before: float, levels: Sequence[tuple[int, float]]) -> int:
-    """Count the frames that still have the old exposure after a change.
+    """Count the UVC frames that still have the old exposure after a change.
 
     before: mean digital number of pictures with the old exposure. levels: for each picture after
     the change, in order: how many frames came since the change, and its mean digital number.

@@ -26,12 +26,12 @@ _BYTES = {"YUYV": 2, "Y10 ": 2, "Y12 ": 2, "Y16 ": 2}
 
 
 def is_decoded(pixel_format: str) -> bool:
-    """Return whether OpenCV decodes this pixel format; otherwise the raw bytes are used."""
+    """Return whether OpenCV decodes this UVC pixel format; otherwise the raw bytes are used."""
     return pixel_format == "MJPG"
 
 
 def decode_pixels(image: Any, pixel_format: str, shape: tuple[int, int]) -> NDArray[np.uint16]:
-    """Decode a camera frame to digital numbers (rows, columns); ValueError on a wrong size."""
+    """Decode a UVC frame to digital numbers (rows, columns); ValueError on a wrong size."""
     if is_decoded(pixel_format):
         return _luminance(image, shape)
     data = np.ascontiguousarray(image).view(np.uint8).reshape(-1)

@@ -93,7 +93,7 @@ class VariSpecClient:
             raise
 
     def send(self, text: str, command: str) -> None:
-        """Send a command to the VariSpec and check its echo."""
+        """Send a command to the real VariSpec filter and check its echo."""
         sent = text.encode("ascii") + self._end
         self.line.write(sent, command)
         self._expect_echo(sent, command, _TIMING.reply_timeout)
@@ -133,7 +133,7 @@ class VariSpecClient:
         self.send("R 1", command)
 
     def sleep(self, serial: str) -> None:
-        """Send the tunable filter to sleep, and check that it no longer answers."""
+        """Send the VariSpec filter to sleep, and check that it no longer answers."""
         self.send(f"S {int(serial)}", "sleep")
         clock = self.line.clock
         clock.wait_until(clock.now() + _TIMING.abort_time, lambda: self.line.is_cancelled)
@@ -186,6 +186,7 @@ class VariSpecClient:
         return answer
 
     def _expect_echo(self, sent: bytes, command: str, seconds: float) -> None:
+        """Read the VariSpec's echo of what was sent; DeviceError if it differs."""
         echo = self.line.read(len(sent), command, seconds)
         if echo != sent:
             raise self.line.error(command, f"{sent!r} is echoed as {echo!r}", _NOISE)

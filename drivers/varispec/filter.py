@@ -123,11 +123,14 @@ class VariSpec:
         self._line.close()
 
     def kill(self) -> None:
-        """Cancel the filter's running call, from any thread; it can't be used afterwards."""
+        """Cancel the VariSpec driver's running call, from any thread.
+
+        The driver can't be used afterwards.
+        """
         self._line.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Return why the tunable filter counts as unplugged, empty while it is connected."""
+        """Return why the VariSpec filter counts as unplugged, empty while it is connected."""
         return self._line.unplugged_reason()
 
     @property
@@ -148,24 +151,24 @@ class VariSpec:
 
     @property
     def wavelength(self) -> float:
-        """Read the wavelength in metres to which the filter is tuned."""
+        """Read the wavelength in metres to which the VariSpec filter is tuned."""
         return _metres(self._run("read the wavelength", self._tuning.read))
 
     @property
     def temperature(self) -> float:
-        """Read the temperature of the filter's liquid crystals in degrees Celsius."""
+        """Read the temperature of the VariSpec's liquid crystals in degrees Celsius."""
         return self._run("read the temperature", self._read_temperature)
 
     @property
     def palette(self) -> tuple[float, ...]:
-        """Read the filter's palette: the wavelengths in metres that it has calculated."""
+        """Read the VariSpec's palette: the wavelengths in metres that it has calculated."""
         # Over RS-232, reading a full palette takes longer than any other call.
         self.alive_at = time.monotonic()
         told = self._run("read the palette", self._palette.read, self.reply_time + 5.0)
         return tuple(map(_metres, told))
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Tune the filter to a wavelength in metres, which it rounds to 0.01 nm."""
+        """Tune the VariSpec filter to a wavelength in metres, which it rounds to 0.01 nm."""
         nm = round(wavelength * 1e9, 2)
         command = f"tune to {nm:.2f} nm"
         self._require_in_range(nm, command)
@@ -180,7 +183,7 @@ class VariSpec:
         return self._setting(wavelength)
 
     def define_palette(self, wavelengths: Sequence[float]) -> tuple[float, ...]:
-        """Have the filter calculate wavelengths (in metres) in advance; return its palette.
+        """Have the VariSpec calculate wavelengths (in metres) in advance; return its palette.
 
         set_wavelength() then uses them. This takes up to half a second per wavelength.
         """
@@ -201,14 +204,14 @@ class VariSpec:
         self._run("clear the palette", self._palette.clear)
 
     def choose(self, element: int) -> Setting[float]:
-        """Tune the filter to an element of its palette, counted from 0."""
+        """Tune the VariSpec filter to an element of its palette, counted from 0."""
         command = f"tune to element {element} of the palette"
 
         nm = self._run(command, lambda: self._tuning.choose(element, command))
         return self._setting(_metres(nm))
 
     def refresh(self, *, completely: bool = True) -> None:
-        """Initialise the filter again (30 s), or only correct it for the temperature (quick).
+        """Initialise the VariSpec again (30 s), or only correct it for the temperature (quick).
 
         Don't call this between frames that are to be compared. It takes 30 s more if the filter
         was just plugged in again.
@@ -219,14 +222,14 @@ class VariSpec:
         self.set_wavelength(_metres(self._tuning.nm or self._known_version.shortest))
 
     def exercise(self, cycles: int = 3) -> None:
-        """Exercise the liquid crystals, 12 s per cycle; the manual says that 3 are enough."""
+        """Exercise the VariSpec's liquid crystals, 12 s per cycle; the manual says 3 are enough."""
         if cycles not in range(1, 256):
             raise ValueError(f"cycles is {cycles!r}; it must be from 1 to 255")
         self._synchronise("exercise")
         self._startup.exercise(cycles)
 
     def sleep(self) -> None:
-        """Send the filter to sleep; it answers nothing until it is awakened."""
+        """Send the VariSpec filter to sleep; it answers nothing until it is awakened."""
         self._run("sleep", lambda: self._client.sleep(self._known_version.serial))
 
     def awaken(self) -> None:
@@ -234,7 +237,7 @@ class VariSpec:
         self._run("awaken", lambda: None)
 
     def health(self) -> dict[str, str]:
-        """Read the filter's state, and say what should be done about it."""
+        """Read the VariSpec's state, and say what should be done about it."""
         with self._line.within(self._call_timeout):
             status = self._run(
                 "read the status", lambda: self._client.read_status("read the status")
@@ -308,8 +311,8 @@ class VariSpec:
 
 
 def _metres(nm: float) -> float:
-    """Convert a filter's wavelength from nm to m, rounded so that equal ones compare equal.
+    """Convert a VariSpec's wavelength from nm to m, so that equal ones compare equal.
 
-    The result is exactly round(nm * 100) / 1e11.
+    The result is rounded to 0.01 nm.
     """
     return round(nm * 100) / 1e11

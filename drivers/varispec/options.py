@@ -52,5 +52,6 @@ def as_tuple(name: str, values: Any) -> tuple[Any, ...]:
 
 
 def _require_one_of(name: str, value: Any, choices: Sequence[Any]) -> None:
+    """Raise ValueError unless a VariSpec option has one of the allowed values."""
     if not isinstance(value, type(choices[0])) or value not in choices:
         raise ValueError(f"{name} is {value!r}; choose one of {', '.join(map(repr, choices))}")

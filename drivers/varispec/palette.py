@@ -17,7 +17,7 @@ class Palette:
         self._defined.clear()
 
     def find(self, nm: float) -> int | None:
-        """Return the palette's element of a wavelength; None if it wasn't defined here."""
+        """Return a wavelength's element of the VariSpec's palette; None if not defined here."""
         return self._defined.get(nm)
 
     def clear(self) -> None:
@@ -29,7 +29,7 @@ class Palette:
         self._defined[nm] = element
 
     def read(self) -> tuple[float, ...]:
-        """Read the palette, repeatedly unless it equals what was defined here."""
+        """Read the VariSpec's palette, repeatedly unless it equals what was defined here."""
         held = self._read_once()
         if held and held == tuple(self._defined):
             return held

@@ -85,7 +85,7 @@ class Status:
 
 
 def parse_status(byte: int) -> Status | None:
-    """Decode a VariSpec's status byte; None unless bits 7 and 4 are 0 and bit 6 is 1."""
+    """Decode the VariSpec filter's status byte; None unless bits 7 and 4 are 0 and bit 6 is 1."""
     if byte & 0b11010000 != 0b01000000:
         return None
     return Status(*(bool(byte >> place & 1) for place in (0, 1, 2, 3, 5)))

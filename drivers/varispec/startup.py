@@ -41,7 +41,7 @@ class StartupTiming:
 
     @property
     def power_up(self) -> float:
-        """Return the time after plugging in within which a VariSpec may initialise itself."""
+        """Return the seconds after plugging in within which a VariSpec may initialise itself."""
         return self.initialisation * self.time_factor
 
 
@@ -183,9 +183,9 @@ class VariSpecStartup:
         return self._talk.read_status(command)
 
     def _wait_for_power_up(self) -> None:
-        """Wait while a filter that was just switched on initialises itself.
+        """Wait while a VariSpec that was just switched on initialises itself.
 
-        Aborting that would only cost time.
+        Aborting the initialisation would only cost time.
         """
         self._line.drain(0.07, 1.0, "open")
         try:
@@ -196,7 +196,7 @@ class VariSpecStartup:
             self._wait_until_idle("waiting for its power-up", "open", _TIMING.initialisation)
 
     def _wait_out_power_up(self, command: str) -> None:
-        """Avoid aborting the initialisation of a filter that was unplugged and lost its power."""
+        """Avoid aborting the initialisation of a VariSpec that was unplugged and lost its power."""
         now = self._line.clock.now
         if not self._line.is_open:
             self._line.open(command)

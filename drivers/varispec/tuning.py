@@ -17,7 +17,7 @@ class Tuning:
         self.nm = 0.0
 
     def tune(self, nm: float, element: int | None, command: str) -> None:
-        """Tune the filter to a wavelength, through the palette's element that holds it, if any."""
+        """Tune the VariSpec to a wavelength, through its palette if `element` isn't None."""
         self._talk.send_and_check(f"W {nm:.2f}" if element is None else f"P {element}", command)
         actual = self._ask(command)
         # The filter's resolution is 0.01 nm, so a smaller difference than 0.006 nm is rounding.
@@ -26,7 +26,7 @@ class Tuning:
         self.nm = nm
 
     def choose(self, element: int, command: str) -> float:
-        """Tune the filter to an element of the palette; return its wavelength in nanometres."""
+        """Tune the VariSpec to an element of its palette; return its wavelength in nanometres."""
         self._talk.send_and_check(f"P {element:d}", command)
         if self._talk.query_integer("P", command) != element:
             raise self._talk.line.error(command, "it chose another element")
@@ -34,7 +34,7 @@ class Tuning:
         return self.nm
 
     def read(self) -> float:
-        """Read the filter's wavelength in nanometres, repeatedly unless it is as last confirmed."""
+        """Read the VariSpec's wavelength in nm, repeatedly unless it is as last confirmed."""
         command = "read the wavelength"
         told = self._ask(command)
         if told == self.nm:

@@ -105,21 +105,21 @@ class XConnection:
             self._at = None
 
     def fileno(self) -> int:
-        """Return the file descriptor that becomes readable when X events arrive."""
+        """Return the file descriptor that becomes readable when the X server sends events."""
         return int(libxcb.load_library().xcb_get_file_descriptor(self._require_open()))
 
     def new_id(self) -> int:
         return int(libxcb.load_library().xcb_generate_id(self._require_open()))
 
     def send_request(self, opcode: int, body: bytes) -> None:
-        """Send an X request that has no reply; its errors arrive among the events."""
+        """Send the X server a request without reply; its errors arrive among the events."""
         with self._lock:
             if not libxcb.send(self._require_open(), opcode, body, has_reply=False):
                 raise self._gone_error()
             libxcb.load_library().xcb_flush(self._require_open())
 
     def query(self, opcode: int, body: bytes) -> bytes:
-        """Send an X request and return its reply.
+        """Send a request to the X server and return the reply.
 
         body: the request from its opcode on; its length is filled in.
         """
@@ -149,14 +149,14 @@ class XConnection:
             readable.poll(left * 1e3)
 
     def events(self) -> Iterator[bytes]:
-        """Yield the X events that have arrived, without waiting; XError if the server has ended."""
+        """Yield the X server's events that have arrived, without waiting; XError if it ended."""
         while (event := libxcb.next_event(self._require_open())) is not None:
             yield event
         if libxcb.load_library().xcb_connection_has_error(self._require_open()):
             raise self._gone_error()
 
     def extension(self, name: str) -> tuple[int, int]:
-        """Return an X extension's major opcode and first event; XError if the server lacks it."""
+        """Return an extension's major opcode and first event; XError if the X server lacks it."""
         if name not in self._opcodes:
             word = name.encode()
             reply = self.query(98, struct.pack("<BxHHxx", 98, 0, len(word)) + word)
@@ -175,18 +175,19 @@ class XConnection:
     def query_extension(
         self, name: str, minor: int, layout: str = "", *values: int | bytes
     ) -> bytes:
-        """Send a request of an X extension and return its reply."""
+        """Send the X server an extension's request and return the reply."""
         major, _ = self.extension(name)
         return self.query(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
 
     def send_extension_request(
         self, name: str, minor: int, layout: str = "", *values: int | bytes
     ) -> None:
-        """Send a request of an X extension that has no reply."""
+        """Send the X server an extension's request that has no reply."""
         major, _ = self.extension(name)
         self.send_request(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
 
     def atom(self, name: str) -> int:
+        """Return the X server's number of the atom of that name."""
         word = name.encode()
         reply = self.query(16, struct.pack("<BBHHxx", 16, 0, 0, len(word)) + word)
         return int(struct.unpack_from("<I", reply, 8)[0])
@@ -201,12 +202,12 @@ class XConnection:
 
 
 def _connect(display: str, screen: ctypes.c_int) -> int:
-    """Return libxcb's connection, usable or failed; XError if the X server doesn't answer."""
+    """Return libxcb's connection to the X server, usable or failed; XError without an answer."""
     made: queue.SimpleQueue[int] = queue.SimpleQueue()
     unwanted = threading.Event()
 
     def forget() -> None:
-        """Close an X connection that came too late; either thread may do this."""
+        """Close a connection to the X server that came too late; either thread may do this."""
         with contextlib.suppress(queue.Empty):
             libxcb.load_library().xcb_disconnect(made.get_nowait())
 
@@ -242,7 +243,10 @@ def _read_setup(address: int, number: int) -> ServerSetup:
 
 
 def _parse_screen(told: bytes, at: int) -> tuple[int, dict[int, tuple[int, int, int]]]:
-    """Return the offset of the setup's next screen, and the colour masks of this one's visuals."""
+    """Return the offset of the next screen in the X server's setup, and this screen's masks.
+
+    The masks are the red, green and blue masks of each visual, by the visual's number.
+    """
     masks = {}
     depths, at = told[at + 39], at + 40
     for _ in range(depths):

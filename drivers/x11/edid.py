@@ -29,7 +29,10 @@ class Monitor:
 
 
 def read_edid(edid: bytes) -> Monitor:
-    """Decode a monitor's EDID; the Monitor is empty if the bytes or their checksum are wrong."""
+    """Decode a monitor's EDID, as the X server has it; the Monitor is empty for an invalid EDID.
+
+    An EDID is invalid if it is too short, or if its header or checksum is wrong.
+    """
     if len(edid) < 128 or edid[:8] != _HEADER or sum(edid[:128]) % 256:
         return Monitor()
     (letters,) = struct.unpack_from(">H", edid, 8)

@@ -32,7 +32,7 @@ GENERIC_EVENT = 35
 
 @functools.cache
 def load_library() -> Any:
-    """Load libxcb and declare its functions; OSError if it isn't installed."""
+    """Load the X client library libxcb and declare its functions; OSError if not installed."""
     xcb = ctypes.CDLL("libxcb.so.1")
     for name, result, given in (
         ("xcb_connect", c_void_p, (c_char_p, POINTER(c_int))),
@@ -60,7 +60,7 @@ def _free() -> Any:
 
 
 def copy_and_free(address: int, length: int) -> bytes:
-    """Copy memory that libxcb allocated, and free it."""
+    """Copy memory that the X client library libxcb allocated, and free it."""
     try:
         return ctypes.string_at(address, length)
     finally:
@@ -68,7 +68,10 @@ def copy_and_free(address: int, length: int) -> bytes:
 
 
 def send(connection: int, opcode: int, body: bytes, has_reply: bool) -> int:
-    """Send an X request with its length filled in; return its sequence number, 0 on failure."""
+    """Send the X server a request; return its sequence number, or 0 on failure.
+
+    The request's length is filled in.
+    """
     padded = ctypes.create_string_buffer(body + bytes(-len(body) % 4))
     # libxcb uses two vectors in front of the first one itself.
     vectors = (IoVector * 3)()
@@ -83,7 +86,7 @@ def send(connection: int, opcode: int, body: bytes, has_reply: bool) -> int:
 
 
 def reply_or_error(connection: int, sequence: int) -> tuple[bool, bytes, int]:
-    """Return whether an X request is done, its reply, and its error code (0 without error)."""
+    """Return whether a request to the X server is done, its reply, and its error code or 0."""
     reply, error = c_void_p(), c_void_p()
     done = load_library().xcb_poll_for_reply(connection, sequence, byref(reply), byref(error))
     if error.value:
@@ -106,7 +109,7 @@ def round_trip(connection: int) -> None:
 
 
 def next_event(connection: int) -> bytes | None:
-    """Return the next X event that has arrived, without waiting; None if there is none."""
+    """Return the X server's next event that has arrived, without waiting; None without one."""
     event = load_library().xcb_poll_for_event(connection)
     if not event:
         return None

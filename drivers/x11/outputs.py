@@ -64,7 +64,7 @@ class Output:
         return self.x, self.y, self.width, self.height
 
     def overlaps(self, other: Output) -> bool:
-        """Return whether some pixels of the X screen are shown by both outputs."""
+        """Return whether both outputs show some of the same pixels of the X server's screen."""
         return (
             self.x < other.x + other.width
             and other.x < self.x + self.width
@@ -80,7 +80,7 @@ class Output:
 
 
 def list_outputs(x: XConnection) -> list[Output]:
-    """List the screens that are lit now, in the X server's order; XError if it lacks RandR."""
+    """List the lit screens in the X server's order; XError if the server lacks RandR."""
     x.query_extension("RANDR", _RandrRequest.QUERY_VERSION, "II", 1, 5)
     root = x.setup.root
     told = x.query_extension("RANDR", _RandrRequest.GET_SCREEN_RESOURCES_CURRENT, "I", root)
@@ -113,7 +113,9 @@ def watch_changes(x: XConnection) -> None:
 
 
 def has_been_lost(x: XConnection, output: Output) -> bool:
-    """Return whether a screen was dark or unplugged since the last call, even if it is back.
+    """Return whether the X server reported a screen dark or unplugged since the last call.
+
+    The result is True even if the screen is back.
 
     x: a connection on which `watch_changes` was called, and which nothing else uses.
     """
@@ -133,14 +135,17 @@ def has_been_lost(x: XConnection, output: Output) -> bool:
 
 
 def read_gamma_ramp(x: XConnection, crtc: int) -> NDArray[np.uint16]:
-    """Read a graphics card's gamma ramp: (3, n) of 0 to 65535, where n is 0 without a ramp."""
+    """Read the graphics card's gamma ramp from the X server: (3, n) of 0 to 65535.
+
+    Without a ramp, n is 0.
+    """
     told = x.query_extension("RANDR", _RandrRequest.GET_CRTC_GAMMA, "I", crtc)
     (size,) = struct.unpack_from("<H", told, 8)
     return np.frombuffer(told, "<u2", 3 * size, 32).reshape(3, size).astype(np.uint16)
 
 
 def _parse_modes(told: bytes, at: int, count: int) -> dict[int, tuple[int, int, float]]:
-    """Decode RandR's modes: width, height and refresh rate of each."""
+    """Decode the X server's RandR modes: width, height and refresh rate of each."""
     found = {}
     for _ in range(count):
         number, width, height, dots = struct.unpack_from("<IHHI", told, at)
@@ -163,6 +168,7 @@ def _read_output(
     primary: bool,
     edid: int,
 ) -> Output | None:
+    """Read an output's screen from the X server through RandR; None if it isn't lit."""
     told = x.query_extension("RANDR", _RandrRequest.GET_OUTPUT_INFO, "II", number, stamp)
     (crtc,) = struct.unpack_from("<I", told, 12)
     if not crtc or told[24] == _Connection.DISCONNECTED:
@@ -183,6 +189,7 @@ def _read_output(
 def _describe_distortion(
     x: XConnection, crtc: int, mode: tuple[int, int], size: tuple[int, int], rotation: int
 ) -> str:
+    """Describe how an output scales or turns the X server's pixels; empty if it doesn't."""
     upright = 1
     if rotation != upright:
         return "it is turned or mirrored"
@@ -197,7 +204,7 @@ def _describe_distortion(
 
 
 def _read_property(x: XConnection, output: int, name: int) -> bytes:
-    """Read a property of an output through RandR; empty if it lacks the property."""
+    """Read an output's property from the X server through RandR; empty if the output lacks it."""
     any_type = 0
     try:
         told = x.query_extension(

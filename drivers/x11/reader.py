@@ -63,24 +63,27 @@ class ScreenReader:
         self.close()
 
     def close(self) -> None:
-        """Close the X connection and the shared memory; may be called twice."""
+        """Close the connection to the X server and the shared memory; may be called twice."""
         self._x.close()
         if self._memory is not None:
             self._memory.close()
             self._memory = None
 
     def colours(self) -> NDArray[np.uint8]:
-        """Read the screen's pixels now: (rows, columns, 3), red, green and blue."""
+        """Read the pixels of the X server's screen now: (rows, columns, 3), red, green and blue."""
         return np.ascontiguousarray(self.pixels()[..., 2::-1])
 
     def grey(self) -> NDArray[np.uint8]:
-        """Read the screen's green pixel values now, (rows, columns); for grey, all are equal."""
+        """Read the green values of the X server's screen now, (rows, columns).
+
+        Where the screen shows grey, red and blue are equal to green.
+        """
         return np.ascontiguousarray(self.pixels()[..., 1])
 
     def pixels(self, top: int = 0, rows: int | None = None) -> NDArray[np.uint8]:
-        """Read some rows of the screen now: (rows, columns, 4), blue, green, red and padding.
+        """Read some rows of the X server's screen now: (rows, columns, 4).
 
-        The array is valid until the next call.
+        The last axis is blue, green, red and padding. The array is valid until the next call.
         """
         x, y, width, height = self._region
         y, height = y + top, height - top if rows is None else rows
@@ -93,7 +96,7 @@ class ScreenReader:
         return pixels.reshape(height, width, 4)
 
     def has_changed(self) -> bool:
-        """Return whether anything was drawn on the screen since the last call.
+        """Return whether anything was drawn on the X server's screen since the last call.
 
         The first call returns True. No change is missed: what is drawn between this call and
         reading the pixels is reported by the next call. Always True if the server lacks the
@@ -109,7 +112,7 @@ class ScreenReader:
         return bool(told) or not before
 
     def _size(self) -> tuple[int, int]:
-        """Return the screen's columns and rows, which may have changed since the connection."""
+        """Return the X server's present screen size as columns and rows; the size may change."""
         root = struct.pack("<BBHI", 14, 0, 0, self._x.setup.root)
         columns, rows = struct.unpack_from("<HH", self._x.query(14, root), 16)
         return columns, rows
@@ -133,7 +136,10 @@ class ScreenReader:
             )
 
     def _attach_shared_memory(self) -> XSharedMemory | None:
-        """Share memory with the X server, about ten times as fast, but only on this machine."""
+        """Share memory with an X server on this machine, so that reading is ten times as fast.
+
+        The result is None if the server can't access the memory.
+        """
         with contextlib.suppress(XError):
             return XSharedMemory(self._x, 4 * self._region[2] * self._region[3])
         return None

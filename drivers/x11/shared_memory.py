@@ -44,7 +44,7 @@ class XSharedMemory:
         self.bytes: NDArray[np.uint8] = np.ctypeslib.as_array(memory)
 
     def close(self) -> None:
-        """Detach the shared memory; `bytes` must not be used afterwards."""
+        """Detach the memory shared with the X server; `bytes` must not be used afterwards."""
         self._detach(self._at)
 
     def _is_visible_to_server(self) -> bool:
@@ -56,7 +56,7 @@ class XSharedMemory:
         return True
 
     def fetch(self, x: int, y: int, width: int, height: int) -> None:
-        """Have the X server write a rectangle of its root window's pixels to this memory."""
+        """Have the X server write a rectangle of its root window to this shared memory."""
         whole, pixmap = 0xFFFFFFFF, 2
         layout, root = "IhhHHIB3xII", self._x.setup.root
         given = (root, x, y, width, height, whole, pixmap, self.segment, 0)

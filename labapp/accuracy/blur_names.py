@@ -31,7 +31,7 @@ BORDERS = ("unknown", "periodic")
 
 
 def require_blur(name: str, border: str) -> None:
-    """Raise UserError for an unknown name of a blur or of a border."""
+    """Raise UserError for a blur or border that `labapp accuracy deconvolve` doesn't know."""
     if name not in BLUR_NAMES:
         raise UserError(f"--blur {name}: is unknown. Take one of {', '.join(BLUR_NAMES)}.")
     if border not in BORDERS:

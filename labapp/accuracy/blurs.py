@@ -64,13 +64,16 @@ class SimulatedPhotograph:
 
     @property
     def problem(self) -> Observation:
-        """Return the observation to be restored: in single precision, with its noise unknown."""
+        """Return the observation that every method restores when its accuracy is measured.
+
+        The picture is in single precision, and its noise is unknown.
+        """
         return build_observation(self.observation.astype(np.float32), self.psf, None, self.border)
 
     def quality(self, image: torch.Tensor | Array) -> tuple[float, float]:
-        """Return PSNR in dB and SSIM of a restored picture against the truth, over the whole frame.
+        """Return a restoration's accuracy: its PSNR in dB and its SSIM against the truth.
 
-        The picture is clipped to 0 to 1 first; white is 1.
+        Both cover the whole frame. The picture is clipped to 0 to 1 first; white is 1.
         """
         seen = np.clip(np.asarray(image, dtype=np.float64), 0, 1)
         return psnr(seen, self.truth), ssim(seen, self.truth)
@@ -79,8 +82,9 @@ class SimulatedPhotograph:
 def simulate_photograph(
     name: str, scene: Array, psf: Array, noise: float, seed: int, border: Border = "unknown"
 ) -> SimulatedPhotograph:
-    """Blur a scene, (rows, columns), by a PSF, and add Gaussian noise.
+    """Blur a known scene and add noise, so that the accuracy of restorations can be measured.
 
+    `scene` is (rows, columns); the blur is a convolution with the PSF, and the noise is Gaussian.
     With an unknown border the photograph shows only the part of the scene whose light comes
     entirely from within the scene. A periodic scene is shown whole. Raises UserError for a scene
     that is no larger than the PSF.
@@ -127,9 +131,10 @@ def photograph_from_options(
 
 
 def _white_level(levels: NDArray[np.float32]) -> float:
-    """Return the level of white in a picture: 1, 255 or 65535, or else the brightest level.
+    """Return the level of white in the truth picture of an accuracy measurement.
 
-    It is the first of these that no level of the picture exceeds.
+    The level is the first of 1, 255 and 65535 that no level of the picture exceeds, or else the
+    picture's brightest level.
     """
     brightest = float(levels.max())
     return next((top for top in (1.0, 255.0, 65535.0) if brightest <= top), brightest)
@@ -145,7 +150,7 @@ def _middle(picture: Array, size: int) -> Array:
 
 
 def _fully_seen_slice(psf: int, seen: int) -> slice:
-    """Return the slice of an axis of the scene that the photograph shows.
+    """Return the part of the scene's axis that an accuracy test's photograph shows.
 
     Parameters
     ----------
@@ -167,18 +172,24 @@ def _convolve_periodically(scene: Array, psf: Array) -> Array:
 
 
 def disk(radius: float) -> Array:
-    """Return the PSF of defocus in geometrical optics: an even disk of `radius` pixels."""
+    """Return a defocus PSF to test restoration accuracy: an even disk of `radius` pixels.
+
+    Geometrical optics gives this shape.
+    """
     at = _subpixel_positions(radius)
     return _pixel_coverage(np.hypot(at[:, None], at) <= radius)
 
 
 def box(side: int) -> Array:
-    """Return a PSF that is even over a square of `side` by `side` pixels."""
+    """Return a PSF to test restoration accuracy: an even square of `side` by `side` pixels."""
     return np.full((side, side), side**-2.0)
 
 
 def gaussian(deviation: float) -> Array:
-    """Return a Gaussian PSF whose standard deviation is `deviation` pixels."""
+    """Return a Gaussian PSF to test restoration accuracy.
+
+    `deviation` is the standard deviation in pixels.
+    """
     reach = math.ceil(4 * deviation)
     at = np.arange(-reach, reach + 1) / deviation
     psf = np.exp(-(at[:, None] ** 2 + at**2) / 2)
@@ -186,10 +197,10 @@ def gaussian(deviation: float) -> Array:
 
 
 def circle(radius: float, centre: float) -> Array:
-    """Return a PSF that is a thin circle around a central point.
+    """Return a PSF to test restoration accuracy: a thin circle around a point.
 
-    The circle has a radius of `radius` pixels and a line width of one pixel. The central pixel
-    has the share `centre` of the light, 0 to 1.
+    The circle has a radius of `radius` pixels and a line width of one pixel. The central pixel has
+    the share `centre` of the light, 0 to 1.
     """
     at = _subpixel_positions(radius + 3)
     far = np.hypot(at[:, None], at)
@@ -199,7 +210,10 @@ def circle(radius: float, centre: float) -> Array:
 
 
 def shake(length: float, seed: int) -> Array:
-    """Return the PSF of camera shake: a random path that is about `length` pixels long."""
+    """Return a camera-shake PSF to test restoration accuracy: a random path.
+
+    The path is about `length` pixels long.
+    """
     rng = np.random.default_rng(seed)
     turn = np.cumsum(rng.normal(0, 0.45, 24)) + rng.uniform(0, 2 * math.pi)
     steps = length / 24 * np.stack([np.sin(turn), np.cos(turn)], axis=1)
@@ -208,16 +222,19 @@ def shake(length: float, seed: int) -> Array:
 
 
 def line(length: float, angle: float) -> Array:
-    """Return the PSF of uniform motion along a line of `length` pixels.
+    """Return a motion PSF to test restoration accuracy: a line of `length` pixels.
 
-    `angle` is in radians, from the x axis towards the y axis.
+    The motion is uniform. `angle` is in radians, from the x axis towards the y axis.
     """
     end = 0.5 * length * np.array([math.sin(angle), math.cos(angle)])
     return _rasterise_strokes([np.stack([-end, end])], math.ceil(length))
 
 
 def shape(name: str, radius: float) -> Array:
-    """Return a PSF shape of the thesis, such as "ring", with a radius of `radius` pixels."""
+    """Return a PSF shape of the thesis, such as "ring", to test restoration accuracy.
+
+    `radius` is in pixels.
+    """
     side = 2 * math.ceil(radius + 6) + 1
     target = getattr(targets, name)
     return _normalise(np.asarray(target(Plane((side, side), (1.0, 1.0)), radius, 0.8)))
@@ -234,15 +251,17 @@ BLURS: dict[str, Callable[[], Array]] = {
 
 
 def _subpixel_positions(radius: float) -> Array:
-    """Return sample positions in pixels along an axis, several per pixel and centred at 0.
+    """Return the positions in pixels at which an accuracy test's PSF is sampled along an axis.
 
-    They span an odd number of pixels that holds a disk of `radius` pixels.
+    There are several positions per pixel, centred at 0. They span an odd number of pixels, which is
+    large enough for a disk of `radius` pixels.
     """
     side = 2 * math.ceil(radius) + 1
     return (np.arange(side * _FINER) + 0.5) / _FINER - side / 2
 
 
 def _pixel_coverage(inside: NDArray[np.bool_]) -> Array:
+    """Average the fine samples of an accuracy test's PSF over each pixel."""
     side = inside.shape[0] // _FINER
     return _normalise(inside.reshape(side, _FINER, side, _FINER).mean((1, 3)))
 

@@ -94,6 +94,7 @@ def chain_case_from_options(
 
 
 def _camera(case: LensCase, panel: str | None, separation_mm: float | None) -> Camera:
+    """Return the camera with a panel for which `labapp accuracy chain` measures methods."""
     if case.camera is None:
         shape, pitch = read_panel(panel or "96x128x8")
         camera = Camera(Panel(shape, pitch, unmodulated=0.0), case.lens, separation=50e-3)
@@ -110,6 +111,7 @@ def _camera(case: LensCase, panel: str | None, separation_mm: float | None) -> C
 
 
 def _phase(pattern: str, shape: tuple[int, int]) -> Array:
+    """Return the test phase on the panel for `labapp accuracy chain`, (rows, columns), radians."""
     require_pattern(pattern)
     if pattern == "random":
         return np.random.default_rng(0).uniform(0, 2 * np.pi, shape)
@@ -120,10 +122,10 @@ def _phase(pattern: str, shape: tuple[int, int]) -> Array:
 
 
 def _require_short(problem: ChainProblem) -> None:
-    """Raise UserError for a camera whose exact integral would take too long.
+    """Raise UserError if the reference of `labapp accuracy chain` would take too long for a camera.
 
-    The cost doesn't depend on where in the window the light arrives, so that it is known before
-    anything is planned.
+    The reference is an exact integral. Its cost doesn't depend on where in the window the light
+    arrives, so that it is known before anything is planned.
     """
     terms = problem.build_reference(np.ones(problem.pixels.shape)).product_count
     # The reference takes some minutes for this many products.
@@ -135,9 +137,10 @@ def _require_short(problem: ChainProblem) -> None:
 
 
 def build_reference(problem: ChainProblem) -> PSFReference:
-    """Return the exact light on some rows and columns of the window of a chain problem.
+    """Return the slow reference that the accuracy rows of a chain problem are compared with.
 
-    Rows and columns are drawn by an approximate PSF, or evenly where no method gives one.
+    The reference holds the exact light on some rows and columns of the window. An approximate PSF
+    decides which of them are likely to be drawn. If no method gives one, all are equally likely.
     """
     try:
         light = problem.light(problem.operator(problem.tol))
@@ -147,7 +150,7 @@ def build_reference(problem: ChainProblem) -> PSFReference:
 
 
 def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iterator[Candidate]:
-    """Yield every PSF method for the chain at every tolerance.
+    """Yield the accuracy rows to be measured for a chain: every PSF method at every tolerance.
 
     A method that refuses gives a row with the reason.
     """
@@ -163,9 +166,10 @@ def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iter
 
 @single_threaded
 def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | None) -> None:
-    """Measure every PSF method for a chain, print the rows, and draw the plot if a path is given.
+    """Measure the accuracy and time of every PSF method for a chain, and print the rows.
 
-    `memory` is the number of bytes that each method may use.
+    `plot` is the file of the diagram, or None for no diagram. `memory` is the number of bytes that
+    each method may use.
     """
     with terminal_progress() as progress:
         budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)))

@@ -45,7 +45,7 @@ def accuracy_psf(
     plot: Path | None,
     compare: str | None,
 ) -> None:
-    """Measure every method for the PSF of a lens, print the rows, and draw the plot if asked.
+    """Measure the accuracy and time of every method for a lens's PSF, and print the rows.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def accuracy_psf(
 def _find_regressions(
     measurements: MeasurementSet, stored: StoredRows, progress: Progress
 ) -> list[str]:
-    """Return a message for each row that became slower or less accurate than the stored one.
+    """Return a message for each accuracy row that is slower or less accurate than its stored row.
 
     Rows that look slower are timed twice more, because the machine may have been busy for a moment.
     """
@@ -97,6 +97,7 @@ def _find_regressions(
 
 
 def _report_regressions(worse: list[str], count: int, stored: StoredRows, where: Console) -> None:
+    """Print the accuracy rows that became worse, and exit with code 1 if there are any."""
     for line in worse:
         where.print(f"worse than {stored.source}: {line}", markup=False)
     if worse:
@@ -130,9 +131,10 @@ _REMARK = "Relative L2 errors against the exact integral; one thread, planning l
 def show_measurements(
     what: str, name: str, measurements: MeasurementSet, as_json: bool, plot: Path | None
 ) -> None:
-    """Print the table of a work-precision diagram, or its rows as JSON, and draw the plot.
+    """Print the rows of a work-precision diagram as a table or as JSON, and draw the diagram.
 
-    `what` and `name` say what was measured and for which case. `plot` is None for no diagram.
+    `what` and `name` say what was measured and for which case. `plot` is the file of the diagram,
+    or None for no diagram.
     """
     rows, kernel = measurements.rows, measurements.calibration_s
     print_rows(f"{what}: {name}", _COLUMNS, _REMARK, rows, as_json=as_json, calibration_s=kernel)
@@ -140,7 +142,10 @@ def show_measurements(
 
 
 def draw(name: str, rows: list[Row]) -> Figure:
-    """Draw error against time with one curve for each method; the caption counts the failures."""
+    """Draw a work-precision diagram: error against time, one curve for each method.
+
+    The caption counts the failures.
+    """
     figure = Figure(figsize=(9, 6), dpi=110, layout="constrained")
     axes = figure.subplots()
     good = [row for row in rows if not row.failure]
@@ -162,7 +167,11 @@ def draw(name: str, rows: list[Row]) -> Figure:
 
 
 def _curve_name(row: Row) -> str:
-    """Return the name of the curve of a row: its method without grid size and common words."""
+    """Return the name of a row's curve in the work-precision diagram.
+
+    The name is the row's method. If the row has no tolerance, the name leaves out the grid size and
+    common words, and adds the precision.
+    """
     if row.tol is not None:
         return row.method
     words = [_SIZE.sub("", word) for word in row.method.split(", ")]

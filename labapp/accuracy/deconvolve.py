@@ -100,9 +100,10 @@ def accuracy_deconvolve(
     as_json: bool,
     plot: Path | None,
 ) -> None:
-    """Measure every restoration method on a photograph, print the rows, and draw the plot if asked.
+    """Measure the accuracy and time of every restoration method, and print the rows.
 
-    `denoise` is the denoiser of plug-and-play methods; without one these are left out.
+    `plot` is the file of the diagram, or None for no diagram. `denoise` is the denoiser of
+    plug-and-play methods; without one, these methods are left out.
     """
     adapters = installed_peers("deconvolve") if peers else []
     with terminal_progress() as progress:
@@ -120,10 +121,10 @@ def measure_deconvolution(
     progress: Progress,
     adapters: Sequence[Callable[..., Any]] = (),
 ) -> list[DeconvolutionRow]:
-    """Measure every restoration method after more and more iterations, and mark the front.
+    """Measure the accuracy of every restoration method after more and more iterations.
 
-    A method that fails gives a row, too. `adapters` give the methods of other libraries, see
-    `labapp.accuracy.peers`.
+    Rows that no other row beats in both time and error are marked. A method that fails gives a row,
+    too. `adapters` give the methods of other libraries, see `labapp.accuracy.peers`.
     """
     settings = [
         (name, count, partial(_restore_image, case, name, count, denoise))
@@ -174,9 +175,9 @@ def _row(
 
 
 def psnr_away_from_border(case: SimulatedPhotograph, picture: Array) -> float | None:
-    """Return PSNR in dB of the pixels that are further from the border than the PSF is large.
+    """Return the PSNR in dB for an accuracy row, without a border as wide as the PSF.
 
-    None if there are no such pixels.
+    None if no pixels are left.
     """
     rows, columns = case.psf.shape
     part = slice(rows, -rows), slice(columns, -columns)
@@ -187,7 +188,7 @@ def psnr_away_from_border(case: SimulatedPhotograph, picture: Array) -> float | 
 
 
 def draw(case: SimulatedPhotograph, rows: list[DeconvolutionRow]) -> Figure:
-    """Draw PSNR and SSIM against time with one curve for each restoration method."""
+    """Draw the accuracy of each restoration method: curves of PSNR and SSIM against time."""
     figure = Figure(figsize=(13, 5), dpi=110, layout="constrained")
     good = [row for row in rows if not row.failure and row.iterations]
     left, right = figure.subplots(1, 2)

@@ -17,14 +17,15 @@ FIELD_KINDS = ("smooth", "cells")
 
 
 def require_pattern(name: str) -> None:
-    """Raise UserError for an unknown pattern of the panel of a chain."""
+    """Raise UserError for a pattern that `labapp accuracy chain` doesn't know."""
     if name not in CHAIN_PATTERNS:
         raise UserError(f"--pattern {name}: choose {', '.join(CHAIN_PATTERNS)}.")
 
 
 def require_propagation(light: str, distance: float, wavelength: float) -> None:
-    """Raise UserError for an unknown kind of field, or an impossible distance or wavelength.
+    """Raise UserError for impossible options of `labapp accuracy propagate`.
 
+    The kind of field must be known, the distance finite and not 0, and the wavelength positive.
     Distance and wavelength are in metres.
     """
     if light not in FIELD_KINDS:
@@ -36,6 +37,9 @@ def require_propagation(light: str, distance: float, wavelength: float) -> None:
 
 
 def require_pitch(option: str, micrometres: float) -> None:
-    """Raise UserError for a sample pitch that isn't positive and finite; `option` names it."""
+    """Raise UserError unless a sample pitch for `labapp accuracy` is positive and finite.
+
+    `option` is the option's name in the message.
+    """
     if not 0 < micrometres < math.inf:
         raise UserError(f"--{option} {micrometres:g}: it must be positive, in micrometres.")

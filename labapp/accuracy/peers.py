@@ -25,7 +25,9 @@ GROUP = "labapp.peers"
 
 
 def installed_peers(operation: str) -> list[Callable[..., Any]]:
-    """Load the installed adapters to other libraries for an operation, such as "psf".
+    """Load the installed adapters for other libraries whose accuracy is measured beside ours.
+
+    Only the adapters for `operation`, such as "psf", are loaded.
 
     Raises
     ------

@@ -85,7 +85,7 @@ class FieldCase:
 
     @property
     def samples(self) -> torch.Tensor:
-        """Return the samples of the field on the source plane."""
+        """Return the test field of an accuracy case as samples on the source plane."""
         return torch.from_numpy(self.field.samples)
 
     def operator(self, tol: float, **settings: Any) -> FreeSpace:
@@ -125,7 +125,7 @@ def field_case_from_options(
     *,
     paraxial: bool,
 ) -> FieldCase:
-    """Build the field that the options of `labapp accuracy propagate` describe.
+    """Build the test field that the options of `labapp accuracy propagate` describe.
 
     Parameters
     ----------
@@ -150,9 +150,9 @@ def field_case_from_options(
 
 
 def smooth_light(plane: Plane) -> SmoothLight:
-    """Return three Gaussian beams that fill a plane.
+    """Return the smooth test field for accuracy rows: three Gaussian beams that fill a plane.
 
-    Two of them are tilted to the ends of the default band of the plane.
+    Two of them are tilted so that their spectra reach the edge of the plane's default band.
     """
     # At 5.4 widths from its middle a Gaussian has fallen to 2e-13. Plane and band extend that far.
     extent = 5.4
@@ -171,7 +171,10 @@ def smooth_light(plane: Plane) -> SmoothLight:
 
 
 def random_cells(plane: Plane) -> CellLight:
-    """Return square cells of constant field with random phases, one for each sample of a plane."""
+    """Return the discontinuous test field for accuracy rows: square cells with random phases.
+
+    The plane has one cell for each sample. The field is constant in each cell.
+    """
     phase = np.random.default_rng(0).uniform(0, 2 * np.pi, plane.shape)
     return CellLight(plane, np.exp(1j * phase))
 
@@ -200,9 +203,10 @@ class FieldReference:
         )
 
     def samples_of(self, answer: Any) -> Real:
-        """Return the compared samples of a field that a method computed on the whole target.
+        """Return a method's field where `labapp accuracy propagate` compares it with the reference.
 
-        `answer` is a tensor or an array.
+        `answer` is the field on the whole target, a tensor or an array. The result is weighted like
+        that of `weighted_samples`.
         """
         values = answer.reshape(-1)[self._where]
         return self.weighted_samples(
@@ -210,26 +214,34 @@ class FieldReference:
         )
 
     def weighted_samples(self, values: Complex) -> Real:
-        """Return field values, (samples,), as weighted real and imaginary parts, (2, samples)."""
+        """Weight field values for the error that `labapp accuracy propagate` prints.
+
+        The values are (samples,). The result holds weighted real and imaginary parts, (2, samples).
+        """
         weighed = np.sqrt(self._weight) * values
         return np.stack([weighed.real, weighed.imag])
 
 
 def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
-    """Return the positions of some samples of the target, given by their flat indices."""
+    """Return the positions at which `labapp accuracy propagate` computes its slow reference.
+
+    `where` holds flat indices of samples of the target.
+    """
     rows, columns = np.divmod(where, case.target.shape[1])
     y, x = (case.target.coordinates(axis).numpy() for axis in (0, 1))
     return Places(y[rows], x[columns], case.distance, case.wavelength)
 
 
 def _product_count(case: FieldCase, places: Places) -> float:
+    """Estimate how many products the slow reference of `labapp accuracy propagate` takes."""
     return product_count(case.field, places, paraxial=case.paraxial)
 
 
 def _rough_field(case: FieldCase) -> Complex:
-    """Return a rough field on the target, which tells about where the light arrives.
+    """Estimate the target's field, so that `labapp accuracy propagate` can choose where to compare.
 
-    It is even where no method can compute it.
+    The estimate shows roughly where the light arrives. If no method can compute it, the field is 1
+    everywhere.
     """
     try:
         return np.asarray(case.operator(1e-1)(case.samples).resolve_conj())
@@ -238,7 +250,7 @@ def _rough_field(case: FieldCase) -> Complex:
 
 
 def candidates(case: FieldCase, reference: FieldReference, budget: Budget) -> Iterator[Candidate]:
-    """Yield every method for free space at every tolerance.
+    """Yield the accuracy rows to be measured for free space: every method at every tolerance.
 
     A method that refuses gives a row with the reason.
     """
@@ -271,9 +283,10 @@ def _plan_within_time_limit(
 
 @single_threaded
 def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Path | None) -> None:
-    """Measure every method for free space, print the rows, and draw the plot if a path is given.
+    """Measure the accuracy and time of every free-space method, and print the rows.
 
-    `peers` says whether other libraries are measured as well.
+    `plot` is the file of the diagram, or None for no diagram. `peers` says whether other libraries
+    are measured as well.
     """
     adapters = installed_peers("propagate") if peers else []
     with terminal_progress() as progress:

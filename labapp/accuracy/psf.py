@@ -28,14 +28,17 @@ _METHODS = {"axial": "along the radius", "scattered": "quadrature and non-unifor
 
 
 def exact_psf(case: LensCase, progress: Progress) -> Picture:
-    """Return the exact PSF of a lens at the centre of every pixel, by direct quadrature."""
+    """Return the slow reference PSF of a lens that accuracy rows are compared with.
+
+    The PSF is exact at the centre of every pixel. It is computed by direct quadrature.
+    """
     if case.is_clear_thin_on_axis:
         return round_lens_psf(case.lens, case.distance, case.wavelength, case.pitch, case.size)
     return lens_psf(case.lens, case.distance, case.wavelength, case.pixels, progress)
 
 
 def candidates(case: LensCase, budget: Budget) -> Iterator[Candidate]:
-    """Yield the methods for the PSF of a lens.
+    """Yield the accuracy rows to be measured for the PSF of a lens, method by method.
 
     Methods that take a tolerance come once for each tolerance. Sampling the pupil on a square
     grid comes once for each grid size, precision and Fourier transform.
@@ -78,10 +81,10 @@ def _grid_geometry(case: LensCase, grid: int) -> FourierGeometry:
 def _on_grid(
     case: LensCase, geometry: FourierGeometry, dtype: torch.dtype, method: str
 ) -> tuple[Callable[[], Any], None, int]:
-    """Plan the method of most programs: sample the pupil on a square grid and transform it.
+    """Plan an accuracy row for the usual method: Fourier transform the pupil on a square grid.
 
-    Cells at the edge of the stop are weighted by their open area. No error is predicted, because
-    this method can't tell how far its sum is from the integral.
+    Most programs use this method. Cells at the edge of the stop are weighted by their open area. No
+    error is predicted, because this method can't tell how far its sum is from the integral.
     """
     lens, plane, radius = case.lens, geometry.pupil, case.lens.stop_diameter / 2
     assert isinstance(plane, Plane)

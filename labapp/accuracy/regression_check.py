@@ -32,7 +32,7 @@ class StoredRows:
 
 
 def read_stored(name: str) -> StoredRows:
-    """Read stored rows from a file with the output of `--json`, or the "bundled" ones.
+    """Read stored accuracy rows from a file with the output of `--json`, or the "bundled" ones.
 
     Raises UserError for a file that can't be read or holds something else.
     """
@@ -52,11 +52,12 @@ def read_stored(name: str) -> StoredRows:
 
 
 def _key(row: dict[str, Any]) -> _Key:
+    """Return the key that identifies an accuracy row among the stored rows."""
     return row["operation"], row["case"], row["method"], row["precision"], row["tol"]
 
 
 def slower_rows(rows: Sequence[Row], calibration_s: float, stored: StoredRows) -> list[int]:
-    """Return the indices of rows that became slower than the stored ones.
+    """Return the indices of accuracy rows that became slower than the stored ones.
 
     Times are compared as multiples of the time of the calibration kernel.
     """
@@ -73,7 +74,7 @@ def _slowdown(row: Row, calibration_s: float, stored: StoredRows) -> float:
 
 
 def regression_messages(rows: Sequence[Row], calibration_s: float, stored: StoredRows) -> list[str]:
-    """Return a message for each row that became slower or less accurate, or that fails now."""
+    """Return a message for each accuracy row that became slower, less accurate, or fails now."""
     lines = []
     for row in rows:
         before = stored.rows.get(_key(vars(row)))
@@ -93,7 +94,7 @@ def regression_messages(rows: Sequence[Row], calibration_s: float, stored: Store
 
 
 def require_comparable_rows(rows: Sequence[Row], stored: StoredRows) -> int:
-    """Return how many measured rows have a stored one; raise UserError if there is none."""
+    """Return how many accuracy rows have a stored one; raise UserError if there is none."""
     count = sum(_key(vars(row)) in stored.rows for row in rows)
     if not count:
         raise UserError(f"{stored.source}: has no row of this case; give the case's own options.")

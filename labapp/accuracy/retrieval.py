@@ -66,9 +66,10 @@ _REMARK = (
 
 
 def goal_from_options(spec: PSFPattern, bench: Path | None) -> tuple[RetrievalGoal, str]:
-    """Return the retrieval goal that the options describe, and its name in words.
+    """Return the retrieval goal that the options of `labapp accuracy retrieval` describe.
 
-    Raises UserError for a bench file that is wrong, or a target that can't be drawn.
+    The second value is its name in words. Raises UserError for a bench file that is wrong, or a
+    target that can't be drawn.
     """
     camera = read_bench(BenchFiles.with_defaults(bench).bench).build_camera()
     drawing = spec.target.video_drawings(1, Path())[0]
@@ -87,9 +88,10 @@ def accuracy_retrieval(
     as_json: bool,
     plot: Path | None,
 ) -> None:
-    """Measure every phase retrieval method, print the rows, and draw the plot if a path is given.
+    """Measure the accuracy and time of every phase retrieval method, and print the rows.
 
-    `name` is the target in words, `budget` the processor seconds that one setting may take.
+    `name` is the target in words. `budget` is the processor time in seconds that one setting may
+    take. `plot` is the file of the diagram, or None for no diagram.
     """
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
@@ -106,10 +108,11 @@ def measure_retrieval(
     speed: MachineSpeed,
     progress: Progress,
 ) -> list[RetrievalRow]:
-    """Measure every phase retrieval method that can give so many frames, and mark the front.
+    """Measure the accuracy of every phase retrieval method that can give so many frames.
 
-    Each is measured after more and more iterations. A method that refuses the target gives a row
-    with the reason. `budget` is the processor time in seconds that one setting may take.
+    Each method is measured after more and more iterations. Rows that no other row beats in both
+    time and error are marked. A method that refuses the target gives a row with the reason.
+    `budget` is the processor time in seconds that one setting may take.
     """
     # This call computes stop, target and FFT plans, so that no method's time includes them.
     _retrieve_once(goal, frames, "published", 1)
@@ -124,7 +127,10 @@ def measure_retrieval(
 def _settings(
     goal: RetrievalGoal, frames: int, budget: float, speed: MachineSpeed
 ) -> Iterator[tuple[str, int]]:
-    """Yield retrieval methods with the iterations that the budget allows; each at least once."""
+    """Yield each accuracy row's retrieval method and number of iterations, within the time budget.
+
+    Each method comes at least once.
+    """
     slow = goal.camera.panel.response_time > 0
     for name, method in METHODS.items():
         if not method.serves(frames) or (name == "responding" and not slow):
@@ -185,7 +191,7 @@ def _case(name: str, rows: Sequence[RetrievalRow]) -> str:
 
 
 def draw(name: str, rows: list[RetrievalRow]) -> Figure:
-    """Draw error, speckle contrast and lost light against time, a curve for each method."""
+    """Draw retrieval methods' accuracy against time: error, speckle contrast and lost light."""
     figure = Figure(figsize=(12, 5), dpi=110, layout="constrained")
     good = [row for row in rows if not row.failure]
     shown = {

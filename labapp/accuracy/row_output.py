@@ -28,7 +28,7 @@ A heading that ends in a blank belongs to a column of numbers.
 def print_rows(
     title: str, columns: Columns[R], remark: str, rows: Sequence[R], *, as_json: bool, **more: float
 ) -> None:
-    """Print measured rows as a table with the reasons of failures below it, or as JSON.
+    """Print measured accuracy rows as a table, with the reasons of failures, or as JSON.
 
     `more` are further numbers that only the JSON holds.
     """
@@ -44,12 +44,12 @@ def print_rows(
 
 
 def format_number(value: float | None, form: str, scale: float = 1.0) -> str:
-    """Return `scale` times a value as text for a table cell; empty text for None."""
+    """Format `scale` times a number for a cell of an accuracy table; None gives empty text."""
     return "" if value is None else format(scale * value, form)
 
 
 def print_data(rows: Sequence[Any], **more: float) -> None:
-    """Print rows, which are dataclasses, as JSON with the name of the machine and further numbers.
+    """Print accuracy rows, which are dataclasses, as JSON with the machine and further numbers.
 
     JSON has no infinity, so that a number that isn't finite becomes null.
     """
@@ -62,7 +62,7 @@ def _finite(value: Any) -> Any:
 
 
 def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
-    """Write a diagram to a file, in the format of its ending; do nothing for a path of None."""
+    """Write an accuracy diagram to a file in the format of its ending; do nothing for None."""
     if plot is None:
         return
     buffer = io.BytesIO()
@@ -72,7 +72,10 @@ def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
 
 
 def describe_machine() -> str:
-    """Return processor, number of cores and version of Python in a line, for captions."""
+    """Describe the machine on which accuracy rows were timed, in one line for captions.
+
+    The line has the processor, the number of cores and the version of Python.
+    """
     model = platform.processor() or platform.machine()
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()

@@ -85,10 +85,11 @@ _REMARK = (
 
 @single_threaded
 def accuracy_simulate(request: PictureRequest, *, as_json: bool) -> None:
-    """Simulate one picture at five tolerances and with all effects at their finest, and print rows.
+    """Measure the accuracy of simulated pictures at five tolerances, and print the rows.
 
-    Without a bench file the bundled bench with few pixels is used. The process ends with exit
-    code 1 if an error exceeds its tolerance.
+    The reference is the same picture with all effects at their finest. Without a bench file the
+    bundled bench with few pixels is used. The process ends with exit code 1 if an error exceeds its
+    tolerance.
     """
     with terminal_progress() as progress:
         s = _situation(request, progress.part(0.0, 0.1))
@@ -107,7 +108,10 @@ def _situation(request: PictureRequest, progress: Progress) -> Situation:
 
 
 def measure_tolerances(s: Situation, progress: Progress) -> list[SimulationRow]:
-    """Return a row for each tolerance, the largest first, and one for all effects as the last."""
+    """Return the accuracy row of a simulated picture at each tolerance, the largest first.
+
+    The last row is for all effects at their finest.
+    """
     share = 1 / (len(TOLERANCES) + 1)
     progress.report(0.0, "everything on")
     truth = render_all_effects(s, progress.raise_if_cancelled)

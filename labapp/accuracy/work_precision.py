@@ -103,7 +103,10 @@ class Candidate:
 
 
 def raise_refusal(error: Exception) -> tuple[Callable[[], Any], float | None, int]:
-    """Raise an error that planning gave earlier, so that its message becomes the row's failure."""
+    """Raise a method's earlier refusal, so that its message becomes the accuracy row's failure.
+
+    The refusal is the error that planning raised.
+    """
     raise error
 
 
@@ -164,10 +167,10 @@ class MeasurementSet:
 def measure(
     candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress
 ) -> MeasurementSet:
-    """Measure error and time of every candidate; a failure gives a row, too.
+    """Measure the error and time of each candidate of a work-precision diagram.
 
-    Calls take turns, so that a busy moment of the machine affects all of them alike. `truth` is
-    the exact answer.
+    A candidate that fails gives a row, too. Calls take turns, so that a busy moment of the machine
+    affects all of them alike. `truth` is the exact answer.
     """
     rows: list[Row] = []
     calls: dict[int, Callable[[], Any]] = {}
@@ -195,7 +198,7 @@ def measure(
 def time_calls(
     calls: Mapping[int, Callable[[], Any]], progress: Progress
 ) -> tuple[dict[int, tuple[float, float]], float]:
-    """Return median processor and wall-clock seconds of each call, by its index.
+    """Return median processor and wall-clock seconds of each work-precision call, by its index.
 
     The second value is the median processor time of the calibration kernel in seconds.
     """
@@ -214,7 +217,10 @@ def time_calls(
 
 
 def _time_call(call: Callable[[], Any]) -> tuple[float, float]:
-    """Return processor and wall-clock seconds of one call, averaged over enough calls."""
+    """Return processor and wall-clock seconds of a call for a work-precision row.
+
+    The call is repeated until it has used enough processor time. Both values are averages.
+    """
     least_s = _TIMING.least_s
     count, cpu, wall = 0, time.process_time(), time.perf_counter()
     while True:
@@ -229,7 +235,7 @@ R = TypeVar("R", bound=Row)
 
 
 def mark_front(rows: Sequence[R]) -> list[R]:
-    """Return the rows, with those marked that no other row beats in both time and error."""
+    """Mark work-precision rows that no other row beats in both time and error; return all rows."""
 
     def is_dominated(row: R) -> bool:
         return any(

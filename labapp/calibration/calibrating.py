@@ -65,10 +65,10 @@ def calibrate(
     progress: Progress | None = None,
     ask: AskOperator | None = None,
 ) -> CalibrationResult:
-    """Calibrate a bench: find the exposure, take all frames, fit, and write everything to a folder.
+    """Run a calibration on a bench: find the exposure, take all frames, fit, and write the files.
 
-    The folder gets plan.toml, patterns/, run.h5, calibration.json and calibration.png.
-    UserError says what is wrong at the bench; Cancelled if the progress was cancelled.
+    The folder gets plan.toml, patterns/, run.h5, calibration.json and calibration.png. Raises a
+    UserError that says what is wrong at the bench, and Cancelled if the progress was cancelled.
     """
     progress = progress or Progress()
     require_free_names(
@@ -104,7 +104,7 @@ def write_calibration_plan(
     exposures: tuple[CalibrationExposures, ...],
     folder: Path,
 ) -> PlanFile:
-    """Design a calibration, and write its plan and patterns to a folder."""
+    """Design a calibration run, and write its plan and patterns to a folder."""
     made = plan_design.design_calibration(camera, request, exposures)
     shown = plan_design.render_patterns(camera, made)
     plan = plan_design.build_plan(made, shown, PATTERN_FOLDER)
@@ -147,8 +147,8 @@ def fit_and_write(record: Path, progress: Progress | None = None) -> Calibration
 def complete_request(request: CalibrationRequest, bench: Bench) -> CalibrationRequest:
     """Complete a calibration request with the star's size and distance from the bench's scene.
 
-    UserError if the bench lacks the star or the dark target, or if the wavefront is requested and
-    the star's size or distance isn't known.
+    Raises UserError if the bench lacks the star or the dark target, or if the wavefront is
+    requested and the star's size or distance isn't known.
     """
     table = require_star_target(bench, request.star, request.dark)
     known: dict[str, float] = {}
@@ -181,7 +181,7 @@ def _find_exposures(
     progress: Progress,
     ask: AskOperator | None,
 ) -> CalibrationExposures:
-    """Find a calibration's exposures by trial, unless the request gives one."""
+    """Find a calibration run's exposures by trial, unless the request gives one."""
     if request.exposure_ms is not None:
         return _requested_exposures(camera, request, nm)
     trials: list[TrialFrame] = []

@@ -35,7 +35,7 @@ class CalibrationFrames:
 
     @staticmethod
     def of(record: Record) -> CalibrationFrames:
-        """Wrap a calibration's record; UserError if it isn't one, or isn't complete."""
+        """Open a calibration run's record; UserError if it is of another kind or incomplete."""
         text = record.plan.metadata.get(names.DESIGN_KEY)
         if not isinstance(text, str):
             raise UserError(
@@ -51,8 +51,10 @@ class CalibrationFrames:
         return CalibrationFrames(record, design, record.bench.build_camera())
 
     def raw_frames(self, pattern: str, wavelength_nm: float) -> NDArray[np.uint16]:
-        """Return the record's frames of a pattern at a wavelength, (frames, rows, columns)."""
-        indices = self._at(wavelength_nm, target=self.design.request.star, pattern=pattern)
+        """Return a calibration's frames of a pattern at a wavelength, (frames, rows, columns)."""
+        indices = self._select_frames(
+            wavelength_nm, target=self.design.request.star, pattern=pattern
+        )
         if not indices:
             raise UserError(
                 f"{self.record.path}: has no frame of {pattern!r} at {wavelength_nm:g} nm. "
@@ -61,7 +63,7 @@ class CalibrationFrames:
         return np.stack([self.record.image(index) for index in indices])
 
     def sweep_frames(self, wavelength_nm: float) -> list[NDArray[np.uint16]]:
-        """Return the frames of the grey-level sweep, in the order of the design's levels."""
+        """Return a calibration run's frames of the grey-level sweep, in the order of the design."""
         levels = zip(self.design.low, self.design.high, strict=True)
         return [
             self.raw_frames(names.stripes_pattern_name(low, high), wavelength_nm)[0]
@@ -69,10 +71,13 @@ class CalibrationFrames:
         ]
 
     def mean_dark_frame(self, wavelength_nm: float, exposure_ms: float) -> Array:
-        """Average an exposure's dark frames; without any, use black level and dark current."""
+        """Average the dark frames that a calibration run took at an exposure.
+
+        If there are none, the frame is computed from the sensor's black level and dark current.
+        """
         dark = self.design.request.dark
         exposure = round(exposure_ms * 1e3) / 1e6
-        indices = self._at(wavelength_nm, target=dark, exposure_asked=exposure)
+        indices = self._select_frames(wavelength_nm, target=dark, exposure_asked=exposure)
         if not indices:
             sensor = self.camera.sensor
             level = sensor.black_level + sensor.dark_current * exposure / sensor.gain
@@ -80,9 +85,9 @@ class CalibrationFrames:
         return np.mean([self.record.image(index) for index in indices], axis=0)
 
     def mean_light(self, pattern: str, wavelength_nm: float, dark: Array) -> tuple[Array, Array]:
-        """Average a calibration pattern's frames and subtract the dark frame.
+        """Average a calibration run's frames of a pattern, and subtract the dark frame.
 
-        Return the mean and its variance, both (rows, columns).
+        Returns the mean and its variance, both (rows, columns).
         """
         frames = self.raw_frames(pattern, wavelength_nm).astype(np.float64)
         sensor = self.camera.sensor
@@ -90,20 +95,26 @@ class CalibrationFrames:
         return frames.mean(axis=0) - dark, variance + frame_variance(dark, sensor) / 2
 
     def clipped_pixels(self, pattern: str, wavelength_nm: float) -> NDArray[np.bool_]:
-        """Mark the pixels that are at full scale in any of a pattern's frames, (rows, columns)."""
+        """Mark the pixels that are at full scale in any of a calibration pattern's frames.
+
+        The mask is (rows, columns).
+        """
         brightest = self.raw_frames(pattern, wavelength_nm).max(axis=0)
         return brightest >= self.camera.sensor.full_scale
 
     def hot_pixels(self, dark: Array) -> NDArray[np.bool_]:
-        """Mark the hot pixels of a dark frame.
+        """Mark the hot pixels of a calibration run's dark frame.
 
-        They exceed its median by more than 8 times the read noise and 1 DN.
+        A hot pixel exceeds the frame's median by more than 8 times the read noise plus 1 DN.
         """
         sensor = self.camera.sensor
         return dark - np.median(dark) > 8.0 * sensor.read_noise / sensor.gain + 1
 
-    def _at(self, wavelength_nm: float, **wanted: Any) -> list[int]:
-        """Select frames of the record at a wavelength, which plans round to whole picometres."""
+    def _select_frames(self, wavelength_nm: float, **wanted: Any) -> list[int]:
+        """Return the indices of the calibration run's frames at a wavelength.
+
+        Plans round wavelengths to whole picometres.
+        """
         away = np.abs(self._wavelengths - wavelength_nm * 1e-9)
         return [index for index in self.record.select(**wanted) if away[index] < 1e-12]
 

@@ -47,7 +47,10 @@ class CalibrateOptions:
     star_m: float | None
 
     def request(self) -> CalibrationRequest:
-        """Convert the command's options to a calibration request; UserError names a wrong one."""
+        """Return the calibration request that the options of `labapp calibrate` describe.
+
+        Raises UserError with the name of a wrong option.
+        """
         rows, _, columns = self.regions.partition("x")
         if not (rows.isdigit() and columns.isdigit()):
             raise UserError(f"--regions {self.regions}: give rows x columns, as in 2x2.")
@@ -72,7 +75,7 @@ class CalibrateOptions:
 def calibrate_bench(
     options: CalibrateOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
 ) -> None:
-    """Calibrate a bench, and print the results and the files' paths."""
+    """Calibrate a bench, and print the calibration's results and the paths of its files."""
     request = options.request()
     require_free_names(
         folder, (PLAN_FILE, RECORD_FILE, CALIBRATION_FILE, PICTURE_FILE), force=execution.force
@@ -102,7 +105,7 @@ def write_plan_only(
 
 
 def refit_record(record: Path, execution: ExecutionOptions) -> None:
-    """Fit an existing calibration record, and write the file and the picture beside it."""
+    """Fit a calibration run's record again, and write the file and the picture beside it."""
     require_free_names(record.parent, (CALIBRATION_FILE, PICTURE_FILE), force=execution.force)
     with terminal_progress() as progress:
         found = fit_and_write(record, progress)

@@ -65,12 +65,13 @@ class TrialFrame:
 
 
 def first_bracket(camera: Camera) -> tuple[float, ...]:
-    """Return the exposures of the first trial in seconds, within the sensor's range."""
+    """Return the first trial exposures of a calibration in seconds, within the sensor's range."""
     middle, ratio = _SETTINGS.first_ms * 1e-3, _SETTINGS.bracket_ratio
     return _bracket(camera.sensor, [middle * ratio**k for k in (-1, 0, 1)])
 
 
 def _bracket(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
+    """Limit a calibration's trial exposures to the sensor's range, in whole microseconds."""
     low, high = sensor.exposure_range
     return tuple(sorted({round(min(max(t, low), high) * 1e6) / 1e6 for t in wanted}))
 
@@ -78,7 +79,10 @@ def _bracket(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
 def trial_plan(
     request: CalibrationRequest, wavelength_nm: float, exposures: tuple[float, ...]
 ) -> PlanFile:
-    """Return a plan that takes the neutral star at one wavelength and several exposures in s."""
+    """Return the plan of a calibration's exposure trial: the neutral star at one wavelength.
+
+    The exposures are in seconds.
+    """
     block = {
         "targets": [request.star],
         "patterns": [names.NEUTRAL_NAME],
@@ -109,9 +113,9 @@ class StarExposure:
 def evaluate_trials(
     trials: Sequence[TrialFrame], camera: Camera
 ) -> StarExposure | tuple[float, ...]:
-    """Derive the star's exposure from trial frames, or return the exposures in s to try next.
+    """Derive the star's exposure from a calibration's trials, or return the next ones in seconds.
 
-    UserError if the star is too bright or too dim for the camera.
+    Raises UserError if the star is too bright or too dim for the camera.
     """
     sensor = camera.sensor
     room = sensor.full_scale - sensor.black_level
@@ -132,9 +136,9 @@ def evaluate_trials(
 
 
 def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, float, float]:
-    """Return the star's brightest pixel above the background, the noise, and the star's width.
+    """Measure the star in a calibration's trial frame: brightest pixel, noise and the star's width.
 
-    Hot pixels are left out.
+    The brightest pixel is measured above the background. Hot pixels are left out.
     """
     frame = image.astype(np.float64)
     variance = frame_variance(frame, sensor)
@@ -151,7 +155,10 @@ def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, flo
 
 
 def _extend_bracket(exposure: float, step: float, sensor: Sensor) -> tuple[float, ...]:
-    """Return the next longer or shorter trial exposures; UserError at the camera's limit."""
+    """Return a calibration's next trial exposures; UserError at the camera's limit.
+
+    They are longer than `exposure` if `step` is above 1, and shorter if it is below 1.
+    """
     further = _bracket(sensor, [exposure * step, exposure * step**2])
     if further[0] == exposure or further[-1] == exposure:
         trouble, remedy = ("dim", "Brighten") if step > 1 else ("bright", "Dim")
@@ -175,10 +182,10 @@ def derive_exposures(
     found: StarExposure,
     trials: int,
 ) -> CalibrationExposures:
-    """Derive the exposures of a calibration's frames from that of the neutral star.
+    """Derive all exposures of a calibration from the exposure of the neutral star.
 
-    In the sweep, a region's spot has that region's share of the light, in one first order, and is
-    wider than the star by the diffraction at the region.
+    The sweep's exposure is for the spot of one region. This spot gets the region's share of the
+    light in one first order. It is wider than the star by the diffraction at the region.
     """
     panel, sensor = camera.panel, camera.sensor
     scale = wavelength_nm * 1e-9 * camera.ray_matrix_b / sensor.pitch
@@ -201,12 +208,12 @@ def derive_exposures(
 
 
 def nominal_star_width(camera: Camera, wavelength_nm: float) -> float:
-    """Estimate the star's width in pixels from the camera's diffraction and the pixel size."""
+    """Estimate the calibration star's width in pixels from the diffraction and the pixel size."""
     scale = wavelength_nm * 1e-9 * camera.ray_matrix_b / camera.sensor.pitch
     lines = [scale / (n * camera.panel.pitch) for n in camera.panel.shape]
     return math.sqrt(math.prod(math.hypot(line, 1.0) for line in lines))
 
 
 def _milliseconds(seconds: float) -> float:
-    """Convert an exposure from s to ms, rounded to whole microseconds as cameras count."""
+    """Convert a calibration exposure from s to ms, in whole microseconds as cameras count."""
     return round(seconds * 1e6) / 1e3

@@ -60,7 +60,7 @@ class CalibrationFits:
 
     @property
     def calibrated_camera(self) -> Camera:
-        """Return the camera with the fitted phase response and unmodulated light."""
+        """Return the camera with the calibration's fitted phase response and unmodulated light."""
         panel = self.camera.panel
         if self.responses:
             curves = [[one.fit.phase for one in regions] for regions in self.responses.values()]
@@ -75,17 +75,20 @@ class CalibrationFits:
 
     @property
     def coupling_length(self) -> float:
-        """Return the panel's coupling in metres, as fitted, or as described without a fit."""
+        """Return the panel's coupling in metres from the calibration's fit.
+
+        Without a fit, the value comes from the camera's description.
+        """
         seen = [region.fit.blur for regions in self.responses.values() for region in regions]
         panel = self.camera.panel
         return min(float(np.median(seen)), 1.0) * panel.pitch if seen else panel.coupling
 
 
 def fit_calibration(path: Path, progress: Progress | None = None) -> CalibrationFits:
-    """Run every fit for which a calibration's record was taken.
+    """Run every fit for which a calibration's record has frames.
 
-    UserError if it isn't a calibration's record, lacks frames, or a fit can't be trusted; it says
-    what to do at the bench.
+    Raises UserError if the record isn't that of a calibration, lacks frames, or gives a fit that
+    can't be trusted. The message says what to do at the bench.
     """
     progress = progress or Progress()
     with Record(path) as record:
@@ -106,7 +109,7 @@ def fit_calibration(path: Path, progress: Progress | None = None) -> Calibration
 
 @contextmanager
 def _raise_user_errors(path: Path, what: str) -> Iterator[None]:
-    """Turn a fit's ValueError into a UserError that names the record and the fit."""
+    """Turn a calibration fit's ValueError into a UserError that names the record and the fit."""
     try:
         yield
     except ValueError as error:
@@ -116,6 +119,7 @@ def _raise_user_errors(path: Path, what: str) -> Iterator[None]:
 def _fit_wavelength(
     frames: CalibrationFrames, nm: float, fits: CalibrationFits, progress: Progress
 ) -> None:
+    """Run a calibration's fits at one wavelength: registration, responses and zeroth order."""
     request = frames.design.request
     progress.report(0.0, f"registration, {nm:g} nm")
     with _raise_user_errors(frames.record.path, f"registration at {nm:g} nm"):
@@ -130,7 +134,7 @@ def _fit_wavelength(
 
 
 def _fit_registration(frames: CalibrationFrames, nm: float) -> Registration:
-    """Fit the registration to the spots of the steering gratings and the neutral star."""
+    """Fit a calibration's registration to the steering gratings' spots and the neutral star."""
     dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
     neutral, variance = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
     hot = frames.hot_pixels(dark)
@@ -188,10 +192,10 @@ def _fit_responses(
 
 
 def _fit_zeroth_order(frames: CalibrationFrames, nm: float, fits: CalibrationFits) -> ZerothOrder:
-    """Measure the unmodulated light: what the steering gratings leave in the zeroth order.
+    """Measure the unmodulated light that a calibration's steering gratings leave unsteered.
 
-    The light that the gratings themselves leave there is computed from the fitted response, and
-    subtracted.
+    This light lies in the zeroth order. The light that the gratings themselves leave there is
+    computed from the fitted response, and subtracted.
     """
     dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
     neutral, _ = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
@@ -252,7 +256,7 @@ def _fit_wavefront(frames: CalibrationFrames, fits: CalibrationFits, progress: P
 def _window(
     centre: tuple[float, float], shape: tuple[int, int]
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return first pixel and shape of the window around the star for the wavefront's fit.
+    """Return the window around the star for a calibration's wavefront fit: first pixel and shape.
 
     The window reaches 24 pixels from the star's middle, at most to the edge of the frame.
     """

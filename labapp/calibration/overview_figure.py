@@ -20,7 +20,10 @@ from optics.slm import grey_to_phase
 
 
 def draw_overview(fits: CalibrationFits, file: CalibrationFile) -> Figure:
-    """Draw a calibration: a row per wavelength for registration and sweep, and the wavefront."""
+    """Draw a calibration's overview: registration and sweep for each wavelength, and the wavefront.
+
+    Each wavelength has a row of its own.
+    """
     rows = len(fits.registrations) + (fits.wavefront is not None)
     figure = Figure(figsize=(17, 5.2 * rows + 0.6), dpi=100, layout="constrained")
     simulated = [name for name, device in file.devices.items() if device.simulated]
@@ -54,7 +57,10 @@ def _wavelength_row(
 
 
 def _draw_spots(axes: Axes, fits: CalibrationFits, frames: CalibrationFrames, nm: float) -> None:
-    """Draw all steered spots in one picture, with the registration's grid and residuals."""
+    """Draw a calibration's steered spots in one picture, with the registration's residuals.
+
+    The picture also shows the registration's grid.
+    """
     found, design = fits.registrations[nm], fits.design
     dark = frames.mean_dark_frame(nm, design.exposures_at(nm).full_ms)
     shown = [
@@ -125,7 +131,10 @@ def _draw_curves(axes: Axes, fits: CalibrationFits, regions: list[RegionFit], nm
 
 
 def _draw_light(axes: Axes, below: Axes, regions: list[RegionFit]) -> None:
-    """Draw the first orders' light against the fitted phase step, and the residuals below."""
+    """Draw a calibration's sweep: first orders' light against the phase step, and residuals below.
+
+    The phase step is the fitted one.
+    """
     for number, region in enumerate(regions):
         sweep, fit = region.sweep, region.fit
         step = fit.phase[sweep.high] - fit.phase[sweep.low]

@@ -32,7 +32,7 @@ def design_calibration(
 ) -> CalibrationDesign:
     """Choose a calibration's gratings and grey levels for a camera's panel and sensor.
 
-    UserError if the regions' spots can't be told apart on the sensor.
+    Raises UserError if the regions' spots can't be told apart on the sensor.
     """
     panel, sensor, z = camera.panel, camera.sensor, camera.ray_matrix_b
     # The longest wavelength is steered farthest, and the shortest has the widest phase range.
@@ -59,11 +59,12 @@ def design_calibration(
 
 
 def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Choose the grey levels of a sweep's two stripes, frame by frame in the order of display.
+    """Choose the grey levels of the two stripes in each frame of a calibration's sweep.
 
-    The upper levels cover the whole range, more densely towards the ends, where a curve is
-    supported on one side only; the last one comes twice. The lower level is 0, and in every other
-    frame about a quarter of a wave above it, by the expected phase range `reach` in radians.
+    The levels are in the order of display. The upper levels cover the whole range, more densely
+    towards the ends, where a curve is supported on one side only; the last one comes twice. The
+    lower level is 0 in every other frame. In the frames between, it is about a quarter of a wave
+    above 0, as computed from the expected phase range `reach` in radians.
     """
     top = levels - 1
     x = np.linspace(0, 1, frames - 1)
@@ -82,7 +83,7 @@ def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...
 
 
 def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
-    """Compute the grey levels (rows, columns) of every pattern of a calibration's design."""
+    """Compute the grey levels, (rows, columns), of every pattern in a calibration's design."""
     panel = camera.panel
     shown: Patterns = {names.NEUTRAL_NAME: np.zeros(panel.shape, dtype=np.uint8)}
     for nm in design.request.wavelengths_nm:
@@ -102,9 +103,10 @@ def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
 
 
 def _defocus_pattern(camera: Camera, waves: float, wavelength: float) -> NDArray[np.uint8]:
-    """Compute a defocus pattern, wrapped at as many whole waves as the panel's range holds.
+    """Compute a calibration's defocus pattern, wrapped at whole waves.
 
-    This makes the number of phase jumps as small as possible.
+    The wraps are as many whole waves apart as the panel's range holds. This keeps the number of
+    phase jumps as small as possible.
     """
     y, x = camera.panel.plane.mesh()
     phase = 2 * math.pi * waves * (y**2 + x**2) / open_pupil_radius(camera) ** 2
@@ -119,7 +121,7 @@ def build_plan(
 ) -> PlanFile:
     """Build the plan that takes a calibration's frames.
 
-    folder: the folder with the patterns' picture files, beside the plan.
+    `folder` is the folder with the patterns' picture files, beside the plan.
     """
     request = design.request
     blocks = []

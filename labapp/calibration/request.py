@@ -74,7 +74,7 @@ class CalibrationDesign(FileModel):
 
     @property
     def reference_nm(self) -> float:
-        """Return the wavelength in nm at which the wavefront is measured: the middle one."""
+        """Return the middle wavelength in nm, at which a calibration run measures the wavefront."""
         return sorted(self.request.wavelengths_nm)[len(self.request.wavelengths_nm) // 2]
 
     def exposures_at(self, wavelength_nm: float) -> CalibrationExposures:

@@ -57,7 +57,7 @@ Row = list[str]
 
 
 def result_data(result: CalibrationResult, folder: Path) -> dict[str, Any]:
-    """Return a calibration's results as plain data, without the phase curves themselves."""
+    """Return a calibration report as plain data, without the phase curves themselves."""
     file = result.file
     kept = {"phase_rad", "sigma_rad"}
     responses = [
@@ -81,7 +81,7 @@ def result_data(result: CalibrationResult, folder: Path) -> dict[str, Any]:
 
 
 def print_tables(result: CalibrationResult, folder: Path) -> None:
-    """Print a calibration's results with uncertainties, the advice, and how to use the file."""
+    """Print a calibration report: results with uncertainties, advice, and how to use the file."""
     file = result.file
     print_table("Calibration", ["what", "found", "how well", "from"], result_rows(file))
     for line in advice(result):
@@ -91,6 +91,7 @@ def print_tables(result: CalibrationResult, folder: Path) -> None:
 
 
 def result_rows(file: CalibrationFile) -> list[Row]:
+    """Return the rows of the calibration report's table of results."""
     found: list[Row] = []
     for registration in file.registrations:
         found += _registration_rows(registration)
@@ -170,7 +171,10 @@ def _wavefront_rows(one: WavefrontTable) -> list[Row]:
 
 
 def advice(result: CalibrationResult) -> list[str]:
-    """Return advice on what to check or change at the bench; empty if the calibration is good."""
+    """Return a calibration report's advice on what to check or change at the bench.
+
+    The list is empty if the calibration is good.
+    """
     fits, file = result.fits, result.file
     return [
         *_registration_advice(file.registrations),

@@ -55,7 +55,7 @@ def main() -> None:
 
 
 def _report_error(error: BaseException) -> int:
-    """Print an error for the user, and return the exit code of its kind."""
+    """Print a command's error for the user, and return the exit code of its kind."""
     from labapp.common.console import print_error
     from optics.progress import Cancelled
 
@@ -72,6 +72,7 @@ def _report_error(error: BaseException) -> int:
 
 
 def _error_message(error: Any) -> str:
+    """Return what the command line prints for an exception."""
     from drivers.errors import DeviceError
     from labapp.common.errors import UserError
 

@@ -27,7 +27,10 @@ app.add_typer(accuracy, name="accuracy")
 
 @accuracy.callback()
 def accuracy_() -> None:
-    """Measure what accuracy costs in time on your machine: error and time of every method."""
+    """Measure what accuracy costs in time on your machine, with a command for each kind of method.
+
+    Each command measures the error and the time of every method.
+    """
     use_one_thread()
 
 
@@ -39,7 +42,7 @@ _CHAIN = LensOptions(0.05, 16.0, 2.0, 1.5, size=64)
 
 @accuracy.command("list")
 def accuracy_list_(json: JsonOption = False) -> None:
-    """List what can be measured; each entry is a command of **labapp accuracy**."""
+    """List the commands of **labapp accuracy**, and what each of them measures."""
     from labapp.common.list_output import ListEntry, print_list
 
     listed = [
@@ -66,12 +69,14 @@ def accuracy_psf_(
         ),
     ] = None,
 ) -> None:
-    """Measure error and time of every method for the PSF of a lens.
+    """Measure the error and time of every method for a lens's PSF (--focal-length, --f-number).
+
+    Further options describe its stop, its aberrations, the object and the window.
 
     Each row is a method at one setting, with its relative L2 error against the exact integral and
-    its processor time in ms. Rows on the front are beaten by no other row in both time and error.
-    A method that fails has a row, too. The default case is the one on which wave-optics libraries
-    are compared: 38 waves of defocus. For instance
+    its processor time in ms. Rows on the front are beaten by no other row in both time and error. A
+    method that fails has a row, too. The default case is the one on which wave-optics libraries are
+    compared: 38 waves of defocus. For instance
 
     **labapp accuracy psf --size 64 --f-number 16 --plot front.png**
     """
@@ -118,11 +123,11 @@ def accuracy_propagate_(
     ] = False,
     peers: PeersOption = False,
 ) -> None:
-    """Measure error and time of every method for propagation through free space.
+    """Measure the error and time of every method for propagation through free space (--distance).
 
-    The error is that of the complex field against the exact integral, on samples that are drawn by
-    their light. Rows on the front are beaten by no other row in both time and error. A method that
-    fails has a row, too. For instance
+    The error is the relative L2 error of the complex field against the exact integral. It is
+    estimated from some samples; brighter ones are drawn more often. Rows on the front are beaten by
+    no other row in both time and error. A method that fails has a row, too. For instance
 
     **labapp accuracy propagate --distance 0.05 --size 192**
     """
@@ -179,15 +184,15 @@ def accuracy_chain_(
         int, typer.Option(help="Memory that a method may use, in megabytes.")
     ] = 1000,
 ) -> None:
-    """Measure error and time of every PSF method for a panel in front of the lens.
+    """Measure the error and time of every PSF method for a panel in front of the lens (--panel).
 
-    Light goes from a point to the pixels of the panel, to lens and stop, and to the sensor
-    (thesis Eq. 5.1 to 5.7). The method "collapsed" is a single Fourier integral, for a stop that
-    cuts off hardly any light. "chain" computes the field in the plane of the lens on a grid,
-    "chain, quadrature" on nodes that follow the edge of the stop. Errors are relative L2 errors
-    against the exact integral, on samples that are drawn by their light. The integral takes longer
-    the smaller the separation is. Rows on the front are beaten by no other row in both time and
-    error. For instance
+    Light goes from a point to the pixels of the panel, to lens and stop, and to the sensor (thesis
+    Eq. 5.1 to 5.7). The method "collapsed" is a single Fourier integral, for a stop that cuts off
+    hardly any light. "chain" computes the field in the plane of the lens on a grid, "chain,
+    quadrature" on nodes that follow the edge of the stop. Errors are relative L2 errors against the
+    exact integral. They are estimated from some samples; brighter ones are drawn more often. The
+    integral takes longer the smaller the separation is. Rows on the front are beaten by no other
+    row in both time and error. For instance
 
     **labapp accuracy chain --size 16 --panel 48x64x8**
     """
@@ -235,7 +240,7 @@ def accuracy_retrieval_(
     ] = 10.0,
     bench: BenchOption = None,
 ) -> None:
-    """Measure quality and time of every phase retrieval method for a target.
+    """Measure the quality and time of every phase retrieval method for the PSF shape TARGET.
 
     Retrieval has no exact answer. The table gives efficiency, speckle contrast, NRMSE of the PSF
     against the target, and processor time in seconds. Rows on the front are beaten by no other row
@@ -301,11 +306,11 @@ def accuracy_deconvolve_(
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
     peers: PeersOption = False,
 ) -> None:
-    """Measure quality and time of every restoration method on a blurred picture.
+    """Measure the quality and time of every restoration method on a blurred picture (--blur).
 
     The picture is blurred, and noise is added. Each method estimates noise and weights by itself.
     The table gives PSNR in dB, SSIM and processor time in ms. Rows on the front are beaten by no
-    other row in both time and error; **labapp reconstruct --budget** chooses by such a front. A
+    other row in both time and error; **labapp reconstruct --budget** chooses from such a front. A
     method that fails has a row, too. For instance
 
     **labapp accuracy deconvolve --blur "Gaussian of 1.5" --size 128**
@@ -336,7 +341,7 @@ def accuracy_simulate_(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Measure what a tolerance costs a simulated picture, and check that it is kept.
+    """Measure what each tolerance costs a simulated picture (--target), and check that it is kept.
 
     One picture is simulated at each tolerance by its effect plan, and once with all effects at
     their finest. The table gives relative L2 errors of the mean picture, of its variance and of its

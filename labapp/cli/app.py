@@ -16,6 +16,7 @@ app = typer.Typer(
 
 
 def _print_version(requested: bool) -> None:
+    """Print the version for the option --version, and exit."""
     if requested:
         from labapp.common.program_version import describe_version
 
@@ -38,10 +39,9 @@ def labapp_(
         bool, typer.Option("--debug", help="Show the traceback of an error; for any command.")
     ] = False,
 ) -> None:
-    """Programmable optics for computational photography.
+    """Control programmable optics for computational photography from the command line.
 
-    A phase-only SLM in front of a camera lens makes the optics programmable. labapp
-    computes its patterns, runs acquisitions on a real or simulated bench, and undoes the
-    coding. Start with **labapp demo**, which needs no hardware, then open
-    **labapp gui**.
+    A phase-only SLM in front of a camera lens makes the optics programmable. labapp computes its
+    patterns, runs acquisitions on a real or simulated bench, and undoes the coding. Start with
+    **labapp demo**, which needs no hardware, then open **labapp gui**.
     """

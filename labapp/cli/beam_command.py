@@ -33,11 +33,11 @@ def beam(
     ] = 120,
     force: ForceOption = False,
 ) -> None:
-    """Draw the light of a point along the axis, from the panel through the lens to the sensor.
+    """Draw the light of a point along the axis, from the panel to the sensor, in a picture (--out).
 
-    The file shows two pictures over four decades: the whole way, and the light around the sensor.
-    They show what the stop cuts off, where the diffraction orders of a pattern go, and how deep
-    the focus is. For instance
+    The file shows two pictures over four decades: the whole way from the panel through the lens to
+    the sensor, and the light around the sensor. They show what the stop cuts off, where the
+    diffraction orders of a pattern go, and how deep the focus is. For instance
 
     **labapp beam --distance 2 --out beam.png**
     """

@@ -16,7 +16,7 @@ app.add_typer(bench, name="bench")
 
 @bench.callback()
 def bench_() -> None:
-    """Check bench files before they are used."""
+    """Check bench files on the command line before they are used."""
 
 
 @bench.command("check")
@@ -30,7 +30,7 @@ def bench_check_(
     ] = True,
     json: JsonOption = False,
 ) -> None:
-    """Check that a bench file is right, and that all devices that it names are there.
+    """Check that BENCH.toml is right and its devices are there, and open each (unless --no-open).
 
     Each device is opened alone, so that a missing one doesn't prevent the check of the others. The
     exit code is 1 if anything is wrong. For instance

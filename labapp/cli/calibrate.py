@@ -61,13 +61,13 @@ def calibrate(
         ),
     ] = None,
 ) -> None:
-    """Calibrate panel, lens and sensor of a bench with an artificial star.
+    """Calibrate the panel, lens and sensor of a bench (--bench) with an artificial star.
 
-    It measures the registration (where gratings send light on the sensor), the phase of every grey
-    level, the wavefront with its focus, and the zeroth order, each with residual and uncertainty.
-    This takes up to 60 frames per wavelength. The folder gets **plan.toml**, **patterns/**,
-    **run.h5**, **calibration.json** and **calibration.png**. To use the calibration, add the line
-    `calibration = "calibration.json"` to the bench file. For instance
+    The command measures the registration (where gratings send light on the sensor), the phase of
+    every grey level, the wavefront with its focus, and the zeroth order, each with residual and
+    uncertainty. This takes up to 60 frames per wavelength. The folder gets **plan.toml**,
+    **patterns/**, **run.h5**, **calibration.json** and **calibration.png**. To use the calibration,
+    add the line `calibration = "calibration.json"` to the bench file. For instance
 
     **labapp calibrate --out calibration --regions 1x1 --levels 16 --yes**
     """

@@ -23,7 +23,7 @@ def demo(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Take a coded photograph on the virtual bench, and undo the coding.
+    """Take a coded photograph on the virtual bench, undo the coding, and write a report to --out.
 
     A pattern with a ring-shaped PSF is computed for the SLM. Its PSF is measured on an artificial
     star, a photograph is taken through it and restored. This takes a few seconds and writes a

@@ -21,10 +21,10 @@ def devices_(
     scene: SceneOption = None,
     json: JsonOption = False,
 ) -> None:
-    """List the devices of a bench with their ranges, the installed drivers, and the ports.
+    """List a bench's devices (--bench) with their ranges, the installed drivers, and the ports.
 
-    **list** does the same, **test** tests a device and writes a report, and **screens** shows
-    which display is which. For instance
+    **list** does the same, **test** tests a device and writes a report, and **screens** shows which
+    display is which. For instance
 
     **labapp devices --bench bench.toml**
     """
@@ -36,7 +36,7 @@ def devices_(
 def devices_list_(
     bench: BenchOption = None, scene: SceneOption = None, json: JsonOption = False
 ) -> None:
-    """List the devices of a bench with their ranges, the installed drivers, and the ports."""
+    """List a bench's devices (--bench) with their ranges, the installed drivers, and the ports."""
     from labapp.bench.device_listing import list_devices
 
     list_devices(bench, scene, as_json=json)
@@ -56,7 +56,7 @@ def devices_test_(
     json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Test one device of a bench alone, and report what it does.
+    """Test one device of a bench (--bench) alone, and report what it does.
 
     The SLM shows patterns and a video, the filter is tuned through its range, the camera takes
     pictures at several exposure times, and the spectroradiometer measures twice. The report can be
@@ -79,7 +79,7 @@ def devices_screens_(
         float, typer.Option(min=0, help="Seconds for which the names are shown.")
     ] = 5.0,
 ) -> None:
-    """Show on every screen its name, and list the names for the SLM of a bench file."""
+    """Show each screen's name on it (for --seconds), and list the names for a bench file's SLM."""
     from drivers.screen.identify import format_listing, identify_screens
 
     print(format_listing(identify_screens(display, seconds)))

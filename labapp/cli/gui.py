@@ -15,7 +15,7 @@ def gui(
     image: ImageOption = None,
     faults: FaultsOption = None,
 ) -> None:
-    """Open the bench window; without options, for the bundled virtual bench.
+    """Open the window of a bench (--bench); without options, of the bundled virtual bench.
 
     For instance
 

@@ -15,7 +15,7 @@ def help_(
         str | None, typer.Argument(help="Topic of the list, such as retrieval.")
     ] = None,
 ) -> None:
-    """Show a page of the guide; without a topic, list the topics.
+    """Print a page of the guide (TOPIC) on the command line; without a topic, list the topics.
 
     The window shows the same pages with F1. **labapp COMMAND --help** explains a command and its
     options. For instance

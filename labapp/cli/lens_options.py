@@ -70,7 +70,7 @@ class LensOptions:
     ] = "thin"
 
     def build_case(self) -> Any:
-        """Build lens, object and window from the options; UserError names a wrong option."""
+        """Build lens, object and window from a command's options; UserError names a wrong one."""
         from labapp.prediction.lens_options import (
             LensCase,
             read_aberrations,

@@ -17,7 +17,7 @@ def pattern(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Kind of pattern, or 'list'.")],
     keys: KeysArgument = None,
 ) -> None:
-    """Compute a pattern for the SLM from a formula, and predict its PSF.
+    """Compute an SLM pattern from a formula and KEY=VALUE arguments, and predict its PSF.
 
     **labapp pattern list** gives the kinds with their keys and units: formulas such as lenses,
     gratings and masks for depth of field, sums, shapes, pictures. For instance
@@ -52,7 +52,7 @@ def retrieve(
         str | None, typer.Option(help="Method of phase retrieval. Default: the most suitable.")
     ] = None,
 ) -> None:
-    """Find a pattern, or a video of patterns, whose PSF has the shape of a target.
+    """Find a pattern, or a video of patterns (--frames), whose PSF has the shape of TARGET.
 
     **labapp retrieve list** gives the shapes with their keys: rings, spirals, dots, letters,
     a logo from a picture. For instance

@@ -20,7 +20,7 @@ PlanArgument = Annotated[
 
 @plan.callback()
 def plan_() -> None:
-    """Check and show acquisition plans before they run, and list ready ones."""
+    """Check, show and list acquisition plans by command, without acquiring anything."""
 
 
 @plan.command("check")
@@ -30,10 +30,10 @@ def plan_check_(
     scene: SceneOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Check what a plan needs, and whether a bench can run it; no device moves.
+    """Check what PLAN needs, and whether a bench (--bench) can run it; no device moves.
 
-    It prints the number of frames, the expected duration, the prompts, the disk space, and each
-    requirement beside what the bench has. Patterns are computed. The exit code is 1 if the run
+    The command prints the number of frames, the expected duration, the prompts, the disk space, and
+    each requirement beside what the bench has. Patterns are computed. The exit code is 1 if the run
     can't start, or if its pictures can't be reconstructed as the plan says. For instance
 
     **labapp plan check psf-over-wavelengths**
@@ -56,7 +56,7 @@ def plan_show_(
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Print the steps of a plan in order, with the time at which each is due.
+    """Print the steps of PLAN in order, with the time at which each is due (--all for every row).
 
     Frames that differ only in exposure time and repeat share a row. Dark frames and prompts are
     listed where they come. **--json** gives every frame. For instance
@@ -73,7 +73,7 @@ def plan_show_(
 
 @plan.command("list")
 def plan_list_(json: JsonOption = False) -> None:
-    """List the ready plans: what each is for, and what it needs.
+    """List the ready plans that commands take by name: what each is for, and what it needs.
 
     They run unchanged on the virtual bench. The comments in each file say what to change for your
     own bench: copy the file, and pass the path of the copy.

@@ -51,12 +51,12 @@ def psf(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Compute a PSF to a tolerance, and report its cost and its error.
+    """Compute a PSF to a tolerance (--tol), and report its cost and its error.
 
-    Without --camera and --pattern this is the PSF of a lens with its stop. With --camera it is that
-    of the file's panel and lens; options of the lens override the file. With --pattern alone the
-    lens is behind the panel of the virtual bench. Each value is the share of the light on a pixel.
-    A picture over five decades is written beside the data. For instance
+    Without --camera and --pattern, the command computes the PSF of a lens with its stop. With
+    --camera, panel and lens come from the file; options of the lens override the file. With
+    --pattern alone, the lens is behind the panel of the virtual bench. Each value is the share of
+    the light on a pixel. A picture over five decades is written beside the data. For instance
 
     **labapp psf --focal-length 0.1 --f-number 5.6 --distance 2 --tol 1e-6 --out psf.npy**
     """

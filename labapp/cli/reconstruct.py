@@ -128,7 +128,7 @@ def reconstruct(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Restore a photograph that was blurred by a PSF, and show before and after.
+    """Restore a photograph that was blurred by a PSF (--psf), and show before and after.
 
     Colours are restored band by band. Without options the noise is estimated and the weight chosen.
     The scene beyond the frame, clipped pixels and dead ones (NaN) count as unknown. A residual of

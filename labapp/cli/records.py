@@ -13,7 +13,7 @@ from labapp.cli.shared_options import ForceOption, JsonOption, RecordArgument
 
 @app.command()
 def show(record: RecordArgument, json: JsonOption = False) -> None:
-    """Show what a record holds: state, devices, frames, the simulator's decisions, log.
+    """Print what the record RUN.h5 holds: state, devices, frames, the simulator's decisions, log.
 
     For instance
 
@@ -33,7 +33,7 @@ def report(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Analyse a record, and write report.png and a self-contained report.html.
+    """Analyse the record RUN.h5, and write report.png and a self-contained report.html (--out).
 
     Exposures are merged, the PSF is measured on the star, and the photograph is restored as the
     plan says. For instance
@@ -52,7 +52,7 @@ def report(
 
 @app.command()
 def verify(record: RecordArgument, json: JsonOption = False) -> None:
-    """Check that a record is complete: every frame, its checksum, patterns, settings, state.
+    """Check that the record RUN.h5 is complete: frames, checksums, patterns, settings, state.
 
     The exit code is 0 only if all is well. Otherwise the last line says what to do. For instance
 
@@ -79,7 +79,7 @@ def export(
     pattern: Annotated[str | None, typer.Option(help="Only frames of this pattern.")] = None,
     force: ForceOption = False,
 ) -> None:
-    """Write the raw frames of a record as lossless files for other programs.
+    """Write the raw frames of the record RUN.h5 as lossless files (--to) for other programs.
 
     **tiff** and **png** are a 16-bit picture for each frame, **ome-tiff** is one file with the
     exposure and time of each plane, **npy** is one array with its metadata as JSON. Each kind comes

@@ -41,12 +41,12 @@ def refine(
         typer.Option(metavar="FOLDER", help="Folder for the records.  [BETTER_runs, beside]"),
     ] = None,
 ) -> None:
-    """Correct a retrieved pattern or video by pictures of its PSF.
+    """Correct the retrieved pattern or video in DESIGN.h5 with pictures of its PSF.
 
     **labapp refine ring.h5 --out better.h5**
 
-    shows the design on the bench and photographs the star through it. After each picture the
-    target gets more light where the camera saw too little. **better.h5** is the design of the best
+    shows the design on the bench and photographs the star through it. After each picture the target
+    gets more light where the camera saw too little. **better.h5** is the design of the best
     picture, and **better_psf.png** shows the PSF before and after. This also corrects errors that
     the camera's description and its calibration don't include. Calibrate the bench first. Videos
     gain most.

@@ -37,7 +37,7 @@ def run(
     ],
     image: ImageOption = None,
 ) -> None:
-    """Run acquisition plans on a bench, and write every frame to a record at once.
+    """Run acquisition plans on a bench (--bench), and write each frame at once to a record (--out).
 
     In a terminal, **p** pauses after the current frame, **r** continues, Enter answers a prompt,
     and Ctrl-C ends the run safely: the SLM is neutral, the filter parked, the camera stopped, and
@@ -66,7 +66,7 @@ def resume(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Take the frames that a record lacks after a crash, a failure or Ctrl-C.
+    """Take the frames that the record RUN.h5 lacks after a crash, a failure or Ctrl-C.
 
     Plan, patterns, seed and bench are read from the record, so that the result is that of an
     uninterrupted run. Frames that are damaged in the record are taken again. For instance

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def readable_path(path: Path | None) -> Path | None:
-    """Return the path of an option, or None; raise UserError if the file can't be opened."""
+    """Return the path of a command's option, or None; raise UserError if it can't be opened."""
     from labapp.files.file_lookup import require_readable
 
     if path is not None:
@@ -31,7 +31,7 @@ def readable_path(path: Path | None) -> Path | None:
 
 
 def existing_path(path: Path | None) -> Path | None:
-    """Return the path of an option, or None; raise UserError if there is no such file."""
+    """Return the path of a command's option, or None; raise UserError if there is no such file."""
     from labapp.files.file_lookup import require_file
 
     if path is not None:
@@ -40,7 +40,7 @@ def existing_path(path: Path | None) -> Path | None:
 
 
 def find_scene_file(name: Path | None) -> Path | None:
-    """Return the path of a scene file, or None; UserError lists the bundled scenes."""
+    """Return the scene file of a command's option, or None; UserError lists the bundled scenes."""
     from labapp.files.file_lookup import find_scene
 
     return None if name is None else find_scene(name)
@@ -126,14 +126,14 @@ class RunOptions:
     json: JsonOption = False
 
     def bench_files(self, image: Path | None = None) -> BenchFiles:
-        """Return the files that the bench is opened from."""
+        """Return the bench's files that the command's options name."""
         from labapp.bench.opening import BenchFiles
 
         return BenchFiles.with_defaults(self.bench, self.scene, image, self.faults)
 
     @property
     def run_mode(self) -> ExecutionOptions:
-        """Return how the run is executed: overwriting, prompts, speed and output."""
+        """Return the run settings of the command's options: overwriting, prompts, speed, output."""
         from labapp.runs.run_commands import ExecutionOptions
 
         return ExecutionOptions(self.force, self.yes, self.speed, self.json)
@@ -185,7 +185,7 @@ class DesignOptions:
     json: JsonOption = False
 
     def design_and_write(self, spec: StillPattern) -> None:
-        """Compute a pattern, predict its PSF, and write both.
+        """Compute the pattern that the command's options describe, predict its PSF, and write both.
 
         Raises UserError for options that are wrong, or a pattern that the panel can't show.
         """
@@ -256,10 +256,10 @@ class PictureOptions:
         *,
         everything: bool = False,
     ) -> PictureRequest:
-        """Return the request for a picture on a bench.
+        """Return the request for a picture on a bench, as the command's options describe it.
 
-        `effect_options` decide what is left out, or the scene if they are None. `everything`
-        requests all effects at their finest.
+        `effect_options` decide which effects are left out; if they are None, the scene decides.
+        `everything` requests all effects at their finest.
         """
         from labapp.prediction.simulating.picture_request import (
             PictureRequest,
@@ -292,7 +292,7 @@ class RowsOutputOptions:
     force: ForceOption = False
 
     def require_writable(self) -> None:
-        """Raise UserError if the file of the diagram can't be written."""
+        """Raise UserError if the diagram of the option --plot can't be written."""
         from labapp.files.writing import require_all_writable
 
         require_all_writable((self.plot,), force=self.force)

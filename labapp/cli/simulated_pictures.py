@@ -31,11 +31,11 @@ def explain(
     ] = 10,
     json: JsonOption = False,
 ) -> None:
-    """Explain which effects a simulated picture needs, at which level, and why.
+    """Explain which effects a simulated picture of SCENE.toml needs, at which level, and why.
 
-    For each effect it prints the level at which it is computed, the bound of the error that this
-    leaves, and the physics in a sentence. The sum of all bounds stays within the tolerance. The
-    exit code is 1 if **--audit** finds an error beyond its bound. For instance
+    For each effect the command prints the level at which it is computed, the bound of the error
+    that this leaves, and the physics in a sentence. The sum of all bounds stays within the
+    tolerance. The exit code is 1 if **--audit** finds an error beyond its bound. For instance
 
     **labapp explain bricks --tol 1e-3 --audit**
     """
@@ -61,7 +61,7 @@ def simulate(
     ] = False,
     force: ForceOption = False,
 ) -> None:
-    """Simulate pictures of a scene on the virtual bench, without a run.
+    """Simulate pictures of SCENE.toml on the virtual bench, without a run, and write them to --out.
 
     Files hold raw digital numbers without scaling, so that pictures of a 12-bit camera look dark in
     a viewer that takes them for 16 bits. **.h5** also holds the mean picture, the variance, and the

@@ -14,7 +14,7 @@ from labapp.studies import STUDIES
 
 
 def _help() -> str:
-    """Return the help text of `labapp study`, with the list of studies."""
+    """Return the help text of the command `labapp study`, with the list of studies."""
     listed = "\n".join(
         f"- **{name}**: {entry.summary} ({entry.figure})" for name, entry in STUDIES.items()
     )

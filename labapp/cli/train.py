@@ -28,7 +28,7 @@ def train(
     seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
     force: ForceOption = False,
 ) -> None:
-    """Train the denoiser of plug-and-play restoration on pictures.
+    """Train the denoiser of plug-and-play restoration on the pictures in FOLDER.
 
     For instance
 

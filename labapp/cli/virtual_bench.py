@@ -18,7 +18,7 @@ app.add_typer(virtual_bench, name="virtual-bench")
 
 @virtual_bench.callback()
 def virtual_bench_() -> None:
-    """Serve simulated instruments at real ports, for the real drivers."""
+    """Serve simulated instruments at real ports, for the real drivers, from the command line."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def serve(
     scene: SceneOption = None,
     image: ImageOption = None,
 ) -> None:
-    """Serve a virtual bench at real ports, for the real drivers in other programs.
+    """Serve a virtual bench (--bench) at real ports, for the real drivers in other programs.
 
     The filter listens at a serial port or on a USB bus. The camera sends GigE Vision packets on
     this computer's loopback. The SLM shows what is on a screen. A CS-2000 spectroradiometer listens

@@ -27,11 +27,12 @@ class DeviceTable(FileModel):
 
     @property
     def is_simulated(self) -> bool:
+        """Whether this device table of a bench file names a simulated driver."""
         return self.driver.startswith("simulated-")
 
     @property
     def is_exclusive(self) -> bool:
-        """Whether only one application at a time can open the device.
+        """Whether only one application at a time can open the device of this bench-file table.
 
         Simulated devices, and targets that a person changes by hand, can be shared.
         """
@@ -52,13 +53,13 @@ class DevicesTable(FileModel):
 
     @property
     def tables(self) -> dict[str, DeviceTable]:
-        """All devices that the bench file has, by role."""
+        """The bench file's tables of all devices that it has, by role."""
         named = {name: getattr(self, name) for name in DevicesTable.model_fields}
         return {name: table for name, table in named.items() if table is not None}
 
     @property
     def run_devices(self) -> dict[str, DeviceTable]:
-        """The devices that every run needs, by role."""
+        """The bench file's tables of the devices that every run needs, by role."""
         return {name: table for name, table in self.tables.items() if name != "spectroradiometer"}
 
 
@@ -69,12 +70,15 @@ class BenchFile(CameraFile):
 
     @property
     def is_virtual(self) -> bool:
-        """Whether any device of the bench is simulated, so that it needs a scene."""
+        """Whether the bench file names any simulated device, so that it needs a scene file."""
         return any(table.is_simulated for table in self.devices.tables.values())
 
     @property
     def is_real(self) -> bool:
-        """Whether any device of a run is real, so that the run's clock is the wall clock."""
+        """Whether the bench file names any real device for a run.
+
+        A run with a real device follows the wall clock.
+        """
         return not all(table.is_simulated for table in self.devices.run_devices.values())
 
 

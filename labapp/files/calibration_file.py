@@ -72,7 +72,10 @@ class RegistrationTable(FileModel):
     image_distance_mm: Positive
 
     def build(self) -> Registration:
-        """Return the registration, without the residuals of the spots: the file has only rms."""
+        """Return a calibration file's registration, without the residuals of the spots.
+
+        The file holds only the rms of the residuals.
+        """
         return Registration(
             self.wavelength_nm * 1e-9,
             self.centre_px,
@@ -142,7 +145,10 @@ class MeasuredResponseTable(FileModel):
 
     @property
     def phases(self) -> Any:
-        """Phases of all regions and grey levels, (rows, columns, levels), radians."""
+        """The phases in a calibration file, (rows, columns, levels), in radians.
+
+        Rows and columns count the regions of the panel.
+        """
         return np.array([curve.phase_rad for curve in self.curves]).reshape(*self.regions, -1)
 
 
@@ -179,7 +185,7 @@ class WavefrontTable(FileModel):
     chi2: Amount
 
     def build(self, panel: Panel) -> PanelMap:
-        """Return the wavefront as optical path on cells that cover the panel."""
+        """Return a calibration file's wavefront as optical path on cells that cover the panel."""
         # 240 cells along the panel's longer side resolve polynomials of the fourth degree.
         cells = tuple(max(1, round(n * min(1, 240 / max(panel.shape)))) for n in panel.shape)
         pitch = tuple(n * panel.pitch / c for n, c in zip(panel.shape, cells, strict=True))
@@ -228,11 +234,11 @@ class CalibrationFile(FileModel):
 
     @property
     def wavelengths(self) -> list[float]:
-        """Wavelengths at which the phase response was measured, in metres, sorted."""
+        """Wavelengths of the phase responses in the calibration file, in metres, sorted."""
         return sorted(table.wavelength_nm * 1e-9 for table in self.responses)
 
     def apply_to(self, camera: Camera) -> Camera:
-        """Return the camera with what was measured in place of its description.
+        """Return the camera with a calibration file's measurements in place of its description.
 
         Raises ValueError if the calibration belongs to another panel.
         """

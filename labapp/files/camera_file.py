@@ -52,6 +52,7 @@ class LensTable(FileModel):
         return self
 
     def build(self) -> Lens:
+        """Return the lens that the table [lens] of a camera file describes."""
         opening = regular_polygon(self.blades) if self.blades else Circle()
         obscured = (Circle(self.obscuration),) if self.obscuration else ()
         return Lens(
@@ -102,9 +103,10 @@ class CameraFile(FileModel):
 
     @property
     def active_calibration(self) -> CalibrationFile | None:
-        """The camera's calibration, read from its file if need be; None if there is none.
+        """The calibration that the camera file has or names; None if there is none.
 
-        Raises UserError if the file can't be read.
+        If the camera file only names a calibration file, that file is read. Raises UserError if it
+        can't be read.
         """
         if isinstance(self.calibration, str):
             return read_file(Path(self.calibration), CalibrationFile)
@@ -112,10 +114,10 @@ class CameraFile(FileModel):
 
     @property
     def interference(self) -> float | None:
-        """Strength of the interference of modulated and unmodulated light; None if unknown.
+        """Strength of the interference of modulated and unmodulated light in the camera file.
 
-        The sum of their irradiances leaves this interference out; see
-        optics.polarisation.PathEffect.
+        None if the file doesn't describe the polarisation. The sum of their irradiances leaves this
+        interference out; see optics.polarisation.PathEffect.
         """
         if self.polarisation is None:
             return None
@@ -126,7 +128,10 @@ class CameraFile(FileModel):
         return self.model_copy(update={"calibration": None})
 
     def build_camera(self) -> Camera:
-        """Return the calibrated camera; raise UserError if the calibration is of another panel."""
+        """Return the camera file's calibrated camera.
+
+        Raises UserError if the calibration is of another panel.
+        """
         described = self._build_nominal_camera()
         calibration = self.active_calibration
         if calibration is None:
@@ -146,7 +151,10 @@ class CameraFile(FileModel):
         return Camera(panel, lens, sensor, transmission, separation, self.glare)
 
     def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:
-        """Return the panel with its unmodulated share, and the transmission of everything else."""
+        """Return the panel with the unmodulated share that the camera file's polarisation gives.
+
+        The second value is the camera's transmission, which includes the polarisation's.
+        """
         if self.polarisation is None:
             return panel, self.transmission
         effect = self.polarisation.build().effect()

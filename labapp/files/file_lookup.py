@@ -9,12 +9,12 @@ from labapp.files.reading import bundled_path
 
 
 def bundled_plans() -> dict[str, Path]:
-    """Return the paths of the plans that come with the application, by name."""
+    """Return the paths of the plan files that come with the application, by name."""
     return _bundled_files("plans")
 
 
 def bundled_scenes() -> dict[str, Path]:
-    """Return the paths of the scenes that come with the application, by name."""
+    """Return the paths of the scene files that come with the application, by name."""
     return _bundled_files("scenes")
 
 
@@ -50,7 +50,7 @@ def find_part_file(kind: str, file: str, folder: Path) -> Path:
 
 
 def bundled_parts(kind: str) -> list[str]:
-    """Return the names of the panels or sensors that come with the application."""
+    """Return the names of the panel or sensor files that come with the application."""
     return list(_bundled_files(f"{kind}s"))
 
 

@@ -11,9 +11,9 @@ _PART = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 
 
 def read_frame_list(text: str, frames: int) -> list[int]:
-    """Return the frame indices of a list such as "0-9,12", sorted, each once.
+    """Parse a list of frame indices, such as "0-9,12"; the result is sorted, each index once.
 
-    frames is the number of frames of the record. Raises UserError if the text isn't such a list,
+    `frames` is the number of frames of the record. Raises UserError if the text isn't such a list,
     or names a frame beyond the last one.
     """
     found: set[int] = set()
@@ -31,7 +31,10 @@ def read_frame_list(text: str, frames: int) -> list[int]:
 
 
 def format_frame_list(frames: Iterable[int]) -> str:
-    """Format frame indices as a short list, "0-9, 12"; after 12 ranges, only count the rest."""
+    """Format frame indices as the text of a frame list, such as "0-9, 12".
+
+    After 12 ranges, only the number of the other frames is given.
+    """
     ranges: list[tuple[int, int]] = []
     for index in sorted(set(frames)):
         if ranges and index == ranges[-1][1] + 1:

@@ -24,22 +24,22 @@ class GreyPattern(Table):
 
     @property
     def depends_on_seed(self) -> bool:
-        """Whether the pattern depends on the plan's seed."""
+        """Whether this pattern of a plan file depends on the plan's seed."""
         return False
 
     @property
     def label(self) -> str:
-        """The pattern's description on the screen and in records."""
+        """The description of a plan file's pattern on the screen and in records."""
         raise NotImplementedError
 
     def with_least_work(self) -> GreyPattern:
-        """Return the pattern with as little work as shows whether it can be computed."""
+        """Reduce the work of a plan file's pattern to what shows whether it can be computed."""
         return self
 
     def grey_levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
-        """Return the pattern's grey levels on the camera's panel, (rows, columns).
+        """Return the grey levels, (rows, columns), of a plan file's pattern on the camera's panel.
 
-        Picture files are read from `folder`. Raises UserError if the panel can't show them.
+        Picture files are read from `folder`. Raises UserError if the panel can't show the levels.
         """
         raise NotImplementedError
 
@@ -114,7 +114,7 @@ class ImagePattern(GreyPattern):
 
 
 def read_grey_pattern(path: Path, panel: Panel) -> NDArray[np.uint8]:
-    """Read a picture as grey levels of a pattern, (rows, columns).
+    """Read a picture file as a pattern's grey levels, (rows, columns).
 
     Raises UserError if the panel can't show them.
     """
@@ -124,6 +124,7 @@ def read_grey_pattern(path: Path, panel: Panel) -> NDArray[np.uint8]:
 
 
 def _require_panel_fit(panel: Panel, grey: NDArray[np.uint8], path: Path) -> NDArray[np.uint8]:
+    """Return grey levels read from a file; raise UserError if the panel can't show them."""
     from optics.slm import require_grey
 
     try:

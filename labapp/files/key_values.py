@@ -18,7 +18,7 @@ from labapp.files.table import Key, unit_of
 def parse_key_values(
     arguments: Sequence[str], model: type[Any], exclude: Collection[str] = ()
 ) -> dict[str, Any]:
-    """Parse KEY=VALUE arguments as TOML values by key, without validation.
+    """Parse KEY=VALUE texts into TOML values by key, as in a file's table, without validation.
 
     Values of text keys are kept as they are. Keys in `exclude` aren't offered in errors. Raises
     UserError for an argument that isn't KEY=VALUE.
@@ -35,7 +35,7 @@ def parse_key_values(
 
 
 def describe_keys(model: type[Any], exclude: Collection[str] = ()) -> list[dict[str, Any]]:
-    """Return each key of a table with its default, unit and meaning, as text."""
+    """Return each key of a file's table with its default, unit and meaning, as text."""
     return [
         {"key": key, "default": _default(field), "what": _describe_key(key, field)}
         for key, field in _fields(model).items()
@@ -44,7 +44,7 @@ def describe_keys(model: type[Any], exclude: Collection[str] = ()) -> list[dict[
 
 
 def _fields(model: type[Any]) -> Mapping[str, FieldInfo]:
-    """Return the fields of a pydantic model or a dataclass by name."""
+    """Return the keys of a file's table, a pydantic model or a dataclass, with their fields."""
     if issubclass(model, BaseModel):
         return model.model_fields
     hints = get_type_hints(model, include_extras=True)

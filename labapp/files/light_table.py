@@ -60,10 +60,11 @@ class _LampTableBase(FileModel):
     flicker: FlickerTable | None = None
 
     def spectrum(self) -> Spectrum:
+        """Return the spectrum of the lamp that a scene file's table describes."""
         raise NotImplementedError
 
     def build(self) -> Lamp:
-        """Return the lamp; raise UserError if its table of a spectrum can't be read."""
+        """Return the lamp of a scene file's table; UserError if its spectrum file can't be read."""
         return Lamp(self.spectrum(), self.flicker.build() if self.flicker else None)
 
 

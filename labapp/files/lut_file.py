@@ -26,7 +26,7 @@ class LutTable(FileModel):
     phase_pi: list[Any]
 
     def build(self, panel: Panel) -> PhaseResponse:
-        """Return the phase response; raise ValueError if the phases don't fit the panel."""
+        """Return a look-up table file's phase response; ValueError if it doesn't fit the panel."""
         try:
             phases = np.array(self.phase_pi, dtype=np.float64) * np.pi
         except (TypeError, ValueError):
@@ -43,13 +43,13 @@ class LutFile(LutTable):
 
 
 def read_lut(path: Path, levels: int) -> LutTable:
-    """Read a panel's phase response from a file.
+    """Read a panel's phase response from a look-up table file.
 
     TOML and JSON files hold a LutFile. Other files are text: the first line is `grey` and the
-    wavelengths in nm, and each further line is a level and its phases in units of pi, separated
-    by commas, semicolons or blanks. Missing levels are interpolated linearly, but the first and
-    the last level must be given. `#` begins a comment. Raises UserError with the file and, in
-    text files, the line.
+    wavelengths in nm, and each further line is a level and its phases in units of pi, separated by
+    commas, semicolons or blanks. Missing levels are interpolated linearly, but the first and the
+    last level must be given. `#` begins a comment. Raises UserError with the file and, in text
+    files, the line.
     """
     if path.suffix.lower() in (".toml", ".json"):
         return LutTable(**read_file(path, LutFile).model_dump(exclude={"version"}))
@@ -62,7 +62,7 @@ def read_lut(path: Path, levels: int) -> LutTable:
         raise UserError(
             f"{path}: line {number} must say 'grey' and the wavelengths in nm, as in 'grey, 532'."
         )
-    rows = [_row(path, number, parts, len(head)) for number, parts in rest]
+    rows = [_parse_row(path, number, parts, len(head)) for number, parts in rest]
     level, phases = np.array([r[0] for r in rows]), np.array([r[1:] for r in rows])
     if len(rows) < 2 or level[0] != 0 or level[-1] != levels - 1 or (np.diff(level) <= 0).any():
         raise UserError(
@@ -74,7 +74,8 @@ def read_lut(path: Path, levels: int) -> LutTable:
     return LutTable(wavelengths_nm=wavelengths, phase_pi=curves)
 
 
-def _row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
+def _parse_row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
+    """Parse a line of a look-up table file: a grey level and its phases in units of pi."""
     values = parse_numbers(parts)
     if values is None or len(values) != length:
         raise UserError(

@@ -28,11 +28,14 @@ class MapTable(FileModel):
     file: str
 
     def with_absolute_path(self, folder: Path) -> MapTable:
-        """Return the table with an absolute path, relative to `folder`."""
+        """Return the table with the absolute path of its picture file, relative to `folder`."""
         return self.model_copy(update={"file": str(folder / self.file)})
 
     def build(self) -> PanelMap:
-        """Return the map of the panel; raise UserError if the file can't be read or is no map."""
+        """Read the panel's map from its picture file.
+
+        Raises UserError if the file can't be read or is no map.
+        """
         return self._map(_values(Path(self.file)))
 
     def _map(self, values: NDArray[np.float64]) -> PanelMap:
@@ -63,6 +66,7 @@ class FlatnessTable(MapTable):
 
 
 def _values(path: Path) -> NDArray[np.float64]:
+    """Read the numbers in a map's picture file, without decoding them from sRGB."""
     values: NDArray[Any] | None = None
     if path.suffix.lower() == ".npy":
         with suppress(ValueError, EOFError):

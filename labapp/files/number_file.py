@@ -32,6 +32,7 @@ def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]
 
 
 def _variables(path: Path, kind: str) -> dict[str, NDArray[Any]]:
+    """Read all arrays of a number file by name; the file's ending names its format."""
     if kind == ".npy":
         return {path.stem: np.load(path, allow_pickle=False)}
     if kind == ".npz":

@@ -27,7 +27,7 @@ def is_design(path: Path) -> bool:
 
 
 def require_photograph_ending(path: Path) -> None:
-    """Raise UserError if a path doesn't have the ending of a photograph that can be written."""
+    """Raise UserError if a photograph can't be written to a file with this ending."""
     if path.suffix.lower() not in (".npy", ".png", *_TIFF):
         raise UserError(f"{path}: the ending says the kind; choose .tiff, .npy or .png.")
 
@@ -44,7 +44,7 @@ def weights_output_path(path: Path, *, force: bool) -> Path:
 
 
 def run_output_paths(plans: Sequence[Path], record: Path, *, force: bool) -> list[Path]:
-    """Return the record files of plans to be run.
+    """Return the record files to which the runs of plans are written.
 
     A single plan is recorded in the file `record`. If there are several plans, or `record` is a
     folder, each plan has a record in that folder, named after the plan.

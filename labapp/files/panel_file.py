@@ -59,7 +59,10 @@ class PanelTable(FileModel):
         return self
 
     def build(self) -> Panel:
-        """Return the panel; raise UserError if a file can't be read, or doesn't fit the panel."""
+        """Return the panel that a panel file's table describes.
+
+        Raises UserError if a file that it names can't be read, or doesn't fit the panel.
+        """
         table = self.resolve_files(Path()) if self.lut is not None else self
         maps = {
             name: getattr(self, name).build()
@@ -95,9 +98,9 @@ class PanelTable(FileModel):
         return replace(panel, response=self.response.build(panel))
 
     def resolve_files(self, folder: Path) -> PanelTable:
-        """Return the panel with the contents of its files, or absolute paths of pictures.
+        """Return a panel file's table with its look-up table read, and absolute paths of pictures.
 
-        Paths are relative to `folder`. Raises UserError if the file of phases can't be read.
+        Paths are relative to `folder`. Raises UserError if the look-up table can't be read.
         """
         change: dict[str, Any] = {}
         if self.lut is not None:

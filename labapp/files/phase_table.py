@@ -38,21 +38,21 @@ class PhasePattern(Table):
 
     @property
     def wavelength(self) -> float:
-        """Wavelength that the pattern is made for, in metres."""
+        """Wavelength in metres for which a plan file's pattern is made."""
         return self.wavelength_nm * 1e-9
 
     @property
     def depends_on_seed(self) -> bool:
-        """Whether the pattern depends on the plan's seed."""
+        """Whether this pattern of a plan file depends on the plan's seed."""
         return False
 
     @property
     def label(self) -> str:
-        """The pattern's description on the screen and in records: its kind and sizes."""
+        """The description of a plan file's pattern on the screen and in records: kind and sizes."""
         return f"{self.summary} for {self.wavelength_nm:g} nm"
 
     def with_least_work(self) -> PhasePattern:
-        """Return the pattern with as little work as shows whether it can be computed."""
+        """Reduce the work of a plan file's pattern to what shows whether it can be computed."""
         return self
 
 
@@ -60,7 +60,7 @@ class FormulaPattern(PhasePattern):
     """A pattern whose phase is given by a formula, without iterations."""
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
-        """Return the pattern's phase on the camera's panel, (rows, columns), radians.
+        """Return the phase of a plan file's pattern on the panel, (rows, columns), in radians.
 
         Raises ValueError if the panel can't show it.
         """
@@ -322,7 +322,10 @@ def _metres(millimetres: float | None) -> float | None:
 
 
 def _illuminated_radius(camera: Camera) -> float:
-    """Return the radius in metres of the disc on the panel whose light passes the stop."""
+    """Return the default radius in metres of a plan file's round patterns.
+
+    The default is the radius of the disc on the panel whose light passes the stop.
+    """
     from optics.stop_shadow import with_stop_shadow_on_panel
 
     corner = math.hypot(*camera.panel.shape) * camera.panel.pitch / 2

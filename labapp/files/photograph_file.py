@@ -36,16 +36,20 @@ class InputPhotograph:
 
     @property
     def light(self) -> Light:
-        """The photograph as linear light: white is 1 for sRGB, else the unit is the file's."""
+        """The photograph file's values as linear light.
+
+        White is 1 for sRGB values. Other values keep the file's unit.
+        """
         if not self.is_srgb:
             return self.levels.astype(np.float32)
         return _SRGB_TO_LINEAR[self.levels]
 
     def saturation_level(self) -> float | None:
-        """Return the level at which the sensor's wells were full; None if there is no sign of it.
+        """Return the level in a photograph file at which the sensor's wells were full, or None.
 
-        Full wells show as 3 neighbouring pixels at the picture's highest level, if it also has at
-        least twice as many pixels as the level below.
+        None means that the file shows no sign of full wells. The sign is 3 neighbouring pixels at
+        the picture's highest level, if it also has at least twice as many pixels as the level
+        below.
         """
         levels = np.where(np.isfinite(self.levels), self.levels, -np.inf)
         top = levels.max()
@@ -98,7 +102,7 @@ def encode_photograph(path: Path, light: Light, in_srgb: bool, white_level: floa
 
 
 def encode_srgb(light: NDArray[Any]) -> NDArray[np.uint8]:
-    """Encode linear light, white at 1, as 8-bit sRGB values (IEC 61966-2-1)."""
+    """Encode linear light, white at 1, as 8-bit sRGB values for a file (IEC 61966-2-1)."""
     light = np.clip(np.nan_to_num(light), 0, 1)
     levels = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     return np.rint(255 * levels).astype(np.uint8)
@@ -113,7 +117,7 @@ _SRGB_TO_LINEAR = srgb_to_linear(np.linspace(0, 1, 256)).astype(np.float32)
 
 
 def _has_run(at: NDArray[np.bool_]) -> bool:
-    """Return whether 3 neighbouring pixels of a row are set, as a sign of full wells."""
+    """Return whether 3 neighbouring pixels of a row are set, the file's sign of full wells."""
     side = at.shape[-1] - 2
     if side < 1:
         return False
@@ -174,7 +178,10 @@ def _pages(path: Path) -> int:
 
 
 def _bands(path: Path, values: NDArray[Any]) -> NDArray[Any]:
-    """Return a photograph (rows, columns) or (rows, columns, bands) with its bands first."""
+    """Return a photograph file's values with the bands as the first axis.
+
+    The file has (rows, columns) or (rows, columns, bands).
+    """
     if values.ndim == 2:
         bands = values[None]
     elif values.ndim == 3 and values.shape[-1] in (1, 3):

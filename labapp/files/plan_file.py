@@ -116,7 +116,7 @@ class Acquisition(FileModel):
         return self
 
     def length(self, axis: Axis) -> int:
-        """Return the number of values of an axis of the block."""
+        """Return the number of values that an axis has in a block of a plan file."""
         values = {
             "target": self.targets,
             "pattern": self.patterns,
@@ -150,7 +150,10 @@ class Reconstruction(FileModel):
 
     @property
     def wavelength(self) -> float | None:
-        """Wavelength of the reconstructed frames in metres; None for the plan's only one."""
+        """Wavelength in metres of the frames that a plan file's table [reconstruct] selects.
+
+        None stands for the plan's only wavelength.
+        """
         return None if self.wavelength_nm is None else self.wavelength_nm * 1e-9
 
     dark: str = "dark"
@@ -201,7 +204,7 @@ class PlanFile(FileModel):
         return self
 
     def videos(self, block: Acquisition) -> dict[str, VideoPattern]:
-        """Return the videos among the patterns of a block, by name."""
+        """Return the videos among the patterns of a plan file's block, by name."""
         found = {name: self.patterns[name] for name in block.patterns}
         return {name: one for name, one in found.items() if isinstance(one, VideoPattern)}
 
@@ -221,6 +224,6 @@ class NamedPlan:
 
 
 def read_plan(name: Path) -> NamedPlan:
-    """Read a plan, given its path or the name of a bundled plan; raise UserError if it is wrong."""
+    """Read a plan file, given its path or a bundled plan's name; raise UserError if it is wrong."""
     path = find_plan(name)
     return NamedPlan(name, path, read_file(path, PlanFile))

@@ -20,7 +20,7 @@ PATTERN_FOLDER = "patterns"
 
 
 def write_plan(folder: Path, plan: PlanFile, patterns: Mapping[str, NDArray[np.uint8]]) -> Path:
-    """Write plan.toml and patterns/*.png into a folder; return the path of the plan.
+    """Write plan.toml and patterns/*.png into a folder; return the path of the plan file.
 
     Raises UserError if they can't be written.
     """

@@ -84,7 +84,7 @@ def format_validation_error(error: ValidationError, source: str) -> str:
 
 
 def _innermost_problems(error: ValidationError) -> list[Any]:
-    """Return a validation's problems without those of tables that have a problem within them."""
+    """Return a file's validation problems, without tables that have a problem within them."""
     problems = error.errors()
     places = [problem["loc"] for problem in problems]
 
@@ -95,6 +95,7 @@ def _innermost_problems(error: ValidationError) -> list[Any]:
 
 
 def _format_problem(problem: dict[str, Any]) -> str:
+    """Return a problem of a file's validation in words: key, value and remedy."""
     key = ".".join(str(part) for part in problem["loc"])
     if problem["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"key {key!r} is unknown. Remove it, or check its spelling."
@@ -109,7 +110,7 @@ def _format_problem(problem: dict[str, Any]) -> str:
 
 
 def read_picture(path: Path) -> NDArray[np.float32]:
-    """Read a picture as linear red, green and blue, (rows, columns, 3), 1 = white.
+    """Read a picture file as linear red, green and blue, (rows, columns, 3), 1 = white.
 
     8- and 16-bit files hold sRGB values (IEC 61966-2-1), which are made linear.
     Raises UserError if the file can't be read as a picture.
@@ -153,7 +154,7 @@ def decode_image(path: Path, *, colour: bool) -> NDArray[Any] | None:
 
 
 def srgb_to_linear(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Convert sRGB values to linear light (IEC 61966-2-1), both from 0 to 1."""
+    """Convert a picture file's sRGB values to linear light (IEC 61966-2-1), both from 0 to 1."""
     import numpy as np
 
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

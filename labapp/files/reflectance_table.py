@@ -27,7 +27,10 @@ PAINTS: dict[str, tuple[float, float, float]] = {
 
 
 def _validate_reflectance(value: Any) -> Any:
-    """Check a reflectance before pydantic tries each kind, to give one error instead of four."""
+    """Check a scene file's reflectance before pydantic tries each kind of reflectance.
+
+    This check gives one error for a wrong reflectance instead of four.
+    """
     shares = value if isinstance(value, list | tuple) else [value]
     if isinstance(value, str):
         if value not in PAINTS:
@@ -53,7 +56,7 @@ Reflectance = Annotated[
 
 
 def reflectance_spectrum(surface: Reflectance) -> Spectrum:
-    """Return a reflectance as a spectrum; raise UserError if its file can't be read."""
+    """Return a scene file's reflectance as a spectrum; UserError if its own file can't be read."""
     if isinstance(surface, SpectrumTable):
         return extend_to_silicon_range(read_spectrum(Path(surface.file), surface.column))
     if isinstance(surface, str):
@@ -64,11 +67,14 @@ def reflectance_spectrum(surface: Reflectance) -> Spectrum:
 
 
 def mallett_basis() -> Basis:
-    """Return the reflectance spectra of sRGB's primaries by Mallett and Yuksel (2019)."""
+    """Read the file with the reflectance spectra of sRGB's primaries, Mallett and Yuksel (2019)."""
     table = bundled_spectra("mallett2019")
     return basis_of(table["red"], table["green"], table["blue"])
 
 
 def reflectance_basis(spectra: Literal["mallett", "primaries"]) -> Basis:
-    """Return the basis that converts a photograph's colours to reflectance spectra."""
+    """Return the basis of reflectance spectra that a scene file's key `spectra` names.
+
+    The basis converts a photograph's colours to reflectances.
+    """
     return mallett_basis() if spectra == "mallett" else primaries()

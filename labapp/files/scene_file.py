@@ -86,7 +86,7 @@ class SceneFile(FileModel):
             raise ValueError(f"{what} needs version = 2")
 
     def build(self) -> Scene:
-        """Return the simulator's scene; raise UserError if one of its files is wrong."""
+        """Build the simulator's scene from a scene file; UserError if one of its files is wrong."""
         lamps = {name: light.build() for name, light in self.lights.items()}
         built = {}
         for name, table in self.targets.items():
@@ -98,7 +98,7 @@ class SceneFile(FileModel):
 
     @property
     def input_files(self) -> list[Path]:
-        """Paths of the picture and data files that the scene needs."""
+        """Paths of the picture and data files that the scene file names."""
         return referenced_files(self)
 
     def with_files_in(self, folder: Path) -> SceneFile:

@@ -43,7 +43,7 @@ class IlluminatedTargetTable(FileModel):
     polarised_deg: Finite | None = None
 
     def light_arguments(self, lamps: Lamps) -> dict[str, Any]:
-        """Return the arguments of a simulated target that describe its light and motion."""
+        """Return a simulated target's light and motion, as a scene file's table gives them."""
         lamp = lamps[self.light] if self.light is not None else Lamp(None)
         velocity = self.motion.velocity_mm_s if self.motion else (0.0, 0.0)
         angle = self.polarised_deg
@@ -124,6 +124,7 @@ class PictureTargetTable(IlluminatedTargetTable):
     credit: str = ""
 
     def picture_arguments(self, lamps: Lamps) -> dict[str, Any]:
+        """Return a simulated target's size, offset and light as a scene file's table gives them."""
         y, x = self.offset_mm
         return {
             "cover": self.cover,

@@ -115,7 +115,10 @@ class SensorTable(FileModel):
 
     @property
     def has_all_curves(self) -> bool:
-        """Whether all curves of quantum efficiency are in the table, and none in another file."""
+        """Whether the sensor file itself holds all curves of quantum efficiency.
+
+        Otherwise, at least one curve is in another file.
+        """
         curves = [
             self.quantum_efficiency,
             *(self.colour.efficiency.values() if self.colour else ()),
@@ -123,7 +126,7 @@ class SensorTable(FileModel):
         return not any(isinstance(one, CurveFile) for one in curves)
 
     def resolve_files(self, folder: Path) -> Self:
-        """Return the sensor with its curves read from their files in `folder`.
+        """Return a sensor file's table with its curves read from their files in `folder`.
 
         Raises UserError with file, line and value.
         """
@@ -134,7 +137,10 @@ class SensorTable(FileModel):
         return self.model_copy(update={"quantum_efficiency": efficiency, "colour": colour})
 
     def build(self) -> Sensor:
-        """Return the sensor; raise ValueError for impossible values or a curve that wasn't read."""
+        """Return the sensor that a sensor file's table describes.
+
+        Raises ValueError for impossible values or a curve that wasn't read.
+        """
         efficiency = self.quantum_efficiency
         even = efficiency if isinstance(efficiency, float) else None
         curve = _spectrum(efficiency) if isinstance(efficiency, dict | CurveFile) else None

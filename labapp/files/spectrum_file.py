@@ -68,5 +68,5 @@ def read_spectra(path: Path) -> dict[str, Spectrum]:
 
 @lru_cache(maxsize=16)
 def bundled_spectra(name: str) -> dict[str, Spectrum]:
-    """Read a table of spectra that comes with the application; the result must not be changed."""
+    """Read a file of spectra that comes with the application; the result must not be changed."""
     return read_spectra(bundled_path("spectra") / f"{name}.csv")

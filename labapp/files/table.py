@@ -72,18 +72,21 @@ class Table:
 
     @property
     def summary(self) -> str:
-        """A few words on the table's kind and sizes."""
+        """Describe the kind and sizes in a plan file's table in a few words."""
         return self.summary_template.format(**vars(self))
 
 
 def tag_value(table: type[Table], key: str) -> str:
-    """Return the only value that a key of a table can have, which identifies its kind."""
+    """Return the only value that a key of a file's table can have, which identifies its kind."""
     name: str = get_args(get_type_hints(table)[key])[0]
     return name
 
 
 def keys_of(table: type[Any]) -> Iterator[tuple[str, type[Any], Key]]:
-    """Yield name, type and Key of a table's fields that have a Key, in their order."""
+    """Yield the name, the type and the Key of each key of a plan file's table, in their order.
+
+    Fields without a Key are left out.
+    """
     hints = get_type_hints(table, include_extras=True)
     for one in fields(table):
         kind, *rest = get_args(hints[one.name]) or (hints[one.name],)
@@ -94,5 +97,5 @@ def keys_of(table: type[Any]) -> Iterator[tuple[str, type[Any], Key]]:
 
 
 def unit_of(key: str) -> str:
-    """Return the unit in which a key's name ends; empty if it has none."""
+    """Return the unit at the end of a file key's name; empty if it has none."""
     return next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")

@@ -15,7 +15,10 @@ PATH_KEYS = frozenset({"file", "disparity", "depth"})
 
 
 def with_absolute_paths(table: M, folder: Path) -> M:
-    """Return a table, and those within it, with absolute paths of files, relative to `folder`."""
+    """Return a file's table with absolute paths of the files that it names.
+
+    Relative paths start at `folder`. Tables within the table are included.
+    """
     changes = {
         name: _make_absolute(name, getattr(table, name), folder)
         for name in type(table).model_fields

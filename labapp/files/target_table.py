@@ -30,22 +30,22 @@ class TargetShape(Table):
     """A target of phase retrieval in a plan file: the requested shape of a PSF."""
 
     def require_frames(self, frames: int) -> None:
-        """Raise ValueError if a video of this many frames can't show the target."""
+        """Raise ValueError if a video of `frames` frames can't show a plan file's target."""
 
     def with_least_work(self) -> TargetShape:
-        """Return the target with as few moments as show whether it can be drawn."""
+        """Reduce a plan file's target to as few moments as show whether it can be drawn."""
         return self
 
     def video_drawings(self, frames: int, folder: Path) -> list[Drawing]:
-        """Return the target's drawings at the moments of a video; most shapes have only one.
+        """Return the drawings of a plan file's target at the moments of a video.
 
-        The number of moments divides `frames`. Picture files are read from `folder`. Raises
-        ValueError for impossible sizes.
+        Most targets have only one drawing. The number of moments divides `frames`. Picture files
+        are read from `folder`. Raises ValueError for impossible sizes.
         """
         return [self.draw(folder)]
 
     def draw(self, folder: Path) -> Drawing:
-        """Return the drawing of a target that doesn't change with time."""
+        """Return the drawing of a plan file's target that doesn't change with time."""
         raise NotImplementedError
 
 

@@ -10,7 +10,7 @@ from labapp.files.reading import read_text
 
 
 def table_lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Return the lines of a text table with their numbers, split into cells.
+    """Return the numbered lines of a text table's file, split into cells.
 
     The separator is a semicolon if there is any in the file, else a comma, else blanks. Text after
     # is a comment, and empty lines are left out. Raises UserError if the file isn't text.
@@ -28,7 +28,7 @@ def table_lines(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def parse_numbers(cells: list[str]) -> list[float] | None:
-    """Return the numbers in a text table's cells; None if a cell holds something else."""
+    """Parse the numbers in a text table's cells; None if a cell holds something else."""
     try:
         return [float(cell) for cell in cells]
     except ValueError:

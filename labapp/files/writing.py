@@ -28,7 +28,7 @@ def require_writable(path: Path, *, force: bool) -> None:
 
 
 def require_all_writable(paths: Iterable[Path | None], *, force: bool) -> None:
-    """Raise UserError as require_writable() does, for each path that isn't None."""
+    """Raise UserError as require_writable() does, for each file path that isn't None."""
     for path in paths:
         if path is not None:
             require_writable(path, force=force)

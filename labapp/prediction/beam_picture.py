@@ -98,7 +98,7 @@ class AxialSection:
 
 @single_threaded
 def draw_beam(request: BeamRequest, path: Path) -> None:
-    """Compute a beam's irradiance along the axis, and write its picture."""
+    """Predict a beam's irradiance along the axis, and write its picture."""
     if not 2 <= request.slices <= 5000:
         raise UserError(f"--slices {request.slices}: give 2 to 5000.")
     phase = _phase(request)
@@ -117,6 +117,7 @@ def draw_beam(request: BeamRequest, path: Path) -> None:
 
 
 def _phase(request: BeamRequest) -> torch.Tensor | None:
+    """Return the panel's phase for the prediction of a beam; None for a neutral panel."""
     if request.pattern is None:
         return None
     panel = request.camera.panel
@@ -149,9 +150,9 @@ def _panel_to_sensor_bounds(camera: Camera, field: tuple[float, float]) -> _Sect
 
 
 def _near_sensor_bounds(request: BeamRequest) -> _SectionBounds:
-    """Return the extent of the picture around the sensor.
+    """Return the extent of the predicted beam's picture around the sensor.
 
-    It shows some depths of focus, or more if the object is farther out of focus.
+    The picture shows some depths of focus, or more if the object is farther out of focus.
     """
     camera, lens = request.camera, request.camera.lens
     sensor = camera.separation + lens.image_distance
@@ -197,7 +198,7 @@ def _picture(request: BeamRequest, whole: AxialSection, focus: AxialSection) -> 
     top, bottom = figure.subplots(2, 1)
     _draw(top, whole, 1e3, "mm", _SETTINGS.dimmest)
     _draw(bottom, focus, 1e6, "µm", _SETTINGS.lowest_ratio * float(focus.light.max()))
-    _label(top, request, whole)
+    _draw_elements(top, request, whole)
     sensor = request.camera.separation + request.camera.lens.image_distance
     _mark(bottom, sensor, "sensor")
     return figure
@@ -237,8 +238,8 @@ def _draw(axes: Axes, stretch: AxialSection, unit: float, name: str, dimmest: fl
     axes.figure.colorbar(image, ax=axes, label="light per area, over that on the panel", pad=0.01)
 
 
-def _label(axes: Axes, request: BeamRequest, stretch: AxialSection) -> None:
-    """Draw panel, stop and sensor at their positions."""
+def _draw_elements(axes: Axes, request: BeamRequest, stretch: AxialSection) -> None:
+    """Draw panel, stop and sensor at their positions in the picture of a predicted beam."""
     camera = request.camera
     panel, lens = camera.panel, camera.lens
     line = partial(axes.plot, color="deepskyblue", linewidth=3, solid_capstyle="butt")

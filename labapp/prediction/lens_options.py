@@ -37,7 +37,10 @@ class LensCase:
 
     @property
     def pitch(self) -> float:
-        """Pitch of the PSF's columns; also of its rows, if `is_clear_thin_on_axis`."""
+        """Return the column pitch of the PSF to predict.
+
+        The rows have the same pitch if `is_clear_thin_on_axis`.
+        """
         return self.pixels.pitch[1]
 
     @property
@@ -46,13 +49,14 @@ class LensCase:
 
     @property
     def is_clear_thin_on_axis(self) -> bool:
-        """Whether the lens is thin with a clear stop, and the PSF's window is a square on axis."""
+        """Whether the PSF to predict is that of a clear, thin lens in a square window on axis."""
         (rows, columns), (py, px) = self.pixels.shape, self.pixels.pitch
         square = rows == columns and py == px and not any(self.pixels.centre)
         return self.lens.has_clear_stop and self.lens.has_quadratic_phase and square
 
     @property
     def name(self) -> str:
+        """Describe the PSF to predict in words: its lens, light, object and window."""
         lens, pixels = self.lens, self.pixels
         object_, focus = (
             "at infinity" if d == float("inf") else f"at {d:g} m"
@@ -74,6 +78,7 @@ class LensCase:
 
 
 def _unusual_features(lens: Lens) -> list[str]:
+    """Name the unusual features of a predicted PSF's lens, such as blades or aberrations."""
     from optics.stop.aperture import Circle
 
     words: list[str] = []
@@ -88,7 +93,10 @@ def _unusual_features(lens: Lens) -> list[str]:
 
 
 def lens_option_defaults(camera: Camera) -> dict[str, float | str]:
-    """Return the lens options that describe a camera's lens, by their names and in their units."""
+    """Return the values of a prediction's lens options that describe a camera's lens.
+
+    The keys are the options' names, and the values are in the options' units.
+    """
     lens = camera.lens
     return {
         "focal_length": lens.focal_length,
@@ -100,10 +108,10 @@ def lens_option_defaults(camera: Camera) -> dict[str, float | str]:
 
 
 def with_panel_in_front(case: LensCase, camera: Camera, given_options: Collection[str]) -> LensCase:
-    """Return the case of a lens behind a camera's panel.
+    """Return the case of a PSF prediction with a camera's panel in front of the lens.
 
-    Opening, obscuration and aberrations are those of the camera, unless one of `given_options`
-    sets them.
+    Opening, obscuration and aberrations are those of the camera's lens, unless `given_options` sets
+    them.
     """
     stop, lens = camera.lens.stop, case.lens
     if {"blades", "rectangle"} & set(given_options):
@@ -116,10 +124,10 @@ def with_panel_in_front(case: LensCase, camera: Camera, given_options: Collectio
 
 
 def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
-    """Return the aperture stop that the command line's options describe.
+    """Parse the aperture stop's options for a PSF prediction.
 
     The stop has straight blades (0 for a round one), or is a rectangle "HEIGHTxWIDTH" in stop
-    diameters. obscuration is the radius of a central disc that hides it, in stop radii.
+    diameters. `obscuration` is the radius of the central disc that hides part of it, in stop radii.
     """
     if blades and rectangular:
         raise UserError("--blades and --rectangle: a stop is one or the other.")
@@ -138,7 +146,10 @@ def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
 
 
 def read_aberrations(texts: Sequence[str]) -> tuple[tuple[int, int, float], ...]:
-    """Parse aberrations "N,M,NANOMETRES": Zernike polynomials with their root mean square."""
+    """Parse the aberrations of a PSF to predict, each "N,M,NANOMETRES".
+
+    Each is a Zernike polynomial with its root mean square.
+    """
     found = []
     for text in texts:
         n, m, nanometres = _numbers("--zernike", text, ",", 3)
@@ -149,13 +160,19 @@ def read_aberrations(texts: Sequence[str]) -> tuple[tuple[int, int, float], ...]
 
 
 def read_centre(text: str) -> tuple[float, float]:
-    """Parse the window's centre "Y,X" on the sensor, from micrometres to metres."""
+    """Parse the centre "Y,X" of a predicted PSF's window on the sensor.
+
+    The text is in micrometres, and the result in metres.
+    """
     y, x = _numbers("--centre", text, ",", 2)
     return y * 1e-6, x * 1e-6
 
 
 def read_field(text: str) -> tuple[float, float]:
-    """Parse the position "Y,X" of a point's image on the sensor, from millimetres to metres."""
+    """Parse the image position "Y,X" of a predicted PSF's point on the sensor.
+
+    The text is in millimetres, and the result in metres.
+    """
     y, x = _numbers("--field", text, ",", 2)
     if not (math.isfinite(y) and math.isfinite(x)):
         raise UserError(f"--field {text}: give two finite numbers, in millimetres.")
@@ -173,7 +190,7 @@ def _numbers(option: str, text: str, separator: str, count: int) -> list[float]:
 
 
 def read_window(size: int, pitch: float, centre: str) -> Plane:
-    """Return a square window of `size` pixels around a point "Y,X" of the sensor."""
+    """Return a predicted PSF's square window of `size` pixels around the sensor's point "Y,X"."""
     if size < 1:
         raise UserError(f"--size {size}: a window has at least 1 pixel.")
     place = read_centre(centre)
@@ -183,7 +200,10 @@ def read_window(size: int, pitch: float, centre: str) -> Plane:
 
 
 def read_panel(text: str) -> tuple[tuple[int, int], float]:
-    """Parse a panel "ROWSxCOLUMNSxMICROMETRES" into its shape and its pitch in metres."""
+    """Parse the panel "ROWSxCOLUMNSxMICROMETRES" for a PSF prediction.
+
+    Returns its shape and its pitch in metres.
+    """
     try:
         rows, columns, pitch = (float(word) for word in text.split("x"))
         if not (min(rows, columns) >= 1 and 0 < pitch < math.inf):

@@ -60,7 +60,10 @@ def mean_psf(
 
 
 def _exposures(modulator: Modulator, greys: torch.Tensor) -> Iterator[Exposure]:
-    """Yield the exposures of a still pattern, or of one period of a video."""
+    """Yield the exposures over which a predicted PSF is averaged.
+
+    A still pattern gives its own exposures, and a video those of one period.
+    """
     if len(greys) == 1:
         for weight, modulation in modulator.still_fields(greys[0]):
             yield 0, weight, modulation

@@ -64,24 +64,30 @@ class PSFRequest:
 
     @cached_property
     def camera(self) -> Camera | None:
-        """The camera of the lens; for a pattern without a camera, that of the virtual bench."""
+        """Return the camera whose PSF is predicted; None for a lens alone.
+
+        For a pattern without a camera it is the virtual bench's camera with the requested lens.
+        """
         if self.case.camera is not None or self.pattern is None:
             return self.case.camera
         return replace(read_camera(None), lens=self.case.lens)
 
     @property
     def point_options(self) -> dict[str, Any]:
-        """Options of PSFOperator on the point object, besides its distance."""
+        """Return the options of a PSF prediction that concern the point, besides its distance.
+
+        The options are those of PSFOperator.
+        """
         asked = {"field": self.field if any(self.field) else None, "sphere": self.sphere or None}
         return {name: value for name, value in asked.items() if value is not None}
 
 
 @single_threaded
 def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool) -> None:
-    """Compute a PSF, print its account, and write it to a file with a picture beside it."""
+    """Predict a PSF, print how it was computed, and write it to a file with a picture beside it."""
     if request.camera is None:
         _require_lens_alone(request)
-    grey = None if request.camera is None else _grey(request.pattern, request.camera.panel)
+    grey = None if request.camera is None else _panel_greys(request.pattern, request.camera.panel)
     with terminal_progress() as progress:
         speed = machine_speed(progress)
     started = time.process_time()
@@ -116,7 +122,7 @@ def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool
 def _plan(
     request: PSFRequest, grey: NDArray[np.uint8] | None, speed: MachineSpeed
 ) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
-    """Return the planned PSF operator, and the call that computes the PSF."""
+    """Plan a PSF prediction; return the operator and the call that computes the PSF."""
     case, camera = request.case, request.camera
     plan = partial(
         PSFOperator,
@@ -138,7 +144,7 @@ def _plan(
 
 
 def _require_lens_alone(request: PSFRequest) -> None:
-    """Raise UserError for options that have no meaning for a lens without a panel."""
+    """Raise UserError for prediction options that have no meaning for a lens without a panel."""
     for name in request.point_options:
         raise UserError(
             f"--{name}: a lens alone gives the same PSF all over the field, and has no panel for "
@@ -146,15 +152,18 @@ def _require_lens_alone(request: PSFRequest) -> None:
         )
 
 
-def _grey(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
-    """Return the panel's grey levels from a picture file; all 0 without one."""
+def _panel_greys(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
+    """Read the panel's grey levels for a PSF prediction from a picture; all 0 without a picture."""
     if pattern is None:
         return np.zeros(panel.shape, dtype=np.uint8)
     return read_grey_pattern(pattern, panel)
 
 
 def _light_budget(request: PSFRequest) -> dict[str, Any]:
-    """Return the shares of the light that pass the stop and stay unmodulated, as plain data."""
+    """Return the light shares that a PSF prediction reports, as plain data.
+
+    They are the shares that pass the stop and that stay unmodulated.
+    """
     camera = request.camera
     if camera is None:
         return {}
@@ -166,6 +175,7 @@ def _light_budget(request: PSFRequest) -> dict[str, Any]:
 
 
 def _rows(account: Account, data: dict[str, Any]) -> list[list[str]]:
+    """Return the rows of the table that reports a predicted PSF."""
     spent = 1e3 * (account.cpu_spent or 0)
     return [
         ["method", account.method],
@@ -204,7 +214,7 @@ def _light_rows(data: dict[str, Any]) -> list[list[str]]:
 
 
 def _write(path: Path, psf: NDArray[Any]) -> None:
-    """Write a PSF to a file of the kind that its ending names.
+    """Write a predicted PSF to a file of the kind that its ending names.
 
     A picture shows five decades below the brightest pixel, which is white.
     """

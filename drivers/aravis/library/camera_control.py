@@ -60,6 +60,7 @@ class CameraControl:
         self._last_reply_at = time.monotonic()
 
     def find(self) -> list[dict[str, str]]:
+        """List the GenICam cameras that Aravis finds, with their addresses."""
         a = self.aravis
         a.update_device_list()
         return [
@@ -75,7 +76,7 @@ class CameraControl:
         ]
 
     def open(self, address: str) -> None:
-        """Open a camera by its id, serial number, IP or USB address; the first found if empty."""
+        """Open an Aravis camera by id, serial number, IP or USB address; the first if empty."""
         if address and address.count(".") != 3:
             for one in self.find():
                 if address in (one["serial"], one["address"], one["id"]):
@@ -102,7 +103,7 @@ class CameraControl:
             time.sleep(_TIMING.poll_interval)
 
     def check_control(self) -> None:
-        """Read a camera register; note a lost camera if this process no longer controls it."""
+        """Check that this process still controls the Aravis camera; otherwise note it as lost."""
         if self.camera is None:
             return
         gige = self.camera.is_gv_device()
@@ -112,14 +113,14 @@ class CameraControl:
             self._control_lost(self.device)
 
     def lost_reason(self) -> str:
-        """Return why the camera counts as lost; empty while it doesn't."""
+        """Return why the Aravis camera counts as lost; empty while it doesn't."""
         limit = _TIMING.silence_limit
         if not self.lost and self.camera and time.monotonic() - self._last_reply_at > limit:
             self.lost = f"no word from it for {limit:g} s"
         return self.lost
 
     def close(self) -> None:
-        """Give up control of the camera, so that other programs can open it."""
+        """Give up control of the Aravis camera, so that other programs can open it."""
         if self.camera is not None:
             with contextlib.suppress(Exception):
                 self.device.leave_control()

@@ -19,7 +19,7 @@ class CameraFeatures:
         self._owner = owner
 
     def facts(self) -> dict[str, Any]:
-        """Return the camera's identity, its ranges and its available formats and triggers."""
+        """Return the Aravis camera's identity, ranges, available formats and triggers."""
         c = self._owner.camera
         facts: dict[str, Any] = {
             "vendor": c.get_vendor_name(),
@@ -46,7 +46,7 @@ class CameraFeatures:
         return facts
 
     def turn_off_automatic(self) -> list[str]:
-        """Turn off the camera's automatic features; return those that couldn't be turned off."""
+        """Turn off the Aravis camera's automatic features; return those that stay on."""
         device, stubborn = self._owner.device, []
         for name in _AUTOMATIC:
             if not self._has(name):
@@ -85,7 +85,7 @@ class CameraFeatures:
         return _pair(self._owner.camera.get_binning())
 
     def set_region(self, x: int, y: int, width: int, height: int) -> list[int]:
-        """Set the camera's region; the whole sensor if width or height is 0."""
+        """Set the Aravis camera's region; the whole sensor if width or height is 0."""
         c = self._owner.camera
         with contextlib.suppress(Exception):
             c.set_region(0, 0, -1, -1)
@@ -101,7 +101,7 @@ class CameraFeatures:
         return float(self._owner.camera.get_frame_rate())
 
     def set_trigger(self, source: str) -> str:
-        """Set the camera's trigger source; let the camera run freely if it is empty."""
+        """Set the Aravis camera's trigger source; let the camera run freely if it is empty."""
         if source:
             self._owner.camera.set_trigger(source)
             return str(self._owner.camera.get_trigger_source())
@@ -109,7 +109,10 @@ class CameraFeatures:
         return ""
 
     def set_packet_size(self, size: int) -> int:
-        """Set the packet size in bytes, or negotiate it if 0; return it, 0 without packets."""
+        """Set the Aravis camera's packet size in bytes, or negotiate it if 0; return the size.
+
+        The result is 0 for a camera without packets.
+        """
         if not self._owner.camera.is_gv_device():
             return 0
         if size:

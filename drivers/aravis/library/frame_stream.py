@@ -29,7 +29,7 @@ class FrameStream:
         self._size.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]
 
     def set_chunks(self) -> bool:
-        """Have the camera report the exposure of each frame; return whether it will."""
+        """Have the Aravis camera report each frame's exposure; return whether it will."""
         try:
             self._owner.camera.set_chunks("ExposureTime")
             self._parser = self._owner.camera.create_chunk_parser()
@@ -38,7 +38,7 @@ class FrameStream:
         return self._parser is not None
 
     def start(self, buffers: int) -> dict[str, int]:
-        """Start a frame stream on a new port, so that frames in transit never arrive in it."""
+        """Start an Aravis frame stream on a new port, so that frames in transit never reach it."""
         self.stop()
         size = int(self._owner.camera.get_payload())
         slot = -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
@@ -72,13 +72,13 @@ class FrameStream:
             self._buffers.clear()
 
     def trigger(self) -> float:
-        """Trigger a camera frame by software; return the time.monotonic() just before."""
+        """Trigger an Aravis frame by software; return the time.monotonic() just before."""
         began = time.monotonic()
         self._owner.camera.software_trigger()
         return began
 
     def drain(self) -> list[int]:
-        """Discard the camera frames that wait in the stream's queue; return their numbers."""
+        """Discard the frames that wait in the Aravis stream's queue; return their numbers."""
         ids = []
         while (buffer := self._stream.try_pop_buffer()) is not None:
             ids.append(buffer.get_frame_id())
@@ -86,7 +86,7 @@ class FrameStream:
         return ids
 
     def pop(self, seconds: float, back: int = -1) -> dict[str, Any] | None:
-        """Return a note on the camera stream's next frame; None if none comes in time.
+        """Return a note on the Aravis stream's next frame; None if none comes in time.
 
         back: the place of a frame that was read, whose buffer is returned to the stream.
         """

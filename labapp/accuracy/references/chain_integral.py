@@ -83,7 +83,7 @@ def chain_density(
     *,
     margin: float = NODE_MARGIN,
 ) -> Array:
-    """Return the share of a point's light per square metre on the sensor of a chain.
+    """Compute the slow reference of `labapp accuracy chain`: the share of light per square metre.
 
     The share is relative to the light that panel and stop would pass if they stood in one plane,
     for a point on the axis.
@@ -119,9 +119,9 @@ def chain_field(
     *,
     margin: float = NODE_MARGIN,
 ) -> Field:
-    """Return the complex field at the sensor of a chain, for a wave of amplitude 1 on the panel.
+    """Compute the complex field at the sensor for the slow reference of `labapp accuracy chain`.
 
-    The arguments are those of `chain_density`.
+    The wave on the panel has an amplitude of 1. The arguments are those of `chain_density`.
     """
     y, x = y + chain.field[0], x + chain.field[1]
     down, across = (margin * slope for slope in _slopes(chain, y, x))
@@ -136,16 +136,20 @@ def chain_field(
 
 
 def line_and_node_counts(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
-    """Estimate how many lines across the stop the quadrature takes, and how many nodes a line."""
+    """Estimate how many lines and nodes the slow reference of `labapp accuracy chain` takes.
+
+    The lines lie across the stop. The second number is that of the nodes on each line.
+    """
     down, across = (NODE_MARGIN * slope for slope in _slopes(chain, y, x))
     cells = math.ceil(across * chain.stop_extent / chain.radius / SETTINGS.cell_phase)
     return math.hypot(down, across) * np.pi / 4 + 40, cells * SETTINGS.nodes_per_cell
 
 
 def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
-    """Bound the phase slope of the integrand in the lens plane along y and x, rad per stop radius.
+    """Bound the phase slopes in the lens plane that the `labapp accuracy chain` reference resolves.
 
-    It includes the light from the edges of the pixels and the undeflected light.
+    The result holds the integrand's steepest slopes along y and x, in radians per stop radius. They
+    include the light from the edges of the pixels and the undeflected light.
     """
     lens, wavelength, z1 = chain.lens, chain.wavelength, chain.camera.separation
     # The phase of the light from an edge begins to change within a Fresnel zone of its shadow.
@@ -173,10 +177,10 @@ def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
 
 
 def _sensor_kernel(chain: ImagingChain, positions: Array, places: Array) -> Field:
-    """Return the kernel of lens and Fresnel integral to the sensor along one axis.
+    """Return the kernel from lens to sensor in the slow reference of `labapp accuracy chain`.
 
-    `positions` on the sensor and `places` at the lens are in metres; the kernel is
-    (positions, places).
+    The kernel combines the lens with the Fresnel integral along one axis. `positions` on the sensor
+    and `places` at the lens are in metres; the kernel is (positions, places).
     """
     lens, wavelength, z2 = chain.lens, chain.wavelength, chain.lens.image_distance
     path = (positions[:, None] - places) ** 2 / z2 - places**2 / lens.focal_length
@@ -212,9 +216,10 @@ class _LineSum:
         self._fit = degrees * legendre.legvander(self._t, self._node_count - 1).T * self._w
 
     def _field_from_panel(self) -> Field:
-        """Return the light of the columns of the panel at the nodes, (nodes, ranks).
+        """Return the panel's light at the nodes of the accuracy reference, (nodes, ranks).
 
-        It is computed in pieces, because there are many columns and many nodes.
+        There is one value for each column of the factored panel. The values are computed in pieces,
+        because there are many columns and many nodes.
         """
         places = self._nodes * self._chain.radius
         pieces = np.array_split(places, math.ceil(places.size / SETTINGS.places_at_once))
@@ -225,10 +230,10 @@ class _LineSum:
         return np.concatenate(found)
 
     def _cumulative_sums(self) -> Field | None:
-        """Return the sums over all cells up to each edge, (edges, ranks, x).
+        """Sum the slow reference of `labapp accuracy chain` over the cells up to each edge.
 
-        All lines share them where the phase of the lens separates along y and x. None if they
-        take too much memory.
+        The sums are (edges, ranks, x). All lines share them where the phase of the lens separates
+        along y and x. None if the sums take too much memory.
         """
         cells, ranks, places = self._edges.size - 1, self._panel_field.shape[1], self._x.size
         if cells * ranks * places > SETTINGS.max_sums:
@@ -256,6 +261,7 @@ class _LineSum:
     def _node_by_node(
         self, lines: list[StopLine], rows: Field, coefficients: Array | None
     ) -> Field:
+        """Sum the slow reference of `labapp accuracy chain` over the nodes of fully open cells."""
         whole = np.stack([self._open_cell_nodes(line) for line in lines])
         passed = np.where(whole, self._lens_factor(coefficients, self._nodes), 0)
         parts = self._factors.parts
@@ -275,12 +281,18 @@ class _LineSum:
         return found
 
     def _whole_cells(self, low: float, high: float) -> tuple[int, int]:
-        """Return the indices of the first and the last cell edge in an open piece of a line."""
+        """Return the first and last cell edge in an open piece, for `labapp accuracy chain`.
+
+        Both are indices. The piece is a part of a line across the stop.
+        """
         first = np.searchsorted(self._edges, low)
         return int(first), int(np.searchsorted(self._edges, high, side="right")) - 1
 
     def _open_cell_nodes(self, line: StopLine) -> NDArray[np.bool_]:
-        """Return a mask of the nodes whose cell lies entirely in open pieces of a line."""
+        """Return a mask of the nodes in fully open cells, for the slow accuracy reference.
+
+        A cell is fully open if it lies entirely in an open piece of the line.
+        """
         found = np.zeros(self._nodes.size, dtype=bool)
         for low, high in line.open:
             first, last = self._whole_cells(low, high)
@@ -288,9 +300,9 @@ class _LineSum:
         return found
 
     def _partial_cells(self, line: StopLine) -> Iterator[tuple[int, float, float]]:
-        """Yield the parts of a line's open pieces that whole cells don't cover.
+        """Yield the open parts of a line outside fully open cells, for `labapp accuracy chain`.
 
-        Each is the index of its cell, and the ends of the part in stop radii.
+        Each item is the index of the cell, and the ends of the part in stop radii.
         """
         for low, high in line.open:
             first, last = self._whole_cells(low, high)
@@ -305,10 +317,11 @@ class _LineSum:
     def _partial_cell_weights(
         self, lines: list[StopLine], coefficients: Array | None
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Field]:
-        """Return the line, the cell and the weights of every part of a cell that is open.
+        """Return the quadrature weights of partly open cells, for `labapp accuracy chain`.
 
-        The weights, (pieces, x, nodes), multiply the wave at the nodes of the cell. They integrate
-        the polynomial through these values.
+        The result holds the line, the cell and the weights of every open part of such a cell. The
+        weights, (pieces, x, nodes), multiply the wave at the nodes of the cell. They integrate the
+        polynomial through these values.
         """
         pieces = [
             (n, *piece) for n, line in enumerate(lines) for piece in self._partial_cells(line)
@@ -330,11 +343,12 @@ class _LineSum:
         return number, cell, (onward * passed[:, None]) @ between
 
     def _phase_coefficients(self, heights: Array) -> Array | None:
-        """Return Chebyshev coefficients of the non-quadratic phase of the lens for each line.
+        """Return Chebyshev coefficients of the lens's phase for `labapp accuracy chain`.
 
-        This is the phase of aberrations, and the difference between a stigmatic and a thin lens.
-        Along a line it is a polynomial, or well approximated by one. None for a lens whose phase is
-        quadratic.
+        There is one set of coefficients for each line. The phase is what differs from that of a
+        thin lens without aberrations: the aberrations, and the difference between a stigmatic and a
+        thin lens. Along a line it is a polynomial, or well approximated by one. None for a lens
+        whose phase is quadratic.
         """
         chain, lens = self._chain, self._chain.lens
         if lens.has_quadratic_phase:
@@ -350,9 +364,10 @@ class _LineSum:
         return np.asarray(chebyshev.chebvander(nodes / self._edges[-1], SETTINGS.phase_degree))
 
     def _lens_factor(self, coefficients: Array | None, nodes: Array) -> Field | Array:
-        """Return the factor of the lens besides its quadratic phase, (lines, nodes).
+        """Return the lens factor in the slow reference of `labapp accuracy chain`, (lines, nodes).
 
-        `nodes` are common to all lines, (nodes,), or those of each line, (lines, nodes).
+        The factor leaves out the quadratic phase of the lens. `nodes` are common to all lines,
+        (nodes,), or differ from line to line, (lines, nodes).
         """
         if coefficients is None:
             return np.ones((1, nodes.shape[-1]))

@@ -56,7 +56,7 @@ class ChainProblem(PSFProblem):
 
     @property
     def description(self) -> str:
-        """Describe the problem in one line, for reports."""
+        """Describe the problem of `labapp accuracy chain` in one line, for reports."""
         camera, lens, pixels = self.camera, self.lens, self.pixels
         rows, columns = camera.panel.shape
         return (
@@ -79,7 +79,7 @@ class ChainReference(PSFReference):
 
     @property
     def product_count(self) -> float:
-        """Estimate how many products the exact integral of the chain takes."""
+        """Estimate how many products the slow reference of `labapp accuracy chain` takes."""
         # Costs of a Fresnel integral, of an exponential, and of a line besides both, as the number
         # of products that take the same time.
         fresnel_cost, exponential_cost, line_cost = 1000, 500, 2e6
@@ -101,13 +101,20 @@ class ChainReference(PSFReference):
         return lines * line + nodes * columns * place
 
     def _modulations(self) -> list[NDArray[np.complex128]]:
-        """Return the modulation of the pattern, and that of unmodulated light if there is any."""
+        """Return the panel modulations in the slow reference of `labapp accuracy chain`.
+
+        The first one is the pattern's. The second one stands for unmodulated light, if there is
+        any.
+        """
         assert self._problem.phase is not None
         shown = np.exp(1j * self._problem.phase)
         return [shown, np.ones_like(shown)] if self._problem.camera.panel.unmodulated else [shown]
 
     def density(self, y: Array, x: Array) -> Array:
-        """Return the exact share of the light per square metre at positions y and x, (y, x)."""
+        """Return the slow reference of `labapp accuracy chain` at y and x, (y, x), per m².
+
+        The values are exact shares of the light.
+        """
         share = self._problem.camera.panel.unmodulated
         found = chain_density(self._problem.chain, self._modulations(), y, x)
         return np.asarray((1 - share) * found[0] + share * found[-1])

@@ -21,7 +21,9 @@ Array = NDArray[np.float64]
 
 
 def open_area_shares(stop: Stop, radius: float, plane: Plane) -> Array:
-    """Return the share of every cell around the samples of a plane that a stop leaves open.
+    """Return the share of each cell that a stop leaves open, for references of `labapp accuracy`.
+
+    Each cell surrounds one sample of the plane.
 
     Parameters
     ----------
@@ -60,7 +62,7 @@ def open_area_shares(stop: Stop, radius: float, plane: Plane) -> Array:
 
 
 def _edges(plane: Plane, radius: float) -> tuple[Array, Array]:
-    """Return the edges of the cells along y and x, in stop radii."""
+    """Return the edges of an accuracy reference's cells along y and x, in stop radii."""
     found = []
     for axis in (0, 1):
         middles, half = sample_positions(plane, axis), plane.pitch[axis] / 2
@@ -69,7 +71,10 @@ def _edges(plane: Plane, radius: float) -> tuple[Array, Array]:
 
 
 def _open_lengths(stop: Stop, height: float, left: Array) -> Array:
-    """Return the open length of the horizontal line at a height in every cell, in stop radii."""
+    """Return a line's open length in every cell, for references of `labapp accuracy`.
+
+    The line is horizontal at `height`. All lengths are in stop radii.
+    """
     length = np.zeros(left.size - 1)
     for low, high in open_intervals(stop, height):
         length += np.clip(np.minimum(high, left[1:]) - np.maximum(low, left[:-1]), 0, None)

@@ -46,6 +46,7 @@ class Gaussian:
     width: float
 
     def factor_along(self, axis: int, where: Real) -> Complex:
+        """Return a test beam's factor along one axis, for `labapp accuracy propagate`."""
         away = where - self.middle[axis]
         wave = 2j * np.pi * self.frequency[axis] * away
         return np.asarray(np.exp(wave - (away / self.width) ** 2))
@@ -70,15 +71,18 @@ class SmoothLight:
         return self.on(*(self.plane.coordinates(axis).numpy() for axis in (0, 1)))
 
     def smooth_pieces(self, axis: int) -> Real:
-        """Return the ends of the pieces in which the field is smooth, (pieces, 2), in metres.
+        """Return the ends of a test field's smooth pieces, for `labapp accuracy propagate`.
 
-        The whole plane is one piece.
+        The ends are in metres, (pieces, 2). The whole plane is one piece.
         """
         where = self.plane.coordinates(axis).numpy()
         return np.array([[where[0], where[-1]]])
 
     def spatial_frequency(self, axis: int) -> float:
-        """Return the highest spatial frequency of the field along an axis, in cycles per metre."""
+        """Return a test field's highest spatial frequency, for `labapp accuracy propagate`.
+
+        The frequency is along one axis, in cycles per metre.
+        """
         return max(abs(g.frequency[axis]) + 1 / (math.pi * g.width) for g in self.gaussians)
 
 
@@ -108,7 +112,7 @@ Light = SmoothLight | CellLight
 
 
 def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
-    """Return the exact propagated field at some positions, without the factor exp(ikz).
+    """Compute the slow reference field of `labapp accuracy propagate`, without the factor exp(ikz).
 
     Parameters
     ----------
@@ -143,7 +147,7 @@ def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
 
 
 def product_count(light: Light, places: Places, *, paraxial: bool) -> float:
-    """Return how many values of the propagation kernel `exact_field` computes."""
+    """Return how many kernel values the reference of `labapp accuracy propagate` computes."""
     counts = [
         sum(_node_counts(light, places, axis, paraxial=paraxial))
         * light.smooth_pieces(axis).shape[0]
@@ -155,9 +159,10 @@ def product_count(light: Light, places: Places, *, paraxial: bool) -> float:
 def _quadrature_rule(
     light: Light, places: Places, axis: int, *, paraxial: bool
 ) -> tuple[Real, Real]:
-    """Return quadrature nodes and weights along an axis of the source plane.
+    """Return quadrature nodes and weights for the reference of `labapp accuracy propagate`.
 
-    All pieces have the density of nodes that the piece with the steepest phase needs.
+    They are along one axis of the source plane. All pieces have the density of nodes that the piece
+    with the steepest phase needs.
     """
     pieces = light.smooth_pieces(axis)
     counts = _node_counts(light, places, axis, paraxial=paraxial)
@@ -167,7 +172,10 @@ def _quadrature_rule(
 
 
 def _node_counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> list[int]:
-    """Return the number of nodes in each of the parts into which every piece is cut."""
+    """Return the node counts of a piece's parts in the reference of `labapp accuracy propagate`.
+
+    Every piece of the field is cut into the same parts.
+    """
     # A part holds at most 6 cycles and has 24 nodes, whose remainder is (e pi 6 / 96)^48, 1e-14.
     # A piece of a single part may have fewer nodes, but at least 4.
     max_cycles, full_count, least_count = 6.0, 24, 4
@@ -190,7 +198,10 @@ def _node_counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> 
 
 
 def _composite_rule(counts: list[int]) -> list[tuple[Real, Real]]:
-    """Return Gauss-Legendre nodes and weights of equal parts that together span -1 to 1."""
+    """Return Gauss-Legendre nodes and weights for the reference of `labapp accuracy propagate`.
+
+    Each item is the rule of one part. The parts are equally long and together span -1 to 1.
+    """
     found = []
     for number, count in enumerate(counts):
         nodes, weights = np.polynomial.legendre.leggauss(count)
@@ -200,7 +211,7 @@ def _composite_rule(counts: list[int]) -> list[tuple[Real, Real]]:
 
 
 def _fresnel(away: Real, places: Places) -> Complex:
-    """Return the Fresnel kernel along one axis.
+    """Return the Fresnel kernel along one axis for the slow reference of `labapp accuracy`.
 
     The product of both axes is exp(i pi r² / (wavelength z)) / (i wavelength z).
     """
@@ -210,9 +221,10 @@ def _fresnel(away: Real, places: Places) -> Complex:
 
 
 def _rayleigh_sommerfeld(y: Real, x: Real, places: Places) -> Complex:
-    """Return the Rayleigh-Sommerfeld kernel without the factor exp(ikz).
+    """Return the Rayleigh-Sommerfeld kernel for the slow reference of `labapp accuracy`.
 
-    It is z / (2 pi r²) (1 / r - ik) exp(ik(r - z)), or the conjugate of this for propagation back.
+    The kernel is z / (2 pi r²) (1 / r - ik) exp(ik(r - z)), without the factor exp(ikz), or the
+    conjugate of this for propagation back.
     """
     k, far = 2 * np.pi / places.wavelength, abs(places.distance)
     squared = y**2 + x**2

@@ -50,9 +50,10 @@ class StopLine:
 def lens_psf(
     lens: Lens, distance: float, wavelength: float, pixels: Plane, progress: Progress | None = None
 ) -> Array:
-    """Return the exact PSF of a lens: the share of a point's light on each sample of a plane.
+    """Return a lens's slow reference PSF, with which `labapp accuracy` compares methods.
 
-    A share is the density at the sample times the area of a pixel.
+    Each value is the share of a point's light on one sample of a plane: the density at the sample
+    times the area of a pixel.
     """
     y, x = (sample_positions(pixels, axis) for axis in (0, 1))
     density = lens_psf_density(lens, distance, wavelength, y, x, progress)
@@ -67,9 +68,10 @@ def lens_psf_density(
     x: Array,
     progress: Progress | None = None,
 ) -> Array:
-    """Return the share of a point's light per square metre at positions y and x, (y, x), in metres.
+    """Return a lens's slow reference PSF for `labapp accuracy`, as light per square metre.
 
-    It is the Fraunhofer integral of the stop (thesis Eq. 3.1), summed directly along both axes.
+    The positions y and x are in metres; the result is (y, x). The Fraunhofer integral over the stop
+    (thesis Eq. 3.1) is summed directly along both axes.
     """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     tilt = 2 * np.pi * radius / scale
@@ -92,9 +94,10 @@ def lens_psf_density(
 
 
 def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) -> float:
-    """Estimate how many nodes `lens_psf_density` takes for a window on the sensor.
+    """Estimate how many nodes the slow reference of `labapp accuracy` takes for a window.
 
-    `farthest` is the distance in metres from the axis to the farthest sample.
+    The estimate is for `lens_psf_density`. `farthest` is the distance in metres from the axis to
+    the farthest sample.
     """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     slope = NODE_MARGIN * (
@@ -104,7 +107,10 @@ def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) 
 
 
 def sample_positions(plane: Plane, axis: int) -> Array:
-    """Return the positions of the samples of a plane along an axis, in metres."""
+    """Return a plane's sample positions along an axis, for references of `labapp accuracy`.
+
+    The positions are in metres.
+    """
     index = np.arange(plane.shape[axis]) - plane.shape[axis] // 2
     return np.asarray(index * plane.pitch[axis] + float(plane.centre[axis]))
 
@@ -114,7 +120,7 @@ def _farthest(y: Array, x: Array) -> float:
 
 
 def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
-    """Yield the lines of the quadrature over a stop.
+    """Yield the lines across a stop that references of `labapp accuracy` integrate along.
 
     The weighted sum of integrals along the lines is the integral over the stop. `slope` is the
     steepest phase slope in radians per stop radius.
@@ -136,9 +142,10 @@ def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
 
 
 def _interval_end_speed(stop: Stop, low: float, high: float) -> float:
-    """Bound how fast the ends of the open intervals move along x with the angle of the height.
+    """Bound how fast the ends of open intervals move, for references of `labapp accuracy`.
 
-    The ends on nearly horizontal edges move far in a small step of the angle.
+    The speed is the distance that an end moves along x per angle of the height. Ends on nearly
+    horizontal edges move far in a small step of the angle.
     """
     angles = np.linspace(-np.pi / 2, np.pi / 2, 65)[1:-1]
     heights = (low + high) / 2 + (high - low) / 2 * np.sin(angles)
@@ -160,7 +167,10 @@ def _interval_rule(low: float, high: float, slope: float) -> tuple[Array, Array]
 
 
 def open_intervals(stop: Stop, height: float) -> list[Interval]:
-    """Return the open intervals of a stop on the horizontal line at a height, in stop radii."""
+    """Return a stop's open intervals on a horizontal line, for references of `labapp accuracy`.
+
+    All lengths are in stop radii.
+    """
     found = _intervals(stop.opening, height)
     for shape in stop.obscurations:
         for low, high in _intervals(shape, height):
@@ -194,7 +204,10 @@ def _edges(polygon: Polygon) -> list[tuple[tuple[float, float], tuple[float, flo
 
 
 def break_heights(stop: Stop) -> list[float]:
-    """Return the heights at which open intervals of a stop begin, end or meet, in rising order."""
+    """Return the heights at which `labapp accuracy` cuts its integral over a stop, in rising order.
+
+    Open intervals of the stop begin, end or meet at these heights.
+    """
     shapes: Sequence[Shape] = (stop.opening, *stop.obscurations)
     found = [height for shape in shapes for height in _extremes(shape)]
     for a, b in combinations(shapes, 2):
@@ -204,9 +217,9 @@ def break_heights(stop: Stop) -> list[float]:
 
 
 def vertical_line_crossings(stop: Stop, x: float) -> list[float]:
-    """Return the heights at which the outlines of a stop cross the vertical line at x.
+    """Return where a stop's outlines cross a vertical line, for references of `labapp accuracy`.
 
-    All lengths are in stop radii.
+    The line is at x, and the result holds heights. All lengths are in stop radii.
     """
     low, high = break_heights(stop)[0] - 1, break_heights(stop)[-1] + 1
     found: list[float] = []
@@ -227,7 +240,7 @@ def _extremes(shape: Shape) -> list[float]:
 
 
 def _outline_crossings(a: Shape, b: Shape) -> list[float]:
-    """Return the heights at which the outlines of two shapes cross."""
+    """Return the heights at which two outlines cross, for references of `labapp accuracy`."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_crossings(a, b)
     if isinstance(a, Circle) and isinstance(b, Polygon):
@@ -266,9 +279,11 @@ def _segment_crossings(
 
 
 def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Array) -> Array:
-    """Return the pupil phase of defocus and aberrations in radians, at a height y and many x.
+    """Return the pupil phase in radians for references of `labapp accuracy`.
 
-    Positions are in stop radii, distances, wavelength and aberrations in metres.
+    The phase includes defocus and aberrations at one height y and many x. Positions are in stop
+    radii; distances, wavelength and aberrations are in metres. The references have their own code
+    for it, so that they are independent of the methods that they test.
     """
     rho2 = y * y + x * x
     r2 = rho2 * (lens.stop_diameter / 2) ** 2
@@ -286,9 +301,10 @@ def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Arr
 
 
 def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
-    """Return a Zernike polynomial with an rms of 1, by the sum of factorials of textbooks.
+    """Return a Zernike polynomial with an rms of 1, for references of `labapp accuracy`.
 
-    The sum is accurate to a degree of about twenty.
+    The polynomial is computed as the textbook sum of factorials, which is accurate to a degree of
+    about twenty.
     """
     k = abs(m)
     radial = sum(
@@ -304,9 +320,10 @@ def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def steepest_phase_slope(lens: Lens, distance: float, wavelength: float) -> float:
-    """Return the steepest slope of the pupil phase in radians per stop radius.
+    """Estimate the steepest slope of the pupil phase for references of `labapp accuracy`.
 
-    It is estimated from samples of the phase along many lines.
+    The slope is in radians per stop radius. It is estimated from samples of the phase along many
+    lines.
     """
     found = 0.0
     x = np.linspace(-1, 1, 801)

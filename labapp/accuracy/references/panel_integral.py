@@ -60,29 +60,39 @@ class ImagingChain:
 
     @property
     def stop_extent(self) -> float:
-        """Return the largest distance of the stop from the axis along y or x, in metres."""
+        """Return how far the stop reaches from the axis, for the `labapp accuracy chain` reference.
+
+        The extent is the stop's largest distance from the axis along y or x, in metres.
+        """
         return self.radius * _shape_extent(self.lens.stop.opening)
 
     @property
     def shadow_magnification(self) -> float:
-        """Return the magnification of the panel's shadow at the lens."""
+        """Return how much larger the panel's shadow is at the lens, for `labapp accuracy chain`."""
         return 1 + self.camera.separation / self.distance
 
     def tilt(self, axis: int) -> float:
-        """Return the tangent of the tilt of the point's light at the centre of the panel."""
+        """Return the tilt of a point's light at the panel for `labapp accuracy chain`.
+
+        The tilt is the tangent of the light's angle along an axis, at the centre of the panel.
+        """
         return self.field[axis] / self.lens.image_distance * self.shadow_magnification
 
     def edges(self, axis: int) -> Array:
-        """Return both edges of each panel pixel along an axis, (pixels, 2), in metres."""
+        """Return the edges of panel pixels for the reference of `labapp accuracy chain`.
+
+        The result holds both edges of each pixel along an axis, (pixels, 2), in metres.
+        """
         panel = self.camera.panel
         half = panel.active_side / 2
         return sample_positions(panel.plane, axis)[:, None] + np.array([-half, half])
 
     @property
     def nodes_per_pixel(self) -> int:
-        """Return how many Gauss-Legendre nodes across a panel pixel the integral needs.
+        """Return how many nodes a panel pixel needs in the reference of `labapp accuracy chain`.
 
-        They resolve the wave on its way to the far side of the stop.
+        The Gauss-Legendre nodes across the pixel resolve the wave on its way to the far side of the
+        stop.
         """
         half = self.camera.panel.active_side / 2
         far = max(np.abs(self.edges(axis)).max() for axis in (0, 1))
@@ -104,16 +114,20 @@ class ParabolicWavePixels:
         self._chain = chain
 
     def source_field(self, modulation: Field) -> Field:
-        """Return the field on the panel from which `propagation_matrix` propagates."""
+        """Return the field on the panel that the reference of `labapp accuracy chain` propagates.
+
+        The field is the modulation itself, because `propagation_matrix` includes the wave of the
+        point.
+        """
         return modulation
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
-        """Return the light of every panel pixel at positions at the lens, (places, pixels).
+        """Return every panel pixel's light at the lens for `labapp accuracy chain`.
 
-        This is the factor of one axis. The object is at -field (d + z1) / z2. With its wave, the
-        Fresnel kernel has the exponent i pi / wavelength times
-        (M / z1) (p - c)² + x² / z1 - (M / z1) c², where p is a position on the panel and
-        c = x / M - z1 field / z2. An infinitely far object is the limit.
+        The matrix, (places, pixels), is the factor of one axis. The object is at -field (d + z1) /
+        z2. With its wave, the Fresnel kernel has the exponent i pi / wavelength times (M / z1) (p -
+        c)² + x² / z1 - (M / z1) c², where p is a position on the panel and c = x / M - z1 field /
+        z2. An infinitely far object is the limit.
         """
         chain, wavelength, z1 = self._chain, self._chain.wavelength, self._chain.camera.separation
         spread = chain.shadow_magnification
@@ -141,18 +155,23 @@ class SphericalWavePixels:
         self._weights = half * weights
 
     def source_field(self, modulation: Field) -> Field:
-        """Return the wave at the nodes behind the panel, times their quadrature weights."""
+        """Return the weighted wave at the nodes behind the panel, for `labapp accuracy chain`.
+
+        The weights are the nodes' quadrature weights.
+        """
         down, along = (np.tile(self._weights, n) for n in modulation.shape)
         divided = modulation.repeat(self._count, 0).repeat(self._count, 1)
         return np.asarray(divided * np.outer(down, along) * self._spherical_wave())
 
     def _spherical_wave(self) -> Field:
-        """Return the spherical wave at the nodes (thesis Eq. 5.1), up to a common phase.
+        """Return the spherical wave at the nodes for `labapp accuracy chain` (thesis Eq. 5.1).
 
-        The chief ray goes through the middle of the lens, and its direction has the sines
-        s = field / z2. It meets the panel at a distance r0 = d / sqrt(1 - s²) from the point. At
-        an offset p from there, r² = r0² + 2 r0 p·s + p², and therefore
-        r - r0 = (2 p·s + p² / r0) / (1 + r / r0). This form loses no digits for far objects.
+        The wave leaves out a common phase.
+
+        The chief ray goes through the middle of the lens, and its direction has the sines s = field
+        / z2. It meets the panel at a distance r0 = d / sqrt(1 - s²) from the point. At an offset p
+        from there, r² = r0² + 2 r0 p·s + p², and therefore r - r0 = (2 p·s + p² / r0) / (1 + r /
+        r0). This form loses no digits for far objects.
         """
         chain = self._chain
         down, along = (f / chain.lens.image_distance for f in chain.field)
@@ -165,7 +184,10 @@ class SphericalWavePixels:
         return np.asarray(cosine / ratio * np.exp(2j * np.pi / chain.wavelength * path))
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
-        """Return the Fresnel kernel from every node to the lens along one axis, (places, nodes)."""
+        """Return the Fresnel kernel from every node to the lens, for `labapp accuracy chain`.
+
+        The kernel is that of one axis, (places, nodes).
+        """
         chain, z1 = self._chain, self._chain.camera.separation
         path = (places[:, None] - (self._y, self._x)[axis]) ** 2 / z1
         kernel = np.exp(1j * np.pi / chain.wavelength * path)
@@ -187,14 +209,18 @@ class LowRankModulations:
         self.parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     def apply_right_factors(self, kernel: Field) -> Field:
-        """Multiply a kernel, (places, columns), by the right factors: (places, ranks)."""
+        """Multiply a kernel by the panel's right factors, for the slow accuracy reference.
+
+        The kernel is (places, columns), and the product is (places, ranks).
+        """
         return np.concatenate([kernel if r is None else kernel @ r for r in self._right], axis=1)
 
 
 def _low_rank_factors(modulation: Field) -> tuple[Field, Field | None]:
-    """Factor a modulation into (rows, rank) and (columns, rank).
+    """Factor a panel modulation to speed up the slow reference of `labapp accuracy chain`.
 
-    The second factor is None where factoring saves nothing; it stands for the identity.
+    The factors are (rows, rank) and (columns, rank). The second factor is None where factoring
+    saves nothing; it stands for the identity.
     """
     rows, columns = modulation.shape
     corner = modulation[:20, :20]

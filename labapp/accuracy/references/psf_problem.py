@@ -74,16 +74,23 @@ class PSFProblem:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Return the names of the PSF methods that may solve the problem."""
+        """Return the names of the PSF methods that `labapp accuracy` measures on the problem."""
         return PANEL_METHODS if isinstance(self.optics, Camera) else METHODS
 
     def light(self, operator: PSFOperator) -> Array:
-        """Return the PSF that an operator computes for this problem, in double precision."""
+        """Return the PSF that an operator computes for this problem of `labapp accuracy`.
+
+        The PSF is in double precision.
+        """
         answer: Any = operator(None if self.phase is None else torch.from_numpy(self.phase))
         return np.asarray(answer, dtype=np.float64)
 
     def build_reference(self, light: Array) -> PSFReference:
-        """Return the reference of the problem; `light` is an approximate PSF to draw samples by."""
+        """Return the slow reference with which `labapp accuracy` compares methods.
+
+        `light` is an approximate PSF. The reference draws its samples more often where this PSF is
+        bright.
+        """
         return PSFReference(self, light)
 
 
@@ -105,7 +112,7 @@ class PSFReference:
         self._columns, self._column_weight = draw_samples(rng, np.abs(light).sum(0), count)
 
     def _pixel_quadrature_nodes(self) -> Array:
-        """Return the nodes of the integral over a sensor pixel along an axis, in pixels."""
+        """Return the nodes along an axis of a sensor pixel for an accuracy reference, in pixels."""
         if not self._problem.integrate:
             return np.zeros(1)
         lens, pitch = self._problem.lens, max(self._problem.pixels.pitch)
@@ -114,7 +121,7 @@ class PSFReference:
 
     @property
     def product_count(self) -> float:
-        """Estimate how many products the exact integral takes."""
+        """Estimate how many products the slow reference PSF of `labapp accuracy` takes."""
         problem, side = self._problem, self._columns.size * self._nodes.size
         if isinstance(problem.optics, Camera):
             shape = problem.optics.panel.shape
@@ -124,16 +131,17 @@ class PSFReference:
         return node_count(problem.lens, problem.distance, problem.wavelength, corner) * side
 
     def error(self, light: Array) -> float:
-        """Return the relative L2 error of a PSF, (rows, columns), against the exact light."""
+        """Return the relative L2 error that `labapp accuracy` prints for a PSF, (rows, columns)."""
         return float(
             np.linalg.norm(self.weighted_samples(light) - self.exact_samples)
             / np.linalg.norm(self.exact_samples)
         )
 
     def weighted_samples(self, light: Array) -> Array:
-        """Return the weighted samples of a PSF on the compared rows and columns.
+        """Return the weighted samples of a PSF that `labapp accuracy` compares with the reference.
 
-        Their norm estimates that of the whole PSF.
+        The samples lie on the compared rows and columns. Their norm estimates that of the whole
+        PSF.
         """
         return self._apply_weights(light[np.ix_(self._rows, self._columns)])
 
@@ -142,7 +150,7 @@ class PSFReference:
 
     @cached_property
     def exact_samples(self) -> Array:
-        """Return the exact light as `weighted_samples` would give it."""
+        """Return the slow reference of `labapp accuracy` as `weighted_samples` would give it."""
         pixels, y, x = self._problem.pixels, *self._node_positions()
         density = self.density(y, x)
         count = self._nodes.size
@@ -154,7 +162,10 @@ class PSFReference:
         return self._apply_weights(np.einsum("iajb,a,b->ij", blocks, weights, weights) * area)
 
     def _node_positions(self) -> tuple[Array, Array]:
-        """Return the positions along y and x of all nodes in the compared pixels, in metres."""
+        """Return where the slow reference of `labapp accuracy` is computed, y and x in metres.
+
+        The positions are those of all nodes in the compared pixels.
+        """
         pixels = self._problem.pixels
         y, x = (
             (
@@ -165,7 +176,10 @@ class PSFReference:
         return y, x
 
     def density(self, y: Array, x: Array) -> Array:
-        """Return the exact share of the light per square metre at positions y and x, (y, x)."""
+        """Return the slow reference of `labapp accuracy` at positions y and x, (y, x).
+
+        The values are exact shares of the light per square metre.
+        """
         problem = self._problem
         if isinstance(problem.optics, Lens):
             return lens_psf_density(problem.optics, problem.distance, problem.wavelength, y, x)
@@ -177,7 +191,10 @@ class PSFReference:
         return (1 - share) * modulated + share * straight
 
     def _panel_nodes(self) -> int:
-        """Return how many Gauss-Legendre nodes across a panel pixel the integral needs."""
+        """Return how many nodes across a panel pixel a reference of `labapp accuracy` needs.
+
+        The nodes are those of a Gauss-Legendre rule.
+        """
         problem = self._problem
         assert isinstance(problem.optics, Camera)
         panel, lens = problem.optics.panel, problem.lens
@@ -190,9 +207,10 @@ class PSFReference:
         return math.ceil(2 * waves) + 6
 
     def density_behind_panel(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
-        """Return the share of the light per square metre behind a panel in the plane of its lens.
+        """Return the slow reference of `labapp accuracy` for a panel in its lens's plane, per m².
 
-        Every open pixel of the panel is a square of one modulation.
+        The density is the share of light per square metre. Every open pixel of the panel is a
+        square of one modulation.
         """
         panel, lens, problem = camera.panel, camera.lens, self._problem
         scale, radius = problem.wavelength * lens.image_distance, lens.stop_diameter / 2
@@ -221,5 +239,5 @@ class PSFReference:
 
 
 def window_corner_distance(problem: PSFProblem) -> float:
-    """Return the distance from the axis to the farthest corner of the window, in metres."""
+    """Return how far a `labapp accuracy` window's farthest corner is from the axis, in metres."""
     return math.hypot(*(np.abs(sample_positions(problem.pixels, axis)).max() for axis in (0, 1)))

@@ -14,10 +14,11 @@ Picture = NDArray[np.float64]
 def round_lens_psf(
     lens: Lens, distance: float, wavelength: float, pitch: float, side: int
 ) -> Picture:
-    """Return the exact PSF of a clear, thin lens: shares of the light on a square window.
+    """Return the slow reference PSF of `labapp accuracy` for a clear, thin lens.
 
-    A share is the density at the centre of a pixel times its area. The Hankel integral is computed
-    at the radius of every pixel, with at least three Gauss-Legendre nodes for every two radians.
+    Its values are shares of the light on a square window: the density at the centre of a pixel
+    times its area. The Hankel integral is computed at the radius of every pixel, with at
+    least three Gauss-Legendre nodes for every two radians.
     """
     outer, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     vergence = 1 / distance - 1 / lens.focus_distance

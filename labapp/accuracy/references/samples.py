@@ -11,7 +11,10 @@ Real = NDArray[np.float64]
 def draw_samples(
     rng: np.random.Generator, light: Real, count: int
 ) -> tuple[NDArray[np.int64], Real]:
-    """Draw samples of a picture, with probabilities that are half by light and half even.
+    """Draw the samples on which `labapp accuracy` compares methods: half by light, half evenly.
+
+    Half of a sample's probability is in proportion to its light; the other half is the same for
+    all.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class RenderedPicture:
 def render_by_plan(
     s: Situation, tol: float, check: Callable[[], None] = lambda: None
 ) -> RenderedPicture:
-    """Simulate a picture by the effect plan of a tolerance, without clipping of full wells.
+    """Predict a picture by the effect plan of a tolerance, without clipping of full wells.
 
     Nothing is cached beforehand, so that the cost includes the planning.
     """
@@ -76,9 +76,9 @@ def render_all_effects(
     s: Situation, check: Callable[[], None] = lambda: None,
     finer: Mapping[str, int] | None = None,
 ) -> RenderedPicture:  # fmt: skip
-    """Simulate a picture with every effect at its finest level, without clipping of full wells.
+    """Predict a picture with every effect at its finest level, without clipping of full wells.
 
-    `finer` gives effects whose levels are finer than this situation needs.
+    `finer` gives effects a level that is finer than this situation needs.
     """
     imaging, own = Imaging(0.0), replace(s, numerics=REFERENCE_TOL)
     recipe = without_clipping(own, build_recipe(EFFECTS, own, finest_levels(own, finer)))
@@ -88,7 +88,10 @@ def render_all_effects(
 
 
 def finest_levels(s: Situation, finer: Mapping[str, int] | None = None) -> dict[str, int]:
-    """Return the finest levels of all effects that a situation has, and those in `finer`."""
+    """Return the finest level of each effect that a predicted picture has.
+
+    `finer` adds effects, and replaces levels by finer ones.
+    """
     levels = {one.name: one.finest_level(s) for one in EFFECTS if one.is_present(s)}
     return levels | {name: max(level, levels.get(name, 0)) for name, level in (finer or {}).items()}
 

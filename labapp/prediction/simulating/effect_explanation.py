@@ -24,9 +24,10 @@ from simulator.world import World
 def explain_effects(
     request: PictureRequest, *, with_audit: bool, pairs: int, as_json: bool
 ) -> bool:
-    """Print the effect plan of a picture, with an audit if asked; return whether all bounds hold.
+    """Print the effect plan of a predicted picture, with an audit if asked.
 
-    The audit also puts back `pairs` pairs of effects. Raises UserError if `pairs` is negative.
+    The audit puts back each effect that was left out, and `pairs` pairs of them. The result is
+    whether all bounds hold. Raises UserError if `pairs` is negative.
     """
     if pairs < 0:
         raise UserError(f"--pairs {pairs}: give 0 or more.")
@@ -47,7 +48,7 @@ def explain_effects(
 
 
 def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
-    """Return an effect plan and its situation as plain data."""
+    """Return the effect plan of a predicted picture and its situation as plain data."""
     return {
         "target": s.target.name,
         "wavelength_nm": s.wavelength * 1e9,
@@ -58,13 +59,13 @@ def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
 
 
 def changes_if_left_out(s: Situation, plan: EffectPlan) -> dict[str, float]:
-    """Estimate the relative change of the picture if an effect were left out, for each effect."""
+    """Estimate how much each effect changes a predicted picture, as a relative error without it."""
     taken = {one.effect for one in plan.decisions}
     return {one.name: one.estimated_error(s, 0) for one in EFFECTS if one.name in taken}
 
 
 def print_plan(data: dict[str, Any]) -> None:
-    """Print an effect plan as a table, and its error and work in a sentence."""
+    """Print the effect plan of a predicted picture as a table, and its error and work as text."""
     rows = [
         [
             one["effect"],
@@ -109,7 +110,10 @@ def _share(value: float | None) -> str:
 def _audit_effects(
     world: World, s: Situation, plan: EffectPlan, pairs: int
 ) -> tuple[AuditResult, ...]:
-    """Audit an effect plan: put back each effect left out, and pairs of them, largest first."""
+    """Audit the effect plan of a predicted picture by putting back what the plan left out.
+
+    The audit puts back each effect that was left out, and then pairs of them, the largest first.
+    """
 
     def render(recipe: Recipe) -> tuple[torch.Tensor, torch.Tensor]:
         picture = world.imaging.picture_moments(s, without_clipping(s, recipe))

@@ -95,7 +95,7 @@ class PreparedScene:
 def prepare_scene(
     request: PictureRequest, progress: Progress
 ) -> AbstractContextManager[PreparedScene]:
-    """Open a virtual bench, set it up for a requested picture, and yield the situation.
+    """Open a virtual bench to predict a requested picture, and yield the prepared scene.
 
     Raises UserError with the file or the option that is wrong.
     """
@@ -108,7 +108,7 @@ def prepare_scene(
 def prepare_bench_scene(
     setup: BenchSetup, request: PictureRequest, progress: Progress
 ) -> Iterator[PreparedScene]:
-    """Set up a picture as prepare_scene() does, on a bench that was read before.
+    """Prepare a picture prediction as prepare_scene() does, on a bench that was read before.
 
     The files in the request are ignored.
     """
@@ -131,7 +131,7 @@ def prepare_bench_scene(
 
 
 def _requested_scene(scene: SceneFile, request: PictureRequest) -> SceneFile:
-    """Return the scene with the requested tolerance and effects."""
+    """Return the scene with the tolerance and effects that a picture prediction requests."""
     if request.tol is not None and not 0 < request.tol < 1:
         raise UserError(f"--tol {request.tol:g}: give a number between 0 and 1, as 0.01.")
     tol, forced = request.tol or scene.tol, {**scene.effects, **request.forced_effects}
@@ -142,7 +142,10 @@ def _requested_scene(scene: SceneFile, request: PictureRequest) -> SceneFile:
 
 
 def _all_effects_except(forced: Mapping[str, str | bool]) -> dict[str, str | bool]:
-    """Return all effects on, except the forced ones and those that need an effect that is off."""
+    """Switch on all effects for a picture prediction, except the forced ones.
+
+    Effects that need an effect that is off are switched off, too.
+    """
     found: dict[str, str | bool] = {**dict.fromkeys((one.name for one in EFFECTS), True), **forced}
     while falling := [
         one.name
@@ -170,6 +173,7 @@ def _set_up_world(bench: Bench, request: PictureRequest) -> World:
 
 
 def _exposure(world: World, request: PictureRequest, progress: Progress) -> float:
+    """Return the exposure in seconds for a picture prediction: as requested, or from a trial."""
     if request.exposure is not None:
         return request.exposure
     progress.report(0.0, "finding an exposure")
@@ -182,9 +186,9 @@ def _exposure(world: World, request: PictureRequest, progress: Progress) -> floa
 
 
 def parse_forced_effects(settings: list[str]) -> dict[str, str | bool]:
-    """Parse forced effects "NAME=LEVEL", where LEVEL is on, off, or the name of a level.
+    """Parse the effects that are forced on a predicted picture, each "NAME=LEVEL".
 
-    Raises UserError for anything else.
+    LEVEL is on, off, or the name of a level. Raises UserError for anything else.
     """
     found: dict[str, str | bool] = {}
     for setting in settings:

@@ -29,7 +29,7 @@ Frames = NDArray[np.uint16]
 def simulate_frames(
     request: PictureRequest, path: Path, kind: str, *, frames: int, seed: int
 ) -> None:
-    """Simulate frames of a scene, and write their raw 16-bit digital numbers to a file.
+    """Predict frames of a scene, and write their raw 16-bit digital numbers to a file.
 
     `kind` is the file's kind: png, tiff or h5.
     """
@@ -88,10 +88,10 @@ def _write_tiff(
 def _write_hdf5(
     path: Path, frames: Frames, picture: PictureMoments, metadata: dict[str, str]
 ) -> None:
-    """Write simulated frames to an HDF5 file, with the distribution they were drawn from.
+    """Write predicted frames to an HDF5 file, with the distribution from which they were drawn.
 
-    That is the mean in electrons and the variance in electrons². The file also holds effect plan,
-    bench and scene as JSON.
+    The distribution is the mean in electrons and the variance in electrons². The file also holds
+    effect plan, bench and scene as JSON.
     """
     held = io.BytesIO()
     with h5py.File(held, "w") as file:

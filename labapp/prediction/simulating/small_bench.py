@@ -18,9 +18,10 @@ _SMALL_BENCH = {
 
 
 def small_bench_setup(scene: Path | None) -> BenchSetup:
-    """Return the bundled bench with few and large pixels, of sensor and panel, before a scene.
+    """Return a bench with few, large pixels, on which predicted pictures are compared.
 
-    The scene is the bundled photograph if it is None. Raises UserError if it can't be read.
+    It is the bundled bench with a smaller sensor and panel. A `scene` of None stands for the
+    bundled photograph. Raises UserError if the scene can't be read.
     """
     return modified_bench_setup(scene, _SMALL_BENCH)
 
@@ -28,9 +29,10 @@ def small_bench_setup(scene: Path | None) -> BenchSetup:
 def modified_bench_setup(
     scene: Path | None, changes: Mapping[str, Mapping[str, float]]
 ) -> BenchSetup:
-    """Return the bundled bench with changed keys in its tables, before a scene.
+    """Return the bundled bench with changed keys in its tables, to predict pictures of a scene.
 
-    The scene is the bundled photograph if it is None. Raises UserError if it can't be read.
+    A `scene` of None stands for the bundled photograph. Raises UserError if the scene can't be
+    read.
     """
     files = BenchFiles.with_defaults(None, scene)
     data = read_file(files.bench, BenchFile).model_dump(mode="json")
