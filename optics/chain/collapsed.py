@@ -88,7 +88,7 @@ class CollapsedEngine(PSFEngine):
         )
 
     def _estimate_cut_pixel_error(self, thin: Camera) -> float:
-        """Estimate the error of taking a partly covered panel pixel as a dimmer whole one."""
+        """Estimate the chain's error if panel pixels cut by the stop count as dimmer whole ones."""
         inner = _thin_lens_request(self._request, self._camera, self._request.tol)
         edge = self._search.edge_scatter
         return edge.error_from_light_share(
@@ -97,7 +97,7 @@ class CollapsedEngine(PSFEngine):
 
     @staticmethod
     def _require_fixed_pixel_edges(request: PSFRequest, thin: Camera) -> None:
-        """Raise ToleranceError if derivatives are wanted and the stop's shadow cuts panel pixels.
+        """Raise ToleranceError for the chain's derivatives if the stop's shadow cuts panel pixels.
 
         The collapsed camera has no derivative of the area that the shadow leaves open.
         """
@@ -142,20 +142,21 @@ class CollapsedEngine(PSFEngine):
     def _panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
+        """Return the field behind the chain's panel."""
         shape = self._camera.panel.shape
         factor = self.modulation_factor(phase, amplitude, shape, torch.complex64)
         return torch.ones(shape, dtype=torch.complex64) if factor is None else factor
 
     @cached_property
     def _fallback_engine(self) -> GridEngine:
-        """The engine for windows so dim that light scattered at the stop's edge matters there."""
+        """The chain's engine for windows so dim that light scattered at the stop's edge matters."""
         chain = GridEngine(self._request, self._camera, self._search)
         chain.prepare()
         return chain
 
 
 def can_collapse(camera: Camera) -> bool:
-    """Tell whether a thin lens at the panel can replace the camera's lens.
+    """Tell whether a thin lens at the chain's panel can replace the lens behind it.
 
     The lens must have no aberrations, and the panel must not be too near to the plane in focus.
     """
@@ -166,7 +167,7 @@ def can_collapse(camera: Camera) -> bool:
 
 
 def _thin_lens_request(request: PSFRequest, camera: Camera, tol: float) -> PSFRequest:
-    """Convert a PSF request for the camera into one for the thin lens at the panel.
+    """Convert a PSF request for the chain into one for the thin lens at its panel.
 
     If the point is out of focus, its image moves, because the stop moves to the panel. The ray
     through the panel's middle meets the sensor at the distance -field z1 (1 + z1/d) (1/(d + z1) -

@@ -36,7 +36,7 @@ _SETTINGS = CutPixelSettings()
 
 
 def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: float) -> float:
-    """Estimate the share of the window's light that is wrong because of cut panel pixels.
+    """Estimate the share of a chain's light in the window that cut panel pixels make wrong.
 
     request, camera: of a thin lens in the panel's plane, whose stop is the shadow. direct_area:
     square metres of the panel from which the window is lit, weighted by the light.
@@ -79,7 +79,10 @@ def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: floa
 
 
 def _find_cut_pixels(camera: Camera) -> NDArray[np.int64]:
-    """Find the rows and columns of the panel pixels that the stop's edge crosses, (pixels, 2)."""
+    """Find the panel pixels of the chain that the edge of the stop's shadow crosses.
+
+    The result holds their rows and columns, (pixels, 2).
+    """
     panel, radius = camera.panel, camera.lens.stop_diameter / 2
     lines = [_pixel_boundaries(camera, axis) / radius for axis in (0, 1)]
     found = []
@@ -95,7 +98,7 @@ def _find_cut_pixels(camera: Camera) -> NDArray[np.int64]:
 
 
 def _pixel_boundaries(camera: Camera, axis: int) -> Array:
-    """Return the positions, in metres, of the boundaries between panel pixels along an axis."""
+    """Return the boundaries between the panel pixels of a chain along an axis, in metres."""
     line, pitch = camera.panel.plane.coordinates(axis).numpy(), camera.panel.pitch
     return np.append(line - pitch / 2, line[-1] + pitch / 2)
 
@@ -103,7 +106,7 @@ def _pixel_boundaries(camera: Camera, axis: int) -> Array:
 def _open_area_transform(
     camera: Camera, middle: Array, side: float, frequency: Array
 ) -> NDArray[np.complex128]:
-    """Average chi(s) exp(-2 pi i f s) over panel pixels, (pixels, frequencies).
+    """Average chi(s) exp(-2 pi i f s) over the chain's panel pixels, (pixels, frequencies).
 
     chi is 1 where the stop's shadow leaves the panel open, and 0 elsewhere. middle: the pixels'
     centres, (pixels, 2), metres. frequency: (pixels, frequencies, 2), cycles per metre.
@@ -122,6 +125,9 @@ def _open_area_transform(
 
 
 def _sampled_sinc_envelope(frequency: Array, side: float) -> Array:
-    """Return a pixel's envelope along each axis, for a sum over samples instead of an integral."""
+    """Return the envelope of one panel pixel of the chain along each axis.
+
+    It is that of a sum over samples instead of an integral.
+    """
     turns = frequency * side
     return np.asarray(np.sinc(turns) / np.sinc(turns / _SETTINGS.samples_across))

@@ -123,6 +123,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _window(self) -> Array:
+        """Return the frequencies behind the chain's lens that represent the window."""
         return window_frequencies(self._q)
 
     @property
@@ -131,18 +132,24 @@ class StopEdgeScatter:
 
     @property
     def fresnel_zone_frequency(self) -> float:
-        """The inverse of the Fresnel zone's width between panel and lens, in cycles per metre."""
+        """The inverse of the Fresnel zone's width between the chain's panel and lens, cycles/m."""
         return 1 / math.sqrt(self._fresnel_area)
 
     @cached_property
     def max_window_frequency(self) -> Array:
-        """The largest frequency behind the lens that reaches the sensor samples, along y and x."""
+        """The largest frequency that goes from the chain's lens to the sensor, along y and x.
+
+        It is the largest behind the lens that reaches the sensor samples.
+        """
         q = self._q
         far = [float(q.samples.coordinates(axis).abs().max()) for axis in (0, 1)]
         return np.array(far) / q.scale
 
     def lens_frequency_shift(self, at: Array) -> Array:
-        """Return how far the lens shifts the light's frequency at points (..., 2), cycles/m."""
+        """Return how far the chain's lens shifts the light's frequency at points, cycles/m.
+
+        The points have the shape (..., 2).
+        """
         q = self._q
         place = torch.from_numpy(at / q.radius).requires_grad_()
         phase = pupil_phase(
@@ -154,7 +161,7 @@ class StopEdgeScatter:
         return np.asarray(found.numpy() / (2 * math.pi * q.radius))
 
     def trace_rays(self, at: Array, behind: Array) -> RaySamples:
-        """Trace rays back to the panel, from points in the lens' plane.
+        """Trace rays of the chain back to the panel, from points in the lens' plane.
 
         at: the points, metres, (..., 2). behind: the rays' frequencies just before the lens, cycles
         per metre, (..., 2).
@@ -165,13 +172,16 @@ class StopEdgeScatter:
         return RaySamples(frequency, start, sent * self._panel_illumination(start), sent)
 
     def _pixel_envelope(self, frequency: Array) -> Array:
-        """Return a panel pixel's envelope sinc², averaged over its lobes beyond the first zero."""
+        """Return the envelope sinc² of a chain's panel pixel, smoothed beyond its first zero.
+
+        Beyond the first zero, it is averaged over the lobes.
+        """
         turns = np.abs(frequency) * self._camera.panel.active_side
         lobes = 0.5 / (math.pi * np.maximum(turns, 1.0)) ** 2
         return np.asarray(np.prod(np.where(turns < 1, np.sinc(turns) ** 2, lobes), axis=-1))
 
     def _panel_illumination(self, start: Array) -> Array:
-        """Return the relative irradiance that the panel's own edges leave at a position.
+        """Return the relative irradiance that the panel's own edges leave in the chain.
 
         It is 1 on the panel. Beside it, at the distance x from the edge, diffraction leaves
         fresnel_area / (2 pi x)² (Fresnel's integrals, far from the edge).
@@ -185,20 +195,24 @@ class StopEdgeScatter:
         return light
 
     def _distance_from_panel(self, place: Array, axis: int) -> Array:
-        """Return the distance in metres from the panel's edge along an axis, 0 on the panel."""
+        """Return the distance from the edge of the chain's panel along an axis, metres.
+
+        It is 0 on the panel.
+        """
         line = self._camera.panel.plane.coordinates(axis)
         half = self._camera.panel.pitch / 2
         below, above = float(line[0]) - half - place, place - float(line[-1]) - half
         return np.maximum(np.maximum(below, above), 0.0)
 
     def _is_on_panel(self, place: Array) -> NDArray[np.bool_]:
+        """Tell which positions lie on the chain's panel."""
         return (self._distance_from_panel(place[..., 0], 0) == 0) & (
             self._distance_from_panel(place[..., 1], 1) == 0
         )
 
     @cached_property
     def _opening_bounds(self) -> tuple[Array, Array]:
-        """The lowest and highest (y, x) of the stop's opening, in stop radii.
+        """The lowest and highest (y, x) of the opening behind the chain's panel, in stop radii.
 
         The opening may be much smaller than the circle around it, so samples cover only the
         opening.
@@ -208,7 +222,10 @@ class StopEdgeScatter:
 
     @cached_property
     def _stop_coordinates(self) -> tuple[Array, Array]:
-        """The coordinates of the samples along y and x across the stop's opening, metres."""
+        """The coordinates of the chain's samples across the stop's opening, metres.
+
+        They are given along y and along x.
+        """
         low, high = self._opening_bounds
         line = (np.arange(_SETTINGS.stop_samples) + 0.5) / _SETTINGS.stop_samples
         y, x = self._q.radius * (low + np.outer(line, high - low)).T
@@ -216,7 +233,10 @@ class StopEdgeScatter:
 
     @cached_property
     def _open_mask(self) -> NDArray[np.bool_]:
-        """Whether the stop is open at each sample of `_stop_coordinates`."""
+        """Whether the stop behind the chain's panel is open at each sample.
+
+        The samples are those of `_stop_coordinates`.
+        """
         y, x = np.meshgrid(
             *(line / self._q.radius for line in self._stop_coordinates), indexing="ij"
         )
@@ -228,26 +248,32 @@ class StopEdgeScatter:
 
     @cached_property
     def _open_points(self) -> Array:
-        """The samples at which the stop is open, (n, 2) for y and x, metres."""
+        """The samples where light passes the stop of the chain, (n, 2) for y and x, metres."""
         y, x = np.meshgrid(*self._stop_coordinates, indexing="ij")
         return np.stack([y[self._open_mask], x[self._open_mask]], axis=-1)
 
     @cached_property
     def _direct_rays(self) -> RaySamples:
-        """The rays that go straight through the stop into the window, (points, window, 2)."""
+        """The chain's rays that go straight through the stop into the window.
+
+        The shape is (points, window, 2).
+        """
         at = self._open_points
         return self.trace_rays(at[:, None], self._window - self.lens_frequency_shift(at)[:, None])
 
     @cached_property
     def direct_area(self) -> float:
-        """The area of the stop from which the window is lit, weighted by the light, m²."""
+        """The area of the stop from which the chain's panel lights the window, m².
+
+        It is weighted by the light.
+        """
         low, high = self._opening_bounds
         each = float(np.prod(high - low)) * (self._q.radius / _SETTINGS.stop_samples) ** 2
         return float(self._direct_rays.light.mean(axis=1).sum()) * each
 
     @cached_property
     def passing_band(self) -> tuple[Array, Array]:
-        """The lowest and highest frequencies (y, x) that go straight into the window.
+        """The panel frequencies of the chain (y, x) that go straight into the window: low, high.
 
         These are the frequencies of rays from the lit panel, widened by a Fresnel zone. The band
         isn't wider than that of an infinitely large panel.
@@ -266,7 +292,7 @@ class StopEdgeScatter:
 
     @cached_property
     def speckle_count(self) -> float:
-        """The approximate number of speckles in the window, behind an evenly lit panel."""
+        """The approximate number of speckles in the chain's window, behind an evenly lit panel."""
         q = self._q
         rows, columns = (k - 2 * q.margin for k in q.samples.shape)
         area = rows * columns * q.samples.pitch[0] * q.samples.pitch[1]
@@ -274,12 +300,15 @@ class StopEdgeScatter:
 
     @property
     def share_per_frequency_area(self) -> float:
-        """The share of the light that an evenly lit panel sends to a unit of frequency area, m²."""
+        """The share of light that a chain's even panel sends to a unit of frequency area, m².
+
+        The panel is evenly lit.
+        """
         return self.direct_area * self._camera.panel.active_side**2 / open_area(self._camera)
 
     @property
     def window_share(self) -> float:
-        """The share of an evenly lit panel's light that goes into the window."""
+        """The share of an evenly lit panel's light that the chain sends into the window."""
         q = self._q
         rows, columns = (k - 2 * q.margin for k in q.samples.shape)
         area = rows * columns * q.samples.pitch[0] * q.samples.pitch[1]
@@ -287,7 +316,9 @@ class StopEdgeScatter:
 
     @cached_property
     def _passing_kernels(self) -> list[tuple[Array, Array]]:
-        """Frequencies over the passing band, and a pixel's amplitude at each, along each axis.
+        """Frequencies over the chain's passing band, and a panel pixel's amplitude at each.
+
+        They are given along each axis.
 
         The amplitudes are scaled so that the sum of their squares is the light in the band.
         """
@@ -302,11 +333,11 @@ class StopEdgeScatter:
 
     @cached_property
     def passing_share(self) -> float:
-        """The share of an evenly lit panel's light that lies in the passing band."""
+        """The share of an evenly lit panel's light that lies in the chain's passing band."""
         return float(np.prod([(strength**2).sum() for _, strength in self._passing_kernels]))
 
     def passing_brightness(self, field: torch.Tensor) -> tuple[float, float]:
-        """Compute a panel's brightness in the passing band, relative to an evenly lit panel.
+        """Compute a panel's brightness in the chain's passing band, relative to an even panel.
 
         field: of the panel, (..., rows, columns). Returns the least and the greatest of a batch.
         """
@@ -324,7 +355,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _accepted_frequencies(self) -> Array:
-        """The frequencies before the lens that reach the window from the stop's edge.
+        """The frequencies before the chain's lens that reach the window from the stop's edge.
 
         The shape is (edge, window, 1, 2).
         """
@@ -334,7 +365,10 @@ class StopEdgeScatter:
 
     @cached_property
     def scattered_rays(self) -> RaySamples:
-        """The rays that the stop's edge scatters into the window, (edge, window, distance, 2)."""
+        """The chain's rays that the stop's edge scatters into the window.
+
+        The shape is (edge, window, distance, 2).
+        """
         rays = self.trace_rays(
             self._edge_points[:, None, None], self._accepted_frequencies - self.edge_frequency_shift
         )
@@ -346,7 +380,9 @@ class StopEdgeScatter:
     def aliased_light(
         self, alias_frequency: Array, low: Array, high: Array, edge_transmission: Array
     ) -> float:
-        """Estimate the light that aliasing on the lens grid adds to the window from a band.
+        """Estimate the light that aliasing on the chain's lens grid adds to the window.
+
+        The light comes from a band of the panel's frequencies.
 
         alias_frequency: cycles per metre (y, x) by which the sampled stop shifts the light.
         edge_transmission: share of the field that the grid's averaged edge passes, by its shift in
@@ -363,11 +399,14 @@ class StopEdgeScatter:
 
     @cached_property
     def edge_frequency_shift(self) -> Array:
-        """The shift in frequency that the stop's edge gives to light, (edge, 1, distance, 2)."""
+        """The shift in frequency that the stop's edge gives to the chain's light.
+
+        The shape is (edge, 1, distance, 2).
+        """
         return np.asarray(self._normal[:, None, None] * self._normal_distances[:, None, :, None])
 
     def relative_error(self, lost_light: float) -> float:
-        """Return the relative L2 error of the PSF if its field lacks so much light."""
+        """Return the relative L2 error of the chain's PSF if its field lacks `lost_light`."""
         if not self.direct_area > 0:
             return math.inf
         return (
@@ -377,14 +416,16 @@ class StopEdgeScatter:
         )
 
     def allowed_light_loss(self, error: float) -> float:
-        """Return the light that may be lost for a given relative L2 error of the PSF."""
+        """Return the light that the chain may lose for a given relative L2 error of the PSF."""
         return (
             error / (self._safety_factor * self._pixel_averaging_factor)
         ) ** 2 * self.direct_area
 
     @cached_property
     def _pixel_averaging_factor(self) -> float:
-        """The share of a relative error that remains after integration over sensor pixels.
+        """The share of a chain's relative error that remains after integration over pixels.
+
+        The pixels are those of the sensor.
 
         Light from two points that differ by g in frequency makes fringes. A pixel of side p keeps
         sinc²(g p) of their power. For an evenly lit panel, half of the power of |U|² is its mean,
@@ -400,7 +441,7 @@ class StopEdgeScatter:
 
     @cached_property
     def normalised_second_moment(self) -> float:
-        """The mean square of an evenly lit panel's light in the window over its squared mean.
+        """The mean square of an even panel's light in the chain's window over its squared mean.
 
         It is 2 for point samples of speckles, and less for pixels, which average them.
         """
@@ -410,7 +451,7 @@ class StopEdgeScatter:
         return 1 + float(self._fringe_power_share(self._open_points) @ light / light.sum())
 
     def _fringe_power_share(self, at: Array) -> Array:
-        """Return the share of the fringes' power that sensor pixels keep.
+        """Return the share of the power of the chain's fringes that sensor pixels keep.
 
         The fringes are those of all light in the stop with the light from each point `at`, (n, 2)
         in the lens' plane.
@@ -432,12 +473,12 @@ class StopEdgeScatter:
         return _SETTINGS.many_speckles_factor + few
 
     def error_from_light_share(self, share: float) -> float:
-        """Return the relative L2 error of a PSF if the given share of its light is wrong."""
+        """Return the relative L2 error of a chain's PSF if a share of its light is wrong."""
         return self._safety_factor * math.sqrt(share)
 
     @cached_property
     def _collapse_light_errors(self) -> tuple[float, float]:
-        """The light that is wrong if the stop's shadow on the panel replaces the stop.
+        """The wrong light of a chain if the stop's shadow on the panel replaces the stop.
 
         The first number is for frequencies in the passing band, the second for all. Between panel
         and stop, light of the frequency f that the edge turns to g gains the phase
@@ -455,18 +496,18 @@ class StopEdgeScatter:
         return float(lost[is_in_band(rays.frequency, *self.passing_band)].sum()), float(lost.sum())
 
     def collapse_error(self) -> float:
-        """Return the relative error of replacing the stop by its shadow on the panel."""
+        """Return the chain's relative error if the stop's shadow on the panel replaces the stop."""
         return self.relative_error(self._collapse_light_errors[1])
 
     @property
     def collapse_passing_share(self) -> float:
-        """The share of the squared `collapse_error` that light in the passing band contributes."""
+        """The share of the chain's squared `collapse_error` that its passing band contributes."""
         within, whole = self._collapse_light_errors
         return within / whole if whole > 0 else 0.0
 
 
 def _normal_distance_steps(low: float, high: float, pieces: int) -> Array:
-    """Return the limits of the steps in frequency away from the stop's edge, in cycles per metre.
+    """Return the limits of a chain's frequency steps away from the stop's edge, cycles/m.
 
     The shape is (pieces, steps + 1); steps nearer than `low` come first. Every piece of the edge
     has its own steps, shifted by the golden ratio, so that the steps of neighbouring pieces
@@ -482,13 +523,19 @@ def _normal_distance_steps(low: float, high: float, pieces: int) -> Array:
 
 
 def is_in_band(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """Tell which frequencies (..., 2) lie in a band; low and high are (2,), for y and x."""
+    """Tell which panel frequencies (..., 2) lie in a band of the chain.
+
+    low and high are (2,), for y and x.
+    """
     y, x = frequency[..., 0], frequency[..., 1]
     return np.asarray((y >= low[0]) & (y <= high[0]) & (x >= low[1]) & (x <= high[1]))
 
 
 def window_frequencies(q: PSFRequest) -> Array:
-    """Return the frequencies (y, x) behind the lens for five points of the window, (5, 2)."""
+    """Return the frequencies (y, x) behind the chain's lens for five points of the window.
+
+    The shape is (5, 2).
+    """
     rows, columns = q.window_slices
     lines = (q.samples.coordinates(0)[rows], q.samples.coordinates(1)[columns])
     (y0, y1), (x0, x1) = ((float(line[0]), float(line[-1])) for line in lines)
@@ -500,7 +547,10 @@ def window_frequencies(q: PSFRequest) -> Array:
 
 
 def _sample_stop_edge(camera: Camera, radius: float) -> tuple[Array, Array, Array]:
-    """Divide the stop's boundary into pieces: their midpoints, normals and lengths, in metres."""
+    """Divide the edge of the chain's stop into pieces that scatter the panel's light.
+
+    The result holds their midpoints, normals and lengths, in metres.
+    """
     pieces = [piece for loop in camera.lens.stop.loops for piece in loop.pieces]
     count = max(4, _SETTINGS.edge_pieces // len(pieces))
     t = (np.arange(count) + 0.5) / count

@@ -52,7 +52,10 @@ class ChainEngine(PSFEngine):
 
     @abstractmethod
     def _plan(self, n: PSFRequest) -> None:
-        """Choose the sampling that keeps the tolerance of a PSF request in plain numbers."""
+        """Choose the chain's sampling that keeps the tolerance of a PSF request.
+
+        The PSF request is in plain numbers.
+        """
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._camera.panel.plane.mesh()
@@ -60,7 +63,7 @@ class ChainEngine(PSFEngine):
     def panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
-        """Return the field behind the panel, without the point's parabolic wave."""
+        """Return the field behind the chain's panel, without the point's parabolic wave."""
         factor = self.modulation_factor(phase, amplitude, self._camera.panel.shape, self._dtype)
         if factor is None:
             factor = torch.ones(self._camera.panel.shape, dtype=self._dtype)
@@ -70,12 +73,17 @@ class ChainEngine(PSFEngine):
         return factor * sphere.wave_factor(*self.points()).to(factor)
 
     def empty_intensity(self, modulated: torch.Tensor) -> torch.Tensor:
-        """Return the PSFs of an empty batch, (..., rows, columns), which FFTs don't accept."""
+        """Return a chain's PSFs of an empty batch of patterns, which FFTs don't accept.
+
+        The shape is (..., rows, columns).
+        """
         light = modulated.real.sum(dim=(-2, -1))
         return light[..., None, None].expand(*light.shape, *self._request.samples.shape)
 
     def wavefront_slope_fields(self, field: torch.Tensor) -> list[tuple[int, torch.Tensor]]:
-        """Return, per axis, the panel's field times the wave's extra slope inside each pixel.
+        """Return the chain's panel field times the wave's extra slope inside each pixel.
+
+        There is one field per axis.
 
         The slope is that of the exact spherical wave less its parabola, in cycles per metre. The
         list is empty if the request has no spherical wave.
@@ -87,7 +95,9 @@ class ChainEngine(PSFEngine):
         return [(axis, field * slope.to(field)) for axis, slope in enumerate(slopes)]
 
     def _sphere_error(self) -> float:
-        """Estimate the error of taking the spherical wave's extra phase as linear inside a pixel.
+        """Estimate the chain's error of taking the spherical wave's phase as linear in a pixel.
+
+        It is the extra phase of the spherical wave that counts as linear inside a panel pixel.
 
         At the pixel's edge it is half of the square of half the phase change across the pixel. Its
         mean over the pixel is a third of that.
@@ -99,7 +109,7 @@ class ChainEngine(PSFEngine):
         return turn**2 / 12
 
     def _propagator_variables(self) -> PropagatorVariables | None:
-        """Return the variables of the field at the lens, or None if no derivative is wanted."""
+        """Return the variables of the chain's field at the lens, or None without derivatives."""
         q = self._request
         lengths = (q.wavelength, q.separation, q.distance, q.radius, *q.chief_ray_slopes)
         if not any(map(needs_gradient, lengths)):
@@ -115,7 +125,7 @@ class ChainEngine(PSFEngine):
         return PropagatorVariables(bend * one, stretch * one, (shift[0] * one, shift[1] * one))
 
     def _open_pixel_area(self) -> Scalar:
-        """Return the open area of panel pixels, in m², if panel and stop stood in one plane."""
+        """Return the open area of panel pixels in m², if the chain's panel stood at the stop."""
         fill = self._camera.panel.fill_factor
         area, radius = open_area(self._camera) * fill, self._request.radius
         if not needs_gradient(radius):
@@ -130,7 +140,10 @@ class ChainEngine(PSFEngine):
         return area + growth * (radius / as_number(radius) - 1)
 
     def intensity_scale(self) -> Scalar:
-        """Return the factor from |sum over the lens samples|² to PSF values, in stop radii."""
+        """Return the factor from ``|sum over the chain's lens samples|²`` to PSF values.
+
+        The sum is in stop radii.
+        """
         q = self._request
         area = q.samples.pitch[0] * q.samples.pitch[1]
         return (
@@ -139,7 +152,7 @@ class ChainEngine(PSFEngine):
 
     @property
     def _passing_error_share(self) -> float:
-        """The share of the squared error that light in the passing band contributes."""
+        """The share of the chain's squared error that light in the passing band contributes."""
         return 0.0
 
     def _intensity_or_replan(
@@ -149,7 +162,7 @@ class ChainEngine(PSFEngine):
         amplitude: torch.Tensor | None,
         measure_passing_brightness: Callable[[], tuple[float, float]] | None = None,
     ) -> torch.Tensor:
-        """Return `light`, or the result of a stricter engine if the window is too dark.
+        """Return the chain's `light`, or a stricter engine's result if the window is too dark.
 
         light: the PSF as this engine computes it. measure_passing_brightness: a function that
         returns the panel's brightness (see LowLightCorrection), where the caller has a faster one.
@@ -168,6 +181,7 @@ class ChainEngine(PSFEngine):
         return self._stricter_engine.intensity(phase, amplitude)
 
     def _plan_stricter_engine(self, tol: float) -> ChainEngine:
+        """Plan the chain's engine for a smaller tolerance, which a dark window needs."""
         promised, budget = self._promised_tol, self._request.budget
         try:
             if not tol < 0.9 * self._request.tol:

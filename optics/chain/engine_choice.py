@@ -24,7 +24,7 @@ CHAIN_METHODS = (CollapsedEngine.name, GridEngine.name, QuadratureEngine.name)
 def chain_engines(
     request: PSFRequest, camera: Camera, method: str | None
 ) -> dict[str, Callable[[], PSFEngine]]:
-    """List the engines that may compute the PSF of a panel apart from its lens.
+    """List the engines for the PSF of a chain, whose panel stands apart from its lens.
 
     Parameters
     ----------

@@ -95,6 +95,7 @@ class GridEngine(ChainEngine):
         self.error = ErrorEstimate(left_out, "estimate, for an evenly lit panel")
 
     def _build_propagators(self, axes: list[PropagatorAxis]) -> None:
+        """Build the chain's propagators from panel to lens."""
         self.propagator = PanelToLensPropagator(axes[0], axes[1], self._dtype)
         self._lens_plane = lens_plane(self._request.numeric, axes)
         self._sensor_map = self._plan_sensor_map()
@@ -104,13 +105,13 @@ class GridEngine(ChainEngine):
 
     @property
     def can_share_spectrum(self) -> bool:
-        """Whether a spectrum of the panel's modulation is all that the engine needs."""
+        """Whether the chain's grid engine needs only a spectrum of the panel's modulation."""
         return not self._request.differentiable and self._request.sphere is None
 
     def use_shared_spectrum(
         self, lengths: Sequence[int], frequency_ranges: Sequence[tuple[float, float]]
     ) -> None:
-        """Use spectra that other engines use as well; call it before `prepare`.
+        """Use spectra of the chain's panel that other engines use; call it before `prepare`.
 
         Parameters
         ----------
@@ -130,7 +131,7 @@ class GridEngine(ChainEngine):
         )
 
     def _plan_lens_wave(self) -> LensWave | None:
-        """Plan the lens' wave of a lens whose wave isn't a product of factors along y and x.
+        """Plan the wave of a chain's lens that isn't a product of factors along y and x.
 
         None for other lenses, and where derivatives are wanted, which compute the wave anew.
         """
@@ -141,6 +142,7 @@ class GridEngine(ChainEngine):
         return LensWave(partial(_lens_phase, n), self._lens_plane, self._dtype, room)
 
     def _plan_sensor_map(self) -> PanelToSensorMap:
+        """Plan the map from the chain's panel to the sensor."""
         n, lens = self._request.numeric, self._camera.lens
         real = torch.zeros((), dtype=self._dtype).real.dtype
         openings = BlockwiseStopMask(lens.stop, n.radius, self._lens_plane, real)
@@ -150,7 +152,7 @@ class GridEngine(ChainEngine):
 
     @property
     def bytes(self) -> int:
-        """The size of the largest arrays in bytes."""
+        """The size of the chain's largest arrays in bytes."""
         rows, columns = self._lens_plane.shape
         dense = 6 * self._dtype.itemsize * rows * columns if self._request.differentiable else 0
         panel = self._camera.panel.shape
@@ -158,12 +160,15 @@ class GridEngine(ChainEngine):
         return self._sensor_map.bytes + dense + wave + 40 * panel[0] * panel[1]
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
+        """Predict the processor time of one pass through the chain, in seconds.
+
+        The machine has the given speed.
+        """
         wave = self._lens_wave.cpu_seconds(speed) if self._lens_wave else 0.0
         return (self._sensor_map.cpu_seconds(speed) + wave) * (3 if self._request.sphere else 1)
 
     def prepare(self) -> None:
-        """Make what is kept between calls, and measure the error.
+        """Make what the chain keeps between calls, and measure its error.
 
         Raises
         ------
@@ -178,7 +183,10 @@ class GridEngine(ChainEngine):
             self._sensor_map.set_lens_wave(self._separable_lens_wave(), self._lens_wave)
 
     def _separable_lens_wave(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the factors of the lens' wave along y and x; ones if it isn't their product."""
+        """Return the factors along y and x of the chain's lens wave; ones if it has none.
+
+        They are ones if the wave isn't a product of such factors.
+        """
         n = self._request.numeric
         if not n.lens.has_quadratic_phase:
             y, x = (torch.ones(count, dtype=torch.complex128) for count in self._lens_plane.shape)
@@ -193,7 +201,7 @@ class GridEngine(ChainEngine):
         return y, x
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
-        """Compute the light on every sample.
+        """Compute the light that the chain sends to every sample.
 
         Parameters
         ----------
@@ -230,7 +238,10 @@ class GridEngine(ChainEngine):
     def _field_at_sensor(
         self, propagator: PanelToLensPropagator, field: torch.Tensor
     ) -> torch.Tensor:
-        """Propagate a panel's field to the sensor with the given propagator to the lens."""
+        """Propagate a panel's field through the chain to the sensor.
+
+        propagator: the propagator to the lens that is to be used.
+        """
         if self._request.differentiable:
             return self._differentiable_field_at_sensor(propagator, field)
         return propagate_to_sensor(
@@ -240,7 +251,7 @@ class GridEngine(ChainEngine):
     def intensity_from_spectrum(
         self, spectrum: torch.Tensor, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
-        """Compute the light on every sample, of a panel whose spectrum is known already.
+        """Compute the chain's light on every sample, from a known spectrum of the panel.
 
         Parameters
         ----------
@@ -262,7 +273,7 @@ class GridEngine(ChainEngine):
     def _differentiable_field_at_sensor(
         self, propagator: PanelToLensPropagator, field: torch.Tensor
     ) -> torch.Tensor:
-        """Propagate a panel's field to the sensor, differentiable in all lengths."""
+        """Propagate a field from panel to sensor, differentiable in all lengths of the chain."""
         q = self._request
         turns = _lens_phase(q, *self._lens_plane.mesh()) / (2 * math.pi)
         wave = unit_phasor(turns, self._dtype)
@@ -280,7 +291,7 @@ class GridEngine(ChainEngine):
         amplitude: torch.Tensor | None,
         spectrum: Callable[[], torch.Tensor],
     ) -> torch.Tensor:
-        """Compute the PSF from the field at the sensor.
+        """Compute the chain's PSF from the field at the sensor.
 
         spectrum: a function that returns the panel's spectrum without derivatives. It is called
         only for a window that gets little light.
@@ -309,6 +320,9 @@ class GridEngine(ChainEngine):
 
 
 def _lens_phase(q: PSFRequest, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Return the phase of the lens' wave, in radians, at points of its plane in metres."""
+    """Return the phase of the wave of a chain's lens, in radians, at points in metres.
+
+    The points lie in the lens' plane.
+    """
     radius = q.numeric.radius
     return pupil_phase(q.lens, q.object_to_lens_distance, q.wavelength, y / radius, x / radius)

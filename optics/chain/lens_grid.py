@@ -64,7 +64,9 @@ _SETTINGS = LensGridSettings()
 def choose_lens_grid(
     request: PSFRequest, camera: Camera, search: LensGridSearch, tol: float
 ) -> LensGrid:
-    """Choose the cheapest band of frequencies and grid at the lens with a relative error of `tol`.
+    """Choose the chain's cheapest grid at the lens, and band, with a relative error of `tol`.
+
+    The band is that of the panel's frequencies.
 
     The error has two parts. The first comes from frequencies outside the band, whose light the
     stop's edge scatters into the window (see StopEdgeScatter). The second comes from the sampled
@@ -86,6 +88,7 @@ def choose_lens_grid(
 
 
 def _grid_size(grid: LensGrid) -> float:
+    """Return the product of the sampling rates of a chain's lens grid along y and x."""
     return grid.sampling_rate[0] * grid.sampling_rate[1]
 
 
@@ -94,7 +97,7 @@ def _pair(values: Array) -> tuple[float, float]:
 
 
 def _edge_transmission(turns: Array) -> Array:
-    """Return the share of the scattered field that a sampled stop edge keeps.
+    """Return the share of scattered field that a sampled stop edge keeps in the chain.
 
     turns: shift in frequency, in cycles per sample of the lens grid, (..., 2).
     """
@@ -102,7 +105,9 @@ def _edge_transmission(turns: Array) -> Array:
 
 
 def _missing_scatter(turned: Array, passed: Array) -> float:
-    """Return the scattered light that a sampled stop edge loses.
+    """Return the scattered light that the stop's edge loses on the chain's lens grid.
+
+    It is lost because the edge is sampled.
 
     turned: light that each shift in frequency should get. passed: share of the field that it gets.
     """
@@ -117,7 +122,7 @@ class LensGridSearch:
 
     @cached_property
     def _nonzero_scatter(self) -> tuple[Array, Array, NDArray[np.int64]]:
-        """The scattered light of all rays that aren't dark.
+        """The scattered light of all rays of the chain that aren't dark.
 
         The arrays hold each ray's light, its frequency at the panel, and the index of the shift in
         frequency that the stop's edge gives it.
@@ -152,7 +157,9 @@ class LensGridSearch:
     def find_coarsest_grid(
         self, allowed_error: float, tol: float, taper_width: Array
     ) -> LensGrid | None:
-        """Find the coarsest lens grid that keeps `tol`, for the narrowest band of frequencies.
+        """Find the chain's coarsest lens grid that keeps `tol`, for the narrowest band.
+
+        The band is that of the panel's frequencies.
 
         allowed_error: error that the frequencies outside the band may cause. taper_width: width of
         the band's smooth ends on either side, cycles per metre (y, x). Returns None if no grid
@@ -177,14 +184,20 @@ class LensGridSearch:
         return None
 
     def _light_by_edge_shift(self, low: Array, high: Array) -> Array:
-        """Sum the light of a band for each shift in frequency that the stop's edge gives."""
+        """Sum the chain's light in a band by the shift in frequency from the stop's edge.
+
+        There is a sum for each shift that the edge gives.
+        """
         light, frequency, turn = self._nonzero_scatter
         inside = is_in_band(frequency, low, high)
         count = self.edge_scatter.edge_frequency_shift[..., 0].size
         return np.asarray(np.bincount(turn[inside], light[inside], count), dtype=np.float64)
 
     def passing_error_share(self, grid: LensGrid) -> float:
-        """Return the share of a grid's squared error that light in the passing band contributes."""
+        """Return the passing band's share of the squared error of a chain's lens grid.
+
+        It is the share that light in the passing band contributes.
+        """
         edge, rate = self.edge_scatter, np.array(grid.sampling_rate)
         low, high = edge.passing_band
         passed = _edge_transmission(edge.edge_frequency_shift / rate)
@@ -193,7 +206,9 @@ class LensGridSearch:
         return min(1.0, (edge.relative_error(lost) / grid.error) ** 2) if grid.error else 0.0
 
     def _narrowest_band(self, allowed: float, taper_width: Array) -> tuple[Array, Array, float]:
-        """Find the narrowest band, its low and high limits, and the light outside it.
+        """Find the narrowest band of panel frequencies for the chain, and the light outside.
+
+        The band is given by its low and high limits.
 
         Rays neglect that light spreads over a Fresnel zone, so the band is widened by a zone. It
         isn't made wider than the band of an infinitely large panel, which needs no such margin.
@@ -216,7 +231,7 @@ class LensGridSearch:
     def find_band(
         self, error: float, taper_width: Array, *, unbounded_panel: bool = False
     ) -> tuple[Array, Array]:
-        """Find the smallest band whose neglected light causes no more than a relative error.
+        """Find the chain's smallest band whose neglected light keeps a relative error.
 
         The result is (low, high), each (y, x), in cycles per metre. unbounded_panel: whether light
         counts as if the panel were infinitely large.
@@ -244,7 +259,10 @@ class LensGridSearch:
 def _cumulative_light_by_side(
     frequency: Array, light: Array, ends: tuple[Array, Array], zone: float
 ) -> list[tuple[Array, Array]]:
-    """Sum the light outside the ends (low, high) of a band, on each side along each axis."""
+    """Sum the panel light outside the ends of a chain's band, on each side along each axis.
+
+    The ends are (low, high).
+    """
     low, high = ends
     found = []
     for axis in (0, 1):
@@ -258,7 +276,9 @@ def _cumulative_light_by_side(
 def _cumulative_light_outwards(
     frequency: Array, light: Array, end: float, zone: float
 ) -> tuple[Array, Array]:
-    """Return frequencies beyond a band's end, the farthest first, and the light beyond each.
+    """Return a chain's frequencies beyond a band's end, and the light beyond each.
+
+    The farthest frequency comes first.
 
     The frequencies are in steps of half a percent of the distance from the end plus a Fresnel zone.
     Sorting the light itself takes five times as long.
@@ -273,7 +293,7 @@ def _cumulative_light_outwards(
 
 
 def _cutoff_for_lost_light(frequency: Array, light: Array, lost: float) -> float:
-    """Return the frequency beyond which no more than the light `lost` is scattered."""
+    """Return the frequency beyond which the chain scatters no more than the light `lost`."""
     place = int(np.searchsorted(light, lost))
     return float(frequency[place]) if place < frequency.size else -math.inf
 
@@ -281,6 +301,9 @@ def _cutoff_for_lost_light(frequency: Array, light: Array, lost: float) -> float
 def _aliased_light(
     edge: StopEdgeScatter, low: Array, high: Array, rate: Array, passed: Array
 ) -> float:
-    """Sum the light that aliasing on the lens grid adds to the window, over eight directions."""
+    """Sum the light that aliasing on the chain's lens grid adds to the window.
+
+    The sum is over eight directions.
+    """
     ways = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
     return sum(edge.aliased_light(np.array(way) * rate, low, high, passed) for way in ways)

@@ -57,7 +57,7 @@ def compute_light_budget(
     fields: Sequence[tuple[float, torch.Tensor]],
     window: float,
 ) -> LightBudget:
-    """Compute where the light of a panel goes, for fields that add in intensity.
+    """Compute where the light of a chain's panel goes, for fields that add in intensity.
 
     Energy at the lens is the sum of ``|field|²`` over its samples, by Parseval's theorem, of all
     frequencies that get from any part of the panel to any part of the stop by geometric optics.
@@ -97,7 +97,7 @@ def _panel_and_stop_light(
 
 
 def _light_through_stop(n: PSFRequest, camera: Camera, field: torch.Tensor) -> tuple[float, float]:
-    """Return the light that leaves the panel and the light that passes the stop, as shares."""
+    """Return the shares of light that leave a chain's panel and that pass its stop."""
     light = (field.real**2 + field.imag**2).to(torch.float64)
     pixel = camera.panel.pitch**2 / open_area(camera)
     panel = float(light.sum()) * pixel
@@ -111,6 +111,7 @@ def _light_through_stop(n: PSFRequest, camera: Camera, field: torch.Tensor) -> t
 
 
 def _light_at_lens(n: PSFRequest, camera: Camera, field: torch.Tensor) -> float:
+    """Return the light that passes the stop at the chain's lens, as a share."""
     grid, followed = _reachable_lens_grid(n, camera)
     axes = plan_propagator_axes(n, camera, grid)
     propagator, plane = PanelToLensPropagator(axes[0], axes[1], field.dtype), lens_plane(n, axes)
@@ -123,7 +124,7 @@ def _light_at_lens(n: PSFRequest, camera: Camera, field: torch.Tensor) -> float:
 
 
 def _reachable_lens_grid(n: PSFRequest, camera: Camera) -> tuple[LensGrid, float]:
-    """Plan a lens grid for all frequencies that reach the stop.
+    """Plan the chain's lens grid for all panel frequencies that reach the stop.
 
     Returns the grid, and the share of a panel pixel's light that it includes.
     """
@@ -152,6 +153,9 @@ def _reachable_lens_grid(n: PSFRequest, camera: Camera) -> tuple[LensGrid, float
 
 
 def _pixel_light_share(camera: Camera, low: float, high: float) -> float:
-    """Return the share of a panel pixel's light between two frequencies along an axis."""
+    """Return the share of the light of a chain's panel pixel between two frequencies.
+
+    The frequencies are along one axis.
+    """
     f = torch.linspace(low, high, 20001, dtype=torch.float64) * camera.panel.active_side
     return float(torch.trapezoid(torch.sinc(f) ** 2, f))

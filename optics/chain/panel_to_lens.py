@@ -47,7 +47,7 @@ class TaperedBand:
         )
 
     def taper(self, frequency: torch.Tensor) -> torch.Tensor:
-        """Return the band's amplitude factor at a frequency, from 0 to 1, float64."""
+        """Return a frequency's amplitude factor in the chain's band, from 0 to 1, float64."""
         width = math.sqrt(2) * self.taper_sigma
         above = torch.erfc((self.low - frequency) / width)
         below = torch.erfc((frequency - self.high) / width)
@@ -87,12 +87,12 @@ class PropagatorAxis:
 
     @property
     def step(self) -> float:
-        """The pitch in metres of the samples at the lens, in the panel's coordinates."""
+        """The pitch in metres of the chain's samples at the lens, in the panel's coordinates."""
         return self.period / self.folded_length
 
     @property
     def first_frequency_number(self) -> int:
-        """The number of the band's first frequency, in steps of one over the period."""
+        """The number of the first frequency in the chain's band, in steps of 1 / period."""
         return math.ceil(self.band.outer_limits[0] * self.period)
 
     @property
@@ -101,7 +101,7 @@ class PropagatorAxis:
 
     @property
     def spectrum_range(self) -> tuple[int, int]:
-        """The numbers of the first and the last frequency in the panel's spectrum."""
+        """The numbers of the first and last frequency in the spectrum of the chain's panel."""
         return self.shared_range or (
             self.first_frequency_number,
             self.first_frequency_number + self.frequency_count - 1,
@@ -109,20 +109,20 @@ class PropagatorAxis:
 
     @property
     def spectrum_length(self) -> int:
-        """The number of values in the panel's spectrum, at most one period of it."""
+        """The number of values in the spectrum of the chain's panel, at most one period."""
         first, last = self.spectrum_range
         return min(last - first + 1, self.fft_length)
 
     @cached_property
     def band_frequencies(self) -> torch.Tensor:
-        """The frequencies of the band, in cycles per metre, float64."""
+        """The panel frequencies that the chain propagates to the lens, cycles/m, float64."""
         number = (
             torch.arange(self.frequency_count, dtype=torch.float64) + self.first_frequency_number
         )
         return number / self.period
 
     def transfer(self, dtype: torch.dtype) -> torch.Tensor:
-        """Return the transfer function from the panel to the lens at the band's frequencies."""
+        """Return the chain's transfer function from panel to lens at the band's frequencies."""
         f = self.band_frequencies
         strength = (
             self._envelope(f * self.pixel_side)
@@ -137,7 +137,7 @@ class PropagatorAxis:
         return (unit_phasor(turns, torch.complex128) * strength).to(dtype)
 
     def _envelope(self, turns: torch.Tensor) -> torch.Tensor:
-        """Return a panel pixel's envelope at frequencies given in cycles across the pixel.
+        """Return the envelope of a chain's panel pixel at frequencies in cycles per pixel.
 
         It is a sinc. A wave whose phase rises by g cycles per metre shifts the sinc in frequency:
         sinc(side (f - g)) is about sinc(side f) - side g sinc'(side f). With `has_pixel_slope`, the
@@ -151,6 +151,7 @@ class PropagatorAxis:
         return -self.pixel_side * torch.where(near, -(math.pi**2) / 3 * turns, slope)
 
     def spectrum(self, field: torch.Tensor, dim: int) -> torch.Tensor:
+        """Return the spectrum of the field at the chain's panel along an axis."""
         whole = fft(field, self.fft_length, dim)
         if self.spectrum_length == self.fft_length:
             return whole
@@ -178,7 +179,7 @@ class PropagatorAxis:
         dim: int,
         scratch: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Compute the field at the lens along one axis, from the panel's spectrum.
+        """Compute the field at the chain's lens along one axis, from the panel's spectrum.
 
         scratch: memory for the result, with `folded_length` values along dim. Reusing it saves the
         time of new memory.
@@ -209,7 +210,7 @@ class PropagatorAxis:
         return spectrum
 
     def _spectrum_pieces(self) -> Iterator[tuple[int, int]]:
-        """Yield start and size of the parts of the panel's whole spectrum that are kept."""
+        """Yield start and size of the parts of the panel's spectrum that the chain keeps."""
         first, last = self.spectrum_range
         at = first
         while at <= last:
@@ -219,7 +220,7 @@ class PropagatorAxis:
             at += size
 
     def slices_in_band(self, low: float, high: float) -> list[slice]:
-        """Return the slices of the panel's spectrum that hold the frequencies from low to high."""
+        """Return slices of the chain's panel spectrum with the frequencies from low to high."""
         first, last = math.ceil(low * self.period), math.floor(high * self.period)
         if self.spectrum_length < self.fft_length:
             start = self.spectrum_range[0]
@@ -232,7 +233,9 @@ class PropagatorAxis:
         )
 
     def _folding_runs(self) -> Iterator[tuple[int, int, int, int]]:
-        """Divide the band into runs that are contiguous in the kept and the folded spectrum.
+        """Divide the chain's band into runs that are contiguous when folded to the lens grid.
+
+        They are contiguous both in the kept and in the folded spectrum.
 
         Yields each run's start in the kept spectrum, in the folded spectrum and in the band, and
         its size.
@@ -287,7 +290,7 @@ class PanelToLensPropagator:
     def mean_band_power(
         self, spectrum: torch.Tensor, low: Sequence[float], high: Sequence[float]
     ) -> torch.Tensor:
-        """Average the squared modulus of a panel's spectrum over a band of frequencies.
+        """Average the squared modulus of a chain's panel spectrum over a band of frequencies.
 
         spectrum: (..., y, x). low, high: limits of the band along y and x. For a panel that sends
         the same power to all frequencies, the result is the sum of its squared amplitudes.
@@ -313,7 +316,7 @@ class PanelToLensPropagator:
         extra_y: torch.Tensor | None = None,
         extra_x: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Compute the field at the lens from the panel's spectrum.
+        """Compute the field at the chain's lens from the panel's spectrum.
 
         extra_y, extra_x: further factors on the band's frequencies, on top of the transfer
         function.
@@ -331,7 +334,7 @@ class PanelToLensPropagator:
         return self.to_lens(self.spectrum(field))
 
     def adjoint(self, grid: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose of a call: from the lens grid back to the panel."""
+        """Apply the conjugate transpose: from the chain's lens grid back to the panel."""
         y, x = self.transfers(grid.device)
         lines = self.axes[1].to_lens_adjoint(grid.resolve_conj(), x, -1)
         return self.spectrum_adjoint(self.axes[0].to_lens_adjoint(lines, y, -2))
@@ -339,7 +342,10 @@ class PanelToLensPropagator:
     def fields_at_lens(
         self, spectrum: torch.Tensor, blocks: Sequence[slice]
     ) -> Iterator[tuple[slice, torch.Tensor]]:
-        """Yield the field at the lens block by block, (rows, columns), all in the same memory."""
+        """Yield the field at the chain's lens block by block, (rows, columns).
+
+        All blocks are in the same memory.
+        """
         y, x = self.transfers(spectrum.device)
         lines = self.axes[0].to_lens(spectrum, y, -2)
         scratch = lines.new_empty(
@@ -392,7 +398,7 @@ def propagate_to_lens(
     field: torch.Tensor,
     variables: PropagatorVariables | None = None,
 ) -> torch.Tensor:
-    """Propagate a panel's field to the lens grid, with all derivatives that are asked for."""
+    """Propagate a field from the chain's panel to its lens, with all derivatives asked for."""
     if variables is None or not torch.is_grad_enabled():
         return apply_linear_map(propagator, propagator.adjoint, field)
     return apply_function(
@@ -434,7 +440,10 @@ class _PropagateToLens(torch.autograd.Function):
 def _variable_gradients(
     propagator: PanelToLensPropagator, spectrum: torch.Tensor, gradient: torch.Tensor
 ) -> tuple[torch.Tensor, ...]:
-    """Compute the gradients in the Fresnel area, the stretch and the shift along y and x."""
+    """Compute gradients for the chain's panel-to-lens step: Fresnel area, stretch, shift.
+
+    The gradients in the stretch and the shift are along y and x.
+    """
     fy, fx = (axis.band_frequencies for axis in propagator.axes)
     turned = 2j * math.pi
 
@@ -462,5 +471,5 @@ def _row_count(rows: slice) -> int:
 
 
 def fast_fft_length(least: float) -> int:
-    """Return the shortest fast FFT length that is at least `least`."""
+    """Return the shortest fast FFT length for the chain that is at least `least`."""
     return int(scipy.fft.next_fast_len(max(1, math.ceil(least - 1e-9))))

@@ -49,7 +49,7 @@ class PanelToSensorMap:
     def set_lens_wave(
         self, factors: tuple[torch.Tensor, torch.Tensor], wave: LensWave | None = None
     ) -> None:
-        """Set the lens' wave.
+        """Set the wave of the chain's lens.
 
         factors: its factors along y and x. wave: the remaining factor, which depends on both, or
         None.
@@ -64,7 +64,10 @@ class PanelToSensorMap:
         self._image_tilts = tuple(geometry.image_tilt(axis, dtype) for axis in (0, 1))
 
     def with_propagator(self, propagator: PanelToLensPropagator) -> PanelToSensorMap:
-        """Return the same map with another propagator from the panel to the same lens samples."""
+        """Return the chain's same map with another propagator from panel to lens.
+
+        The new propagator leads to the same lens samples.
+        """
         other = copy.copy(self)
         other.propagator = propagator
         return other
@@ -91,7 +94,7 @@ class PanelToSensorMap:
         )
 
     def _fields_behind_stop(self, spectrum: torch.Tensor) -> Iterator[tuple[slice, torch.Tensor]]:
-        """Yield the field behind the stop, block by block; the lens' factor along y is missing."""
+        """Yield the chain's field behind the stop by blocks, without the lens' factor along y."""
         turn_x = self._lens_factors_on(spectrum.device)[1][:, 0]
         arriving = self.propagator.fields_at_lens(spectrum, self._stop_mask.row_blocks)
         for block, (rows, field) in enumerate(arriving):
@@ -102,7 +105,7 @@ class PanelToSensorMap:
             yield rows, field
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose: from a field at the sensor to a spectrum of the panel."""
+        """Apply the conjugate transpose: from the chain's sensor field to the panel's spectrum."""
         field = field.to(self.propagator.dtype)
         y_rule, x_rule = self.sensor_transform.axis_rules(field.device)
         turn_y, turn_x = (
@@ -138,7 +141,7 @@ class PanelToSensorMap:
 
 
 def panel_spectrum(propagator: PanelToLensPropagator, field: torch.Tensor) -> torch.Tensor:
-    """Compute the spectrum of a panel's field, differentiable in the field.
+    """Compute the spectrum of the field of a chain's panel, differentiable in the field.
 
     Parameters
     ----------
@@ -156,14 +159,19 @@ def panel_spectrum(propagator: PanelToLensPropagator, field: torch.Tensor) -> to
 
 
 def propagate_to_sensor(sensor_map: PanelToSensorMap, spectrum: torch.Tensor) -> torch.Tensor:
-    """Compute the field at the sensor, (..., rows, columns), differentiable in the spectrum."""
+    """Compute the chain's field at the sensor from a spectrum of the panel.
+
+    The shape is (..., rows, columns); the field is differentiable in the spectrum.
+    """
     return apply_linear_map(
         _apply_per_picture(sensor_map), _apply_per_picture(sensor_map.adjoint), spectrum
     )
 
 
 def _apply_per_picture(function: PictureMap) -> PictureMap:
-    """Return a function that applies a map to each picture of a batch, one after the other.
+    """Return a function that applies a panel-to-sensor map of the chain to each picture.
+
+    It works on the pictures of a batch one after the other.
 
     A batch then takes no more memory than one picture and the results.
     """

@@ -82,7 +82,7 @@ class BandTaper:
 
 
 def fresnel_area(q: PSFRequest) -> float:
-    """Return the Fresnel area of the space between panel and lens, in m².
+    """Return the Fresnel area of the space between the chain's panel and lens, in m².
 
     Light of a frequency moves sideways by the product of the two, in the panel's coordinates.
     """
@@ -92,7 +92,9 @@ def fresnel_area(q: PSFRequest) -> float:
 def plan_propagator_axes(
     request: PSFRequest, camera: Camera, grid: LensGrid, lengths: Sequence[int] = (0, 0)
 ) -> list[PropagatorAxis]:
-    """Plan the axes (y, x) of a propagator to a lens grid that covers the lit part of the stop.
+    """Plan the axes (y, x) of the chain's propagator from panel to lens grid.
+
+    The grid covers the lit part of the stop.
 
     lengths: least number of FFT points along each axis.
     """
@@ -132,7 +134,10 @@ def _plan_axis(
 
 
 def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
-    """Return the lowest and highest coordinate of the stop's opening on an axis, in stop radii."""
+    """Return the ends of the stop's opening behind the chain's panel along an axis.
+
+    They are the lowest and highest coordinate, in stop radii.
+    """
     t = np.linspace(0, 1, 257)
     opening = camera.lens.stop.loops[0]
     places = np.concatenate([piece.points(t)[axis] for piece in opening.pieces])
@@ -140,7 +145,10 @@ def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
 
 
 def lens_plane(request: PSFRequest, axes: list[PropagatorAxis]) -> Plane:
-    """Return the plane of the propagator's samples at the lens, in metres."""
+    """Return the plane of the samples at the chain's lens, in metres.
+
+    They are the propagator's samples.
+    """
     spread = float(request.shadow_magnification)
     pitch = [axis.step * spread for axis in axes]
     centre = [

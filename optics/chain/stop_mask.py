@@ -52,7 +52,10 @@ class BlockwiseStopMask:
 
     @cached_property
     def segments_by_block(self) -> list[list[MaskSegment]]:
-        """The segments of every block of rows where the stop isn't fully open."""
+        """The column ranges of the chain's lens grid that the stop covers, by block of rows.
+
+        They are the segments of every block of rows where the stop isn't fully open.
+        """
         fine = Coverage(self._stop, self._radius, self._plane)
         lines = zip(self.row_blocks, self._coarse_coverage(), strict=True)
         return [self._find_segments(fine, rows, line) for rows, line in lines]
@@ -72,7 +75,7 @@ class BlockwiseStopMask:
         return np.asarray(coverage(self._stop, self._radius, coarse).numpy())
 
     def _sample_position(self, axis: int, number: int) -> float:
-        """Return the position of a sample of the lens grid along an axis, in metres."""
+        """Return where a sample of the chain's lens grid lies along an axis, in metres."""
         plane = self._plane
         return (number - plane.shape[axis] // 2) * plane.pitch[axis] + float(plane.centre[axis])
 
@@ -92,7 +95,10 @@ class BlockwiseStopMask:
         return found
 
     def apply(self, field: torch.Tensor, block: int) -> None:
-        """Multiply a block of the field (rows, columns) by the stop's open share, in place."""
+        """Multiply a block of the chain's lens field by the stop's open share, in place.
+
+        The block has the shape (rows, columns).
+        """
         for segment in self.segments_by_block[block]:
             part = field[:, segment.first : segment.last]
             if segment.share is None:
@@ -103,7 +109,10 @@ class BlockwiseStopMask:
                 parts.mul_(segment.share.to(field.device)[..., None])
 
     def open_power(self, field: torch.Tensor, block: int) -> float:
-        """Sum |field|² over the open part of a block (rows, columns)."""
+        """Sum ``|field|²`` of a block of the chain's lens grid over the open part of the stop.
+
+        The block has the shape (rows, columns).
+        """
         light = field.real**2 + field.imag**2
         total = float(light.sum(dtype=torch.float64))
         for segment in self.segments_by_block[block]:

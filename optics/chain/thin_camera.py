@@ -12,7 +12,9 @@ from optics.stop.aperture import Circle, Point, Polygon, Shape, Stop
 def collapse_to_thin_camera(
     camera: Camera, distance: Scalar, field: tuple[Scalar, Scalar] = (0.0, 0.0)
 ) -> Camera:
-    """Return a camera with a thin lens in the panel's plane that has the same ray matrix.
+    """Return a thin lens at the panel with the same ray matrix as the chain.
+
+    The result is a camera whose lens stands in the panel's plane.
 
     distance: metres from the object to the panel. field: metres (y, x) on the sensor from the
     axis to its image.
@@ -65,7 +67,9 @@ def collapse_to_thin_camera(
 
 
 def _shift_stop(stop: Stop, shift: Point) -> tuple[float, Stop]:
-    """Shift a stop, in stop radii, and scale it to a radius of 1 around the axis again.
+    """Shift the stop of a collapsed chain, and scale it to a radius of 1 around the axis.
+
+    Lengths are in stop radii.
 
     Returns the radius before scaling, and the stop.
     """

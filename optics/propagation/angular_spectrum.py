@@ -75,12 +75,15 @@ class AngularSpectrum(BandLimitedAngularSpectrum):
         return resolved_band(self.span)
 
     def _count(self, steps: float) -> int:
-        """Return the number of an FFT's frequencies, where both ends of the band coincide."""
+        """Return the number of the propagator's FFT frequencies, where both band ends coincide."""
         return max(round(steps), 1)
 
 
 def common_multiple(first: float, second: float) -> float:
-    """Return the least common multiple of two pitches up to 64 times the first, or 0."""
+    """Return the least common multiple of two pitches of a propagation, or 0.
+
+    It is at most 64 times the first pitch.
+    """
     for parts in range(1, 65):
         ratio = parts * first / second
         if abs(ratio - round(ratio)) < 1e-12 * ratio and round(ratio):

@@ -34,9 +34,10 @@ from optics.propagation.transfer_function import PlaneWaveRays
 
 
 def edge_exponent(epsilon: float) -> float:
-    """Return the exponent L at which all edges of the frequency band together cost `epsilon`.
+    """Return the exponent L at which the propagation band's edges together cost `epsilon`.
 
-    It is 1 at least, because the estimate holds from there on.
+    All edges of the frequency band count. The exponent is 1 at least, because the estimate holds
+    from there on.
     """
     # Four edges and a circle count twice: for light that is removed, and for light from replicas.
     edges = 10
@@ -73,14 +74,14 @@ class FrequencyTaper:
 
     @property
     def stop_frequency(self) -> float:
-        """Return the frequency from which on the taper passes no light."""
+        """Return the frequency from which on the propagation's taper passes no light."""
         return self.centre + self.delta
 
     @property
     def end(self) -> float:
-        """Return the frequency at which the taper's step has fallen to a twentieth of epsilon.
+        """Return where the propagation taper's step has fallen to a twentieth of epsilon.
 
-        It follows from erfc(t) ~ exp(-t²) / (t sqrt(pi)).
+        The result is a frequency. It follows from erfc(t) ~ exp(-t²) / (t sqrt(pi)).
         """
         return self.centre + math.sqrt(2 * math.log(2 / self.epsilon)) * self.sigma
 
@@ -109,12 +110,12 @@ class AxisBand:
 
     @property
     def largest_passed_frequency(self) -> float:
-        """Return the largest frequency that passes the band along this axis."""
+        """Return the largest frequency that the propagation's band passes along this axis."""
         return max(map(abs, self.passband))
 
     @property
     def largest_target_frequency(self) -> float:
-        """Return the largest frequency of light that reaches the target along this axis."""
+        """Return the largest frequency of light propagated to the target along this axis."""
         low, high = self.passband
         if self.above:
             high = min(high, self.above.last_full_frequency)
@@ -148,18 +149,20 @@ class FrequencyBand:
 
     @property
     def largest_target_frequency(self) -> float:
-        """Return the largest modulus of a frequency whose light reaches the target."""
+        """Return the largest modulus of a frequency that propagates to the target."""
         return math.hypot(*(axis.largest_target_frequency for axis in self.axes))
 
     @property
     def largest_frequency(self) -> float:
-        """Return the largest modulus of a frequency in the band."""
+        """Return the largest modulus of a frequency in the propagation's band."""
         corner = math.hypot(*(axis.largest_passed_frequency for axis in self.axes))
         return min(corner, self.radial.stop_frequency) if self.radial else corner
 
 
 def resolved_band(span: FreeSpaceSpan) -> FrequencyBand:
-    """Return the band of all frequencies that a smooth field's samples resolve, without a taper.
+    """Return the propagation's band of all frequencies that a smooth field's samples resolve.
+
+    It has no taper.
 
     Raises ToleranceError if some rays of the field are grazing.
     """
@@ -173,7 +176,9 @@ def resolved_band(span: FreeSpaceSpan) -> FrequencyBand:
 
 
 def target_band(span: FreeSpaceSpan, epsilon: float) -> FrequencyBand:
-    """Return the band of frequencies whose rays reach the target, with smooth tapers beyond.
+    """Return the band of frequencies that propagate to the target, with tapers beyond.
+
+    These are the frequencies whose rays reach the target; the tapers are smooth.
 
     epsilon: largest share of the source's light that may be lost or come from replicas.
     Raises ToleranceError if some rays to the target are grazing.
@@ -204,7 +209,10 @@ class _TargetBands:
     epsilon: float
 
     def taper_above(self, edge: float, outward: bool) -> FrequencyTaper:
-        """Return the taper above a frequency, for the least slope of the rays beyond it."""
+        """Return the propagation's taper above a frequency, for the least slope of the rays.
+
+        It is the least slope of the rays beyond that frequency.
+        """
         slowest = min(max(edge, 0.0), 0.999999 * self.rays.grazing_frequency) if outward else 0.0
         return FrequencyTaper(edge, self.rays.ray_slope(slowest, self.near), self.epsilon)
 
@@ -223,7 +231,7 @@ class _TargetBands:
         return self._within_field_band(band.mirror_image if backwards else band, axis)
 
     def _taper_beyond_tangent(self, tangent: float, across: float) -> FrequencyTaper:
-        """Return the taper beyond the frequency of rays with a given tangent.
+        """Return the propagation's taper beyond the frequency of rays with a given tangent.
 
         If the tangent isn't positive, an oblique wave reaches it with a frequency of smaller
         modulus.
@@ -233,7 +241,7 @@ class _TargetBands:
         return self.taper_above(self.rays.frequency(tangent, across), outward=False)
 
     def _within_field_band(self, band: AxisBand, axis: int) -> AxisBand:
-        """Return the part of a band that lies in the field's own band."""
+        """Return the part of a propagation's band that lies in the field's own band."""
         span = self.span
         least = span.carrier[axis] - span.half_bandwidths[axis]
         most = span.carrier[axis] + span.half_bandwidths[axis]
@@ -251,7 +259,7 @@ def _rays(span: FreeSpaceSpan) -> PlaneWaveRays:
 
 
 def _target_tangents(span: FreeSpaceSpan, axis: int) -> tuple[float, float]:
-    """Return the least and the largest tangent of the rays from source to target."""
+    """Return the least and largest tangent of the rays propagated from source to target."""
     low, high = span.source_extent(axis)
     places = [(corner[axis], abs(corner[2])) for corner in span.numeric.target_corners]
     return min((p - high) / z for p, z in places), max((p - low) / z for p, z in places)
@@ -263,7 +271,10 @@ def _with_period(
     radial: FrequencyTaper | None,
     epsilon: float,
 ) -> FrequencyBand:
-    """Return a frequency band with the period at which no replica's light reaches the target."""
+    """Return a propagation band with the period at which no replica reaches the target.
+
+    No replica's light reaches the target at this period.
+    """
     band = FrequencyBand(axes, radial, (math.inf, math.inf), epsilon)
     rays = _rays(span)
     if not band.largest_frequency < rays.grazing_frequency * (1 - 1e-9):
@@ -278,7 +289,10 @@ def _with_period(
 
 
 def _period(span: FreeSpaceSpan, band: FrequencyBand, rays: PlaneWaveRays, axis: int) -> float:
-    """Return the least period of the source's replicas whose light misses the target's corners."""
+    """Return the least period of the propagation's replicas whose light misses the target.
+
+    The replicas are the source's; their light misses the target's corners.
+    """
     n = span.numeric
     low, high = band.axes[axis].passband
     if n.distance < 0:
@@ -298,7 +312,10 @@ def _period(span: FreeSpaceSpan, band: FrequencyBand, rays: PlaneWaveRays, axis:
 def _largest_tangent(
     band: FrequencyBand, rays: PlaneWaveRays, axis: int, frequency: float
 ) -> float:
-    """Return the largest tangent along an axis of rays up to a frequency in the band."""
+    """Return the largest ray tangent along an axis, up to a frequency the propagation keeps.
+
+    The frequency lies in the band.
+    """
     if frequency <= 0:
         return rays.tangent(frequency)
     left = math.sqrt(max(band.largest_frequency**2 - frequency**2, 0.0))

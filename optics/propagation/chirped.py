@@ -121,7 +121,10 @@ class ChirpedTransform:
         return _ChirpWaves(waves[0], waves[1])
 
     def _axis_waves(self, axis: int, scale: torch.Tensor) -> WavePairs:
-        """Compute the chirps before and after the transform along an axis, for every node."""
+        """Compute the propagator's chirps before and after the transform, for every node.
+
+        They are those along one axis.
+        """
         source, target = self._source, self._target
         x = source.coordinates(axis) - source.centre[axis]
         way = target.coordinates(axis) - source.centre[axis]
@@ -143,7 +146,10 @@ class ChirpedTransform:
     def _stretch_and_shift(
         self,
     ) -> tuple[torch.Tensor | None, tuple[torch.Tensor, torch.Tensor] | None]:
-        """Return the stretch and the shift of the Fourier transform that carry the derivatives."""
+        """Return the propagator's stretch and shift of the transform that carry derivatives.
+
+        The transform is the Fourier transform.
+        """
         if not (self.differentiable and torch.is_grad_enabled()):
             return None, None
         centre, scale = self._target.centre, self._scale
@@ -188,7 +194,7 @@ class ChirpedPropagator(ParaxialPropagator):
             step.prepare()
 
     def _taper_ends(self, field: torch.Tensor) -> torch.Tensor:
-        """Taper a field on an intermediate plane towards its ends."""
+        """Taper a propagated field on an intermediate plane towards its ends."""
         return field
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
@@ -218,7 +224,7 @@ class _ChirpWaves:
 
     @property
     def adjoint(self) -> _ChirpWaves:
-        """Return the chirp factors of the adjoint transform."""
+        """Return the chirp factors of the propagator's adjoint transform."""
         y, x = ([(b.conj(), a.conj()) for a, b in axis] for axis in (self.y, self.x))
         return _ChirpWaves(y, x)
 
@@ -226,7 +232,7 @@ class _ChirpWaves:
 def _sum_terms(
     waves: _ChirpWaves, field: torch.Tensor, transform: Callable[[torch.Tensor], torch.Tensor]
 ) -> torch.Tensor:
-    """Sum the chirped transforms of a field over all pairs of envelope nodes."""
+    """Sum a propagator's chirped transforms of a field over all pairs of envelope nodes."""
     terms = (
         transform(field * before_y[:, None] * before_x) * after_y[:, None] * after_x
         for before_y, after_y in waves.y
@@ -236,14 +242,17 @@ def _sum_terms(
 
 
 def _chebyshev_nodes(x: torch.Tensor, count: int) -> list[float]:
-    """Return `count` Chebyshev nodes in the range of x."""
+    """Return `count` Chebyshev nodes in the range of x for the propagator's envelope."""
     low, high = float(x.min()), float(x.max())
     angles = (2 * np.arange(count) + 1) * math.pi / (2 * count)
     return ((low + high) / 2 + (high - low) / 2 * np.cos(angles)).tolist()
 
 
 def _lagrange_weights(x: torch.Tensor, nodes: list[float]) -> list[torch.Tensor]:
-    """Evaluate the Lagrange polynomials of the nodes, each 1 at one node and 0 at the others."""
+    """Evaluate the Lagrange polynomials of the propagator's envelope nodes.
+
+    Each is 1 at one node and 0 at the others.
+    """
     if float(x.max()) == float(x.min()):
         return [torch.full_like(x, 1 / len(nodes)) for _ in nodes]
     found = []
@@ -254,7 +263,9 @@ def _lagrange_weights(x: torch.Tensor, nodes: list[float]) -> list[torch.Tensor]
 
 
 def envelope_error(turn: float, nodes: int) -> float:
-    """Return the relative L2 error of a cell envelope that is interpolated between nodes.
+    """Return the propagator's L2 error from a cell envelope interpolated between nodes.
+
+    It is relative.
 
     turn: phase in radians of the source's chirp across its outermost cells. The chirp of a cell
     with phase u is exp(i u d), |d| < 1/2. Lagrange interpolation of it between Chebyshev nodes from
@@ -267,7 +278,10 @@ def envelope_error(turn: float, nodes: int) -> float:
 
 
 def envelope_node_count(turn: float, error: float, most: int) -> int:
-    """Return the fewest envelope nodes that keep an error; 0 if more than `most` are needed."""
+    """Return the fewest envelope nodes that keep a propagator's error, or 0.
+
+    0 means that more than `most` are needed.
+    """
     for nodes in range(1, most + 1):
         # The interpolation along the other axis multiplies the error by its Lebesgue constant,
         # which is below 3.

@@ -163,7 +163,9 @@ class FreeSpace:
         return self._propagator.name
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one call by the first plan, in seconds.
+        """Predict the processor time of one propagation by the first plan, in seconds.
+
+        It is that of one call.
 
         `speed` is that of the machine. After a call with a dim target, `account.cpu_predicted`
         includes the time of the tighter plans as well.
@@ -238,7 +240,10 @@ class FreeSpace:
     def _check_smooth_field(
         self, promise: SmoothFieldCheck, field: torch.Tensor, light: torch.Tensor
     ) -> None:
-        """Refuse a field that isn't smooth; for a smooth one, store the paraxial model's error."""
+        """Refuse to propagate a field that isn't smooth; store a smooth one's paraxial error.
+
+        It is the error of the paraxial model.
+        """
         spectrum = promise.checked_spectrum(field, light)
         if self.span.paraxial:
             how = "estimate: paraxial, over the field's spectrum; a scalar wave"
@@ -248,7 +253,7 @@ class FreeSpace:
     @accepts_numpy
     @in_full_precision
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose of the call, from the target's samples to the source's."""
+        """Apply the conjugate transpose of the propagation, from target to source samples."""
         field = self._validate_field(field, self.span.target, "field")
         self._require_unchanged()
         field, _, peak = normalise_strength(field, require_finite_power("field", field))
@@ -277,7 +282,10 @@ class FreeSpace:
         return done.reshape(*batch, *done.shape[-2:])
 
     def _least_light_share(self, answer: torch.Tensor, light: torch.Tensor) -> float:
-        """Return the least share of light that any field sends to the target; 1 if all are dark."""
+        """Return the least share of light that propagates to the target; 1 if all are dark.
+
+        It is that of any field in the batch.
+        """
         y, x = self.span.target.pitch
         found = power_shares(field_power(answer) * (y * x), light)
         # NaN ends the search for a plan, because no plan keeps such a tolerance.
@@ -311,10 +319,11 @@ class FreeSpace:
     def _dim_target_error(
         self, last: Propagator, share: float, why: ToleranceError
     ) -> ToleranceError:
-        """Return the ToleranceError for a dim target, with the least tolerance that can be kept.
+        """Return a ToleranceError for propagation to a dim target, naming the least tolerance.
 
-        It follows from the floor of all plans, or from the tolerance that the last plan kept. It
-        isn't known where the result is no larger than the plan's error.
+        The least tolerance that can be kept follows from the floor of all plans, or from the
+        tolerance that the last plan kept. It isn't known where the result is no larger than the
+        plan's error.
         """
         planned = last.span.tol if why.floor is None else why.floor
         found = math.sqrt(share) > 2 * (last.error.value + last.arithmetic)
@@ -337,7 +346,10 @@ class FreeSpace:
         )
 
     def _require_unchanged(self) -> None:
-        """Raise ValueError if a tensor length of the span has changed since it was planned."""
+        """Raise ValueError if a tensor length of the free space has changed since it was planned.
+
+        The lengths are those of the span.
+        """
         if self.span.has_tensor_lengths:
             lengths = ("distance", "wavelength", "target")
             require_unchanged_attributes(

@@ -26,7 +26,9 @@ _PART = 1 << 18
 
 
 def mean_chirp(place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
-    """Return the mean over |u| < width / 2 of the chirp exp(i pi (u² + 2 u place)), complex128.
+    """Return the mean of a Fresnel propagation's chirp over an interval, complex128.
+
+    It is the mean over ``|u| < width / 2`` of the chirp exp(i pi (u² + 2 u place)).
 
     place: real tensor. width: 0-d tensor, positive. This mean is an interval's Fresnel integral
     after division by its width and by the chirp at its centre. With v = u + place,
@@ -64,7 +66,10 @@ class _MeanChirp(torch.autograd.Function):
 
 
 def _mean_chirps(place: _Reals, width: float) -> _Complexes:
-    """Compute mean_chirp() for a list of places, in blocks of bounded size."""
+    """Compute mean_chirp() of Fresnel propagation for a list of places, block by block.
+
+    The blocks have a bounded size.
+    """
     means = np.empty(place.size, dtype=np.complex128)
     for start in range(0, place.size, _PART):
         t = np.abs(place[start : start + _PART])
@@ -78,7 +83,7 @@ def _mean_chirps(place: _Reals, width: float) -> _Complexes:
 
 
 def _mean_by_quadrature(t: _Reals, width: float) -> _Complexes:
-    """Compute mean_chirp() of short intervals by Gauss-Legendre quadrature."""
+    """Compute mean_chirp() of short propagation intervals by Gauss-Legendre quadrature."""
     total = np.zeros(t.size, dtype=np.complex128)
     for node, weight in zip(_NODES * width / 2, _WEIGHTS / 2, strict=True):
         total += weight * np.exp(1j * math.pi * node * (node + 2 * t))
@@ -86,7 +91,7 @@ def _mean_by_quadrature(t: _Reals, width: float) -> _Complexes:
 
 
 def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
-    """Compute mean_chirp() of long intervals from the integrals beyond both ends.
+    """Compute mean_chirp() of long propagation intervals from the integrals beyond both ends.
 
     For t < width / 2, the near end of the interval is on the other side of the chirp's centre.
     """
@@ -99,19 +104,24 @@ def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
 
 
 def _scaled_tail_integral(t: _Reals) -> _Complexes:
-    """Return exp(-i pi t²) times the Fresnel integral of exp(i pi v²) from t >= 0 to infinity."""
+    """Return the scaled Fresnel propagation integral from t >= 0 to infinity.
+
+    It is exp(-i pi t²) times the Fresnel integral of exp(i pi v²).
+    """
     values = np.asarray(wofz(_ROOT_I * math.sqrt(math.pi) * t), dtype=np.complex128)
     return 0.5 * _ROOT_I * values
 
 
 def _phasor(half_turns: _Reals) -> _Complexes:
-    """Return exp(i pi half_turns)."""
+    """Return the propagation phasor exp(i pi half_turns)."""
     angle = math.pi * (half_turns - 2 * np.round(half_turns / 2))
     return np.cos(angle) + 1j * np.sin(angle)
 
 
 def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
-    """Return the paraxial field of a cell along one axis, over that of a point at its centre.
+    """Return a cell's paraxially propagated field along an axis, relative to a point's.
+
+    The point is at the cell's centre.
 
     offset: metres from the cell's centre to the target. side: metres. scale: wavelength times
     distance in square metres, not 0; a 0-d tensor. The result is the mean of
@@ -123,7 +133,7 @@ def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> tor
 
 
 def cell_kernel(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
-    """Return the paraxial field along one axis of a cell of amplitude 1.
+    """Return the paraxially propagated field along one axis of a cell of amplitude 1.
 
     It is the integral of exp(i pi (offset - d)² / scale) / sqrt(i scale) over |d| < side / 2. The
     field of a rectangle is the product of two such kernels, one along each axis.
@@ -132,7 +142,7 @@ def cell_kernel(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch
 
 
 def point_kernel(offset: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
-    """Return the paraxial impulse response along one axis.
+    """Return the impulse response of paraxial propagation along one axis.
 
     It is exp(i pi offset² / scale) / sqrt(i scale).
     """
@@ -144,7 +154,7 @@ def point_kernel(offset: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
 def band_kernel(
     offset: torch.Tensor, pitch: float, carrier: float, scale: torch.Tensor
 ) -> torch.Tensor:
-    """Return the paraxial field along one axis of one sample of a band-limited field.
+    """Return the paraxially propagated field of one band-limited sample along one axis.
 
     It is pitch times the integral of exp(-i pi scale f² + 2 pi i f offset) over the frequencies f
     within 0.5 / pitch of the carrier, which is a Fresnel integral over the spectrum.

@@ -60,7 +60,9 @@ class FresnelMatrices(ParaxialPropagator):
         self._cached_matrices: tuple[torch.Tensor, torch.Tensor] | None = None
 
     def _turns(self) -> float:
-        """Return the kernel's largest phase in turns, between the two most distant points.
+        """Return the largest phase of the propagation kernel in turns, for the farthest points.
+
+        They are the two most distant points.
 
         The phase of a smooth field is limited by the field's own fringes.
         """
@@ -82,7 +84,7 @@ class FresnelMatrices(ParaxialPropagator):
         return band_kernel(way, span.source.pitch[axis], span.carrier[axis], scale)
 
     def _matrix(self, axis: int) -> torch.Tensor:
-        """Compute the Fresnel matrix (target samples, source samples) along an axis."""
+        """Compute the Fresnel propagation matrix (target samples, source samples) along an axis."""
         source, target = self.span.source, self.span.target
         pitch = source.pitch[axis]
         m, n = target.shape[axis], source.shape[axis]
@@ -97,7 +99,10 @@ class FresnelMatrices(ParaxialPropagator):
         return torch.cat(parts)
 
     def _toeplitz_matrix(self, axis: int) -> torch.Tensor:
-        """Compute the Fresnel matrix of planes of equal pitch, from one value for each lag."""
+        """Compute the Fresnel propagation matrix for equal pitches, from one value per lag.
+
+        Both planes have the same pitch; there is one value for each lag.
+        """
         source, target = self.span.source, self.span.target
         m, n = target.shape[axis], source.shape[axis]
         lag = torch.arange(m + n - 1, dtype=torch.float64) - (n - 1) + n // 2 - m // 2

@@ -56,7 +56,10 @@ class SingleFresnel(ChirpedPropagator):
 
 
 def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
-    """Raise ToleranceError if a replica of a smooth field's spectrum sends light to the target."""
+    """Raise ToleranceError if a replica of a propagated field sends light to the target.
+
+    It is a replica of a smooth field's spectrum.
+    """
     n = span.numeric
     for axis in (0, 1):
         band, reach, pitch = (
@@ -77,7 +80,7 @@ def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
 def plan_cell_sampling(
     span: FreeSpaceSpan, scale: float, error: float
 ) -> tuple[CellSampling, float]:
-    """Return the envelope nodes that cells need in a Fresnel transform, and the resulting error.
+    """Return the envelope nodes for cells in Fresnel propagation, and the resulting error.
 
     scale: wavelength times distance of the transform, square metres. error: the error allowed.
     Raises ToleranceError if the chirp varies too fast across the outermost cells.

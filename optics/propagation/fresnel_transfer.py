@@ -20,7 +20,10 @@ class FresnelTransfer(ScaledAngularSpectrum):
     paraxial = True
 
     def _build_filter(self, frequencies: Plane) -> torch.Tensor:
-        """Compute the filter W along y and along x, concatenated to one vector."""
+        """Compute the Fresnel propagation's filter W along y and along x, in one vector.
+
+        The two parts are concatenated.
+        """
         y, x = (frequencies.coordinates(axis) for axis in (0, 1))
         zero = torch.zeros(1, dtype=torch.float64)
         down = self._transfer(y, zero) * self._weight(frequencies, 0)

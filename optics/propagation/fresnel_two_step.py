@@ -127,7 +127,10 @@ class TwoStepFresnel(ChirpedPropagator):
     def _cheapest_plane(
         self,
     ) -> tuple[float, tuple[IntermediateAxis, IntermediateAxis], CellSampling | None]:
-        """Return the position of the cheapest intermediate plane, its samples, and cell nodes."""
+        """Return the cheapest intermediate plane of two-step propagation.
+
+        The result holds the plane's position, its samples, and the cell nodes.
+        """
         n, best = self._paraxial_span.numeric, math.inf
         found: (
             tuple[float, tuple[IntermediateAxis, IntermediateAxis], CellSampling | None] | None
@@ -161,7 +164,7 @@ class TwoStepFresnel(ChirpedPropagator):
     def _plane_at(
         self, part: float
     ) -> tuple[tuple[IntermediateAxis, IntermediateAxis], CellSampling | None] | None:
-        """Plan the intermediate plane at a part of the distance; return None if it isn't valid."""
+        """Plan a propagation's intermediate plane at a part of the distance, or None if invalid."""
         n, cells = self._paraxial_span.numeric, None
         if n.cells is not None:
             try:
@@ -183,7 +186,7 @@ class TwoStepFresnel(ChirpedPropagator):
         return IntermediateAxis(low, high, pitch, below, above)
 
     def _turns(self, part: float, axes: tuple[IntermediateAxis, IntermediateAxis]) -> float:
-        """Return the largest phase of the chirps of both steps, in turns."""
+        """Return the largest phase of the chirps of both propagation steps, in turns."""
         n = self._paraxial_span.numeric
         most = 0.0
         for axis, between in enumerate(axes):
@@ -225,7 +228,10 @@ class _IntermediateLight:
         self.window = self._find_window()
 
     def _smooth_light_interval(self, part: float) -> Interval | None:
-        """Return where a smooth field's light is at a part of the distance; None for cells."""
+        """Return where a smooth field's light is after propagation by a part of the distance.
+
+        The result is None for cells.
+        """
         span, axis = self._span, self._axis
         if span.cells is not None:
             return None
@@ -239,7 +245,10 @@ class _IntermediateLight:
     def _find_window(
         self,
     ) -> tuple[float, float, tuple[float, float] | None, tuple[float, float] | None] | None:
-        """Return the ends of the intermediate plane and its tapers; None if it isn't valid."""
+        """Return the ends of the propagation's intermediate plane and its tapers, or None.
+
+        None if the plane isn't valid.
+        """
         part = self._part
         through = [a + part * (b - a) for a in self._source for b in self._target]
         low = min(through) - self._dark_margin - self._step_width
@@ -255,7 +264,10 @@ class _IntermediateLight:
         return left, right, below if left == low else None, above if right == high else None
 
     def _replicas_miss_window(self, low: float, high: float) -> bool:
-        """Return whether the replicas of the source's samples miss the intermediate plane."""
+        """Return whether the source's replicas miss the propagation's intermediate plane.
+
+        They are the replicas of the source's samples.
+        """
         span, axis = self._span, self._axis
         scale = self._part * span.scale
         ways = (low - self._source[1], high - self._source[0])
@@ -270,7 +282,10 @@ class _IntermediateLight:
 
     @property
     def target_interval(self) -> Interval:
-        """Return the part of the target's plane that the intermediate plane's light reaches."""
+        """Return the part of the target to which the intermediate plane's light propagates.
+
+        It lies in the target's plane.
+        """
         assert self.window is not None
         part = self._part
         low, high, below, above = self.window
@@ -283,13 +298,19 @@ class _IntermediateLight:
 
 
 def _target_ends(span: FreeSpaceSpan, axis: int) -> Interval:
-    """Return the positions of the target's first and last sample along an axis, metres."""
+    """Return the positions of the propagation target's end samples on an axis, in metres.
+
+    They are those of the first and last sample.
+    """
     places = [corner[axis] for corner in span.target_corners]
     return min(places), max(places)
 
 
 def _sampled_plane(axes: tuple[IntermediateAxis, IntermediateAxis]) -> Plane:
-    """Return the intermediate plane, with a number of samples along each axis that suits FFTs."""
+    """Return the propagation's intermediate plane, with sample counts that suit FFTs.
+
+    There is one count for each axis.
+    """
     shape, pitch, centre = [], [], []
     for axis in axes:
         count = scipy.fft.next_fast_len(axis.count)
@@ -301,6 +322,9 @@ def _sampled_plane(axes: tuple[IntermediateAxis, IntermediateAxis]) -> Plane:
 
 
 def _chirp_z_operations(source: tuple[int, int], target: tuple[int, int]) -> float:
-    """Estimate the operations of a chirp-Z transform, to compare intermediate planes."""
+    """Estimate the operations of a propagator's chirp-Z transform, to compare planes.
+
+    The planes are intermediate ones.
+    """
     rows, columns = (chirp_length(n, m) for n, m in zip(source, target, strict=True))
     return source[1] * fft_operations(rows) + target[0] * fft_operations(columns)

@@ -8,7 +8,7 @@ from optics.validation import require_finite
 
 
 def sum_squared_modulus(field: torch.Tensor) -> torch.Tensor:
-    """Return the sum of |u|² of each field (..., rows, columns), float64.
+    """Return the sum of ``|u|²`` of each propagated field (..., rows, columns), float64.
 
     The squares are computed in the precision of the field.
     """
@@ -17,7 +17,10 @@ def sum_squared_modulus(field: torch.Tensor) -> torch.Tensor:
 
 
 def field_power(field: torch.Tensor) -> torch.Tensor:
-    """Return the power of each field (..., rows, columns): the sum of |u|², float64."""
+    """Return the power of each propagated field: the sum of ``|u|²``, float64.
+
+    The fields have the shape (..., rows, columns).
+    """
     light = sum_squared_modulus(field)
     if field.dtype == torch.complex128 or _suits_single_precision(light):
         return light
@@ -26,7 +29,7 @@ def field_power(field: torch.Tensor) -> torch.Tensor:
 
 
 def require_finite_power(name: str, field: torch.Tensor) -> torch.Tensor:
-    """Return the power of a field, and raise ValueError if it has NaN or infinite values.
+    """Return the power of a field to propagate; raise ValueError for NaN or infinite values.
 
     Any such value changes the sum, so the values are checked only where the sum is unusual.
     """
@@ -39,7 +42,9 @@ def require_finite_power(name: str, field: torch.Tensor) -> torch.Tensor:
 def normalise_strength(
     field: torch.Tensor, light: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
-    """Rescale fields for single precision; return them, their power, and the factor that undoes it.
+    """Rescale fields for propagation in single precision, and return the factor to undo it.
+
+    Returns the fields, their power, and the factor.
 
     light: field_power() of the field. If the power of every field suits single precision, nothing
     is changed and the factor is None. Otherwise each field that isn't dark is divided by its
@@ -55,7 +60,7 @@ def normalise_strength(
 
 
 def power_shares(part: torch.Tensor, light: torch.Tensor) -> list[float]:
-    """Return the ratio part / light for each field that isn't dark.
+    """Return the ratio part / light for each propagated field that isn't dark.
 
     The result is a list, because that is faster than a tensor for a few numbers.
     """
@@ -70,7 +75,7 @@ def _as_list(values: torch.Tensor) -> list[float]:
 
 
 def _suits_single_precision(light: torch.Tensor) -> bool:
-    """Return whether the power of every field suits computations in single precision."""
+    """Return whether every field's power suits propagation in single precision."""
     # Within these limits a field's spectrum, its kernels and their squares stay far from the ends
     # of single precision, 1e-38 and 1e38.
     return all(1e-20 < one < 1e20 for one in _as_list(light))

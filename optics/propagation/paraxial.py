@@ -14,10 +14,11 @@ from optics.propagation.transfer_function import paraxial_phase_error
 
 
 def paraxial_model_error(span: FreeSpaceSpan, frequency: float) -> float:
-    """Return the error of the paraxial model for frequencies up to `frequency`, cycles per metre.
+    """Return the error of paraxial propagation for frequencies up to `frequency`, cycles/m.
 
-    It is 0 for a span whose declared model is paraxial. Raises ToleranceError where the paraxial
-    phase error of a scalar wave exceeds its share of the tolerance.
+    The error of the paraxial model is 0 for a span whose declared model is paraxial. Raises
+    ToleranceError where the paraxial phase error of a scalar wave exceeds its share of the
+    tolerance.
     """
     n = span.numeric
     if n.paraxial:
@@ -47,7 +48,9 @@ class ParaxialPropagator(Propagator):
 
 
 def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
-    """Return the largest frequency at which a Fresnel kernel's phase matters, cycles per metre.
+    """Return the largest frequency at which a Fresnel propagator's phase matters, cycles/m.
+
+    It is the phase of the Fresnel kernel.
 
     The next term of the phase, c f⁴, adds c times (D_y² + D_x²)² h to the kernel h, with
     D = d/dx / (2 pi i). On the chirp exp(i pi x² / scale), D² is f² + 1 / (2 pi i scale) and D⁴ is
@@ -64,6 +67,6 @@ def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
 
 
 def kernel_turns(span: FreeSpaceSpan) -> float:
-    """Return the phase in turns of the paraxial kernel between the two most distant points."""
+    """Return the paraxial propagation kernel's phase between the two farthest points, in turns."""
     ways = (max(map(abs, span.lateral_range(axis))) for axis in (0, 1))
     return max(way**2 for way in ways) / (2 * abs(span.numeric.scale))

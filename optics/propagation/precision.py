@@ -17,7 +17,7 @@ It was measured against complex128 and multiplied by a margin of two.
 
 
 def phase_rounding(turns: float) -> float:
-    """Return the rounding error in radians of a float64 phase of `turns` turns."""
+    """Return the rounding error in radians of a float64 propagation phase of `turns` turns."""
     # The relative error of such a phase is half a unit in the last place, twice.
     return 2 * math.pi * turns * 2.3e-16
 

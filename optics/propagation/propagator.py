@@ -53,7 +53,7 @@ class Propagator(CandidateMethod):
         self.span = span
 
     def _require_parallel(self) -> None:
-        """Raise ValueError if source and target plane aren't parallel."""
+        """Raise ValueError if the propagation's source and target plane aren't parallel."""
         if any(self.span.tilt):
             raise ValueError(
                 f"tilt is {self.span.tilt} rad; {self.name} needs parallel planes, a target that "
@@ -82,8 +82,8 @@ class Propagator(CandidateMethod):
 
     @abstractmethod
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        """Compute the field on the target, ``(..., *target.shape)``, of a field on the source."""
+        """Propagate a field from the source to the target, ``(..., *target.shape)``."""
 
     @abstractmethod
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose of `forward`, from the target's samples to the source's."""
+        """Apply the conjugate transpose of propagation, from target to source samples."""

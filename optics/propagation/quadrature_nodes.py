@@ -11,7 +11,9 @@ _RHO = 1 + np.geomspace(1e-3, 1e9, 300)
 
 
 def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int) -> int:
-    """Return the nodes that integrate a spherical wave over a cell; 0 for more than `most`.
+    """Return the nodes that propagate a cell's spherical wave; 0 for more than `most`.
+
+    They integrate a spherical wave over a cell.
 
     The wave is exp(i (h x + b x²)) over |x| < 1, with |h| <= turn and |b| <= bend in radians,
     times an amplitude. error: relative error of the integral. depth: distance of the wave's origin
@@ -32,7 +34,7 @@ def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int)
 
 
 def _phase_nodes(turn: float, bend: float, error: float) -> int:
-    """Return the Gauss-Legendre nodes that the phase of the wave alone needs.
+    """Return the Gauss-Legendre nodes that the propagated wave's phase alone needs.
 
     The error of the mean with n nodes is at most 32 / 15 M rho^(-2n) / (1 - rho^(-2)), for a
     function that is no larger than M on the ellipse of foci ± 1 and semi-axis sum rho (Trefethen

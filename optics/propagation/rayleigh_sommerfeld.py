@@ -114,9 +114,10 @@ class DirectQuadrature(Propagator):
         self.sampling = f"{columns}x{rows} source points"
 
     def _factor(self, axis: int) -> int:
-        """Return the number of points along an axis that replace one sample of the source.
+        """Return the number of points per source sample along an axis in direct propagation.
 
-        They are nodes of a cell, or finer samples of a smooth field.
+        The points replace one sample of the source. They are nodes of a cell, or finer samples of a
+        smooth field.
         """
         n, error = self.span.numeric, TOLERANCE_SHARES.direct * self.span.tol
         most = _SETTINGS.max_points
@@ -137,7 +138,10 @@ class DirectQuadrature(Propagator):
         return factor
 
     def _turns(self) -> float:
-        """Return the kernel's phase in turns between the two most distant points of the planes."""
+        """Return the propagation kernel's phase in turns between the planes' farthest points.
+
+        They are the two most distant points.
+        """
         n = self.span.numeric
         ways = [max(map(abs, n.lateral_range(axis))) for axis in (0, 1)]
         deepest = max(abs(corner[2]) for corner in n.target_corners)
@@ -162,7 +166,7 @@ class DirectQuadrature(Propagator):
         return speed.call + pairs * _SETTINGS.pair_touches * speed.touch
 
     def prepare(self) -> None:
-        """Do nothing, because direct quadrature keeps no kernel between calls."""
+        """Do nothing, because direct propagation keeps no kernel between calls."""
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         points = self._apply_along_axes(self._samples_to_points, field.to(self.dtype))
@@ -187,7 +191,10 @@ class DirectQuadrature(Propagator):
         return field
 
     def _samples_to_points(self, axis: int, field: torch.Tensor) -> torch.Tensor:
-        """Return the field on the quadrature points along an axis, times the length of each."""
+        """Return the field on the propagation's quadrature points along an axis.
+
+        It is multiplied by the length of each point.
+        """
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
         if span.cells is None:
@@ -195,7 +202,10 @@ class DirectQuadrature(Propagator):
         return (field[..., None] * self._weights(axis, field.device)).flatten(-2)
 
     def _points_to_samples(self, axis: int, points: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of _samples_to_points() to values on the quadrature points."""
+        """Apply the adjoint of _samples_to_points() to values on the propagation's points.
+
+        They are the quadrature points.
+        """
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
         if span.cells is None:
@@ -204,13 +214,16 @@ class DirectQuadrature(Propagator):
         return (parts * self._weights(axis, points.device)).sum(-1)
 
     def _weights(self, axis: int, device: torch.device) -> torch.Tensor:
-        """Return the Gauss-Legendre weights of a cell along an axis, in metres."""
+        """Return the Gauss-Legendre weights of a propagated cell along an axis, in metres."""
         assert self.span.cells is not None
         weights = gauss_legendre(self._factors[axis])[1] / 2
         return torch.from_numpy(weights * self.span.cells[axis]).to(device)
 
     def _point_coordinates(self, axis: int) -> torch.Tensor:
-        """Return the coordinates of the source's quadrature points along an axis, metres."""
+        """Return the coordinates of the propagation's source points along an axis, in metres.
+
+        They are the quadrature points.
+        """
         source, factor = self.span.source, self._factors[axis]
         x = source.coordinates(axis)
         if self.span.cells is not None:
@@ -221,7 +234,10 @@ class DirectQuadrature(Propagator):
         return (x[:, None] + inside).flatten()
 
     def _target(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return the positions (y, x, depth) of the target's samples, as flat tensors in metres."""
+        """Return the (y, x, depth) of the propagation's target samples in metres.
+
+        They are flat tensors.
+        """
         target = self.span.target
         y = (target.coordinates(0) - target.centre[0])[:, None].expand(target.shape)
         x = (target.coordinates(1) - target.centre[1])[None, :].expand(target.shape)
@@ -230,7 +246,10 @@ class DirectQuadrature(Propagator):
         return y.reshape(-1), x.reshape(-1), (z * self._sign).reshape(-1)
 
     def _sum(self, values: torch.Tensor, *, adjoint: bool) -> torch.Tensor:
-        """Multiply (points of a plane, fields) by the kernel h or its conjugate transpose."""
+        """Multiply (points of a plane, fields) by the propagation kernel h or its adjoint.
+
+        The adjoint is the conjugate transpose.
+        """
         device = values.device
         target = [p.to(device) for p in self._target()]
         source_y, source_x = (self._point_coordinates(axis).to(device) for axis in (0, 1))
@@ -254,7 +273,7 @@ class DirectQuadrature(Propagator):
         return torch.cat(sums)
 
     def _tile(self, values: torch.Tensor, adjoint: bool, *geometry: torch.Tensor) -> torch.Tensor:
-        """Compute one tile of the kernel times its values, and again for derivatives."""
+        """Compute one tile of the propagation kernel times its values, again for derivatives."""
         if torch.is_grad_enabled() and any(t.requires_grad for t in (values, *geometry)):
             part: torch.Tensor = checkpoint(
                 self._product, values, adjoint, *geometry, use_reentrant=False
@@ -278,7 +297,7 @@ class DirectQuadrature(Propagator):
 
 
 def _tiles(targets: int, rows: int, lines: int, adjoint: bool) -> tuple[list[slice], list[slice]]:
-    """Split target samples and source rows into the tiles of a direct quadrature.
+    """Split target samples and source rows into tiles of direct propagation.
 
     The first list contains the slices of the result's plane, the second those of the plane that is
     summed over.

@@ -25,7 +25,7 @@ Interval = tuple[float, float]
 
 
 def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float]:
-    """Return two widths of a smooth step in the spectrum of a propagated field, cycles per metre.
+    """Return two widths of a smooth step in a propagated field's spectrum, cycles per metre.
 
     The first is the distance from the step's centre to its end, the second to where it passes no
     light. kappa: dX/df, square metres. room: cycles per metre between the step's centre and the
@@ -41,7 +41,7 @@ def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float
 
 
 def diffraction_margin(kappa: float, band: Interval, pitch: float, epsilon: float) -> float:
-    """Return the margin beyond a frequency band outside which rays carry none of its light.
+    """Return the margin beyond a propagation band outside which rays carry no light of it.
 
     It is in cycles per metre. pitch: metres; replicas of the band are 1 / pitch apart.
     """
@@ -51,7 +51,7 @@ def diffraction_margin(kappa: float, band: Interval, pitch: float, epsilon: floa
 def replicas_miss_target(
     band: Interval, pitch: float, reach: Interval, kappa: float, epsilon: float
 ) -> bool:
-    """Return whether no replica of a frequency band has rays that reach the target."""
+    """Return whether no replica of a propagation's band has rays that reach the target."""
     margin = diffraction_margin(kappa, band, pitch, epsilon)
     if not math.isfinite(margin):
         return False
@@ -61,14 +61,20 @@ def replicas_miss_target(
 
 
 def field_band(span: FreeSpaceSpan, axis: int) -> Interval:
-    """Return the least and the largest frequency of a span's smooth field along an axis."""
+    """Return the least and largest frequency of a propagated smooth field along an axis.
+
+    The field is that of the span.
+    """
     return span.carrier[axis] - span.half_bandwidths[axis], span.carrier[
         axis
     ] + span.half_bandwidths[axis]
 
 
 def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
-    """Return the range of ray frequencies from source to target along axis 0 (y) or 1 (x)."""
+    """Return the frequencies of rays that propagate to the target, on axis 0 (y) or 1 (x).
+
+    They are the range of ray frequencies from source to target.
+    """
     n = span.numeric
     depths = [abs(corner[2]) for corner in span.target_corners]
     low, high = span.lateral_range(axis)
@@ -85,17 +91,20 @@ def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
 def _ray_frequency(
     wavelength: float, way: float, depth: float, side: float, paraxial: bool
 ) -> float:
-    """Return the frequency along one axis of the ray with displacement (way, side, depth)."""
+    """Return the frequency along an axis of a propagated ray (way, side, depth).
+
+    These are the parts of its displacement.
+    """
     if paraxial:
         return way / (wavelength * depth)
     return way / (wavelength * math.hypot(way, side, depth))
 
 
 def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: int) -> int:
-    """Return the factor by which a smooth field must be oversampled for a plain sum over samples.
+    """Return the oversampling of a smooth field for propagation as a sum over samples.
 
-    It is 0 if it would exceed `most`. Replicas at frequencies beyond 1 / wavelength are evanescent,
-    so they may miss the target by decay as well.
+    The field must be oversampled by this factor. It is 0 if it would exceed `most`. Replicas at
+    frequencies beyond 1 / wavelength are evanescent, so they may miss the target by decay as well.
     """
     n = span.numeric
     band, reach, pitch = (
@@ -124,6 +133,6 @@ def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: in
 
 
 def _evanescent_decay(frequency: float, wavelength: float, distance: float) -> float:
-    """Return the amplitude that an evanescent wave retains; 1 for a propagating wave."""
+    """Return the amplitude that an evanescent wave retains in free space; 1 if propagating."""
     square = frequency**2 - 1 / wavelength**2
     return math.exp(-2 * math.pi * distance * math.sqrt(square)) if square > 0 else 1.0

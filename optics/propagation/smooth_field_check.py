@@ -31,7 +31,7 @@ class SmoothFieldCheck:
         self._dtype = torch.complex64 if span.tol >= 1e-5 else torch.complex128
 
     def checked_spectrum(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
-        """Return the spectrum of a smooth field at the frequencies along x within its band.
+        """Return the spectrum of a smooth field to propagate, at frequencies along x in its band.
 
         field: (..., rows, columns), rescaled for single precision. light: the sum of |u|² of each.
         Raises ValueError for a field with light beyond its band or at the source's edges.
@@ -57,7 +57,9 @@ class SmoothFieldCheck:
         return spectrum
 
     def _spectrum(self, field: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the field's spectrum, and the sum of |u|² of its light outside carrier ± band.
+        """Return the spectrum of a field to propagate, and its light outside carrier ± band.
+
+        The light is a sum of ``|u|²``.
 
         Light outside the band along x needn't be transformed along y (Parseval's theorem).
         """
@@ -72,7 +74,9 @@ class SmoothFieldCheck:
         return spectrum, beyond
 
     def paraxial_field_error(self, spectrum: torch.Tensor) -> float:
-        """Return the relative L2 error of Fresnel's transfer function for smooth fields.
+        """Return the L2 error of propagation by Fresnel's transfer function for smooth fields.
+
+        It is relative.
 
         spectrum: spectra of the fields, from checked_spectrum(). The result is the largest error of
         all fields; that of a dark field is 0.
@@ -85,7 +89,10 @@ class SmoothFieldCheck:
 
     @cached_property
     def _paraxial_deviation(self) -> torch.Tensor:
-        """Return |H - H'|² of the exact and Fresnel's transfer function at kept frequencies."""
+        """Return ``|H - H'|²`` of the exact and Fresnel's transfer function of free space.
+
+        It is taken at kept frequencies.
+        """
         y, x = (_frequencies(self._span, axis) for axis in (0, 1))
         x = _take_runs(x, self._within_x)
         n = self._span.numeric
@@ -97,13 +104,13 @@ class SmoothFieldCheck:
 
 
 def _true_runs(mask: torch.Tensor) -> list[slice]:
-    """Return slices for the runs in which a mask is true; they are much faster than indices."""
+    """Return slices of runs where a propagation mask is true, which are faster than indices."""
     edges = torch.nonzero(torch.diff(torch.nn.functional.pad(mask.int(), (1, 1))))[:, 0].tolist()
     return [slice(first, last) for first, last in pairwise(edges)][::2]
 
 
 def _take_runs(values: torch.Tensor, runs: list[slice]) -> torch.Tensor:
-    """Return the values whose index in the last dimension lies in one of the runs."""
+    """Return the values of a propagated spectrum whose last index lies in one of the runs."""
     return torch.cat([values[..., run] for run in runs or [slice(0, 0)]], -1)
 
 
@@ -112,7 +119,7 @@ def _format_pair(pair: tuple[float, float]) -> str:
 
 
 def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
-    """Return the light beyond the band that the field's jumps at the source's edges would cause.
+    """Return the light beyond the band from a propagated field's jumps at the source's edges.
 
     The spectrum of a sampled jump is 1 / (2 sin(pi f p)). The integral of its square from the band
     B to the Nyquist rate is cot(pi B p) / (2 pi) per sample. Another 1 / (2 pi) per sample is added
@@ -132,19 +139,22 @@ def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
 
 
 def _frequencies(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Return the FFT's frequencies as the aliases nearest to the span's carrier, cycles/m."""
+    """Return the propagation FFT's frequencies as the aliases nearest the carrier, cycles/m.
+
+    It is the span's carrier.
+    """
     return span.carrier[axis] + _offset_from_carrier(span, axis) / span.source.pitch[axis]
 
 
 def _offset_from_carrier(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Return the aliased difference of the FFT's frequencies from the carrier, turns per sample."""
+    """Return the propagation FFT's frequencies less the carrier, aliased, turns per sample."""
     n, pitch = span.source.shape[axis], span.source.pitch[axis]
     turns = torch.fft.fftfreq(n, dtype=torch.float64) - span.carrier[axis] * pitch
     return turns - torch.round(turns)
 
 
 def _is_within_band(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Return a mask of the FFT's frequencies that lie within a span's carrier ± band."""
+    """Return a mask of the propagation FFT's frequencies within the span's carrier ± band."""
     return _offset_from_carrier(span, axis).abs() <= span.half_bandwidths[axis] * span.source.pitch[
         axis
     ] * (1 + 1e-9)

@@ -113,7 +113,7 @@ class FreeSpaceSpan:
         self._require_resolved()
 
     def _require_resolved(self) -> None:
-        """Raise ValueError if the cells or the band don't fit the source's samples."""
+        """Raise ValueError if cells or band don't fit the samples of a propagation's source."""
         for axis, pitch in enumerate(self.source.pitch):
             name = "yx"[axis]
             if self.cells is not None:
@@ -133,9 +133,9 @@ class FreeSpaceSpan:
 
     @property
     def half_bandwidths(self) -> tuple[float, float]:
-        """Return the field's bandwidth on either side of its carrier, cycles/m along (y, x).
+        """Return the propagated field's bandwidth on either side of its carrier, cycles/m.
 
-        It is infinite for cells, whose edges are sharp.
+        The result is along (y, x). It is infinite for cells, whose edges are sharp.
         """
         if self.cells is not None:
             return (math.inf, math.inf)
@@ -146,22 +146,25 @@ class FreeSpaceSpan:
 
     @property
     def sample_area(self) -> float:
-        """Return the area in square metres that a sample of the source represents."""
+        """Return the area in m² that a sample of the propagation's source represents."""
         y, x = self.source.pitch if self.cells is None else self.cells
         return y * x
 
     @cached_property
     def numeric(self) -> FreeSpaceSpan:
-        """Return the same span with plain numbers instead of tensors."""
+        """Return the same free-space span with plain numbers instead of tensors."""
         return cast(FreeSpaceSpan, to_plain_numbers(self))
 
     @property
     def scale(self) -> Scalar:
-        """Return wavelength times distance in square metres, with the distance's sign."""
+        """Return wavelength times propagation distance in m², with the distance's sign."""
         return self.wavelength * self.distance
 
     def source_extent(self, axis: int) -> tuple[float, float]:
-        """Compute where the source's light begins and ends along axis 0 (y) or 1 (x), metres."""
+        """Compute where the propagation source's light begins and ends along an axis, in metres.
+
+        The axis is 0 (y) or 1 (x).
+        """
         plane = self.numeric.source
         n, pitch = plane.shape[axis], plane.pitch[axis]
         half = (pitch if self.cells is None else self.cells[axis]) / 2
@@ -170,7 +173,10 @@ class FreeSpaceSpan:
 
     @cached_property
     def target_corners(self) -> tuple[tuple[float, float, float], ...]:
-        """Return the positions (y, x, z) of the target's corner samples, metres from the source."""
+        """Return the corner samples (y, x, z) of the propagation's target, in metres.
+
+        They are positions relative to the source.
+        """
         n = self.numeric
         (ny, nx), (py, px) = n.target.shape, n.target.pitch
         ends_y = (-(ny // 2) * py, (ny - 1 - ny // 2) * py)
@@ -178,7 +184,9 @@ class FreeSpaceSpan:
         return tuple(n.target_position(y, x) for y in ends_y for x in ends_x)
 
     def require_target_in_front(self) -> float:
-        """Compute the least distance of a target sample from the source's plane, in metres.
+        """Compute the least propagation distance to a target sample, in metres.
+
+        It is that from the source's plane.
 
         Raises
         ------
@@ -196,7 +204,7 @@ class FreeSpaceSpan:
         return nearest
 
     def target_position(self, y: Any, x: Any) -> tuple[Any, Any, Any]:
-        """Compute the position of points in the target's own plane after its tilt.
+        """Compute the position of points in the propagation target's own plane after its tilt.
 
         Parameters
         ----------
@@ -215,7 +223,9 @@ class FreeSpaceSpan:
         return centre[0] + y * math.cos(a), centre[1] + across, self.distance + depth
 
     def lateral_range(self, axis: int) -> tuple[float, float]:
-        """Compute the least and the largest lateral displacement from source to target, in metres.
+        """Compute the least and largest lateral displacement over a propagation, in metres.
+
+        It is that from source to target.
 
         The displacement is along axis 0 (y) or 1 (x), between any point of the source's light and
         any sample of the target, with its tilt.
@@ -226,12 +236,15 @@ class FreeSpaceSpan:
 
     @property
     def differentiable(self) -> bool:
-        """Return whether a derivative with respect to a length of the span is needed."""
+        """Return whether the propagation needs a derivative in a length of its span."""
         return any(map(needs_gradient, self._scalars))
 
     @cached_property
     def has_tensor_lengths(self) -> bool:
-        """Return whether a length of the span is a tensor, which may change after planning."""
+        """Return whether a length of the propagation is a tensor, which may still change.
+
+        The tensor may change after the propagation was planned.
+        """
         return not all(isinstance(one, (int, float)) for one in self._scalars)
 
     @property

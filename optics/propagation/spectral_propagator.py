@@ -116,14 +116,14 @@ class SpectralPropagator(Propagator):
             raise ValueError(f"{self.name} computes the scalar model: paraxial=False")
 
     def _build_band(self) -> FrequencyBand:
-        """Return the band of frequencies whose rays reach the target.
+        """Return the band of frequencies whose rays the propagator takes to the target.
 
         Raises ToleranceError if some rays are grazing.
         """
         return target_band(replace(self._numeric_span, paraxial=self.paraxial), self._band_loss())
 
     def _candidate_pitches(self) -> list[tuple[float, float]]:
-        """Return the pitches (y, x) in metres for which a plan is tried.
+        """Return the pitches (y, x) in metres for which a propagation plan is tried.
 
         The period of the replicas is made a multiple of the pitch, which allows FFTs.
         """
@@ -133,21 +133,24 @@ class SpectralPropagator(Propagator):
         return cheapest_transform(geometry, self.dtype, self.span)
 
     def _band_loss(self) -> float:
-        """Return the share of the source's light that the frequency band may lose."""
+        """Return the share of the source's light that the propagator's frequency band may lose."""
         return min(TOLERANCE_SHARES.band * self._numeric_span.tol, _SETTINGS.largest_error)
 
     def _double_arithmetic(self) -> float:
-        """Return the relative rounding error in complex128, which grows with the largest phase."""
+        """Return the propagator's relative rounding error in complex128.
+
+        It grows with the largest phase.
+        """
         n = self._numeric_span
         turns = abs(n.distance) * n.wavelength * self.band.largest_frequency**2
         return FLOAT64_ARITHMETIC + 1e-15 * turns
 
     def _transform_error(self) -> float:
-        """Return the error of the two Fourier transforms, without rounding."""
+        """Return the error of the propagator's two Fourier transforms, without rounding."""
         return max(stage.to_spectrum.error + stage.to_target.error for stage in self._parts)
 
     def _plan(self) -> None:
-        """Choose the cheapest period of the replicas, and plan the transforms for it."""
+        """Choose the propagator's cheapest period of replicas, and plan the transforms for it."""
         plans: list[tuple[float, Plane, list[SpectrumPart]]] = []
         refusals: list[ToleranceError] = []
         for pitches in self._candidate_pitches():
@@ -167,7 +170,7 @@ class SpectralPropagator(Propagator):
         return sum(t.cpu_seconds(speed) for s in stages for t in (s.to_spectrum, s.to_target))
 
     def _frequencies(self, pitches: tuple[float, float]) -> Plane:
-        """Return the plane of frequencies whose period is a multiple of the pitches."""
+        """Return the propagator's plane of frequencies; its period is a multiple of the pitches."""
         shape, pitch, centre = [], [], []
         for axis, least, unit in zip(self.band.axes, self.band.period, pitches, strict=True):
             length = max(math.ceil(least / unit * (1 - 1e-12)), 1)
@@ -192,7 +195,7 @@ class SpectralPropagator(Propagator):
         require_memory(self.name, least, self._numeric_span.budget.memory, remedy)
 
     def _split_spectrum(self, frequencies: Plane) -> list[SpectrumPart]:
-        """Split the spectrum into as few parts of whole rows as fit in memory."""
+        """Split the propagator's spectrum into as few parts of whole rows as fit in memory."""
         rows, columns = frequencies.shape
         most = 1 if self.span.differentiable else min(_SETTINGS.max_parts, rows)
         # This refuses what can't fit before any transform is planned.
@@ -208,7 +211,7 @@ class SpectralPropagator(Propagator):
     def _first_part_in_memory(
         self, frequencies: Plane, rows: int, last: bool
     ) -> SpectrumPart | None:
-        """Plan the first rows of the spectrum; return None if they don't fit in memory.
+        """Plan the first rows of the propagator's spectrum; None if they don't fit in memory.
 
         last: whether this is the last attempt, which raises ToleranceError instead.
         """
@@ -235,7 +238,7 @@ class SpectralPropagator(Propagator):
         return max(stage.bytes + self._filter_bytes(stage.frequencies) for stage in self._parts)
 
     def _filter_bytes(self, frequencies: Plane) -> int:
-        """Return the bytes of the transfer function, the spectrum and their product."""
+        """Return the bytes of the propagator's transfer function, spectrum and their product."""
         rows, columns = frequencies.shape
         block = max(min(rows * columns, _SETTINGS.block_size), columns)
         making = _SETTINGS.bytes_per_frequency * block
@@ -249,7 +252,10 @@ class SpectralPropagator(Propagator):
 
     @property
     def _rebuilds_filter(self) -> bool:
-        """Return whether each call recomputes the filter W, for derivatives or lack of memory."""
+        """Return whether each propagation recomputes the filter W.
+
+        It does so for derivatives or for lack of memory.
+        """
         return self.span.differentiable or len(self._parts) > 1
 
     def _filter_seconds(self, speed: MachineSpeed) -> float:
@@ -265,7 +271,7 @@ class SpectralPropagator(Propagator):
             self._cached_filter = self._build_filter(self.frequencies)
 
     def _weight(self, frequencies: Plane, axis: int) -> torch.Tensor:
-        """Return the factors of the filter W that depend on one axis only, float64."""
+        """Return the factors of the propagator's filter W that depend on one axis, float64."""
         n = self._numeric_span
         f = frequencies.coordinates(axis)
         weight = self.band.axes[axis].taper(f) * frequencies.pitch[axis]
@@ -274,7 +280,7 @@ class SpectralPropagator(Propagator):
         return weight * n.cells[axis] * torch.sinc(f * n.cells[axis])
 
     def _build_filter(self, frequencies: Plane) -> torch.Tensor:
-        """Compute the filter W over a plane of frequencies."""
+        """Compute the propagator's filter W over a plane of frequencies."""
         y, x = frequencies.mesh()
         down, along = self._weight(frequencies, 0)[:, None], self._weight(frequencies, 1)
         radial, parts = self.band.radial, []
@@ -345,19 +351,19 @@ class SpectralPropagator(Propagator):
 
 
 def _times(spectrum: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-    """Multiply a spectrum by a weight, in place where no derivatives are recorded."""
+    """Multiply a propagated spectrum by a weight, in place where nothing records derivatives."""
     if spectrum.requires_grad or weight.requires_grad:
         return spectrum * weight
     return spectrum.mul_(weight)
 
 
 def _conjugate(values: torch.Tensor) -> torch.Tensor:
-    """Conjugate complex values, in place where no derivatives are recorded."""
+    """Conjugate complex propagator values, in place where no derivatives are recorded."""
     return values.conj().resolve_conj() if values.requires_grad else values.conj_physical_()
 
 
 def _rows_of(plane: Plane, first: int, last: int) -> Plane:
-    """Return the plane of the rows from `first` up to `last` of a plane."""
+    """Return the plane of rows `first` up to `last` of a propagator's plane."""
     rows = min(last, plane.shape[0]) - first
     place = plane.centre[0] + (first + rows // 2 - plane.shape[0] // 2) * plane.pitch[0]
     return Plane((rows, plane.shape[1]), plane.pitch, (place, plane.centre[1]))

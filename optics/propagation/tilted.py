@@ -61,7 +61,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return self._to_spectrum.error + self._nufft_error
 
     def _propagating_indices(self) -> torch.Tensor:
-        """Return the flat indices of the frequencies whose plane waves propagate.
+        """Return the flat indices of the frequencies whose plane waves propagate in free space.
 
         Some frequencies beyond the taper may be evanescent. In the paraxial model all propagate.
         """
@@ -70,7 +70,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return torch.nonzero((torch.sqrt(y**2 + x**2) < grazing).flatten()).squeeze(-1)
 
     def _tilted_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (f'_y, f'_x) of the plane waves on the tilted target.
+        """Return (f'_y, f'_x) of the plane waves propagated to the tilted target.
 
         They are reduced to the range that the target's samples resolve.
         """
@@ -84,7 +84,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return _wrap_frequency(turned_y, 1 / q[0]), _wrap_frequency(turned_x, 1 / q[1])
 
     def _wave_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (f_y, f_x) of the plane waves that are summed on the tilted target."""
+        """Return (f_y, f_x) of the propagated plane waves that are summed on the tilted target."""
         y, x = (f.expand(self.frequencies.shape).flatten() for f in self.frequencies.mesh())
         return y[self._wave_indices], x[self._wave_indices]
 
@@ -95,7 +95,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         self._cached_nufft = NonuniformTransform(y, x, self._image, 1.0, self._nufft_error)
 
     def _transfer(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """Return the transfer function to the target's centre, which may be off the axis."""
+        """Return the free-space transfer function to the target's centre, possibly off the axis."""
         centre = self._numeric_span.target.centre
         way = unit_phasor(y * centre[0] + x * centre[1], torch.complex128)
         return super()._transfer(y, x) * way
@@ -132,7 +132,9 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return self._cached_nufft
 
     def _wavelength_gradient_term(self, waves: torch.Tensor) -> torch.Tensor:
-        """Return a zero field whose derivative is that of the waves' positions in the wavelength.
+        """Return a zero field with the propagated waves' derivative in the wavelength.
+
+        It is the derivative of the waves' positions.
 
         The phase at depth Z behind the target's centre is 2 pi w Z.
         """

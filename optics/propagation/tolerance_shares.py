@@ -49,7 +49,7 @@ class PropagationToleranceShares:
 
     @property
     def spectral(self) -> float:
-        """Return the share of all sampling errors of a spectral method."""
+        """Return the share of all sampling errors of a spectral propagation method."""
         return self.band + 2 * self.transform
 
 

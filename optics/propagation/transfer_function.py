@@ -47,9 +47,9 @@ def free_space_transfer_function(
 def axial_frequency(
     y: torch.Tensor, x: torch.Tensor, wavelength: float, *, paraxial: bool = False
 ) -> torch.Tensor:
-    """Return the axial frequency of plane waves of frequencies (y, x), cycles/m, float64.
+    """Return the axial frequency of plane waves in free space, cycles/m, float64.
 
-    It is 0 for evanescent waves.
+    The waves have the frequencies (y, x). The result is 0 for evanescent waves.
     """
     f2 = y**2 + x**2
     if paraxial:
@@ -58,7 +58,10 @@ def axial_frequency(
 
 
 def _root(square: torch.Tensor) -> torch.Tensor:
-    """Return the square root of positive numbers, and 0 with a derivative of 0 for others."""
+    """Return the root of positive numbers for free-space waves, and 0 for others.
+
+    The root of the others has a derivative of 0.
+    """
     positive = square.detach() > 0
     return torch.where(positive, torch.sqrt(torch.where(positive, square, 1.0)), 0.0)
 
@@ -74,7 +77,9 @@ class PlaneWaveRays:
     paraxial: bool
 
     def tangent(self, frequency: float, across: float = 0.0) -> float:
-        """Return the tangent of a plane wave's ray; infinite for grazing and evanescent waves.
+        """Return the tangent of a propagated plane wave's ray; infinite for evanescent waves.
+
+        It is infinite for grazing waves too.
 
         frequency, across: along this axis and along the other one, cycles per metre.
         """
@@ -85,14 +90,14 @@ class PlaneWaveRays:
         return sine / math.sqrt(cosine2) if cosine2 > 0 else math.copysign(math.inf, sine)
 
     def frequency(self, tangent: float, across: float = 0.0) -> float:
-        """Return the frequency of the plane wave whose ray has the given tangent."""
+        """Return the frequency of the plane wave that propagates with a given tangent."""
         if self.paraxial:
             return tangent / self.wavelength
         cosine2 = max(1 - (self.wavelength * across) ** 2, 0.0)
         return tangent * math.sqrt(cosine2 / (1 + tangent**2)) / self.wavelength
 
     def ray_slope(self, frequency: float, distance: float) -> float:
-        """Return the slope dX/df of a ray's displacement at a frequency, square metres.
+        """Return the slope dX/df of a propagated ray's displacement at a frequency, in m².
 
         It is a lower bound for waves with a frequency along the other axis as well.
         """
@@ -103,14 +108,15 @@ class PlaneWaveRays:
 
     @property
     def grazing_frequency(self) -> float:
-        """Return the frequency from which on plane waves are evanescent, cycles per metre."""
+        """Return the frequency from which waves are evanescent in free space, cycles per metre."""
         return math.inf if self.paraxial else 1 / self.wavelength
 
 
 def paraxial_phase_error(wavelength: float, distance: float, frequency: float) -> float:
-    """Return the phase error in radians of the paraxial transfer function at a frequency.
+    """Return the phase error of paraxial propagation at a frequency, in radians.
 
-    It is the next term of the series, pi / 4 wavelength³ |distance| f⁴ (section 4.2.1 of Goodman).
-    If it is small, it is also the relative error of the field.
+    The error is that of the paraxial transfer function. It is the next term of the series, pi / 4
+    wavelength³ |distance| f⁴ (section 4.2.1 of Goodman). If it is small, it is also the relative
+    error of the field.
     """
     return math.pi / 4 * wavelength**3 * abs(distance) * frequency**4

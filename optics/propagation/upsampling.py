@@ -8,7 +8,9 @@ from optics.fourier import unit_phasor
 
 
 def upsample(field: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
-    """Upsample a field by `factor` along its last axis, by zero-padding its spectrum.
+    """Upsample a field for propagation by `factor` along its last axis.
+
+    It zero-pads the field's spectrum.
 
     The first of each group of `factor` samples coincides with a sample of the field. carrier: turns
     from sample to sample, at the middle of the spectrum. The result is exact for a field that is
@@ -26,7 +28,7 @@ def upsample(field: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
 
 
 def upsample_adjoint(fine: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
-    """Apply the conjugate transpose of `upsample` to a field on the finer samples."""
+    """Apply the conjugate transpose of `upsample` to a propagated field on finer samples."""
     if factor == 1:
         return fine
     n = fine.shape[-1] // factor
@@ -37,7 +39,7 @@ def upsample_adjoint(fine: torch.Tensor, factor: int, carrier: float) -> torch.T
 
 
 def _first(n: int, factor: int) -> int:
-    """Return the index of the field's lowest frequency in the padded spectrum."""
+    """Return the index of the field's lowest frequency in the propagator's padded spectrum."""
     return (n * factor) // 2 - n // 2
 
 

@@ -54,7 +54,10 @@ class AxialEngine(CachedPupilWave, PSFEngine):
 
     @staticmethod
     def can_serve(request: PSFRequest) -> bool:
-        """Tell whether the lens is rotationally symmetric, and no derivative moves the PSF."""
+        """Tell whether the lens is round, and no derivative moves its PSF on the samples.
+
+        The stop and the aberrations of a round lens are rotationally symmetric.
+        """
         lens = request.lens
         round_ = all(m == 0 for _, m, _ in lens.aberrations)
         return (
@@ -93,13 +96,17 @@ class AxialEngine(CachedPupilWave, PSFEngine):
             raise unreachable_tolerance_error(q.tol, 1.2 * self.error.value + self.arithmetic)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the points of the pupil along one radius; a phase there holds for all angles."""
+        """Return the points on one pupil radius where the symmetric PSF takes its phase.
+
+        A phase there holds for all angles.
+        """
         if self._along_rim:
             empty = torch.zeros(0, dtype=torch.float64)
             return empty, empty
         return torch.zeros_like(self._pupil_radii), self._pupil_radii * self._request.numeric.radius
 
     def _compute_pupil_wave(self) -> torch.Tensor:
+        """Compute the wave along one pupil radius of the round lens, for its PSF."""
         q = self._request
         phase = pupil_phase(
             q.lens, q.distance, q.wavelength, torch.zeros_like(self._pupil_radii), self._pupil_radii
@@ -125,12 +132,16 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         )
 
     def _sum_over_pupil_radii(self, wave: torch.Tensor) -> torch.Tensor:
-        """Sum a wave (..., pupil radii) to the field at the sensor radii, (..., radii, 2)."""
+        """Sum a wave over a round lens' pupil radii to the PSF's field at radii on the sensor.
+
+        wave: complex, (..., pupil radii). The result holds real and imaginary part, (..., radii,
+        2).
+        """
         matrix = self._hankel_matrix.to(wave.device)
         return (torch.view_as_real(wave).mT @ matrix.mT).mT
 
     def _intensity_on_radii(self, parts: torch.Tensor) -> torch.Tensor:
-        """Interpolate the intensity at every radius of the samples.
+        """Interpolate the symmetric PSF's intensity at every radius of the samples.
 
         parts: real and imaginary part of the field, (..., radii, 2).
         """
@@ -139,7 +150,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         return near[..., 0] ** 2 + near[..., 1] ** 2
 
     def _measure_error(self, radius: torch.Tensor) -> ErrorEstimate:
-        """Measure the PSF's error at some radii, against more nodes and no interpolation."""
+        """Measure the symmetric PSF's error at some radii, against an uninterpolated finer sum."""
         q = self._request.numeric
         times = torch.bincount(
             self._radius_index[q.window_slices].ravel(), minlength=radius.numel()
@@ -176,14 +187,17 @@ class AxialEngine(CachedPupilWave, PSFEngine):
 
 
 def _radians_per_metre(q: PSFRequest) -> float:
-    """Return the kernel's phase in radians, per metre on the sensor and stop radius."""
+    """Return the phase of the symmetric PSF's kernel, in radians per metre and stop radius.
+
+    The metres are on the sensor, the stop radii in the pupil.
+    """
     return 2 * math.pi * q.radius / q.scale
 
 
 def _radial_rule(q: PSFRequest, finer: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return radii in the pupil, in stop radii, and the weights of an integral over the open area.
+    """Return radii and weights that integrate over a round lens' open pupil for its PSF.
 
-    finer: factor on the phase's slope for which the nodes are chosen.
+    The radii are in stop radii. finer: factor on the phase's slope for which they are chosen.
     """
     assert q.lens.stop.annulus_radii is not None
     inner, outer = q.lens.stop.annulus_radii
@@ -198,7 +212,7 @@ def _radial_phase_slope(q: PSFRequest) -> float:
 
 
 def _interpolation(position: np.ndarray, reach: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the radii from which the field at each position is interpolated, and their weights.
+    """Return the radii and weights that interpolate the symmetric PSF's field at each position.
 
     The field is even in the radius, so that negative radii count as positive ones.
     """
@@ -258,13 +272,16 @@ class _HankelCost:
 
 
 def _prefers_rim(q: PSFRequest, size: _HankelCost) -> bool:
-    """Tell whether the rim integral takes far fewer nodes than a rule along the stop's radius."""
+    """Tell whether a PSF's rim integral takes far fewer nodes than a rule along the radius."""
     if not q.lens.has_quadratic_phase:
         return False
     return size.nodes * size.field_radii > _CHUNK and size.nodes > 2 * rim_node_count(q, q.tol)
 
 
 def _interpolation_reach(tol: float) -> int:
-    """Return the samples on either side that the interpolation needs, by Kaiser's formula in dB."""
+    """Return how many samples on either side interpolate a symmetric PSF to a tolerance.
+
+    Kaiser's formula gives their number. Its attenuation is in dB.
+    """
     attenuation = 40 - 20 * math.log10(tol)
     return math.ceil((attenuation - 8) / (2 * 2.285 * 2 * math.pi * (1 - 1 / _OVERSAMPLING))) + 2

@@ -90,7 +90,7 @@ def _jitter_scattered_psf(
 
 
 def _require_matching_camera(operator: PSFOperator, modulator: Modulator) -> Camera:
-    """Return the operator's camera, or raise ValueError if it doesn't match the modulator."""
+    """Return the PSF operator's camera; raise ValueError if the modulator doesn't match it."""
     camera, panel = operator.camera, modulator.panel
     if camera is None:
         raise ValueError("operator is of a lens alone; plan it for a camera with the panel")

@@ -42,7 +42,7 @@ def _build_choice(
     method: str | None,
     tried_engines: Iterable[PSFEngine] = (),
 ) -> MethodChoice[PSFEngine]:
-    """Collect the engines that may compute a PSF, without the kinds that were already tried."""
+    """Collect the methods that may compute the PSF of a lens or camera and weren't tried yet."""
     makers = _engine_factories(request, camera, method)
     kinds = {one.name for one in tried_engines}
     return MethodChoice(
@@ -56,7 +56,10 @@ def _build_choice(
 def _engine_factories(
     request: PSFRequest, camera: Camera | None, method: str | None
 ) -> dict[str, Callable[[], PSFEngine]]:
-    """Return a function for each engine that may serve a PSF request; it makes the engine."""
+    """Return, by name, a function for each method that may compute the PSF of a lens or camera.
+
+    Each function makes the method's engine.
+    """
     makers: dict[str, Callable[[], PSFEngine]]
     if camera is None:
         probe = ReferenceProbe(request)
@@ -75,7 +78,7 @@ def _engine_factories(
 def prepare_cheapest_engine(
     request: PSFRequest, camera: Camera | None, method: str | None, reserved_tol: float
 ) -> PSFEngine:
-    """Prepare the cheapest PSF engine that fits the memory and keeps the tolerance.
+    """Prepare the cheapest method that keeps the tolerance of a PSF and fits the memory.
 
     reserved_tol: part of the caller's tolerance that the request's tolerance doesn't include.
     Raises ToleranceError, whose message names a tolerance that can be kept or another remedy.
@@ -94,7 +97,7 @@ def prepare_cheapest_engine(
 def fallback_engines(
     request: PSFRequest, camera: Camera, tried_engines: Iterable[PSFEngine]
 ) -> Iterator[PSFEngine]:
-    """Yield further PSF engines that keep the tolerance, of other kinds than those already tried.
+    """Yield further methods that keep the tolerance of a camera's PSF, without those tried already.
 
     The cheapest comes first. Each is prepared just before it is yielded.
     """
@@ -108,7 +111,7 @@ def tolerance_error_with_advice(
     reserved_tol: float,
     floor: float,
 ) -> ToleranceError:
-    """Return a ToleranceError that names a tolerance, from `floor` upwards, that can be kept.
+    """Return a ToleranceError that names a tolerance, `floor` or above, that the PSF can keep.
 
     An engine plans anew for another tolerance and can't predict exactly which error remains. So for
     a panel apart from its lens, whose engines are cheap to plan, the candidate tolerances are
@@ -126,6 +129,7 @@ def tolerance_error_with_advice(
     for room in (10.0, 1.0):
 
         def can_keep(tol: float, room: float = room) -> bool:
+            """Tell whether the PSF can be computed to `tol`, and to `tol / room`."""
             asked = (replace(request, tol=(tol - reserved_tol) / part) for part in (room, 1.0))
             return all(_can_keep_tolerance(one, camera, method) for one in asked)
 
@@ -136,13 +140,13 @@ def tolerance_error_with_advice(
 
 
 def _can_keep_tolerance(request: PSFRequest, camera: Camera, method: str | None) -> bool:
-    """Tell whether any PSF engine predicts that it keeps the request's tolerance."""
+    """Tell whether any method predicts that it keeps the requested tolerance of the PSF."""
     offers = _build_choice(request, camera, method).candidates
     return any(one.error.value + one.arithmetic <= request.tol for one in offers)
 
 
 def _candidate_tolerances(floor: float) -> Iterator[float]:
-    """Yield rounded tolerances from `floor` up to 1, in growing steps."""
+    """Yield rounded tolerances for a PSF from `floor` up to 1, in growing steps."""
     step = 1.0
     while floor < 1:
         yield float(rounded_up(floor))

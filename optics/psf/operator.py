@@ -170,6 +170,7 @@ class PSFOperator:
         self.account = self._build_account(request, tol, rest)
 
     def _build_account(self, request: PSFRequest, tol: float, rest: float) -> Account:
+        """Build the PSF's account: its method, errors, predicted time and memory."""
         engine, speed = self.engine, request.budget.speed
         rows, columns = request.samples.shape
         sampling = ErrorEstimate(engine.error.value + rest, engine.error.how)
@@ -187,6 +188,7 @@ class PSFOperator:
         )
 
     def _model_error(self, request: PSFRequest) -> ErrorEstimate:
+        """Estimate the error of the PSF's optical model."""
         n = request.numeric
         radius = n.radius
         if self.camera is not None and not n.separation:
@@ -195,12 +197,12 @@ class PSFOperator:
 
     @property
     def wavelength(self) -> Scalar:
-        """The wavelength in metres."""
+        """The wavelength of the PSF's light, in metres."""
         return self._request.wavelength
 
     @property
     def scale(self) -> Scalar:
-        """Square metres of pupil or panel for one cycle on the sensor.
+        """The ratio of a pupil or panel position to its frequency in the PSF's field, in m².
 
         It is the wavelength times the image distance, or times the ray-matrix element B
         (`Camera.ray_matrix_b`) where the panel stands apart from the lens.
@@ -210,13 +212,13 @@ class PSFOperator:
         return self._request.wavelength * self.camera.ray_matrix_b
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one call, in seconds, on a machine of the given speed."""
+        """Predict the processor time of one PSF, in seconds, on a machine of the given speed."""
         integral = self._pixel_integration.cpu_seconds(speed) if self._pixel_integration else 0.0
         return self.engine.cpu_seconds(speed) + integral
 
     @property
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Positions (y, x) in the pupil, in metres, at which phases and amplitudes are taken.
+        """Positions (y, x) in the pupil, in metres, where the PSF takes phase and amplitude.
 
         The two tensors broadcast against each other.
         """
@@ -254,7 +256,7 @@ class PSFOperator:
         spectrum: torch.Tensor | None = None,
         unmodulated_spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Compute what a call computes, from tensors alone and with spectra that are already known.
+        """Compute the PSF as a call does, but from tensors only, and with known spectra if given.
 
         Parameters
         ----------
@@ -318,7 +320,7 @@ class PSFOperator:
         return light
 
     def needs_unmodulated_psf(self, amplitude: torch.Tensor | None) -> bool:
-        """Tell whether a call with a phase has yet to compute `unmodulated_psf`."""
+        """Tell whether the PSF of a phase needs `unmodulated_psf`, which isn't computed yet."""
         return self.unmodulated > 0 and not any(
             known is amplitude for known, _ in self._cached_unmodulated_psfs
         )
@@ -329,6 +331,7 @@ class PSFOperator:
         amplitude: torch.Tensor | None,
         spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
+        """Compute the PSF on the sensor's pixels."""
         amplitude, peak = normalise_amplitude(amplitude)
         light = self._intensity_with_fallback(phase, amplitude, spectrum)
         light = self._pixel_integration(light) if self._pixel_integration else light
@@ -346,7 +349,7 @@ class PSFOperator:
         amplitude: torch.Tensor | None,
         spectrum: torch.Tensor | None,
     ) -> torch.Tensor:
-        """Compute the light on the samples by the engine, or by a fallback engine.
+        """Compute the PSF's light on the samples, by a fallback method if the first one fails.
 
         A fallback is needed if the pattern sends so little light to the window that the first
         engine can't keep the tolerance.
@@ -366,7 +369,7 @@ class PSFOperator:
             raise
 
     def _fallback_engines(self) -> Iterator[PSFEngine]:
-        """Yield the engines that may replace the first one.
+        """Yield the engines that may compute the PSF in place of the first one.
 
         The fallback that was used last comes first. There are none if the caller named a method, or
         if the panel doesn't stand apart from the lens.
@@ -384,7 +387,7 @@ class PSFOperator:
     def light_budget(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> LightBudget:
-        """Compute where the light of a pattern goes: through the stop, to the window, or blocked.
+        """Compute where a pattern's light goes: through the stop, to the PSF's window, or lost.
 
         Unmodulated light counts.
 
@@ -418,7 +421,10 @@ class PSFOperator:
     def _panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
-        """Compute the field behind the panel for one pattern, (rows, columns), complex64."""
+        """Compute the field behind the panel for the PSF's light budget of one pattern.
+
+        The field is complex64, (rows, columns).
+        """
         assert self.camera is not None
         shape = self.camera.panel.shape
         factor = self.engine.modulation_factor(phase, amplitude, shape, torch.complex64)
@@ -433,7 +439,7 @@ class PSFOperator:
 
 
 def normalise_amplitude(amplitude: torch.Tensor | None) -> tuple[torch.Tensor | None, float]:
-    """Scale a pattern's amplitude to a peak of 1; return it and the original peak."""
+    """Scale the amplitude of a PSF's pattern to a peak of 1; return it and the original peak."""
     peak = _peak_amplitude(amplitude)
     if amplitude is None or peak == 1:
         return amplitude, 1.0
@@ -441,7 +447,7 @@ def normalise_amplitude(amplitude: torch.Tensor | None) -> tuple[torch.Tensor | 
 
 
 def _peak_amplitude(amplitude: torch.Tensor | None) -> float:
-    """Return the largest amplitude; 1 if there is none, or if it is zero or not finite."""
+    """Return the peak amplitude of a PSF's pattern; 1 if it is missing, zero or not finite."""
     if amplitude is None or not amplitude.numel():
         return 1.0
     peak = float(amplitude.detach().abs().max())
@@ -468,7 +474,10 @@ def _validate_field_position(field: tuple[Scalar, Scalar]) -> tuple[Scalar, Scal
 def _build_spherical_wave(
     camera: Camera | None, distance: Scalar, wavelength: Scalar, field: tuple[Scalar, Scalar]
 ) -> SphericalWaveCorrection:
-    """Build the spherical wave over the panel of a point imaged at `field` on the sensor."""
+    """Build the spherical-wave correction over the panel for a PSF's point imaged at `field`.
+
+    `field` is (y, x) in metres on the sensor.
+    """
     if camera is None:
         raise ValueError("sphere is True; it is a wave over a panel, and a lens has none")
     image, z1 = camera.lens.image_distance, camera.separation
@@ -477,7 +486,7 @@ def _build_spherical_wave(
 
 
 def _numeric_optics(optics: Camera | Lens) -> Camera | Lens:
-    """Return the camera or lens in plain numbers, without derivatives."""
+    """Return the PSF's camera or lens in plain numbers, without derivatives."""
     return numeric_camera(optics) if isinstance(optics, Camera) else to_plain_numbers(optics)
 
 
@@ -536,7 +545,7 @@ def psf(
 
 
 def nyquist_samples_per_pixel(camera: Camera, wavelength: float) -> float:
-    """Compute the samples per sensor pixel that just resolve the finest fringe, along an axis.
+    """Compute the samples per sensor pixel that just resolve a PSF's finest fringe along an axis.
 
     Parameters
     ----------

@@ -37,11 +37,17 @@ class SensorRegion:
                 raise ValueError(f"{name} is {low:g} to {high:g} m; give the lower end first")
 
     def position_at(self, v: float, u: float) -> tuple[float, float]:
-        """Convert a position in half sides from the region's middle, -1 to 1, to metres (y, x)."""
+        """Convert a field position from half sides of the PSFs' sensor region to metres (y, x).
+
+        v, u: from the region's middle along y and x, -1 to 1.
+        """
         return _position_in_range(self.y, v), _position_in_range(self.x, u)
 
     def relative_position(self, y: float, x: float) -> tuple[float, float]:
-        """Convert a position (y, x) in metres to half sides; ValueError if it lies outside."""
+        """Convert a field position from metres (y, x) to half sides of the PSFs' sensor region.
+
+        Raises ValueError if the position lies outside the region.
+        """
         return _relative_position("y", self.y, y), _relative_position("x", self.x, x)
 
 
@@ -98,7 +104,11 @@ class PSFOverField:
         return self._interpolate(*self._region.relative_position(y, x))
 
     def _refine_to_tolerance(self) -> ErrorEstimate:
-        """Refine the nodes until the tolerance is kept at new nodes and at the check positions."""
+        """Add PSFs over the field until interpolation between them keeps the tolerance.
+
+        The error is measured at the new nodes of each level, and last at the check positions.
+        Return the error there.
+        """
         sides = (self._region.y, self._region.x)
         wide = [axis for axis, (low, high) in enumerate(sides) if low < high]
         if not wide:
@@ -114,7 +124,7 @@ class PSFOverField:
                 return ErrorEstimate(ERROR_MARGIN * left, where)
 
     def _refine_axis(self, axis: int) -> float:
-        """Refine the nodes along an axis by one level; return the largest error at new nodes."""
+        """Add a level of PSF field nodes along an axis; return the largest error at new nodes."""
         self._level[axis] += 1
         before, across = self._nodes[axis], self._nodes[1 - axis]
         if self._level[axis] == _MAX_LEVELS:
@@ -140,11 +150,11 @@ class PSFOverField:
         )
 
     def _worst_check_error(self) -> float:
-        """Return the largest error of interpolated PSFs at the check positions."""
+        """Return the largest error of interpolated PSFs at the check positions in the field."""
         return max(self._interpolation_error(v, u) for v, u in _CHECK_POSITIONS)
 
     def _interpolation_error(self, v: float, u: float) -> float:
-        """Return the L2 error of an interpolated PSF, over the norm of the brightest PSF."""
+        """Return the L2 error of an interpolated PSF, relative to the field's brightest PSF."""
         wrong = _l2_norm(self._interpolate(v, u) - self._psf_at_node(v, u))
         return wrong / self._brightest if wrong else 0.0
 
@@ -170,7 +180,10 @@ class PSFOverField:
 
 
 def _chebyshev_nodes(level: int) -> list[float]:
-    """Return Chebyshev points of the second kind, from -1 to 1; each level includes the last."""
+    """Return the field positions, from -1 to 1, at which PSFs are computed: Chebyshev points.
+
+    They are points of the second kind. Each level includes the points of the level before.
+    """
     if level == 0:
         return [0.0]
     steps = 2**level
@@ -184,7 +197,7 @@ def _chebyshev_point(k: int, steps: int) -> float:
 
 
 def _barycentric_weights(nodes: list[float], place: float) -> list[float]:
-    """Return the weights of the nodes for barycentric interpolation of a PSF at a position."""
+    """Return the nodes' weights for barycentric interpolation of a PSF over the field."""
     if place in nodes or len(nodes) == 1:
         return [1.0 if node == place or len(nodes) == 1 else 0.0 for node in nodes]
     last = len(nodes) - 1

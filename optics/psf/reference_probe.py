@@ -75,7 +75,7 @@ class ReferenceProbe:
         )
 
     def _reference_samples(self, light: Array) -> tuple[NDArray[np.int64], Array, Array]:
-        """Return the reference samples, their weights, and the exact light on them.
+        """Return the samples at which a PSF is checked, their weights, and the exact light there.
 
         The first PSF that is measured determines which samples are drawn.
         """
@@ -105,7 +105,7 @@ class ReferenceProbe:
         return count_nodes(q.lens.stop, self._reference_slope_bound, 1e-2 * q.tol)
 
     def _reference_blocks(self) -> Iterable[QuadratureNodes]:
-        """Return the reference's nodes in blocks; they are cached if they are few."""
+        """Return the nodes of the reference PSF in blocks; they are cached if they are few."""
         if self._cached_nodes is not None:
             return self._cached_nodes
         q = self._request

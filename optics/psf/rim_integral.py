@@ -14,7 +14,10 @@ _CHUNK = 1 << 21
 
 
 def rim_node_count(q: PSFRequest, tol: float, refinement: float = 1.0) -> int:
-    """Return the number of evenly spaced nodes around the stop's rim, for the farthest sample."""
+    """Return how many evenly spaced nodes on the stop's rim a symmetric PSF needs.
+
+    The nodes suffice for the farthest sample.
+    """
     turn = refinement * q.phase_slope_bound.tilt
     # The integrand has a narrow peak if the point of the stop that is imaged onto the sample lies
     # near the rim.
@@ -23,7 +26,7 @@ def rim_node_count(q: PSFRequest, tol: float, refinement: float = 1.0) -> int:
 
 
 def _edge_defocus(q: PSFRequest) -> float:
-    """Return the phase of defocus at the stop's edge, in radians."""
+    """Return the phase of the PSF's defocus at the stop's edge, in radians."""
     curvature: float = defocus_curvature(q.lens, q.distance, q.wavelength)
     return curvature * q.radius**2
 
@@ -31,7 +34,7 @@ def _edge_defocus(q: PSFRequest) -> float:
 def rim_field(
     q: PSFRequest, sensor: NDArray[np.float64], refinement: float = 1.0
 ) -> NDArray[np.complex128]:
-    """Compute the field at radii on the sensor, in square stop radii, complex128.
+    """Compute the symmetric PSF's field at radii on the sensor, in square stop radii, complex128.
 
     sensor: radii in metres. The phase is quadratic, c |r - p|², around the point p of the stop that
     is imaged geometrically onto the sample. Green's theorem turns the integral over the stop into
@@ -69,5 +72,8 @@ def rim_field(
 
 
 def _g(a: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return the rim integral's factor (exp(i a) - 1) / (i a) = exp(i a / 2) sinc(a / 2)."""
+    """Return the factor (exp(i a) - 1) / (i a) in the rim integral of a symmetric PSF.
+
+    It is computed as exp(i a / 2) sinc(a / 2).
+    """
     return np.exp(0.5j * a) * np.sinc(a / (2 * math.pi))

@@ -86,7 +86,7 @@ class PSFStack:
 
     @property
     def accounts(self) -> list[Account]:
-        """The accounts of all PSFs, in the order of the result: by distance, band and field."""
+        """The accounts of all PSFs, in the order of the stack: by distance, band and field."""
         return [one.account for row in self.operators for band in row for one in band]
 
     @accepts_numpy
@@ -117,7 +117,10 @@ class PSFStack:
         return torch.stack([torch.stack(one).reshape(shape) for one in found], dim=1)
 
     def _per_band(self, name: str, value: torch.Tensor | None) -> list[torch.Tensor | None]:
-        """Return a phase or amplitude for each band, from one for each or one for all."""
+        """Return one phase or amplitude for each colour band of the PSF stack.
+
+        value: one for each band, or one for all.
+        """
         bands = len(self._shared_spectra)
         if value is None or value.ndim == 2:
             return [value] * bands
@@ -131,6 +134,7 @@ class PSFStack:
     def _compute_band(
         self, band: int, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> list[torch.Tensor]:
+        """Compute the PSFs of one colour band of the stack."""
         operators, shared = self._operators_of_band(band), self._shared_spectra[band]
         spectrum = shared.spectrum(phase, amplitude)
         straight = None
@@ -148,7 +152,10 @@ class PSFStack:
         return found
 
     def _needs_recomputation(self, spectrum: torch.Tensor | None) -> bool:
-        """Tell whether derivatives should compute fields at the sensor again to save memory."""
+        """Tell whether derivatives of the PSF stack should compute sensor fields again.
+
+        Computing the fields at the sensor again saves the memory that would hold them.
+        """
         if spectrum is None or not (spectrum.requires_grad and torch.is_grad_enabled()):
             return False
         kept = sum(

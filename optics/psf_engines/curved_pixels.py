@@ -32,7 +32,10 @@ class CurvedPixelTransform(MatrixTransform):
         self._curvature, self._side = curvature, side
 
     def node_count(self, axis: int) -> int:
-        """Return the number of quadrature nodes in a pixel, for the largest change of phase."""
+        """Return the number of quadrature nodes that the PSF engine takes in a curved panel pixel.
+
+        It suffices for the pixel and the sample with the largest change of phase.
+        """
         x, u = (p.coordinates(axis).abs().max() for p in (self.geometry.pupil, self.geometry.image))
         half = self._side / 2
         bend = abs(self._curvature) * (2 * float(x) * half + half**2)

@@ -59,19 +59,19 @@ class PSFEngine(CandidateMethod):
 
     @property
     def sample_count(self) -> int:
-        """The number of samples at the sensor."""
+        """The number of samples at the sensor that the PSF engine computes."""
         rows, columns = self._request.samples.shape
         return rows * columns
 
     def _set_precision(self, double: bool) -> None:
-        """Set the complex type to double or single precision, and its rounding error."""
+        """Set the PSF engine's complex type to double or single, and its rounding error."""
         self._dtype = torch.complex128 if double else torch.complex64
         self.precision = "float64" if double else "float32"
         self.arithmetic = FLOAT64_ARITHMETIC if double else FLOAT32_ARITHMETIC
 
     @abstractmethod
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the points (y, x) of the pupil, in metres, at which a pattern is sampled."""
+        """Return the pupil points (y, x), in metres, where the PSF engine samples a pattern."""
 
     @abstractmethod
     def intensity(
@@ -85,7 +85,10 @@ class PSFEngine(CandidateMethod):
         samples: Sequence[int],
         dtype: torch.dtype = torch.complex128,
     ) -> torch.Tensor | None:
-        """Return the pattern's phase (radians) and amplitude as one complex factor, or None."""
+        """Return a pattern as one complex factor for the PSF engine, or None without a pattern.
+
+        The factor is the amplitude times exp(i phase), with the phase in radians.
+        """
         if phase is None and amplitude is None:
             return None
         factor: torch.Tensor | None = None
@@ -105,7 +108,7 @@ class PSFEngine(CandidateMethod):
         return factor
 
     def require_phase_slope(self, phase: torch.Tensor | None) -> None:
-        """Raise ValueError for a phase that is too steep for the planned quadrature nodes."""
+        """Raise ValueError for a phase too steep for the PSF engine's planned quadrature nodes."""
         if phase is None or not phase.numel():
             return
         q = self._request.numeric
@@ -131,7 +134,7 @@ class CachedPupilWave(ABC):
 
     @abstractmethod
     def _compute_pupil_wave(self) -> torch.Tensor:
-        """Compute the point's wave in the pupil, with the stop."""
+        """Compute the object point's wave in the pupil, behind the stop, for the PSF engine."""
 
     def _pupil_wave(self) -> torch.Tensor:
         if self._request.differentiable:
@@ -142,7 +145,7 @@ class CachedPupilWave(ABC):
 
 
 def wrap_phase(angle: torch.Tensor) -> torch.Tensor:
-    """Wrap a phase to -pi to pi radians; its derivative stays."""
+    """Wrap a PSF engine's phase to -pi to pi radians without changing its derivative."""
     return angle - 2 * math.pi * torch.round(angle.detach() / (2 * math.pi))
 
 
@@ -166,7 +169,7 @@ class NeighbourPairs:
         self._sampled_indices = torch.from_numpy(some)
 
     def steepest_slope(self, phase: torch.Tensor) -> float:
-        """Return the steepest slope between the pairs, in radians per stop radius.
+        """Return a phase's steepest slope between the PSF engine's nodes, rad per stop radius.
 
         phase: (..., points).
         """
@@ -177,7 +180,7 @@ class NeighbourPairs:
 
 
 def double_precision_error(request: PSFRequest) -> float:
-    """Return the relative L2 rounding error of a PSF in double precision.
+    """Return the relative L2 rounding error of a PSF engine in double precision.
 
     The larger the phase in radians, the fewer digits of its fraction double precision holds.
     """

@@ -137,6 +137,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         self.sampling = f"{columns}x{rows} panel pixels{divided}"
 
     def _geometry(self, nodes: int) -> FourierGeometry:
+        """Return the panel PSF engine's Fourier geometry with `nodes`² points per panel pixel."""
         n, panel = self._request.numeric, self._camera.panel
         if nodes == 1:
             return FourierGeometry(panel.plane, n.samples, n.scale)
@@ -148,14 +149,17 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return FourierGeometry(RectilinearGrid(y, x), n.samples, n.scale)
 
     def _kernel_phase_step(self) -> float:
-        """Return how much the Fourier kernel of the farthest sample turns across a pixel, rad."""
+        """Return the phase change of the PSF engine's kernel across a panel pixel, in radians.
+
+        The Fourier kernel of the farthest sample is meant, whose phase changes most.
+        """
         n = self._request.numeric
         return (
             2 * math.pi * self._camera.panel.pitch * self._request.farthest_sample_radius / n.scale
         )
 
     def _flat_pixel_error(self) -> float:
-        """Bound the error of taking the lens' wave as constant over each panel pixel.
+        """Bound the PSF engine's error if it takes the wave as constant over each panel pixel.
 
         If the phase changes by s rad across a pixel, the pixel's amplitude on the axis is
         overestimated by s²/24. For a sample at t rad per pixel off the axis, it is overestimated by
@@ -167,7 +171,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         )
 
     def _plan_curved_or_divided_pixels(self) -> tuple[float, list[Transform]]:
-        """Return the error and the transforms for a wave that bends inside the panel pixels."""
+        """Return the PSF engine's error and transforms for a wave that bends in panel pixels."""
         n, panel = self._request.numeric, self._camera.panel
         if self._pixel_phase_step > _SETTINGS.max_pixel_phase_step:
             raise ToleranceError(
@@ -193,7 +197,10 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return allowed, offered
 
     def _extra_aberration_nodes(self) -> int:
-        """Return the nodes to add for aberrations that aren't linear across a coarse pixel."""
+        """Return how many nodes the PSF engine adds along a panel pixel for aberrations.
+
+        Across a coarse pixel, aberrations aren't linear.
+        """
         n = self._request.numeric
         degree = max((degree for degree, _, _ in n.lens.aberrations), default=0)
         return math.ceil(degree * min(1.0, 10 * self._camera.panel.pitch / n.radius))
@@ -219,7 +226,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return self._camera.panel.plane.mesh()
 
     def _compute_pupil_wave(self) -> torch.Tensor:
-        """Compute the lens' wave behind the stop, on the panel pixels or their nodes."""
+        """Compute the lens' wave behind the stop on the PSF engine's pixels or their nodes."""
         q = self._request
         amplitude = pupil_amplitude(self._camera)
         if self._pixel_model == "curved":
@@ -246,7 +253,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return torch.polar(_repeat_per_node(amplitude, k) * shares, wrap_phase(phase))
 
     def _intensity_scale(self) -> torch.Tensor | float:
-        """Return the factor from |sum over the pixels|² to shares of the light per sample."""
+        """Return the PSF engine's factor from ``|sum over pixels|²`` to light shares per sample."""
         q, panel = self._request, self._camera.panel
         # A pixel that the stop covers in part passes light by its open area.
         power = float(pupil_amplitude(self._camera).sum()) * panel.active_side**2
@@ -254,7 +261,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return panel.active_side**4 * area / (q.scale**2 * power)
 
     def _pixel_envelope(self) -> torch.Tensor | float:
-        """Return the relative intensity of one panel pixel at each sample, 1 on the axis."""
+        """Return a panel pixel's relative intensity at the PSF engine's samples, 1 on the axis."""
         if self._pixel_model != "flat":
             return 1.0
         q, side = self._request, self._camera.panel.active_side
@@ -284,9 +291,9 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return value.to(like) if not value.requires_grad else value.to(like.device)
 
     def _has_too_little_light(self, light: torch.Tensor, amplitude: torch.Tensor | None) -> bool:
-        """Tell whether the window is so dim that errors of the light elsewhere dominate in it.
+        """Tell whether the PSF engine's window is so dim that errors of other light dominate it.
 
-        The light elsewhere is that in one period of the sum over the panel's pixels.
+        The other light is all light in one period of the sum over the panel's pixels.
         """
         if amplitude is not None:
             total = float((amplitude.detach().abs() ** 2).mean())
@@ -301,9 +308,10 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return 0 < least < _SETTINGS.low_light_share * total * self._window_period_share()
 
     def _window_period_share(self) -> float:
-        """Return the share of a period of the panel's sum that the window covers, 1 at most.
+        """Return the share of the PSF engine's period that the window covers, 1 at most.
 
-        The transform's error spreads evenly over a period.
+        The sum over the panel's pixels is periodic on the sensor. The transform's error spreads
+        evenly over a period.
         """
         n, pitch = self._request.numeric, self._camera.panel.pitch
         period = n.scale / pitch
@@ -312,20 +320,21 @@ class PanelEngine(CachedPupilWave, PSFEngine):
 
     @cached_property
     def _precise_engine(self) -> PanelEngine:
+        """The panel PSF engine in higher precision, for a dim window."""
         return PanelEngine(self._request, self._camera, precise=True)
 
 
 def _repeat_per_node(values: torch.Tensor, nodes: int) -> torch.Tensor:
-    """Repeat each panel pixel's value for all nodes of the pixel."""
+    """Repeat each panel pixel's value for all nodes that the PSF engine has in the pixel."""
     if nodes == 1:
         return values
     return values.repeat_interleave(nodes, -2).repeat_interleave(nodes, -1)
 
 
 def _pixel_node_count(half_turn: float, error: float) -> int:
-    """Return the number of Gauss-Legendre nodes that integrate a wave over a pixel to an error.
+    """Return how many Gauss-Legendre nodes the PSF engine needs in a pixel for a given error.
 
-    The wave is exp(i half_turn x), for x from -1 to 1.
+    The nodes integrate the wave exp(i half_turn x) over x from -1 to 1.
     """
     for k in range(2, _SETTINGS.max_nodes):
         log = 2 * k * math.log(2 * half_turn + 1e-300) + 4 * math.lgamma(k + 1)

@@ -63,58 +63,64 @@ class PSFRequest:
 
     @property
     def window_slices(self) -> tuple[slice, slice]:
-        """The rows and columns of the samples without the margin."""
+        """The rows and columns of the PSF request's samples without the margin."""
         rows, columns = self.samples.shape
         return slice(self.margin, rows - self.margin), slice(self.margin, columns - self.margin)
 
     @property
     def shadow_magnification(self) -> Scalar:
-        """The width of the panel's shadow at the lens over the panel's own width."""
+        """The width of the panel's shadow at the lens over the panel's, in the PSF request."""
         return 1 + self.separation / self.distance
 
     @property
     def object_to_lens_distance(self) -> Scalar:
-        """The distance from the object to the lens, in metres."""
+        """The distance from the PSF request's object to the lens, in metres."""
         return self.distance + self.separation
 
     @property
     def chief_ray_slopes(self) -> tuple[Scalar, Scalar]:
-        """The slopes (y, x) of the chief ray through the middle of the lens."""
+        """The slopes (y, x) of the PSF request's chief ray through the middle of the lens."""
         z = self.lens.image_distance
         return self.field[0] / z, self.field[1] / z
 
     @property
     def scale(self) -> Scalar:
-        """The wavelength times the image distance, m²."""
+        """The wavelength times the image distance of the PSF request, m²."""
         return self.wavelength * self.lens.image_distance
 
     @property
     def radius(self) -> Scalar:
-        """The radius of the stop, in metres."""
+        """The stop radius of the PSF request, in metres."""
         return self.lens.stop_diameter / 2
 
     @property
     def intensity_scale(self) -> Scalar:
-        """The factor from |integral over the stop in stop radii|² to shares of light per sample."""
+        """The PSF request's factor from ``|integral|²`` over the stop to light shares per sample.
+
+        Lengths in the integral are in stop radii.
+        """
         area = self.samples.pitch[0] * self.samples.pitch[1]
         return area * self.radius**2 / (self.scale**2 * self.lens.stop.area)
 
     @cached_property
     def farthest_sample_radius(self) -> float:
-        """The distance from the axis to the farthest sample, in metres."""
+        """The distance from the axis to the PSF request's farthest sample, in metres."""
         y, x = self.numeric.samples.mesh()
         return math.hypot(float(y.abs().max()), float(x.abs().max()))
 
     @cached_property
     def phase_slope_bound(self) -> PhaseSlopeBound:
-        """The bound of the phase's slope in the stop, with the kernel of the farthest sample."""
+        """The PSF request's bound on the phase slope in the stop.
+
+        The bound includes the kernel of the farthest sample.
+        """
         n = self.numeric
         tilt = 2 * math.pi * n.radius * self.farthest_sample_radius / n.scale
         return phase_slope_bound(n.lens, n.distance, n.wavelength, tilt + self.phase_slope)
 
     @property
     def transform_variables(self) -> TransformVariables:
-        """The stretch of the pupil and the shift of the image, as tensors with derivatives."""
+        """The PSF request's pupil stretch and image shift, as tensors with derivatives."""
         n = self.numeric
         stretch = (self.radius / n.radius) * (n.scale / self.scale)
         centre = self.samples.centre
@@ -130,7 +136,7 @@ class PSFRequest:
 
     @property
     def differentiable(self) -> bool:
-        """Whether the PSF shall be differentiable in any length of the request."""
+        """Whether the PSF request wants derivatives with respect to any of its lengths."""
         lens = self.lens
         lengths = (self.distance, self.wavelength, lens.focal_length, lens.f_number)
         aberrations = (path for _, _, path in lens.aberrations)
@@ -140,7 +146,7 @@ class PSFRequest:
 
     @property
     def needs_geometry_gradient(self) -> bool:
-        """Whether derivatives are wanted in lengths that move the light on the samples."""
+        """Whether the PSF request wants derivatives for lengths that shift light on the samples."""
         moving = (self.scale, self.radius, *self.samples.centre)
         return any(needs_gradient(value) for value in moving)
 

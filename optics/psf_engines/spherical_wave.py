@@ -42,9 +42,9 @@ class SphericalWaveCorrection:
             )
 
     def wave_factor(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """Return the wave's complex factor at positions (y, x) on the panel, complex128.
+        """Return the spherical wave's complex factor for the PSF engine at positions (y, x).
 
-        y, x: metres, tensors that broadcast.
+        The factor is complex128. y, x: metres on the panel, tensors that broadcast.
         """
         path, amplitude = self._path_and_amplitude(y, x)
         return torch.polar(amplitude, 2 * math.pi / self.wavelength * path)
@@ -67,9 +67,10 @@ class SphericalWaveCorrection:
     def phase_gradient(
         self, y: torch.Tensor, x: torch.Tensor, spacing: float
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the slope of wave_factor()'s phase along y and x, in cycles per metre.
+        """Return the spherical wave's phase slopes along y and x for the PSF engine, cycles/m.
 
-        It is the difference over `spacing` metres around each position.
+        The phase is that of wave_factor(). Each slope is the difference over `spacing` metres
+        around a position.
         """
         ends = [
             (
@@ -81,7 +82,7 @@ class SphericalWaveCorrection:
         return ends[0] / (spacing * self.wavelength), ends[1] / (spacing * self.wavelength)
 
     def largest_phase_slope(self, half_diagonal: float) -> float:
-        """Return the steepest slope of the wave's phase on a panel, in radians per metre.
+        """Return the steepest phase slope of the PSF engine's spherical wave on a panel, rad/m.
 
         half_diagonal: metres from the panel's middle to its corner.
         """
@@ -99,5 +100,5 @@ class SphericalWaveCorrection:
 
     @property
     def numeric(self) -> SphericalWaveCorrection:
-        """The same spherical wave in plain numbers, without derivatives."""
+        """The PSF engine's spherical wave in plain numbers, without derivatives."""
         return cast(SphericalWaveCorrection, to_plain_numbers(self))

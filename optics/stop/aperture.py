@@ -39,6 +39,7 @@ class Circle:
             raise ValueError(f"centre is {self.centre}; it must be finite")
 
     def contains(self, y: Array, x: Array) -> NDArray[np.bool_]:
+        """Tell which points lie in a circular opening of the stop."""
         return np.hypot(y - self.centre[0], x - self.centre[1]) <= self.radius
 
 
@@ -66,12 +67,14 @@ class Polygon:
 
     @property
     def is_convex(self) -> bool:
+        """Tell whether the polygon of the stop's opening is convex."""
         return all(
             _cross(a, b, c) >= -NEGLIGIBLE
             for (a, b), (_, c) in zip(self.edges, self.edges[1:] + self.edges[:1], strict=True)
         )
 
     def contains(self, y: Array, x: Array) -> NDArray[np.bool_]:
+        """Tell which points lie in a polygonal opening of the stop."""
         inside = np.zeros(np.broadcast_shapes(np.shape(y), np.shape(x)), dtype=bool)
         for (y0, x0), (y1, x1) in self.edges:
             crosses = (y0 > y) != (y1 > y)
@@ -108,7 +111,7 @@ class Segment:
     end: Point
 
     def points(self, t: Array) -> tuple[Array, Array]:
-        """Return the points (y, x) of the segment at the parameters t, from 0 to 1."""
+        """Return the points (y, x) of a straight edge of the stop at parameters t, from 0 to 1."""
         (y0, x0), (y1, x1) = self.start, self.end
         return y0 + t * (y1 - y0), x0 + t * (x1 - x0)
 
@@ -117,7 +120,10 @@ class Segment:
         return np.full_like(t, y1 - y0), np.full_like(t, x1 - x0)
 
     def crossings(self, axis: int, level: Array) -> Array:
-        """Return the parameters t at which the segment's coordinate equals one of the levels."""
+        """Return the parameters t at which a straight edge of the stop crosses the levels.
+
+        The levels are values of one coordinate of the segment.
+        """
         low, high = self.start[axis], self.end[axis]
         if low == high:
             return np.empty(0)
@@ -168,7 +174,7 @@ class Loop:
 
     @property
     def area(self) -> float:
-        """The signed area in square stop radii, by Green's theorem.
+        """The signed area of a loop of the stop's edge in square stop radii, by Green's theorem.
 
         24 nodes make it exact to rounding, for arcs and segments.
         """
@@ -210,7 +216,7 @@ class Stop:
 
     @property
     def loops(self) -> tuple[Loop, ...]:
-        """The stop's boundary: the opening, less each obscuration, plus the overlaps of pairs.
+        """The boundary of the stop: the opening, less each obscuration, plus overlaps of pairs.
 
         An overlap is added because both obscurations subtract it.
         """
@@ -221,7 +227,7 @@ class Stop:
         return tuple(loop for loop in found if loop is not None)
 
     def _overlap_in_opening(self, a: Shape, b: Shape, c: Shape) -> bool:
-        """Tell whether three obscurations overlap inside the opening.
+        """Tell whether three obscurations overlap inside the stop's opening.
 
         Touching isn't overlapping: vanes that end where others begin share corners.
         """
@@ -253,7 +259,7 @@ class Stop:
 
     @property
     def area(self) -> float:
-        """The open area in square stop radii."""
+        """The open area of the aperture stop in square stop radii."""
         return sum(loop.area for loop in self.loops)
 
     @property
@@ -287,7 +293,10 @@ def _shoelace(corners: Sequence[Point]) -> float:
 
 
 def _cross(a: Point, b: Point, c: Point) -> float:
-    """Return the cross product of ab and ac, positive for a turn from x towards y."""
+    """Return the cross product of ab and ac at the stop's corners.
+
+    It is positive for a turn from x towards y.
+    """
     return (b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])
 
 
@@ -302,7 +311,10 @@ def _crosses_itself(corners: Sequence[Point]) -> bool:
 
 
 def _on_both_sides(start: Point, end: Point, c: Point, d: Point) -> bool:
-    """Tell whether c and d lie on different sides of a line, and neither on it up to rounding."""
+    """Tell whether c and d lie on different sides of a line through the stop's edge.
+
+    Neither may lie on it up to rounding.
+    """
     low, high = sorted((_cross(start, end, c), _cross(start, end, d)))
     return low < -NEGLIGIBLE and high > NEGLIGIBLE
 
@@ -314,7 +326,7 @@ def _boundary(shape: Shape, sign: int) -> Loop:
 
 
 def _lies_within(inner: Shape, outer: Shape) -> bool:
-    """Tell whether one shape of a stop lies inside another."""
+    """Tell whether one shape of an aperture stop lies inside another."""
     if isinstance(outer, Circle) and isinstance(inner, Circle):
         return math.dist(inner.centre, outer.centre) + inner.radius <= outer.radius
     if isinstance(outer, Circle):
@@ -331,7 +343,10 @@ def _lies_within(inner: Shape, outer: Shape) -> bool:
 
 
 def _distance_to_segment(p: Point, a: Point, b: Point) -> float:
-    """Return the distance from a point to a segment of a polygon."""
+    """Return the distance from a point to a straight edge of the stop.
+
+    The edge is a segment of a polygon.
+    """
     along = np.subtract(b, a)
     t = float(np.clip(np.dot(np.subtract(p, a), along) / np.dot(along, along), 0, 1))
     return math.dist(p, (a[0] + t * along[0], a[1] + t * along[1]))
@@ -342,7 +357,7 @@ def _loop_area(loop: Loop | None) -> float:
 
 
 def _intersection_loop(a: Shape, b: Shape, sign: int) -> Loop | None:
-    """Return the boundary of the intersection of two shapes, or None if it is empty."""
+    """Return the boundary of the overlap of two shapes of a stop, or None if it is empty."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_intersection(a, b, sign)
     if isinstance(a, Circle):
@@ -370,7 +385,7 @@ def _circle_intersection(a: Circle, b: Circle, sign: int) -> Loop | None:
 
 
 def _circle_polygon_intersection(circle: Circle, polygon: Polygon, sign: int) -> Loop | None:
-    """Return the boundary of the intersection of a circle and a polygon.
+    """Return the boundary of the overlap of a circle and a polygon of the stop.
 
     Edges inside the circle are kept. An edge outside is replaced by the arc that it hides, seen
     from the circle's centre. Every edge or arc sweeps a signed area around the centre, so that the
@@ -393,7 +408,7 @@ def _circle_polygon_intersection(circle: Circle, polygon: Polygon, sign: int) ->
 
 
 def _circle_crossings(circle: Circle, edge: Segment) -> list[float]:
-    """Return the parameters t at which an edge of a polygon crosses a circle, in order."""
+    """Return where a polygon edge of the stop crosses a circle, as parameters t in order."""
     start, along = np.subtract(edge.start, circle.centre), np.subtract(edge.end, edge.start)
     a, b = float(along @ along), float(start @ along)
     root = b * b - a * (float(start @ start) - circle.radius**2)
@@ -411,7 +426,7 @@ def _hidden_arc(circle: Circle, p: Point, q: Point) -> Arc:
 
 
 def _clip_polygon(a: Polygon, b: Polygon) -> Polygon | None:
-    """Intersect two polygons, one of which is convex (Sutherland and Hodgman 1974)."""
+    """Intersect two polygons of a stop, one of them convex (Sutherland and Hodgman 1974)."""
     if not a.is_convex:
         a, b = b, a
     if not a.is_convex:

@@ -28,7 +28,7 @@ def open_arcs(stop: Stop, r: float) -> list[Interval]:
 
 
 def _join_arcs_at_zero(arcs: list[Interval]) -> list[Interval]:
-    """Join two arcs that meet at the angle 0 into one."""
+    """Join two open arcs of the stop that meet at the angle 0 into one."""
     if len(arcs) < 2 or arcs[0][0] > 0 or arcs[-1][1] < _FULL_CIRCLE[1]:
         return arcs
     return [*arcs[1:-1], (arcs[-1][0], arcs[0][1] + 2 * math.pi)]
@@ -45,7 +45,7 @@ def _arcs_inside_shape(shape: Shape, r: float) -> list[Interval]:
 
 
 def _contains_point(polygon: Polygon, r: float, angle: float) -> bool:
-    """Tell whether a polygon contains one point, given in polar coordinates.
+    """Tell whether a polygon of the stop contains one point, given in polar coordinates.
 
     `Polygon.contains` is slow for single points, and this function may be called a million times.
     """
@@ -58,7 +58,7 @@ def _contains_point(polygon: Polygon, r: float, angle: float) -> bool:
 
 
 def _merge_touching_arcs(arcs: list[Interval]) -> list[Interval]:
-    """Join arcs that touch."""
+    """Join open arcs of the stop that touch."""
     kept: list[Interval] = []
     for first, last in arcs:
         if kept and first - kept[-1][1] <= 0:
@@ -84,7 +84,10 @@ def _arcs_inside_circle(circle: Circle, r: float) -> list[Interval]:
 
 
 def _crossing_angles(p: Point, q: Point, r: float) -> list[float]:
-    """Return the angles at which an edge crosses the circle of radius r around the axis."""
+    """Return the angles at which an edge of the stop crosses the circle of radius r.
+
+    The circle is around the axis.
+    """
     return [
         math.atan2(y, x) % (2 * math.pi)
         for y, x in _edge_circle_intersections((0.0, 0.0), r * r, p, q)
@@ -109,7 +112,10 @@ def break_radii(stop: Stop) -> list[float]:
 
 
 def _critical_radii(shape: Shape) -> list[float]:
-    """Return the radii of a shape's corners, and of points where an edge is tangent to a circle."""
+    """Return the radii of a stop shape's corners, and of its tangent points with circles.
+
+    They are points where an edge is tangent to a circle.
+    """
     if isinstance(shape, Circle):
         away = math.hypot(*shape.centre)
         return [abs(shape.radius - away), shape.radius + away]
@@ -123,7 +129,7 @@ def _critical_radii(shape: Shape) -> list[float]:
 
 
 def _outline_intersections(a: Shape, b: Shape) -> list[Point]:
-    """Return the points where the outlines of two shapes cross."""
+    """Return the points where the outlines of two shapes of the stop cross."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_intersections(a, b)
     if isinstance(a, Polygon) and isinstance(b, Polygon):
@@ -153,7 +159,7 @@ def _circle_intersections(a: Circle, b: Circle) -> list[Point]:
 
 
 def _edge_circle_intersections(centre: Point, square: float, p: Point, q: Point) -> list[Point]:
-    """Return the points where an edge from p to q crosses a circle.
+    """Return the points where a stop's edge from p to q crosses a circle.
 
     square: the circle's squared radius.
     """

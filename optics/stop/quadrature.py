@@ -46,7 +46,10 @@ class PhaseSlopeBound:
     azimuthal_cycles: int = 1
 
     def largest_slope(self, r: float) -> float:
-        """Return the bound of the slope at radius r in any direction, Fourier kernel included."""
+        """Return the bound of the phase slope in the stop at radius r, in any direction.
+
+        The Fourier kernel is included.
+        """
         return math.hypot(self.radial(r), self.azimuthal(r) / max(r, 1e-3)) + self.tilt
 
 
@@ -70,10 +73,11 @@ def _unit_interval_rule(count: int) -> tuple[Array, Array]:
 
 
 def gauss_node_count(length: float, slope: float, tol: float) -> int:
-    """Return the number of Gauss-Legendre nodes for a phase that changes by slope x length at most.
+    """Return the number of Gauss-Legendre nodes along a line in the stop.
 
-    It is half a node per radian of half the change, plus nodes for the transition to convergence
-    (Trefethen 2008), plus nodes for the tolerance.
+    The phase changes by slope x length at most. The number is half a node per radian of half the
+    change, plus nodes for the transition to convergence (Trefethen 2008), plus nodes for the
+    tolerance.
     """
     turn = length * slope / 2
     return math.ceil(turn / 2 + 2.5 * turn ** (1 / 3) - 1.5 * math.log10(tol)) + 8
@@ -86,7 +90,9 @@ def _subinterval_count(length: float, slope: float) -> int:
 
 
 def line_rule(length: float, slope: float, tol: float) -> tuple[Array, Array]:
-    """Return composite Gauss-Legendre nodes from 0 to 1 and weights with the sum 1.
+    """Return composite Gauss-Legendre nodes along a line in the stop, and weights.
+
+    The nodes run from 0 to 1; the weights have the sum 1.
 
     The line has the given length in stop radii, and the phase the given slope along it.
     """
@@ -97,7 +103,10 @@ def line_rule(length: float, slope: float, tol: float) -> tuple[Array, Array]:
 
 
 def count_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
-    """Estimate the number of nodes of stop_rule(), within some percent, without computing them."""
+    """Estimate the number of nodes of stop_rule() over the aperture stop, within some percent.
+
+    It doesn't compute them.
+    """
     if stop.annulus_radii is not None:
         inner, outer = stop.annulus_radii
         count, some = _sparse_line_nodes(outer - inner, _radial_slope(outer, slope_bound), tol)
@@ -114,7 +123,7 @@ def count_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
 
 
 def _row_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> float:
-    """Return the number of nodes in rows and columns; infinite unless the stop is a rectangle."""
+    """Return the node count in rows and columns of a rectangular stop; infinite for others."""
     if stop.rectangle_bounds is None:
         return math.inf
     y0, y1, x0, x1 = stop.rectangle_bounds
@@ -139,7 +148,10 @@ def _arc_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -
 
 
 def _sparse_line_nodes(length: float, slope: float, tol: float) -> tuple[int, Array]:
-    """Return the number of nodes of line_rule(), and an evenly spread sample of them."""
+    """Return the number of nodes along a line in the stop, and an even sample of them.
+
+    They are nodes of line_rule(); the sample is evenly spread.
+    """
     count = line_rule_node_count(length, slope, tol)
     panels = _subinterval_count(length, slope)
     number = ((np.arange(_SPARSE_NODES) + 0.5) / _SPARSE_NODES * count).astype(np.int64)
@@ -148,14 +160,17 @@ def _sparse_line_nodes(length: float, slope: float, tol: float) -> tuple[int, Ar
 
 
 def stop_rule(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> QuadratureNodes:
-    """Return the nodes and weights of an integral over a stop."""
+    """Return the nodes and weights of an integral over the opening of an aperture stop."""
     return _join_chunks(list(_node_chunks(stop, slope_bound, tol)))
 
 
 def stop_rule_blocks(
     stop: Stop, slope_bound: PhaseSlopeBound, tol: float, max_nodes: int
 ) -> Iterator[QuadratureNodes]:
-    """Yield the nodes of stop_rule() in blocks of about `max_nodes`, to save memory."""
+    """Yield the nodes over the stop's opening in blocks, to save memory.
+
+    They are the nodes of stop_rule(), in blocks of about `max_nodes`.
+    """
     gathered: list[_NodeChunk] = []
     count = 0
     for part in _node_chunks(stop, slope_bound, tol):
@@ -182,7 +197,7 @@ def _node_chunks(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterat
 def product_rule(
     stop: Stop, slope_bound: PhaseSlopeBound, tol: float
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return nodes and weights along y and along x, over a stop that is an upright rectangle."""
+    """Return the nodes and weights along y and x over a stop that is an upright rectangle."""
     assert stop.rectangle_bounds is not None
     y0, y1, x0, x1 = stop.rectangle_bounds
     slope = slope_bound.largest_slope(1.0)
@@ -204,13 +219,16 @@ def _join_chunks(parts: list[_NodeChunk]) -> QuadratureNodes:
 
 
 def line_rule_node_count(length: float, slope: float, tol: float) -> int:
-    """Return the number of nodes of line_rule()."""
+    """Return the number of nodes of line_rule() along a line in the stop."""
     panels = _subinterval_count(length, slope)
     return panels * gauss_node_count(length / panels, slope, tol)
 
 
 def _circle_node_count(r: float, slope_bound: PhaseSlopeBound, tol: float) -> int:
-    """Return the number of evenly spaced nodes around a circle that resolves all harmonics."""
+    """Return the number of even nodes on a circle in the stop that resolves all harmonics.
+
+    They are evenly spaced around the circle.
+    """
     kernel = _harmonic_count(slope_bound.tilt * r, tol)
     if not slope_bound.azimuthal(r):
         return kernel
@@ -221,9 +239,9 @@ def _circle_node_count(r: float, slope_bound: PhaseSlopeBound, tol: float) -> in
 
 
 def _harmonic_count(turn: float, tol: float) -> int:
-    """Return the number of harmonics of exp(i turn sin(angle)) above a tolerance.
+    """Return the number of harmonics in the stop above a tolerance.
 
-    Their amplitudes are Bessel functions.
+    The harmonics are those of exp(i turn sin(angle)). Their amplitudes are Bessel functions.
     """
     return math.ceil(turn + 4.0 * turn ** (1 / 3) - 2.0 * math.log10(tol)) + 6
 
@@ -241,7 +259,7 @@ def _ring_nodes(
 
 
 def _circle_nodes(radii: Array, along: Array, counts: NDArray[np.int64]) -> _NodeChunk:
-    """Return evenly spaced nodes on whole circles around the axis."""
+    """Return evenly spaced nodes on whole circles in the stop, around the axis."""
     starts = np.cumsum(counts) - counts
     number = np.arange(counts.sum()) - np.repeat(starts, counts)
     angle = 2 * math.pi * number / np.repeat(counts, counts)
@@ -251,7 +269,7 @@ def _circle_nodes(radii: Array, along: Array, counts: NDArray[np.int64]) -> _Nod
 
 
 def _arc_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
-    """Yield nodes on the open arcs of circles around the axis.
+    """Yield nodes on the arcs of circles that the stop leaves open, around the axis.
 
     Defocus is constant along an arc, so that only the Fourier kernel needs nodes there.
     """
@@ -265,7 +283,9 @@ def _arc_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator
 
 
 def _end_clustered_radii(low: float, high: float, angle: Array) -> tuple[Array, Array]:
-    """Return radii that cluster at both ends of an interval, and their derivative in the angle.
+    """Return radii in the stop that cluster at both ends, and their derivative in the angle.
+
+    The ends are those of an interval.
 
     The angle runs from -pi/2 to pi/2. The integrand stays smooth in the angle where an edge of the
     stop is tangent to a circle.
@@ -275,7 +295,9 @@ def _end_clustered_radii(low: float, high: float, angle: Array) -> tuple[Array, 
 
 
 def _arc_integral_slope(stop: Stop, low: float, high: float, slope_bound: PhaseSlopeBound) -> float:
-    """Bound how fast the phase of the integral along the arcs changes, in radians per radian.
+    """Bound how fast the phase of the stop's arc integral changes, in radians per radian.
+
+    It is the integral along the arcs.
 
     The angle is that of _end_clustered_radii(). The ends of the arcs may move along the stop's edge
     much faster than the radius grows.
@@ -303,7 +325,9 @@ def _radial_slope(r: float, slope_bound: PhaseSlopeBound) -> float:
 
 
 def _azimuthal_slope(angle: float, r: float, slope_bound: PhaseSlopeBound, tol: float) -> float:
-    """Return the slope for line_rule() along an open arc, in radians per radian.
+    """Return the phase slope along an open arc of the stop, in radians per radian.
+
+    It is meant for line_rule().
 
     Over more than half a cycle the phase's slope varies too much for the spare nodes of a line.
     Then the frequency of the fastest harmonic is used, which is the same everywhere.
@@ -316,7 +340,7 @@ def _azimuthal_slope(angle: float, r: float, slope_bound: PhaseSlopeBound, tol: 
 def _arc_rule(
     r: float, arc: tuple[float, float], slope_bound: PhaseSlopeBound, tol: float
 ) -> tuple[Array, Array]:
-    """Return angles along an open arc, and weights whose sum is the arc's angle."""
+    """Return angles along an open arc of the stop, and weights whose sum is the arc's angle."""
     first, last = arc
     if last - first >= 2 * math.pi:
         count = _circle_node_count(r, slope_bound, tol)
@@ -340,7 +364,7 @@ def _single_arc_node_count(
 
 
 def _arc_piece_count(arc: tuple[float, float]) -> int:
-    """Return the number of pieces of an arc, each half a circle at most.
+    """Return the number of pieces of an open arc of the stop, each half a circle at most.
 
     Along a longer piece, the slope of a tilt varies too much for the spare nodes of
     gauss_node_count().
