@@ -54,9 +54,9 @@ class AxialEngine(CachedPupilWave, PSFEngine):
 
     @staticmethod
     def can_serve(request: PSFRequest) -> bool:
-        """Tell whether the PSF is that of a round lens, and no derivative moves it.
+        """Tell whether the lens is round, and no derivative moves its PSF on the samples.
 
-        The lens must be rotationally symmetric.
+        The stop and the aberrations of a round lens are rotationally symmetric.
         """
         lens = request.lens
         round_ = all(m == 0 for _, m, _ in lens.aberrations)
@@ -96,7 +96,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
             raise unreachable_tolerance_error(q.tol, 1.2 * self.error.value + self.arithmetic)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the points along one pupil radius at which the symmetric PSF takes a phase.
+        """Return the points on one pupil radius where the symmetric PSF takes its phase.
 
         A phase there holds for all angles.
         """
@@ -106,7 +106,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         return torch.zeros_like(self._pupil_radii), self._pupil_radii * self._request.numeric.radius
 
     def _compute_pupil_wave(self) -> torch.Tensor:
-        """Compute the wave along a pupil radius of the round lens whose PSF is wanted."""
+        """Compute the wave along one pupil radius of the round lens, for its PSF."""
         q = self._request
         phase = pupil_phase(
             q.lens, q.distance, q.wavelength, torch.zeros_like(self._pupil_radii), self._pupil_radii
@@ -132,9 +132,10 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         )
 
     def _sum_over_pupil_radii(self, wave: torch.Tensor) -> torch.Tensor:
-        """Sum a wave over the pupil radii of a round lens to the PSF's field at sensor radii.
+        """Sum a wave over a round lens' pupil radii to the PSF's field at radii on the sensor.
 
-        The wave has the shape (..., pupil radii), the result (..., radii, 2).
+        wave: complex, (..., pupil radii). The result holds real and imaginary part, (..., radii,
+        2).
         """
         matrix = self._hankel_matrix.to(wave.device)
         return (torch.view_as_real(wave).mT @ matrix.mT).mT
@@ -149,7 +150,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         return near[..., 0] ** 2 + near[..., 1] ** 2
 
     def _measure_error(self, radius: torch.Tensor) -> ErrorEstimate:
-        """Measure the symmetric PSF's error at radii, against more nodes without interpolation."""
+        """Measure the symmetric PSF's error at some radii, against an uninterpolated finer sum."""
         q = self._request.numeric
         times = torch.bincount(
             self._radius_index[q.window_slices].ravel(), minlength=radius.numel()
@@ -188,17 +189,15 @@ class AxialEngine(CachedPupilWave, PSFEngine):
 def _radians_per_metre(q: PSFRequest) -> float:
     """Return the phase of the symmetric PSF's kernel, in radians per metre and stop radius.
 
-    It is that per metre on the sensor and per stop radius in the pupil.
+    The metres are on the sensor, the stop radii in the pupil.
     """
     return 2 * math.pi * q.radius / q.scale
 
 
 def _radial_rule(q: PSFRequest, finer: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return radii and weights of the integral over a round lens' pupil for its PSF.
+    """Return radii and weights that integrate over a round lens' open pupil for its PSF.
 
-    The radii are in stop radii; the integral is over the open area.
-
-    finer: factor on the phase's slope for which the nodes are chosen.
+    The radii are in stop radii. finer: factor on the phase's slope for which they are chosen.
     """
     assert q.lens.stop.annulus_radii is not None
     inner, outer = q.lens.stop.annulus_radii
@@ -273,19 +272,16 @@ class _HankelCost:
 
 
 def _prefers_rim(q: PSFRequest, size: _HankelCost) -> bool:
-    """Tell whether the rim integral of a symmetric PSF takes far fewer nodes than a radial rule.
-
-    The radial rule is one along the stop's radius.
-    """
+    """Tell whether a PSF's rim integral takes far fewer nodes than a rule along the radius."""
     if not q.lens.has_quadratic_phase:
         return False
     return size.nodes * size.field_radii > _CHUNK and size.nodes > 2 * rim_node_count(q, q.tol)
 
 
 def _interpolation_reach(tol: float) -> int:
-    """Return the samples on either side for a symmetric PSF's interpolation, by Kaiser's formula.
+    """Return how many samples on either side interpolate a symmetric PSF to a tolerance.
 
-    The attenuation in Kaiser's formula is in dB.
+    Kaiser's formula gives their number. Its attenuation is in dB.
     """
     attenuation = 40 - 20 * math.log10(tol)
     return math.ceil((attenuation - 8) / (2 * 2.285 * 2 * math.pi * (1 - 1 / _OVERSAMPLING))) + 2

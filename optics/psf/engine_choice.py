@@ -42,7 +42,7 @@ def _build_choice(
     method: str | None,
     tried_engines: Iterable[PSFEngine] = (),
 ) -> MethodChoice[PSFEngine]:
-    """Collect the ways to compute the PSF of a lens or camera that weren't tried yet."""
+    """Collect the methods that may compute the PSF of a lens or camera and weren't tried yet."""
     makers = _engine_factories(request, camera, method)
     kinds = {one.name for one in tried_engines}
     return MethodChoice(
@@ -56,9 +56,9 @@ def _build_choice(
 def _engine_factories(
     request: PSFRequest, camera: Camera | None, method: str | None
 ) -> dict[str, Callable[[], PSFEngine]]:
-    """Return a function for each way to compute the PSF of a lens or camera.
+    """Return, by name, a function for each method that may compute the PSF of a lens or camera.
 
-    Each function makes an engine that may serve the PSF request.
+    Each function makes the method's engine.
     """
     makers: dict[str, Callable[[], PSFEngine]]
     if camera is None:
@@ -78,9 +78,7 @@ def _engine_factories(
 def prepare_cheapest_engine(
     request: PSFRequest, camera: Camera | None, method: str | None, reserved_tol: float
 ) -> PSFEngine:
-    """Prepare the cheapest way to compute the PSF of a lens or camera to its tolerance.
-
-    It fits the memory.
+    """Prepare the cheapest method that keeps the tolerance of a PSF and fits the memory.
 
     reserved_tol: part of the caller's tolerance that the request's tolerance doesn't include.
     Raises ToleranceError, whose message names a tolerance that can be kept or another remedy.
@@ -99,9 +97,7 @@ def prepare_cheapest_engine(
 def fallback_engines(
     request: PSFRequest, camera: Camera, tried_engines: Iterable[PSFEngine]
 ) -> Iterator[PSFEngine]:
-    """Yield other ways to compute the PSF of a lens or camera that keep the tolerance.
-
-    They are engines of other kinds than those already tried.
+    """Yield further methods that keep the tolerance of a camera's PSF, without those tried already.
 
     The cheapest comes first. Each is prepared just before it is yielded.
     """
@@ -115,9 +111,7 @@ def tolerance_error_with_advice(
     reserved_tol: float,
     floor: float,
 ) -> ToleranceError:
-    """Return a ToleranceError that names the tolerance that a PSF can keep.
-
-    The tolerance lies at `floor` or above.
+    """Return a ToleranceError that names a tolerance, `floor` or above, that the PSF can keep.
 
     An engine plans anew for another tolerance and can't predict exactly which error remains. So for
     a panel apart from its lens, whose engines are cheap to plan, the candidate tolerances are
@@ -135,7 +129,7 @@ def tolerance_error_with_advice(
     for room in (10.0, 1.0):
 
         def can_keep(tol: float, room: float = room) -> bool:
-            """Tell whether a PSF can be computed to a tolerance."""
+            """Tell whether the PSF can be computed to `tol`, and to `tol / room`."""
             asked = (replace(request, tol=(tol - reserved_tol) / part) for part in (room, 1.0))
             return all(_can_keep_tolerance(one, camera, method) for one in asked)
 
@@ -146,7 +140,7 @@ def tolerance_error_with_advice(
 
 
 def _can_keep_tolerance(request: PSFRequest, camera: Camera, method: str | None) -> bool:
-    """Tell whether any method predicts that a PSF keeps the requested tolerance."""
+    """Tell whether any method predicts that it keeps the requested tolerance of the PSF."""
     offers = _build_choice(request, camera, method).candidates
     return any(one.error.value + one.arithmetic <= request.tol for one in offers)
 

@@ -176,7 +176,7 @@ class PSFOperator:
         self.account = self._build_account(request, tol, rest)
 
     def _build_account(self, request: PSFRequest, tol: float, rest: float) -> Account:
-        """Build the account of the PSF."""
+        """Build the PSF's account: its method, errors, predicted time and memory."""
         engine, speed = self.engine, request.budget.speed
         rows, columns = request.samples.shape
         sampling = ErrorEstimate(engine.error.value + rest, engine.error.how)
@@ -194,7 +194,7 @@ class PSFOperator:
         )
 
     def _model_error(self, request: PSFRequest) -> ErrorEstimate:
-        """Return the error of the model behind the PSF."""
+        """Estimate the error of the PSF's optical model."""
         n = request.numeric
         radius = n.radius
         if self.camera is not None and not n.separation:
@@ -208,7 +208,7 @@ class PSFOperator:
 
     @property
     def scale(self) -> Scalar:
-        """Square metres of pupil or panel for one cycle of the PSF on the sensor.
+        """The ratio of a pupil or panel position to its frequency in the PSF's field, in m².
 
         It is the wavelength times the image distance, or times the ray-matrix element B
         (`Camera.ray_matrix_b`) where the panel stands apart from the lens.
@@ -224,7 +224,7 @@ class PSFOperator:
 
     @property
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Positions (y, x) in metres at which the PSF samples phase and amplitude in the pupil.
+        """Positions (y, x) in the pupil, in metres, where the PSF takes phase and amplitude.
 
         The two tensors broadcast against each other.
         """
@@ -262,9 +262,7 @@ class PSFOperator:
         spectrum: torch.Tensor | None = None,
         unmodulated_spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Compute the PSF, from tensors alone and with spectra that are already known.
-
-        It computes what a call computes.
+        """Compute the PSF as a call does, but from tensors only, and with known spectra if given.
 
         Parameters
         ----------
@@ -345,7 +343,7 @@ class PSFOperator:
         return light
 
     def needs_unmodulated_psf(self, amplitude: torch.Tensor | None) -> bool:
-        """Tell whether a PSF with a phase has yet to compute `unmodulated_psf`."""
+        """Tell whether the PSF of a phase needs `unmodulated_psf`, which isn't computed yet."""
         return self.unmodulated > 0 and not any(
             known is amplitude for known, _ in self._cached_unmodulated_psfs
         )
@@ -413,7 +411,7 @@ class PSFOperator:
     def light_budget(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> LightBudget:
-        """Compute where a pattern's light goes: through the stop, to the PSF's window, or blocked.
+        """Compute where a pattern's light goes: through the stop, to the PSF's window, or lost.
 
         Unmodulated light counts.
 
@@ -448,7 +446,10 @@ class PSFOperator:
     def _panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
-        """Compute the panel's field for the PSF of one pattern, (rows, columns), complex64."""
+        """Compute the field behind the panel for the PSF's light budget of one pattern.
+
+        The field is complex64, (rows, columns).
+        """
         assert self.camera is not None
         shape = self.camera.panel.shape
         factor = self.engine.modulation_factor(phase, amplitude, shape, torch.complex64)
@@ -509,9 +510,9 @@ def _validate_field_position(
 def _build_spherical_wave(
     camera: Camera | None, distance: Scalar, wavelength: Scalar, field: tuple[Scalar, Scalar]
 ) -> SphericalWaveCorrection:
-    """Build the spherical wave of the PSF's point over the panel, imaged at `field`.
+    """Build the spherical-wave correction over the panel for a PSF's point imaged at `field`.
 
-    `field` is the position of the image on the sensor.
+    `field` is (y, x) in metres on the sensor.
     """
     if camera is None:
         raise ValueError("sphere is True; it is a wave over a panel, and a lens has none")
@@ -580,9 +581,7 @@ def psf(
 
 
 def nyquist_samples_per_pixel(camera: Camera, wavelength: float) -> float:
-    """Compute the samples per sensor pixel that resolve the PSF's finest fringe on an axis.
-
-    They just resolve it.
+    """Compute the samples per sensor pixel that just resolve a PSF's finest fringe along an axis.
 
     Parameters
     ----------

@@ -37,16 +37,16 @@ class SensorRegion:
                 raise ValueError(f"{name} is {low:g} to {high:g} m; give the lower end first")
 
     def position_at(self, v: float, u: float) -> tuple[float, float]:
-        """Convert a PSF's position in half sides of the field region to metres (y, x).
+        """Convert a field position from half sides of the PSFs' sensor region to metres (y, x).
 
-        Half sides count from the region's middle, -1 to 1.
+        v, u: from the region's middle along y and x, -1 to 1.
         """
         return _position_in_range(self.y, v), _position_in_range(self.x, u)
 
     def relative_position(self, y: float, x: float) -> tuple[float, float]:
-        """Convert a PSF's position (y, x) in metres to half sides of the field region.
+        """Convert a field position from metres (y, x) to half sides of the PSFs' sensor region.
 
-        Raises ValueError if it lies outside.
+        Raises ValueError if the position lies outside the region.
         """
         return _relative_position("y", self.y, y), _relative_position("x", self.x, x)
 
@@ -104,9 +104,10 @@ class PSFOverField:
         return self._interpolate(*self._region.relative_position(y, x))
 
     def _refine_to_tolerance(self) -> ErrorEstimate:
-        """Refine the field positions of the PSFs until their interpolation keeps the tolerance.
+        """Add PSFs over the field until interpolation between them keeps the tolerance.
 
-        It is kept at new nodes and at the check positions.
+        The error is measured at the new nodes of each level, and last at the check positions.
+        Return the error there.
         """
         sides = (self._region.y, self._region.x)
         wide = [axis for axis, (low, high) in enumerate(sides) if low < high]
@@ -153,10 +154,7 @@ class PSFOverField:
         return max(self._interpolation_error(v, u) for v, u in _CHECK_POSITIONS)
 
     def _interpolation_error(self, v: float, u: float) -> float:
-        """Return the L2 error of a PSF that is interpolated over the field.
-
-        It is relative to the norm of the brightest PSF.
-        """
+        """Return the L2 error of an interpolated PSF, relative to the field's brightest PSF."""
         wrong = _l2_norm(self._interpolate(v, u) - self._psf_at_node(v, u))
         return wrong / self._brightest if wrong else 0.0
 
@@ -182,9 +180,9 @@ class PSFOverField:
 
 
 def _chebyshev_nodes(level: int) -> list[float]:
-    """Return the Chebyshev points of the field, from -1 to 1, at which PSFs are computed.
+    """Return the field positions, from -1 to 1, at which PSFs are computed: Chebyshev points.
 
-    They are of the second kind; each level includes the last.
+    They are points of the second kind. Each level includes the points of the level before.
     """
     if level == 0:
         return [0.0]
@@ -199,10 +197,7 @@ def _chebyshev_point(k: int, steps: int) -> float:
 
 
 def _barycentric_weights(nodes: list[float], place: float) -> list[float]:
-    """Return the nodes' weights that interpolate a PSF over the field at a position.
-
-    The interpolation is barycentric.
-    """
+    """Return the nodes' weights for barycentric interpolation of a PSF over the field."""
     if place in nodes or len(nodes) == 1:
         return [1.0 if node == place or len(nodes) == 1 else 0.0 for node in nodes]
     last = len(nodes) - 1

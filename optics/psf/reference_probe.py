@@ -75,7 +75,7 @@ class ReferenceProbe:
         )
 
     def _reference_samples(self, light: Array) -> tuple[NDArray[np.int64], Array, Array]:
-        """Return the PSF's reference samples, their weights, and the exact light on them.
+        """Return the samples at which a PSF is checked, their weights, and the exact light there.
 
         The first PSF that is measured determines which samples are drawn.
         """

@@ -14,9 +14,9 @@ _CHUNK = 1 << 21
 
 
 def rim_node_count(q: PSFRequest, tol: float, refinement: float = 1.0) -> int:
-    """Return the number of nodes around the rim of a symmetric PSF's stop.
+    """Return how many evenly spaced nodes on the stop's rim a symmetric PSF needs.
 
-    They are evenly spaced and suffice for the farthest sample.
+    The nodes suffice for the farthest sample.
     """
     turn = refinement * q.phase_slope_bound.tilt
     # The integrand has a narrow peak if the point of the stop that is imaged onto the sample lies
@@ -72,7 +72,7 @@ def rim_field(
 
 
 def _g(a: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return the factor (exp(i a) - 1) / (i a) of the rim integral of a symmetric PSF.
+    """Return the factor (exp(i a) - 1) / (i a) in the rim integral of a symmetric PSF.
 
     It is computed as exp(i a / 2) sinc(a / 2).
     """

@@ -126,7 +126,7 @@ class ScatteredNodesEngine(PSFEngine):
         raise unreachable_tolerance_error(q.tol, 1.5 * self.error.value + self.arithmetic)
 
     def _blocks(self) -> Iterator[_NodeBlock]:
-        """Yield the PSF's nodes in blocks, for a stop whose nodes don't all fit the memory."""
+        """Yield the PSF's pupil nodes in blocks; not all nodes of the stop fit the memory."""
         q = self._request.numeric
         for nodes in stop_rule_blocks(
             q.lens.stop, q.phase_slope_bound, self._quadrature_tol, self._max_block_nodes
@@ -170,7 +170,7 @@ class _NodeBlock(CachedPupilWave):
         )
 
     def field(self, factor: torch.Tensor | None) -> torch.Tensor:
-        """Compute the PSF's field on the samples from a block of nodes, in square stop radii.
+        """Compute the PSF's field on the samples from this block of nodes, in square stop radii.
 
         factor: complex modulation on the nodes, or None.
         """

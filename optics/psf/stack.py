@@ -86,10 +86,7 @@ class PSFStack:
 
     @property
     def accounts(self) -> list[Account]:
-        """The accounts of all PSFs in the stack, by distance, band and field.
-
-        This is the order of the result.
-        """
+        """The accounts of all PSFs, in the order of the stack: by distance, band and field."""
         return [one.account for row in self.operators for band in row for one in band]
 
     @accepts_numpy
@@ -120,9 +117,9 @@ class PSFStack:
         return torch.stack([torch.stack(one).reshape(shape) for one in found], dim=1)
 
     def _per_band(self, name: str, value: torch.Tensor | None) -> list[torch.Tensor | None]:
-        """Return a phase or amplitude per colour band of the PSF stack.
+        """Return one phase or amplitude for each colour band of the PSF stack.
 
-        It takes one for each band or one for all.
+        value: one for each band, or one for all.
         """
         bands = len(self._shared_spectra)
         if value is None or value.ndim == 2:
@@ -155,9 +152,9 @@ class PSFStack:
         return found
 
     def _needs_recomputation(self, spectrum: torch.Tensor | None) -> bool:
-        """Tell whether the PSF stack's derivatives should compute fields again to save memory.
+        """Tell whether derivatives of the PSF stack should compute sensor fields again.
 
-        They are the fields at the sensor.
+        Computing the fields at the sensor again saves the memory that would hold them.
         """
         if spectrum is None or not (spectrum.requires_grad and torch.is_grad_enabled()):
             return False

@@ -32,9 +32,9 @@ class CurvedPixelTransform(MatrixTransform):
         self._curvature, self._side = curvature, side
 
     def node_count(self, axis: int) -> int:
-        """Return the number of a PSF engine's quadrature nodes in a curved pixel.
+        """Return the number of quadrature nodes that the PSF engine takes in a curved panel pixel.
 
-        It is that for the largest change of phase.
+        It suffices for the pixel and the sample with the largest change of phase.
         """
         x, u = (p.coordinates(axis).abs().max() for p in (self.geometry.pupil, self.geometry.image))
         half = self._side / 2

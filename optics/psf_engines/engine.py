@@ -85,9 +85,9 @@ class PSFEngine(CandidateMethod):
         samples: Sequence[int],
         dtype: torch.dtype = torch.complex128,
     ) -> torch.Tensor | None:
-        """Return the pattern as one complex factor for the PSF engine, or None.
+        """Return a pattern as one complex factor for the PSF engine, or None without a pattern.
 
-        The pattern has a phase in radians and an amplitude.
+        The factor is the amplitude times exp(i phase), with the phase in radians.
         """
         if phase is None and amplitude is None:
             return None
@@ -108,10 +108,7 @@ class PSFEngine(CandidateMethod):
         return factor
 
     def require_phase_slope(self, phase: torch.Tensor | None) -> None:
-        """Raise ValueError for a phase too steep for the PSF engine's planned nodes.
-
-        They are quadrature nodes.
-        """
+        """Raise ValueError for a phase too steep for the PSF engine's planned quadrature nodes."""
         if phase is None or not phase.numel():
             return
         q = self._request.numeric
@@ -137,7 +134,7 @@ class CachedPupilWave(ABC):
 
     @abstractmethod
     def _compute_pupil_wave(self) -> torch.Tensor:
-        """Compute the point's wave in the pupil for the PSF engine, with the stop."""
+        """Compute the object point's wave in the pupil, behind the stop, for the PSF engine."""
 
     def _pupil_wave(self) -> torch.Tensor:
         if self._request.differentiable:
@@ -148,7 +145,7 @@ class CachedPupilWave(ABC):
 
 
 def wrap_phase(angle: torch.Tensor) -> torch.Tensor:
-    """Wrap a PSF engine's phase to -pi to pi radians; its derivative stays."""
+    """Wrap a PSF engine's phase to -pi to pi radians without changing its derivative."""
     return angle - 2 * math.pi * torch.round(angle.detach() / (2 * math.pi))
 
 
@@ -172,9 +169,7 @@ class NeighbourPairs:
         self._sampled_indices = torch.from_numpy(some)
 
     def steepest_slope(self, phase: torch.Tensor) -> float:
-        """Return the steepest phase slope between a PSF engine's node pairs.
-
-        It is in radians per stop radius.
+        """Return a phase's steepest slope between the PSF engine's nodes, rad per stop radius.
 
         phase: (..., points).
         """

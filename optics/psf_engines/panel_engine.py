@@ -137,7 +137,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         self.sampling = f"{columns}x{rows} panel pixels{divided}"
 
     def _geometry(self, nodes: int) -> FourierGeometry:
-        """Return the Fourier geometry of the PSF engine for a panel in the pupil."""
+        """Return the panel PSF engine's Fourier geometry with `nodes`² points per panel pixel."""
         n, panel = self._request.numeric, self._camera.panel
         if nodes == 1:
             return FourierGeometry(panel.plane, n.samples, n.scale)
@@ -149,9 +149,9 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return FourierGeometry(RectilinearGrid(y, x), n.samples, n.scale)
 
     def _kernel_phase_step(self) -> float:
-        """Return how much the panel PSF engine's kernel turns across a pixel, rad.
+        """Return the phase change of the PSF engine's kernel across a panel pixel, in radians.
 
-        It is the Fourier kernel of the farthest sample.
+        The Fourier kernel of the farthest sample is meant, whose phase changes most.
         """
         n = self._request.numeric
         return (
@@ -159,7 +159,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         )
 
     def _flat_pixel_error(self) -> float:
-        """Bound the PSF engine's error from a lens wave that is constant over each panel pixel.
+        """Bound the PSF engine's error if it takes the wave as constant over each panel pixel.
 
         If the phase changes by s rad across a pixel, the pixel's amplitude on the axis is
         overestimated by s²/24. For a sample at t rad per pixel off the axis, it is overestimated by
@@ -171,7 +171,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         )
 
     def _plan_curved_or_divided_pixels(self) -> tuple[float, list[Transform]]:
-        """Return the PSF engine's error and transforms for a wave bent inside panel pixels."""
+        """Return the PSF engine's error and transforms for a wave that bends in panel pixels."""
         n, panel = self._request.numeric, self._camera.panel
         if self._pixel_phase_step > _SETTINGS.max_pixel_phase_step:
             raise ToleranceError(
@@ -197,9 +197,9 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return allowed, offered
 
     def _extra_aberration_nodes(self) -> int:
-        """Return the nodes that the PSF engine adds for aberrations across a coarse pixel.
+        """Return how many nodes the PSF engine adds along a panel pixel for aberrations.
 
-        They are needed where the aberrations aren't linear across it.
+        Across a coarse pixel, aberrations aren't linear.
         """
         n = self._request.numeric
         degree = max((degree for degree, _, _ in n.lens.aberrations), default=0)
@@ -226,10 +226,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return self._camera.panel.plane.mesh()
 
     def _compute_pupil_wave(self) -> torch.Tensor:
-        """Compute the lens' wave on the PSF engine's panel pixels or their nodes.
-
-        The wave is that behind the stop.
-        """
+        """Compute the lens' wave behind the stop on the PSF engine's pixels or their nodes."""
         q = self._request
         amplitude = self._pupil_amplitude()
         if self._pixel_model == "curved":
@@ -260,10 +257,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return torch.polar(_repeat_per_node(amplitude, k) * shares, wrap_phase(phase))
 
     def _intensity_scale(self) -> torch.Tensor | float:
-        """Return the PSF engine's factor from ``|sum over panel pixels|²`` to light per sample.
-
-        The light per sample is a share.
-        """
+        """Return the PSF engine's factor from ``|sum over pixels|²`` to light shares per sample."""
         q, panel = self._request, self._camera.panel
         # A pixel that the stop covers in part passes light by its open area.
         power = self._pupil_amplitude().sum() * panel.active_side**2
@@ -301,11 +295,9 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return value.to(like) if not value.requires_grad else value.to(like.device)
 
     def _has_too_little_light(self, light: torch.Tensor, amplitude: torch.Tensor | None) -> bool:
-        """Tell whether the window is too dim for this PSF engine.
+        """Tell whether the PSF engine's window is so dim that errors of other light dominate it.
 
-        Errors of the light elsewhere then dominate in it.
-
-        The light elsewhere is that in one period of the sum over the panel's pixels.
+        The other light is all light in one period of the sum over the panel's pixels.
         """
         if not light.numel():
             return False
@@ -318,11 +310,10 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         return bool(((in_window > 0) & (in_window < least)).any())
 
     def _window_period_share(self) -> float:
-        """Return the share of a period of the PSF engine's panel sum in the window, 1 at most.
+        """Return the share of the PSF engine's period that the window covers, 1 at most.
 
-        It is the share that the window covers.
-
-        The transform's error spreads evenly over a period.
+        The sum over the panel's pixels is periodic on the sensor. The transform's error spreads
+        evenly over a period.
         """
         n, pitch = self._request.numeric, self._camera.panel.pitch
         period = n.scale / pitch
@@ -331,23 +322,21 @@ class PanelEngine(CachedPupilWave, PSFEngine):
 
     @cached_property
     def _precise_engine(self) -> PanelEngine:
-        """Prepare the more precise PSF engine for a dim window."""
+        """The panel PSF engine in higher precision, for a dim window."""
         return PanelEngine(self._request, self._camera, precise=True)
 
 
 def _repeat_per_node(values: torch.Tensor, nodes: int) -> torch.Tensor:
-    """Repeat the PSF engine's value of each panel pixel for all nodes of the pixel."""
+    """Repeat each panel pixel's value for all nodes that the PSF engine has in the pixel."""
     if nodes == 1:
         return values
     return values.repeat_interleave(nodes, -2).repeat_interleave(nodes, -1)
 
 
 def _pixel_node_count(half_turn: float, error: float) -> int:
-    """Return the PSF engine's Gauss-Legendre nodes per pixel for a given error.
+    """Return how many Gauss-Legendre nodes the PSF engine needs in a pixel for a given error.
 
-    Their number integrates a wave over a pixel to that error.
-
-    The wave is exp(i half_turn x), for x from -1 to 1.
+    The nodes integrate the wave exp(i half_turn x) over x from -1 to 1.
     """
     for k in range(2, _SETTINGS.max_nodes):
         log = 2 * k * math.log(2 * half_turn + 1e-300) + 4 * math.lgamma(k + 1)

@@ -69,7 +69,7 @@ class PSFRequest:
 
     @property
     def shadow_magnification(self) -> Scalar:
-        """The width of the panel's shadow at the lens over the panel's, for a PSF request."""
+        """The width of the panel's shadow at the lens over the panel's, in the PSF request."""
         return 1 + self.separation / self.distance
 
     @property
@@ -85,19 +85,19 @@ class PSFRequest:
 
     @property
     def scale(self) -> Scalar:
-        """The wavelength of the PSF request times its image distance, m²."""
+        """The wavelength times the image distance of the PSF request, m²."""
         return self.wavelength * self.lens.image_distance
 
     @property
     def radius(self) -> Scalar:
-        """The radius of the stop in the PSF request, in metres."""
+        """The stop radius of the PSF request, in metres."""
         return self.lens.stop_diameter / 2
 
     @property
     def intensity_scale(self) -> Scalar:
-        """The PSF request's factor from ``|integral|²`` over the stop to light per sample.
+        """The PSF request's factor from ``|integral|²`` over the stop to light shares per sample.
 
-        The integral is over the stop in stop radii; the light is given as shares.
+        Lengths in the integral are in stop radii.
         """
         area = self.samples.pitch[0] * self.samples.pitch[1]
         return area * self.radius**2 / (self.scale**2 * self.lens.stop.area)
@@ -110,9 +110,9 @@ class PSFRequest:
 
     @cached_property
     def phase_slope_bound(self) -> PhaseSlopeBound:
-        """The bound of the phase's slope in the stop for a PSF request.
+        """The PSF request's bound on the phase slope in the stop.
 
-        It includes the kernel of the farthest sample.
+        The bound includes the kernel of the farthest sample.
         """
         n = self.numeric
         tilt = 2 * math.pi * n.radius * self.farthest_sample_radius / n.scale
@@ -120,7 +120,7 @@ class PSFRequest:
 
     @property
     def transform_variables(self) -> TransformVariables:
-        """The PSF request's stretch of pupil and shift of image, as tensors with derivatives."""
+        """The PSF request's pupil stretch and image shift, as tensors with derivatives."""
         n = self.numeric
         stretch = (self.radius / n.radius) * (n.scale / self.scale)
         centre = self.samples.centre
@@ -141,7 +141,7 @@ class PSFRequest:
 
     @property
     def differentiable(self) -> bool:
-        """Whether the PSF request wants derivatives in any of its lengths."""
+        """Whether the PSF request wants derivatives with respect to any of its lengths."""
         lens = self.lens
         lengths = (self.distance, self.wavelength, lens.focal_length, lens.f_number)
         aberrations = (path for _, _, path in lens.aberrations)
@@ -151,7 +151,7 @@ class PSFRequest:
 
     @property
     def needs_geometry_gradient(self) -> bool:
-        """Whether the PSF request wants derivatives in lengths that move the light on samples."""
+        """Whether the PSF request wants derivatives for lengths that shift light on the samples."""
         moving = (self.scale, self.radius, *self.samples.centre)
         return any(needs_gradient(value) for value in moving)
 

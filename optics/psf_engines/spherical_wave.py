@@ -42,11 +42,9 @@ class SphericalWaveCorrection:
             )
 
     def wave_factor(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """Return the PSF engine's spherical wave at positions on the panel, complex128.
+        """Return the spherical wave's complex factor for the PSF engine at positions (y, x).
 
-        It is the wave's complex factor; positions are (y, x).
-
-        y, x: metres, tensors that broadcast.
+        The factor is complex128. y, x: metres on the panel, tensors that broadcast.
         """
         path, amplitude = self._path_and_amplitude(y, x)
         return torch.polar(amplitude, 2 * math.pi / self.wavelength * path)
@@ -69,10 +67,10 @@ class SphericalWaveCorrection:
     def phase_gradient(
         self, y: torch.Tensor, x: torch.Tensor, spacing: float
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the spherical wave's phase slope for the PSF engine along y and x, cycles/m.
+        """Return the spherical wave's phase slopes along y and x for the PSF engine, cycles/m.
 
-        The phase is that of wave_factor(). The slope is the difference over `spacing` metres around
-        each position.
+        The phase is that of wave_factor(). Each slope is the difference over `spacing` metres
+        around a position.
         """
         ends = [
             (
