@@ -451,7 +451,7 @@ class StopEdgeScatter:
         return _SETTINGS.many_speckles_factor + few
 
     def error_from_light_share(self, share: float) -> float:
-        """Return the relative L2 error of a chain's PSF if a share of its light is wrong."""
+        """Return the L2 error of the panel-to-lens chain's PSF if a share of its light is wrong."""
         return self._safety_factor * math.sqrt(share)
 
     @cached_property

@@ -137,7 +137,7 @@ class SpectralPropagator(Propagator):
         return min(TOLERANCE_SHARES.band * self._numeric_span.tol, _SETTINGS.largest_error)
 
     def _double_arithmetic(self) -> float:
-        """Return the propagator's relative rounding error in complex128.
+        """Return the rounding error of free-space propagation in complex128, relative.
 
         It grows with the largest phase.
         """
