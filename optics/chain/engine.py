@@ -106,9 +106,9 @@ class ChainEngine(PSFEngine):
         return turn**2 / 12
 
     def _propagator_variables(self) -> PropagatorVariables | None:
-        """Return the parameters of the chain's propagator that carry derivatives, None without.
+        """Return the parameters of the chain's propagator as tensors that carry derivatives.
 
-        None means that no derivative is wanted.
+        Returns None if no derivative is wanted.
         """
         q = self._request
         lengths = (q.wavelength, q.separation, q.distance, q.radius, *q.chief_ray_slopes)

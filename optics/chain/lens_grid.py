@@ -69,8 +69,8 @@ def choose_lens_grid(
     The error has two parts. The first comes from panel frequencies outside the band, whose light
     the stop's edge scatters into the window (see StopEdgeScatter). The second comes from the
     sampled edge of the stop: a cell of the grid that the edge cuts passes light in proportion to
-    its open area. The edge then scatters too little, by the sinc of its shift in frequency over
-    the sampling rate, and aliasing along either or both axes of the grid adds light to the window.
+    its open area. The edge then scatters too little, by the sinc of its shift in frequency over the
+    sampling rate, and aliasing along either or both axes of the grid adds light to the window.
 
     Raises ToleranceError if no grid keeps the tolerance.
     """
