@@ -27,7 +27,7 @@ def panel_to_focus_distance(camera: Camera) -> float:
 
 
 def with_stop_shadow_on_panel(camera: Camera) -> Camera:
-    """Return a camera model whose pupil lies on the panel, as large as the lens stop's shadow.
+    """Return a camera model whose lens pupil lies on the panel, as large as the stop's shadow.
 
     Light of a point in focus, d metres before the panel, spreads by the factor
     1 + separation / d on its way to the stop. The light that passes therefore comes from an area

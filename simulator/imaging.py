@@ -111,7 +111,7 @@ class Imaging:
         return plan_effects(EFFECTS, s, minimum_norms(s), tol, forced)
 
     def _attach_probes(self, s: Situation) -> None:
-        """Attach the known probes of its picture and its pattern to a simulated situation.
+        """Attach the cached probes of picture and pattern to the simulator's situation.
 
         The probes don't depend on the exposure time.
         """

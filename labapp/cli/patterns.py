@@ -52,7 +52,7 @@ def retrieve(
         str | None, typer.Option(help="Method of phase retrieval. Default: the most suitable.")
     ] = None,
 ) -> None:
-    """Find a pattern, or a video of patterns (--frames), whose PSF has the shape of TARGET.
+    """Find a pattern, or a video of patterns (--frames), whose PSF has the shape TARGET.
 
     **labapp retrieve list** gives the shapes with their keys: rings, spirals, dots, letters,
     a logo from a picture. For instance

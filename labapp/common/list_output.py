@@ -55,7 +55,7 @@ def print_list(
 
 
 def _data(one: ListEntry) -> dict[str, Any]:
-    """Return all data of a list entry, for printing the list in the terminal as JSON."""
+    """Return all data of a list entry; every `list` command of labapp prints it as JSON."""
     return {"name": one.name, "what": one.what, "keys": list(one.keys), **one.facts}
 
 

@@ -75,7 +75,7 @@ def read_lut(path: Path, levels: int) -> LutTable:
 
 
 def _parse_row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
-    """Parse a line of a look-up table file: a grey level and its phases in units of pi."""
+    """Parse a line of a look-up table's text file: a grey level and its phases in units of pi."""
     values = parse_numbers(parts)
     if values is None or len(values) != length:
         raise UserError(

@@ -44,7 +44,7 @@ def weights_output_path(path: Path, *, force: bool) -> Path:
 
 
 def run_output_paths(plans: Sequence[Path], record: Path, *, force: bool) -> list[Path]:
-    """Return the record files to which the runs of plans are written.
+    """Return the paths of the record files that the runs of plans are written to.
 
     A single plan is recorded in the file `record`. If there are several plans, or `record` is a
     folder, each plan has a record in that folder, named after the plan.
@@ -58,7 +58,7 @@ def run_output_paths(plans: Sequence[Path], record: Path, *, force: bool) -> lis
 
 
 def psf_output_paths(path: Path, *, force: bool) -> tuple[Path, Path]:
-    """Return the output file of a PSF, and of its picture; they are the same for a .png."""
+    """Return the paths of a PSF's output file and of its picture's; one file if it is a .png."""
     _require_one_of(path, _PSF_ENDINGS)
     picture = path.with_suffix(".png")
     require_all_writable(dict.fromkeys((path, picture)), force=force)
@@ -66,7 +66,7 @@ def psf_output_paths(path: Path, *, force: bool) -> tuple[Path, Path]:
 
 
 def beam_output_path(path: Path, *, force: bool) -> Path:
-    """Return the output file of a picture of the beam along the axis."""
+    """Return the path of the output file for a picture of the beam along the axis."""
     if path.suffix.lower() != ".png":
         raise UserError(f"{path}: the ending must be .png.")
     require_all_writable((path,), force=force)
@@ -74,7 +74,7 @@ def beam_output_path(path: Path, *, force: bool) -> Path:
 
 
 def pattern_output_paths(path: Path, frames: int, *, force: bool) -> tuple[list[Path], Path]:
-    """Return the output files of a pattern's frames, and of the picture of its PSF.
+    """Return the paths of the output files for a pattern's frames and for its PSF's picture.
 
     The frames are numbered pictures, or one design file.
     """
@@ -89,7 +89,7 @@ def pattern_output_paths(path: Path, frames: int, *, force: bool) -> tuple[list[
 
 
 def frames_output_path(path: Path, frames: int, *, force: bool) -> tuple[Path, str]:
-    """Return the output file of simulated frames, and its kind: png, tiff or h5."""
+    """Return the path of the output file of simulated frames, and its format: png, tiff or h5."""
     if frames < 1:
         raise UserError(f"--frames {frames}: ask for one at least.")
     ending = path.suffix.lower()
@@ -111,7 +111,7 @@ def restoration_output_paths(
     blind: bool,
     force: bool,
 ) -> tuple[Path, Path, Path | None]:
-    """Return the output files of a restoration: photograph, comparison picture, estimated PSF.
+    """Return the paths of a restoration's output files: photograph, comparison, estimated PSF.
 
     The PSF has a file only in a blind deconvolution. Files that aren't named are placed beside
     `source`, the photograph. `inputs` are other input files, which may not be replaced.

@@ -45,7 +45,7 @@ class InputPhotograph:
         return _SRGB_TO_LINEAR[self.levels]
 
     def saturation_level(self) -> float | None:
-        """Return the level in a photograph file at which the sensor's wells were full, or None.
+        """Find in a photograph's file the level at which the sensor's wells were full, or None.
 
         None means that the file shows no sign of full wells. The sign is 3 neighbouring pixels at
         the picture's highest level, if it also has at least twice as many pixels as the level

@@ -171,7 +171,7 @@ def retrieved_frames(moments: list[RetrievedMoment], spec: PSFPattern) -> Iterat
 def target_on_design_grid(
     drawing: Renderable, camera: Camera, wavelength: float
 ) -> tuple[torch.Tensor, Plane]:
-    """Draw a pattern's target on a window of the design grid, with a dark border around it."""
+    """Draw a plan pattern's target on a window of the design grid, with a dark border."""
     window = window_for_reach(camera, wavelength, drawing.reach)
     plane = design_plane(camera, wavelength, window)
     return drawing.render(plane), plane

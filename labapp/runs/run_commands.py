@@ -127,7 +127,7 @@ def require_complete(outcome: RunOutcome) -> None:
 
 @contextmanager
 def interactive_progress(execution: ExecutionOptions) -> Iterator[tuple[Progress, AskOperator]]:
-    """Show a run's progress in the terminal; yield it, and a function that prompts the user."""
+    """Yield a run's progress, shown in the terminal, and the function that asks its prompts."""
     with terminal_progress() as progress, open_keyboard(progress) as keyboard:
 
         def ask(text: str, progress: Progress) -> None:

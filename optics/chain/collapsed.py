@@ -88,7 +88,7 @@ class CollapsedEngine(PSFEngine):
         )
 
     def _estimate_cut_pixel_error(self, thin: Camera) -> float:
-        """Estimate the chain's error if panel pixels cut by the stop count as dimmer whole ones."""
+        """Estimate the chain's error if pixels that the stop cuts count as dimmer whole ones."""
         inner = _thin_lens_request(self._request, self._camera, self._request.tol)
         edge = self._search.edge_scatter
         return edge.error_from_light_share(
@@ -97,7 +97,7 @@ class CollapsedEngine(PSFEngine):
 
     @staticmethod
     def _require_fixed_pixel_edges(request: PSFRequest, thin: Camera) -> None:
-        """Raise ToleranceError for the chain's derivatives if the stop's shadow cuts panel pixels.
+        """Raise ToleranceError if the chain needs derivatives and the stop's shadow cuts pixels.
 
         The collapsed camera has no derivative of the area that the shadow leaves open.
         """

@@ -36,7 +36,7 @@ _SETTINGS = CutPixelSettings()
 
 
 def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: float) -> float:
-    """Estimate the share of a chain's light in the window that cut panel pixels make wrong.
+    """Estimate the share of a chain's window light that is wrong because of cut panel pixels.
 
     request, camera: of a thin lens in the panel's plane, whose stop is the shadow. direct_area:
     square metres of the panel from which the window is lit, weighted by the light.
@@ -79,9 +79,9 @@ def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: floa
 
 
 def _find_cut_pixels(camera: Camera) -> NDArray[np.int64]:
-    """Find the panel pixels of the chain that the edge of the stop's shadow crosses.
+    """Find the chain's panel pixels that the edge of the stop's shadow crosses, (pixels, 2).
 
-    The result holds their rows and columns, (pixels, 2).
+    The result holds each pixel's row and column.
     """
     panel, radius = camera.panel, camera.lens.stop_diameter / 2
     lines = [_pixel_boundaries(camera, axis) / radius for axis in (0, 1)]
@@ -125,9 +125,9 @@ def _open_area_transform(
 
 
 def _sampled_sinc_envelope(frequency: Array, side: float) -> Array:
-    """Return the envelope of one panel pixel of the chain along each axis.
+    """Return the envelope of a chain's panel pixel along each axis, for a sum over samples.
 
-    It is that of a sum over samples instead of an integral.
+    An integral over the pixel has the envelope sinc instead.
     """
     turns = frequency * side
     return np.asarray(np.sinc(turns) / np.sinc(turns / _SETTINGS.samples_across))

@@ -123,7 +123,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _window(self) -> Array:
-        """Return the frequencies behind the chain's lens that represent the window."""
+        """The frequencies behind the chain's lens that represent the window, (points, 2)."""
         return window_frequencies(self._q)
 
     @property
@@ -137,10 +137,7 @@ class StopEdgeScatter:
 
     @cached_property
     def max_window_frequency(self) -> Array:
-        """The largest frequency that goes from the chain's lens to the sensor, along y and x.
-
-        It is the largest behind the lens that reaches the sensor samples.
-        """
+        """The largest frequencies (y, x) behind the chain's lens that reach sensor samples."""
         q = self._q
         far = [float(q.samples.coordinates(axis).abs().max()) for axis in (0, 1)]
         return np.array(far) / q.scale
@@ -148,7 +145,7 @@ class StopEdgeScatter:
     def lens_frequency_shift(self, at: Array) -> Array:
         """Return how far the chain's lens shifts the light's frequency at points, cycles/m.
 
-        The points have the shape (..., 2).
+        at: the points, metres, (..., 2).
         """
         q = self._q
         place = torch.from_numpy(at / q.radius).requires_grad_()
@@ -161,7 +158,7 @@ class StopEdgeScatter:
         return np.asarray(found.numpy() / (2 * math.pi * q.radius))
 
     def trace_rays(self, at: Array, behind: Array) -> RaySamples:
-        """Trace rays of the chain back to the panel, from points in the lens' plane.
+        """Trace rays of the chain from points in the lens' plane back to the panel.
 
         at: the points, metres, (..., 2). behind: the rays' frequencies just before the lens, cycles
         per metre, (..., 2).
@@ -172,16 +169,16 @@ class StopEdgeScatter:
         return RaySamples(frequency, start, sent * self._panel_illumination(start), sent)
 
     def _pixel_envelope(self, frequency: Array) -> Array:
-        """Return the envelope sinc² of a chain's panel pixel, smoothed beyond its first zero.
+        """Return the envelope sinc² of a chain's panel pixel at a frequency.
 
-        Beyond the first zero, it is averaged over the lobes.
+        Beyond its first zero, the envelope is averaged over the lobes.
         """
         turns = np.abs(frequency) * self._camera.panel.active_side
         lobes = 0.5 / (math.pi * np.maximum(turns, 1.0)) ** 2
         return np.asarray(np.prod(np.where(turns < 1, np.sinc(turns) ** 2, lobes), axis=-1))
 
     def _panel_illumination(self, start: Array) -> Array:
-        """Return the relative irradiance that the panel's own edges leave in the chain.
+        """Return the relative irradiance on the chain's panel and beside it.
 
         It is 1 on the panel. Beside it, at the distance x from the edge, diffraction leaves
         fresnel_area / (2 pi x)² (Fresnel's integrals, far from the edge).
@@ -195,10 +192,7 @@ class StopEdgeScatter:
         return light
 
     def _distance_from_panel(self, place: Array, axis: int) -> Array:
-        """Return the distance from the edge of the chain's panel along an axis, metres.
-
-        It is 0 on the panel.
-        """
+        """Return the distance to the chain's panel along an axis in metres, 0 on the panel."""
         line = self._camera.panel.plane.coordinates(axis)
         half = self._camera.panel.pitch / 2
         below, above = float(line[0]) - half - place, place - float(line[-1]) - half
@@ -212,7 +206,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _opening_bounds(self) -> tuple[Array, Array]:
-        """The lowest and highest (y, x) of the opening behind the chain's panel, in stop radii.
+        """The lowest and highest (y, x) of the opening of the chain's stop, in stop radii.
 
         The opening may be much smaller than the circle around it, so samples cover only the
         opening.
@@ -222,10 +216,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _stop_coordinates(self) -> tuple[Array, Array]:
-        """The coordinates of the chain's samples across the stop's opening, metres.
-
-        They are given along y and along x.
-        """
+        """The y and x coordinates of the chain's samples across the stop's opening, in metres."""
         low, high = self._opening_bounds
         line = (np.arange(_SETTINGS.stop_samples) + 0.5) / _SETTINGS.stop_samples
         y, x = self._q.radius * (low + np.outer(line, high - low)).T
@@ -233,10 +224,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _open_mask(self) -> NDArray[np.bool_]:
-        """Whether the stop behind the chain's panel is open at each sample.
-
-        The samples are those of `_stop_coordinates`.
-        """
+        """Whether the chain's stop is open at each sample of `_stop_coordinates`."""
         y, x = np.meshgrid(
             *(line / self._q.radius for line in self._stop_coordinates), indexing="ij"
         )
@@ -248,7 +236,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _open_points(self) -> Array:
-        """The samples where light passes the stop of the chain, (n, 2) for y and x, metres."""
+        """The samples where the chain's stop is open, (n, 2) for y and x, in metres."""
         y, x = np.meshgrid(*self._stop_coordinates, indexing="ij")
         return np.stack([y[self._open_mask], x[self._open_mask]], axis=-1)
 
@@ -256,27 +244,24 @@ class StopEdgeScatter:
     def _direct_rays(self) -> RaySamples:
         """The chain's rays that go straight through the stop into the window.
 
-        The shape is (points, window, 2).
+        Positions and frequencies are (points, window, 2).
         """
         at = self._open_points
         return self.trace_rays(at[:, None], self._window - self.lens_frequency_shift(at)[:, None])
 
     @cached_property
     def direct_area(self) -> float:
-        """The area of the stop from which the chain's panel lights the window, m².
-
-        It is weighted by the light.
-        """
+        """The area of the chain's stop that lights the window, weighted by the light, in m²."""
         low, high = self._opening_bounds
         each = float(np.prod(high - low)) * (self._q.radius / _SETTINGS.stop_samples) ** 2
         return float(self._direct_rays.light.mean(axis=1).sum()) * each
 
     @cached_property
     def passing_band(self) -> tuple[Array, Array]:
-        """The panel frequencies of the chain (y, x) that go straight into the window: low, high.
+        """The lowest and highest panel frequencies that the chain sends straight to the window.
 
-        These are the frequencies of rays from the lit panel, widened by a Fresnel zone. The band
-        isn't wider than that of an infinitely large panel.
+        The limits (y, x) are the frequencies of rays from the lit panel, widened by a Fresnel zone.
+        The band isn't wider than that of an infinitely large panel.
         """
         rays, room = self._direct_rays, self._shadow_magnification * self.max_window_frequency / 2
         lit = rays.light > _SETTINGS.min_relative_light * rays.light.max(initial=0.0)
@@ -300,9 +285,9 @@ class StopEdgeScatter:
 
     @property
     def share_per_frequency_area(self) -> float:
-        """The share of light that a chain's even panel sends to a unit of frequency area, m².
+        """The share of its light that a chain's evenly lit panel sends to a unit frequency area.
 
-        The panel is evenly lit.
+        The unit is m², because frequencies are in cycles per metre.
         """
         return self.direct_area * self._camera.panel.active_side**2 / open_area(self._camera)
 
@@ -316,9 +301,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _passing_kernels(self) -> list[tuple[Array, Array]]:
-        """Frequencies over the chain's passing band, and a panel pixel's amplitude at each.
-
-        They are given along each axis.
+        """For each axis, frequencies in the chain's passing band, and a pixel's amplitude at each.
 
         The amplitudes are scaled so that the sum of their squares is the light in the band.
         """
@@ -337,7 +320,7 @@ class StopEdgeScatter:
         return float(np.prod([(strength**2).sum() for _, strength in self._passing_kernels]))
 
     def passing_brightness(self, field: torch.Tensor) -> tuple[float, float]:
-        """Compute a panel's brightness in the chain's passing band, relative to an even panel.
+        """Compute a panel's brightness in the chain's passing band, over an evenly lit panel's.
 
         field: of the panel, (..., rows, columns). Returns the least and the greatest of a batch.
         """
@@ -367,7 +350,7 @@ class StopEdgeScatter:
     def scattered_rays(self) -> RaySamples:
         """The chain's rays that the stop's edge scatters into the window.
 
-        The shape is (edge, window, distance, 2).
+        Positions and frequencies are (edge, window, distance, 2).
         """
         rays = self.trace_rays(
             self._edge_points[:, None, None], self._accepted_frequencies - self.edge_frequency_shift
@@ -382,9 +365,8 @@ class StopEdgeScatter:
     ) -> float:
         """Estimate the light that aliasing on the chain's lens grid adds to the window.
 
-        The light comes from a band of the panel's frequencies.
-
-        alias_frequency: cycles per metre (y, x) by which the sampled stop shifts the light.
+        alias_frequency: cycles per metre (y, x) by which the sampled stop shifts the light. low,
+        high: limits (y, x) of the band of panel frequencies from which the light comes.
         edge_transmission: share of the field that the grid's averaged edge passes, by its shift in
         frequency, (edge, 1, distance). The window's middle represents all of the window.
         """
@@ -399,10 +381,7 @@ class StopEdgeScatter:
 
     @cached_property
     def edge_frequency_shift(self) -> Array:
-        """The shift in frequency that the stop's edge gives to the chain's light.
-
-        The shape is (edge, 1, distance, 2).
-        """
+        """The frequency shifts by the edge of the chain's stop, (edge, 1, distance, 2)."""
         return np.asarray(self._normal[:, None, None] * self._normal_distances[:, None, :, None])
 
     def relative_error(self, lost_light: float) -> float:
@@ -423,9 +402,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _pixel_averaging_factor(self) -> float:
-        """The share of a chain's relative error that remains after integration over pixels.
-
-        The pixels are those of the sensor.
+        """The share of the chain's relative error that integration over sensor pixels leaves.
 
         Light from two points that differ by g in frequency makes fringes. A pixel of side p keeps
         sinc²(g p) of their power. For an evenly lit panel, half of the power of |U|² is its mean,
@@ -441,9 +418,10 @@ class StopEdgeScatter:
 
     @cached_property
     def normalised_second_moment(self) -> float:
-        """The mean square of an even panel's light in the chain's window over its squared mean.
+        """The mean square of the light in the chain's window over its squared mean.
 
-        It is 2 for point samples of speckles, and less for pixels, which average them.
+        The panel is evenly lit. The value is 2 for point samples of speckles, and less for pixels,
+        which average them.
         """
         if not (any(self._q.pixel) and self.direct_area > 0):
             return 2.0
@@ -451,10 +429,10 @@ class StopEdgeScatter:
         return 1 + float(self._fringe_power_share(self._open_points) @ light / light.sum())
 
     def _fringe_power_share(self, at: Array) -> Array:
-        """Return the share of the power of the chain's fringes that sensor pixels keep.
+        """Return the share of the chain's fringe power that sensor pixels keep.
 
-        The fringes are those of all light in the stop with the light from each point `at`, (n, 2)
-        in the lens' plane.
+        All light in the stop makes fringes with the light from each point `at`, (n, 2) in the lens'
+        plane.
         """
         light = np.zeros(self._open_mask.shape)
         light[self._open_mask] = self._direct_rays.light.mean(axis=1)
@@ -473,12 +451,12 @@ class StopEdgeScatter:
         return _SETTINGS.many_speckles_factor + few
 
     def error_from_light_share(self, share: float) -> float:
-        """Return the relative L2 error of a chain's PSF if a share of its light is wrong."""
+        """Return the L2 error of the panel-to-lens chain's PSF if a share of its light is wrong."""
         return self._safety_factor * math.sqrt(share)
 
     @cached_property
     def _collapse_light_errors(self) -> tuple[float, float]:
-        """The wrong light of a chain if the stop's shadow on the panel replaces the stop.
+        """The light that a chain gets wrong if the stop's shadow on the panel replaces the stop.
 
         The first number is for frequencies in the passing band, the second for all. Between panel
         and stop, light of the frequency f that the edge turns to g gains the phase
@@ -501,13 +479,13 @@ class StopEdgeScatter:
 
     @property
     def collapse_passing_share(self) -> float:
-        """The share of the chain's squared `collapse_error` that its passing band contributes."""
+        """The share of the chain's squared `collapse_error` that comes from its passing band."""
         within, whole = self._collapse_light_errors
         return within / whole if whole > 0 else 0.0
 
 
 def _normal_distance_steps(low: float, high: float, pieces: int) -> Array:
-    """Return the limits of a chain's frequency steps away from the stop's edge, cycles/m.
+    """Return the limits of steps in frequency away from the edge of the chain's stop, cycles/m.
 
     The shape is (pieces, steps + 1); steps nearer than `low` come first. Every piece of the edge
     has its own steps, shifted by the golden ratio, so that the steps of neighbouring pieces
@@ -525,17 +503,14 @@ def _normal_distance_steps(low: float, high: float, pieces: int) -> Array:
 def is_in_band(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:
     """Tell which panel frequencies (..., 2) lie in a band of the chain.
 
-    low and high are (2,), for y and x.
+    low, high: limits of the band, (2,) for y and x.
     """
     y, x = frequency[..., 0], frequency[..., 1]
     return np.asarray((y >= low[0]) & (y <= high[0]) & (x >= low[1]) & (x <= high[1]))
 
 
 def window_frequencies(q: PSFRequest) -> Array:
-    """Return the frequencies (y, x) behind the chain's lens for five points of the window.
-
-    The shape is (5, 2).
-    """
+    """Return the frequencies (y, x) behind the chain's lens of five window points, (5, 2)."""
     rows, columns = q.window_slices
     lines = (q.samples.coordinates(0)[rows], q.samples.coordinates(1)[columns])
     (y0, y1), (x0, x1) = ((float(line[0]), float(line[-1])) for line in lines)
@@ -549,7 +524,7 @@ def window_frequencies(q: PSFRequest) -> Array:
 def _sample_stop_edge(camera: Camera, radius: float) -> tuple[Array, Array, Array]:
     """Divide the edge of the chain's stop into pieces that scatter the panel's light.
 
-    The result holds their midpoints, normals and lengths, in metres.
+    Returns their midpoints in metres, their normals, and their lengths in metres.
     """
     pieces = [piece for loop in camera.lens.stop.loops for piece in loop.pieces]
     count = max(4, _SETTINGS.edge_pieces // len(pieces))

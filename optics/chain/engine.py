@@ -52,9 +52,9 @@ class ChainEngine(PSFEngine):
 
     @abstractmethod
     def _plan(self, n: PSFRequest) -> None:
-        """Choose the chain's sampling that keeps the tolerance of a PSF request.
+        """Choose the chain's sampling that keeps the tolerance of the PSF request `n`.
 
-        The PSF request is in plain numbers.
+        n: the request in plain numbers, without derivatives.
         """
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
@@ -73,20 +73,18 @@ class ChainEngine(PSFEngine):
         return factor * sphere.wave_factor(*self.points()).to(factor)
 
     def empty_intensity(self, modulated: torch.Tensor) -> torch.Tensor:
-        """Return a chain's PSFs of an empty batch of patterns, which FFTs don't accept.
+        """Return the chain's PSFs, (..., rows, columns), of an empty batch of patterns.
 
-        The shape is (..., rows, columns).
+        FFTs don't accept an empty batch.
         """
         light = modulated.real.sum(dim=(-2, -1))
         return light[..., None, None].expand(*light.shape, *self._request.samples.shape)
 
     def wavefront_slope_fields(self, field: torch.Tensor) -> list[tuple[int, torch.Tensor]]:
-        """Return the chain's panel field times the wave's extra slope inside each pixel.
+        """Return the chain's panel field times the wave's extra slope in each pixel, per axis.
 
-        There is one field per axis.
-
-        The slope is that of the exact spherical wave less its parabola, in cycles per metre. The
-        list is empty if the request has no spherical wave.
+        The extra slope is the slope of the exact spherical wave less that of its parabola, in
+        cycles per metre. The list is empty if the request has no spherical wave.
         """
         sphere = self._request.sphere
         if sphere is None:
@@ -95,12 +93,11 @@ class ChainEngine(PSFEngine):
         return [(axis, field * slope.to(field)) for axis, slope in enumerate(slopes)]
 
     def _sphere_error(self) -> float:
-        """Estimate the chain's error of taking the spherical wave's phase as linear in a pixel.
+        """Estimate the chain's error if the spherical wave's phase counts as linear in a pixel.
 
-        It is the extra phase of the spherical wave that counts as linear inside a panel pixel.
-
-        At the pixel's edge it is half of the square of half the phase change across the pixel. Its
-        mean over the pixel is a third of that.
+        The phase is that of the spherical wave less its parabola. At the pixel's edge, the error is
+        half of the square of half the phase change across the pixel. Its mean over the pixel is a
+        third of that.
         """
         sphere, panel = self._request.numeric.sphere, self._camera.panel
         if sphere is None:
@@ -109,7 +106,10 @@ class ChainEngine(PSFEngine):
         return turn**2 / 12
 
     def _propagator_variables(self) -> PropagatorVariables | None:
-        """Return the variables of the chain's field at the lens, or None without derivatives."""
+        """Return the parameters of the chain's propagator as tensors that carry derivatives.
+
+        Returns None if no derivative is wanted.
+        """
         q = self._request
         lengths = (q.wavelength, q.separation, q.distance, q.radius, *q.chief_ray_slopes)
         if not any(map(needs_gradient, lengths)):
@@ -125,7 +125,7 @@ class ChainEngine(PSFEngine):
         return PropagatorVariables(bend * one, stretch * one, (shift[0] * one, shift[1] * one))
 
     def _open_pixel_area(self) -> Scalar:
-        """Return the open area of panel pixels in m², if the chain's panel stood at the stop."""
+        """Return the chain's open pixel area in m², as if panel and stop stood in one plane."""
         fill = self._camera.panel.fill_factor
         area, radius = open_area(self._camera) * fill, self._request.radius
         if not needs_gradient(radius):
@@ -142,7 +142,7 @@ class ChainEngine(PSFEngine):
     def intensity_scale(self) -> Scalar:
         """Return the factor from ``|sum over the chain's lens samples|²`` to PSF values.
 
-        The sum is in stop radii.
+        Lengths in the sum are in stop radii.
         """
         q = self._request
         area = q.samples.pitch[0] * q.samples.pitch[1]
@@ -152,7 +152,7 @@ class ChainEngine(PSFEngine):
 
     @property
     def _passing_error_share(self) -> float:
-        """The share of the chain's squared error that light in the passing band contributes."""
+        """The share of the chain's squared error that comes from light in the passing band."""
         return 0.0
 
     def _intensity_or_replan(
@@ -181,7 +181,7 @@ class ChainEngine(PSFEngine):
         return self._stricter_engine.intensity(phase, amplitude)
 
     def _plan_stricter_engine(self, tol: float) -> ChainEngine:
-        """Plan the chain's engine for a smaller tolerance, which a dark window needs."""
+        """Plan the chain's engine anew for a smaller tolerance, which a dark window needs."""
         promised, budget = self._promised_tol, self._request.budget
         try:
             if not tol < 0.9 * self._request.tol:

@@ -95,7 +95,7 @@ class GridEngine(ChainEngine):
         self.error = ErrorEstimate(left_out, "estimate, for an evenly lit panel")
 
     def _build_propagators(self, axes: list[PropagatorAxis]) -> None:
-        """Build the chain's propagators from panel to lens."""
+        """Build the chain's propagator to the lens, its map to the sensor, and the lens' wave."""
         self.propagator = PanelToLensPropagator(axes[0], axes[1], self._dtype)
         self._lens_plane = lens_plane(self._request.numeric, axes)
         self._sensor_map = self._plan_sensor_map()
@@ -105,13 +105,13 @@ class GridEngine(ChainEngine):
 
     @property
     def can_share_spectrum(self) -> bool:
-        """Whether the chain's grid engine needs only a spectrum of the panel's modulation."""
+        """Whether a spectrum of the panel's modulation is all that the chain's engine needs."""
         return not self._request.differentiable and self._request.sphere is None
 
     def use_shared_spectrum(
         self, lengths: Sequence[int], frequency_ranges: Sequence[tuple[float, float]]
     ) -> None:
-        """Use spectra of the chain's panel that other engines use; call it before `prepare`.
+        """Use spectra of the chain's panel that other engines use too; call before `prepare`.
 
         Parameters
         ----------
@@ -131,9 +131,10 @@ class GridEngine(ChainEngine):
         )
 
     def _plan_lens_wave(self) -> LensWave | None:
-        """Plan the wave of a chain's lens that isn't a product of factors along y and x.
+        """Plan the chain's lens wave if it isn't a product of factors along y and x.
 
-        None for other lenses, and where derivatives are wanted, which compute the wave anew.
+        Returns None for other lenses. Also returns None where derivatives are wanted, because the
+        wave is then computed at every call.
         """
         n = self._request.numeric
         if n.lens.has_quadratic_phase or self._request.differentiable:
@@ -142,7 +143,7 @@ class GridEngine(ChainEngine):
         return LensWave(partial(_lens_phase, n), self._lens_plane, self._dtype, room)
 
     def _plan_sensor_map(self) -> PanelToSensorMap:
-        """Plan the map from the chain's panel to the sensor."""
+        """Plan the chain's map from the panel's spectrum to the field at the sensor."""
         n, lens = self._request.numeric, self._camera.lens
         real = torch.zeros((), dtype=self._dtype).real.dtype
         openings = BlockwiseStopMask(lens.stop, n.radius, self._lens_plane, real)
@@ -160,10 +161,7 @@ class GridEngine(ChainEngine):
         return self._sensor_map.bytes + dense + wave + 40 * panel[0] * panel[1]
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one pass through the chain, in seconds.
-
-        The machine has the given speed.
-        """
+        """Predict the processor time of one pass through the chain, in seconds."""
         wave = self._lens_wave.cpu_seconds(speed) if self._lens_wave else 0.0
         return (self._sensor_map.cpu_seconds(speed) + wave) * (3 if self._request.sphere else 1)
 
@@ -183,10 +181,7 @@ class GridEngine(ChainEngine):
             self._sensor_map.set_lens_wave(self._separable_lens_wave(), self._lens_wave)
 
     def _separable_lens_wave(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the factors along y and x of the chain's lens wave; ones if it has none.
-
-        They are ones if the wave isn't a product of such factors.
-        """
+        """Return the chain's lens wave as factors along y and x, ones if it isn't their product."""
         n = self._request.numeric
         if not n.lens.has_quadratic_phase:
             y, x = (torch.ones(count, dtype=torch.complex128) for count in self._lens_plane.shape)
@@ -238,10 +233,7 @@ class GridEngine(ChainEngine):
     def _field_at_sensor(
         self, propagator: PanelToLensPropagator, field: torch.Tensor
     ) -> torch.Tensor:
-        """Propagate a panel's field through the chain to the sensor.
-
-        propagator: the propagator to the lens that is to be used.
-        """
+        """Propagate a field through the chain: by `propagator` to the lens, then to the sensor."""
         if self._request.differentiable:
             return self._differentiable_field_at_sensor(propagator, field)
         return propagate_to_sensor(
@@ -320,9 +312,9 @@ class GridEngine(ChainEngine):
 
 
 def _lens_phase(q: PSFRequest, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Return the phase of the wave of a chain's lens, in radians, at points in metres.
+    """Return the phase of the chain's lens wave at points of the lens' plane, in radians.
 
-    The points lie in the lens' plane.
+    y, x: metres.
     """
     radius = q.numeric.radius
     return pupil_phase(q.lens, q.object_to_lens_distance, q.wavelength, y / radius, x / radius)

@@ -64,15 +64,13 @@ _SETTINGS = LensGridSettings()
 def choose_lens_grid(
     request: PSFRequest, camera: Camera, search: LensGridSearch, tol: float
 ) -> LensGrid:
-    """Choose the chain's cheapest grid at the lens, and band, with a relative error of `tol`.
+    """Choose the chain's cheapest lens grid and frequency band with a relative error of `tol`.
 
-    The band is that of the panel's frequencies.
-
-    The error has two parts. The first comes from frequencies outside the band, whose light the
-    stop's edge scatters into the window (see StopEdgeScatter). The second comes from the sampled
-    edge of the stop: a cell of the grid that the edge cuts passes light in proportion to its open
-    area. The edge then scatters too little, by the sinc of its shift in frequency over the sampling
-    rate, and aliasing along either or both axes of the grid adds light to the window.
+    The error has two parts. The first comes from panel frequencies outside the band, whose light
+    the stop's edge scatters into the window (see StopEdgeScatter). The second comes from the
+    sampled edge of the stop: a cell of the grid that the edge cuts passes light in proportion to
+    its open area. The edge then scatters too little, by the sinc of its shift in frequency over the
+    sampling rate, and aliasing along either or both axes of the grid adds light to the window.
 
     Raises ToleranceError if no grid keeps the tolerance.
     """
@@ -88,7 +86,7 @@ def choose_lens_grid(
 
 
 def _grid_size(grid: LensGrid) -> float:
-    """Return the product of the sampling rates of a chain's lens grid along y and x."""
+    """Return the samples per square metre of the chain's lens grid."""
     return grid.sampling_rate[0] * grid.sampling_rate[1]
 
 
@@ -97,7 +95,7 @@ def _pair(values: Array) -> tuple[float, float]:
 
 
 def _edge_transmission(turns: Array) -> Array:
-    """Return the share of scattered field that a sampled stop edge keeps in the chain.
+    """Return the share of the scattered field that the chain's sampled stop edge keeps.
 
     turns: shift in frequency, in cycles per sample of the lens grid, (..., 2).
     """
@@ -105,9 +103,7 @@ def _edge_transmission(turns: Array) -> Array:
 
 
 def _missing_scatter(turned: Array, passed: Array) -> float:
-    """Return the scattered light that the stop's edge loses on the chain's lens grid.
-
-    It is lost because the edge is sampled.
+    """Return the scattered light that the chain loses by sampling the stop's edge on a grid.
 
     turned: light that each shift in frequency should get. passed: share of the field that it gets.
     """
@@ -122,7 +118,7 @@ class LensGridSearch:
 
     @cached_property
     def _nonzero_scatter(self) -> tuple[Array, Array, NDArray[np.int64]]:
-        """The scattered light of all rays of the chain that aren't dark.
+        """The light of all scattered rays of the chain that aren't dark.
 
         The arrays hold each ray's light, its frequency at the panel, and the index of the shift in
         frequency that the stop's edge gives it.
@@ -157,9 +153,7 @@ class LensGridSearch:
     def find_coarsest_grid(
         self, allowed_error: float, tol: float, taper_width: Array
     ) -> LensGrid | None:
-        """Find the chain's coarsest lens grid that keeps `tol`, for the narrowest band.
-
-        The band is that of the panel's frequencies.
+        """Find the chain's coarsest lens grid that keeps `tol` with the narrowest frequency band.
 
         allowed_error: error that the frequencies outside the band may cause. taper_width: width of
         the band's smooth ends on either side, cycles per metre (y, x). Returns None if no grid
@@ -184,20 +178,14 @@ class LensGridSearch:
         return None
 
     def _light_by_edge_shift(self, low: Array, high: Array) -> Array:
-        """Sum the chain's light in a band by the shift in frequency from the stop's edge.
-
-        There is a sum for each shift that the edge gives.
-        """
+        """Sum the chain's light in a band for each frequency shift that the stop's edge gives."""
         light, frequency, turn = self._nonzero_scatter
         inside = is_in_band(frequency, low, high)
         count = self.edge_scatter.edge_frequency_shift[..., 0].size
         return np.asarray(np.bincount(turn[inside], light[inside], count), dtype=np.float64)
 
     def passing_error_share(self, grid: LensGrid) -> float:
-        """Return the passing band's share of the squared error of a chain's lens grid.
-
-        It is the share that light in the passing band contributes.
-        """
+        """Return the share of the chain's squared grid error that comes from the passing band."""
         edge, rate = self.edge_scatter, np.array(grid.sampling_rate)
         low, high = edge.passing_band
         passed = _edge_transmission(edge.edge_frequency_shift / rate)
@@ -206,9 +194,7 @@ class LensGridSearch:
         return min(1.0, (edge.relative_error(lost) / grid.error) ** 2) if grid.error else 0.0
 
     def _narrowest_band(self, allowed: float, taper_width: Array) -> tuple[Array, Array, float]:
-        """Find the narrowest band of panel frequencies for the chain, and the light outside.
-
-        The band is given by its low and high limits.
+        """Find the chain's narrowest frequency band, (low, high), and the light outside it.
 
         Rays neglect that light spreads over a Fresnel zone, so the band is widened by a zone. It
         isn't made wider than the band of an infinitely large panel, which needs no such margin.
@@ -231,7 +217,7 @@ class LensGridSearch:
     def find_band(
         self, error: float, taper_width: Array, *, unbounded_panel: bool = False
     ) -> tuple[Array, Array]:
-        """Find the chain's smallest band whose neglected light keeps a relative error.
+        """Find the chain's smallest band whose neglected light causes at most a relative error.
 
         The result is (low, high), each (y, x), in cycles per metre. unbounded_panel: whether light
         counts as if the panel were infinitely large.
@@ -259,9 +245,9 @@ class LensGridSearch:
 def _cumulative_light_by_side(
     frequency: Array, light: Array, ends: tuple[Array, Array], zone: float
 ) -> list[tuple[Array, Array]]:
-    """Sum the panel light outside the ends of a chain's band, on each side along each axis.
+    """Sum the panel's light outside a chain's band, on each side along each axis.
 
-    The ends are (low, high).
+    ends: low and high limits (y, x) of the band.
     """
     low, high = ends
     found = []
@@ -276,7 +262,7 @@ def _cumulative_light_by_side(
 def _cumulative_light_outwards(
     frequency: Array, light: Array, end: float, zone: float
 ) -> tuple[Array, Array]:
-    """Return a chain's frequencies beyond a band's end, and the light beyond each.
+    """Return frequencies beyond the end of a chain's band, and the light beyond each.
 
     The farthest frequency comes first.
 
@@ -301,9 +287,6 @@ def _cutoff_for_lost_light(frequency: Array, light: Array, lost: float) -> float
 def _aliased_light(
     edge: StopEdgeScatter, low: Array, high: Array, rate: Array, passed: Array
 ) -> float:
-    """Sum the light that aliasing on the chain's lens grid adds to the window.
-
-    The sum is over eight directions.
-    """
+    """Sum the light that aliasing on the chain's lens grid adds to the window in 8 directions."""
     ways = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
     return sum(edge.aliased_light(np.array(way) * rate, low, high, passed) for way in ways)

@@ -46,16 +46,13 @@ class LensWave:
         return making + (self._size if self.is_cached else 0)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the time per call for the wave of the chain's lens; 0 if it is cached.
-
-        It is processor time.
-        """
+        """Predict the processor seconds per call for the chain's lens wave, 0 if it is cached."""
         rows, columns = self._plane.shape
         # Computing the wave takes about 25 memory accesses per sample.
         return 0.0 if self.is_cached else 25 * rows * columns * speed.touch
 
     def prepare(self) -> None:
-        """Compute the wave of the chain's lens if it is to be cached."""
+        """Compute the wave of the chain's lens now if it is to be cached."""
         if not self.is_cached or self._cached_wave is not None:
             return
         if self._expansion is None:
@@ -68,10 +65,7 @@ class LensWave:
             self._cached_wave[part] = self._wave(self._expansion.rows(part))
 
     def wave_on_rows(self, part: slice) -> torch.Tensor:
-        """Return the wave of the chain's lens on some rows, (rows, columns).
-
-        Call prepare() before.
-        """
+        """Return the chain's lens wave on some rows, (rows, columns); call prepare() before."""
         if self._cached_wave is not None:
             return self._cached_wave[part]
         assert self._expansion is not None

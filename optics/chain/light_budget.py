@@ -97,7 +97,7 @@ def _panel_and_stop_light(
 
 
 def _light_through_stop(n: PSFRequest, camera: Camera, field: torch.Tensor) -> tuple[float, float]:
-    """Return the shares of light that leave a chain's panel and that pass its stop."""
+    """Return the shares of the light that leave a chain's panel and that pass its stop."""
     light = (field.real**2 + field.imag**2).to(torch.float64)
     pixel = camera.panel.pitch**2 / open_area(camera)
     panel = float(light.sum()) * pixel
@@ -111,7 +111,7 @@ def _light_through_stop(n: PSFRequest, camera: Camera, field: torch.Tensor) -> t
 
 
 def _light_at_lens(n: PSFRequest, camera: Camera, field: torch.Tensor) -> float:
-    """Return the light that passes the stop at the chain's lens, as a share."""
+    """Return the share of the light that passes the stop at the chain's lens."""
     grid, followed = _reachable_lens_grid(n, camera)
     axes = plan_propagator_axes(n, camera, grid)
     propagator, plane = PanelToLensPropagator(axes[0], axes[1], field.dtype), lens_plane(n, axes)
@@ -153,9 +153,9 @@ def _reachable_lens_grid(n: PSFRequest, camera: Camera) -> tuple[LensGrid, float
 
 
 def _pixel_light_share(camera: Camera, low: float, high: float) -> float:
-    """Return the share of the light of a chain's panel pixel between two frequencies.
+    """Return the share of its light that a chain's panel pixel sends between two frequencies.
 
-    The frequencies are along one axis.
+    low, high: the frequencies along one axis, cycles per metre.
     """
     f = torch.linspace(low, high, 20001, dtype=torch.float64) * camera.panel.active_side
     return float(torch.trapezoid(torch.sinc(f) ** 2, f))

@@ -80,7 +80,7 @@ class LowLightCorrection:
             return self._measure_passing_brightness()
 
     def error_divisor(self, within: float) -> float:
-        """Return the divisor of a chain's error estimate in a dim window, at most 1.
+        """Return the number, at most 1, that divides the chain's error estimate in a dim window.
 
         within: share of the squared error that light in the passing band contributes.
         """
@@ -99,8 +99,5 @@ class LowLightCorrection:
 
     @property
     def uniform_error_divisor(self) -> float:
-        """The divisor of a chain's error estimate for a dim window, whatever the pattern.
-
-        It is at most 1, and it applies to an estimate that doesn't depend on the pattern.
-        """
+        """The divisor, at most 1, of a chain's error estimate that holds for any pattern."""
         return min(1.0, math.sqrt(self.brightness))

@@ -47,7 +47,7 @@ class TaperedBand:
         )
 
     def taper(self, frequency: torch.Tensor) -> torch.Tensor:
-        """Return a frequency's amplitude factor in the chain's band, from 0 to 1, float64."""
+        """Return the amplitude factor, 0 to 1, of frequencies in the chain's band, float64."""
         width = math.sqrt(2) * self.taper_sigma
         above = torch.erfc((self.low - frequency) / width)
         below = torch.erfc((frequency - self.high) / width)
@@ -151,7 +151,7 @@ class PropagatorAxis:
         return -self.pixel_side * torch.where(near, -(math.pi**2) / 3 * turns, slope)
 
     def spectrum(self, field: torch.Tensor, dim: int) -> torch.Tensor:
-        """Return the spectrum of the field at the chain's panel along an axis."""
+        """Return the spectrum of the field behind the chain's panel along the axis `dim`."""
         whole = fft(field, self.fft_length, dim)
         if self.spectrum_length == self.fft_length:
             return whole
@@ -220,7 +220,7 @@ class PropagatorAxis:
             at += size
 
     def slices_in_band(self, low: float, high: float) -> list[slice]:
-        """Return slices of the chain's panel spectrum with the frequencies from low to high."""
+        """Return the slices of the chain's panel spectrum that hold frequencies low to high."""
         first, last = math.ceil(low * self.period), math.floor(high * self.period)
         if self.spectrum_length < self.fft_length:
             start = self.spectrum_range[0]
@@ -233,9 +233,7 @@ class PropagatorAxis:
         )
 
     def _folding_runs(self) -> Iterator[tuple[int, int, int, int]]:
-        """Divide the chain's band into runs that are contiguous when folded to the lens grid.
-
-        They are contiguous both in the kept and in the folded spectrum.
+        """Divide the chain's band into runs, contiguous in the kept and in the folded spectrum.
 
         Yields each run's start in the kept spectrum, in the folded spectrum and in the band, and
         its size.
@@ -344,7 +342,7 @@ class PanelToLensPropagator:
     ) -> Iterator[tuple[slice, torch.Tensor]]:
         """Yield the field at the chain's lens block by block, (rows, columns).
 
-        All blocks are in the same memory.
+        Every block overwrites the memory of the block before.
         """
         y, x = self.transfers(spectrum.device)
         lines = self.axes[0].to_lens(spectrum, y, -2)
@@ -398,7 +396,7 @@ def propagate_to_lens(
     field: torch.Tensor,
     variables: PropagatorVariables | None = None,
 ) -> torch.Tensor:
-    """Propagate a field from the chain's panel to its lens, with all derivatives asked for."""
+    """Propagate a field from the chain's panel to its lens, differentiable in all arguments."""
     if variables is None or not torch.is_grad_enabled():
         return apply_linear_map(propagator, propagator.adjoint, field)
     return apply_function(
@@ -440,9 +438,9 @@ class _PropagateToLens(torch.autograd.Function):
 def _variable_gradients(
     propagator: PanelToLensPropagator, spectrum: torch.Tensor, gradient: torch.Tensor
 ) -> tuple[torch.Tensor, ...]:
-    """Compute gradients for the chain's panel-to-lens step: Fresnel area, stretch, shift.
+    """Compute gradients of the chain's step from panel to lens in its PropagatorVariables.
 
-    The gradients in the stretch and the shift are along y and x.
+    Returns those in the Fresnel area, the stretch, the shift along y and the shift along x.
     """
     fy, fx = (axis.band_frequencies for axis in propagator.axes)
     turned = 2j * math.pi
@@ -471,5 +469,5 @@ def _row_count(rows: slice) -> int:
 
 
 def fast_fft_length(least: float) -> int:
-    """Return the shortest fast FFT length for the chain that is at least `least`."""
+    """Return the shortest fast FFT length of at least `least` for the chain's propagators."""
     return int(scipy.fft.next_fast_len(max(1, math.ceil(least - 1e-9))))

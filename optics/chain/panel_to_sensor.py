@@ -64,10 +64,7 @@ class PanelToSensorMap:
         self._image_tilts = tuple(geometry.image_tilt(axis, dtype) for axis in (0, 1))
 
     def with_propagator(self, propagator: PanelToLensPropagator) -> PanelToSensorMap:
-        """Return the chain's same map with another propagator from panel to lens.
-
-        The new propagator leads to the same lens samples.
-        """
+        """Return a copy of the chain's map with another propagator to the same lens samples."""
         other = copy.copy(self)
         other.propagator = propagator
         return other
@@ -159,9 +156,9 @@ def panel_spectrum(propagator: PanelToLensPropagator, field: torch.Tensor) -> to
 
 
 def propagate_to_sensor(sensor_map: PanelToSensorMap, spectrum: torch.Tensor) -> torch.Tensor:
-    """Compute the chain's field at the sensor from a spectrum of the panel.
+    """Compute the chain's field at the sensor, (..., rows, columns), from the panel's spectrum.
 
-    The shape is (..., rows, columns); the field is differentiable in the spectrum.
+    The field is differentiable in the spectrum.
     """
     return apply_linear_map(
         _apply_per_picture(sensor_map), _apply_per_picture(sensor_map.adjoint), spectrum
@@ -169,11 +166,9 @@ def propagate_to_sensor(sensor_map: PanelToSensorMap, spectrum: torch.Tensor) ->
 
 
 def _apply_per_picture(function: PictureMap) -> PictureMap:
-    """Return a function that applies a panel-to-sensor map of the chain to each picture.
+    """Return a function that applies a map of the chain to the pictures of a batch one by one.
 
-    It works on the pictures of a batch one after the other.
-
-    A batch then takes no more memory than one picture and the results.
+    A batch takes no more memory than one picture and the results.
     """
 
     def each(fields: torch.Tensor) -> torch.Tensor:

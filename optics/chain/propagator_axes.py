@@ -84,7 +84,7 @@ class BandTaper:
 def fresnel_area(q: PSFRequest) -> float:
     """Return the Fresnel area of the space between the chain's panel and lens, in m².
 
-    Light of a frequency moves sideways by the product of the two, in the panel's coordinates.
+    On the way, light moves sideways by its frequency times this area, in the panel's coordinates.
     """
     return float(q.wavelength * q.separation / q.shadow_magnification)
 
@@ -94,9 +94,7 @@ def plan_propagator_axes(
 ) -> list[PropagatorAxis]:
     """Plan the axes (y, x) of the chain's propagator from panel to lens grid.
 
-    The grid covers the lit part of the stop.
-
-    lengths: least number of FFT points along each axis.
+    The grid covers the lit part of the stop. lengths: least number of FFT points along each axis.
     """
     return [_plan_axis(request, camera, grid, axis, lengths[axis]) for axis in (0, 1)]
 
@@ -134,10 +132,7 @@ def _plan_axis(
 
 
 def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
-    """Return the ends of the stop's opening behind the chain's panel along an axis.
-
-    They are the lowest and highest coordinate, in stop radii.
-    """
+    """Return the lowest and highest coordinate of the chain's stop opening, in stop radii."""
     t = np.linspace(0, 1, 257)
     opening = camera.lens.stop.loops[0]
     places = np.concatenate([piece.points(t)[axis] for piece in opening.pieces])
@@ -145,10 +140,7 @@ def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
 
 
 def lens_plane(request: PSFRequest, axes: list[PropagatorAxis]) -> Plane:
-    """Return the plane of the samples at the chain's lens, in metres.
-
-    They are the propagator's samples.
-    """
+    """Return the plane of the propagator's samples at the chain's lens, in metres."""
     spread = float(request.shadow_magnification)
     pitch = [axis.step * spread for axis in axes]
     centre = [

@@ -127,10 +127,7 @@ class QuadratureEngine(ChainEngine):
             )
 
     def _build_slope_bound(self, n: PSFRequest) -> PhaseSlopeBound:
-        """Bound the phase's slope in the stop, for the chain's lens and the light reaching it.
-
-        It holds for all light that reaches the lens.
-        """
+        """Bound the phase slope in the stop for all light that reaches the chain's lens."""
         turn = math.hypot(*(max(map(abs, axis.band.outer_limits)) for axis in self._axes))
         tilt = 2 * math.pi * n.radius * turn / float(n.shadow_magnification)
         at_lens = replace(n, distance=n.object_to_lens_distance, separation=0.0, phase_slope=tilt)
@@ -138,7 +135,7 @@ class QuadratureEngine(ChainEngine):
 
     @property
     def _frequency_plane(self) -> Plane:
-        """The frequencies of the chain's panel as a plane, in cycles per metre."""
+        """The panel frequencies that the chain follows, as a plane in cycles per metre."""
         counts = [axis.frequency_count for axis in self._axes]
         steps = [1 / axis.period for axis in self._axes]
         middles = [
@@ -206,10 +203,7 @@ class QuadratureEngine(ChainEngine):
         return self._intensity_or_replan(power, phase, amplitude)
 
     def _spectrum_at_lens(self, field: torch.Tensor, axes: list[PropagatorAxis]) -> torch.Tensor:
-        """Compute the spectrum of the panel's field after propagation to the chain's lens.
-
-        The shape is (..., y, x).
-        """
+        """Compute the spectrum, (..., y, x), of the field that arrives at the chain's lens."""
         y, x = axes
         for axis, dim in ((y, -2), (x, -1)):
             field = torch.fft.fft(field, axis.fft_length, dim)
@@ -237,7 +231,7 @@ class QuadratureEngine(ChainEngine):
 
 
 def _plan_axis(n: PSFRequest, camera: Camera, axis: int, low: float, high: float) -> PropagatorAxis:
-    """Plan a chain's frequency axis from `low` to `high`, which reach the stop from the panel."""
+    """Plan a chain's frequency axis: the frequencies from `low` to `high` that reach the stop."""
     panel, spread = camera.panel, float(n.shadow_magnification)
     bend = fresnel_area(n)
     line = panel.plane.coordinates(axis)
@@ -278,10 +272,7 @@ class _StopNodeBlock:
         )
 
     def field(self, light: torch.Tensor) -> torch.Tensor:
-        """Compute the chain's field at the sensor from this block of stop nodes.
-
-        The field is in square stop radii.
-        """
+        """Compute the chain's field at the sensor from these nodes, in square stop radii."""
         q = self._engine._request
         moved, onward = self._engine._propagator_variables(), q.transform_variables
         numbers = (moved.stretch, *moved.shift) if moved is not None else (None, None, None)

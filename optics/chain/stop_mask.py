@@ -52,10 +52,7 @@ class BlockwiseStopMask:
 
     @cached_property
     def segments_by_block(self) -> list[list[MaskSegment]]:
-        """The column ranges of the chain's lens grid that the stop covers, by block of rows.
-
-        They are the segments of every block of rows where the stop isn't fully open.
-        """
+        """The column ranges, in each block of rows, where the chain's stop isn't fully open."""
         fine = Coverage(self._stop, self._radius, self._plane)
         lines = zip(self.row_blocks, self._coarse_coverage(), strict=True)
         return [self._find_segments(fine, rows, line) for rows, line in lines]
@@ -95,9 +92,9 @@ class BlockwiseStopMask:
         return found
 
     def apply(self, field: torch.Tensor, block: int) -> None:
-        """Multiply a block of the chain's lens field by the stop's open share, in place.
+        """Multiply a block of the field at the chain's lens by the stop's open share, in place.
 
-        The block has the shape (rows, columns).
+        field: (rows, columns) of the block.
         """
         for segment in self.segments_by_block[block]:
             part = field[:, segment.first : segment.last]
@@ -109,9 +106,9 @@ class BlockwiseStopMask:
                 parts.mul_(segment.share.to(field.device)[..., None])
 
     def open_power(self, field: torch.Tensor, block: int) -> float:
-        """Sum ``|field|²`` of a block of the chain's lens grid over the open part of the stop.
+        """Sum ``|field|²`` of a block at the chain's lens over the open part of the stop.
 
-        The block has the shape (rows, columns).
+        field: (rows, columns) of the block.
         """
         light = field.real**2 + field.imag**2
         total = float(light.sum(dtype=torch.float64))

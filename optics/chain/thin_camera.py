@@ -12,9 +12,7 @@ from optics.stop.aperture import Circle, Point, Polygon, Shape, Stop
 def collapse_to_thin_camera(
     camera: Camera, distance: Scalar, field: tuple[Scalar, Scalar] = (0.0, 0.0)
 ) -> Camera:
-    """Return a thin lens at the panel with the same ray matrix as the chain.
-
-    The result is a camera whose lens stands in the panel's plane.
+    """Return a camera with a thin lens at the panel that gives the same intensity as the chain.
 
     distance: metres from the object to the panel. field: metres (y, x) on the sensor from the
     axis to its image.
@@ -69,9 +67,7 @@ def collapse_to_thin_camera(
 def _shift_stop(stop: Stop, shift: Point) -> tuple[float, Stop]:
     """Shift the stop of a collapsed chain, and scale it to a radius of 1 around the axis.
 
-    Lengths are in stop radii.
-
-    Returns the radius before scaling, and the stop.
+    Returns the radius before scaling, and the stop. Lengths are in stop radii.
     """
     reach = 1 + (shift[0] ** 2 + shift[1] ** 2) ** 0.5
     if reach == 1:

@@ -75,14 +75,17 @@ class AngularSpectrum(BandLimitedAngularSpectrum):
         return resolved_band(self.span)
 
     def _count(self, steps: float) -> int:
-        """Return the number of the propagator's FFT frequencies, where both band ends coincide."""
+        """Return the number of frequencies of the propagator's FFT.
+
+        The two ends of the band are the same frequency, which counts once.
+        """
         return max(round(steps), 1)
 
 
 def common_multiple(first: float, second: float) -> float:
-    """Return the least common multiple of two pitches of a propagation, or 0.
+    """Return the least common multiple of two pitches of a propagation.
 
-    It is at most 64 times the first pitch.
+    Returns 0 if the multiple exceeds 64 times the first pitch.
     """
     for parts in range(1, 65):
         ratio = parts * first / second

@@ -79,9 +79,9 @@ class FrequencyTaper:
 
     @property
     def end(self) -> float:
-        """Return where the propagation taper's step has fallen to a twentieth of epsilon.
+        """Return the frequency where the propagation's taper is down to a twentieth of epsilon.
 
-        The result is a frequency. It follows from erfc(t) ~ exp(-t²) / (t sqrt(pi)).
+        It follows from erfc(t) ~ exp(-t²) / (t sqrt(pi)).
         """
         return self.centre + math.sqrt(2 * math.log(2 / self.epsilon)) * self.sigma
 
@@ -115,7 +115,7 @@ class AxisBand:
 
     @property
     def largest_target_frequency(self) -> float:
-        """Return the largest frequency of light propagated to the target along this axis."""
+        """Return the largest frequency along this axis of light that propagates to the target."""
         low, high = self.passband
         if self.above:
             high = min(high, self.above.last_full_frequency)
@@ -162,7 +162,7 @@ class FrequencyBand:
 def resolved_band(span: FreeSpaceSpan) -> FrequencyBand:
     """Return the propagation's band of all frequencies that a smooth field's samples resolve.
 
-    It has no taper.
+    The band has no taper.
 
     Raises ToleranceError if some rays of the field are grazing.
     """
@@ -176,9 +176,7 @@ def resolved_band(span: FreeSpaceSpan) -> FrequencyBand:
 
 
 def target_band(span: FreeSpaceSpan, epsilon: float) -> FrequencyBand:
-    """Return the band of frequencies that propagate to the target, with tapers beyond.
-
-    These are the frequencies whose rays reach the target; the tapers are smooth.
+    """Return the band of the frequencies whose rays propagate to the target, with smooth ends.
 
     epsilon: largest share of the source's light that may be lost or come from replicas.
     Raises ToleranceError if some rays to the target are grazing.
@@ -209,9 +207,9 @@ class _TargetBands:
     epsilon: float
 
     def taper_above(self, edge: float, outward: bool) -> FrequencyTaper:
-        """Return the propagation's taper above a frequency, for the least slope of the rays.
+        """Return the propagation's taper above a frequency.
 
-        It is the least slope of the rays beyond that frequency.
+        The taper suits the least slope of the rays beyond that frequency.
         """
         slowest = min(max(edge, 0.0), 0.999999 * self.rays.grazing_frequency) if outward else 0.0
         return FrequencyTaper(edge, self.rays.ray_slope(slowest, self.near), self.epsilon)
@@ -271,10 +269,7 @@ def _with_period(
     radial: FrequencyTaper | None,
     epsilon: float,
 ) -> FrequencyBand:
-    """Return a propagation band with the period at which no replica reaches the target.
-
-    No replica's light reaches the target at this period.
-    """
+    """Return a propagation band with the least period at which no replica lights the target."""
     band = FrequencyBand(axes, radial, (math.inf, math.inf), epsilon)
     rays = _rays(span)
     if not band.largest_frequency < rays.grazing_frequency * (1 - 1e-9):
@@ -289,10 +284,7 @@ def _with_period(
 
 
 def _period(span: FreeSpaceSpan, band: FrequencyBand, rays: PlaneWaveRays, axis: int) -> float:
-    """Return the least period of the propagation's replicas whose light misses the target.
-
-    The replicas are the source's; their light misses the target's corners.
-    """
+    """Return the least period at which the source's replicas don't propagate to the target."""
     n = span.numeric
     low, high = band.axes[axis].passband
     if n.distance < 0:
@@ -312,9 +304,9 @@ def _period(span: FreeSpaceSpan, band: FrequencyBand, rays: PlaneWaveRays, axis:
 def _largest_tangent(
     band: FrequencyBand, rays: PlaneWaveRays, axis: int, frequency: float
 ) -> float:
-    """Return the largest ray tangent along an axis, up to a frequency the propagation keeps.
+    """Return the largest tangent of a propagated ray with the given frequency along an axis.
 
-    The frequency lies in the band.
+    The ray's frequency along the other axis is the largest that the band holds.
     """
     if frequency <= 0:
         return rays.tangent(frequency)

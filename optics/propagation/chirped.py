@@ -121,9 +121,9 @@ class ChirpedTransform:
         return _ChirpWaves(waves[0], waves[1])
 
     def _axis_waves(self, axis: int, scale: torch.Tensor) -> WavePairs:
-        """Compute the propagator's chirps before and after the transform, for every node.
+        """Compute the propagator's chirps before and after the transform along one axis.
 
-        They are those along one axis.
+        Each envelope node has its own pair of chirps.
         """
         source, target = self._source, self._target
         x = source.coordinates(axis) - source.centre[axis]
@@ -146,10 +146,7 @@ class ChirpedTransform:
     def _stretch_and_shift(
         self,
     ) -> tuple[torch.Tensor | None, tuple[torch.Tensor, torch.Tensor] | None]:
-        """Return the propagator's stretch and shift of the transform that carry derivatives.
-
-        The transform is the Fourier transform.
-        """
+        """Return the stretch and shift that carry derivatives of the propagator's transform."""
         if not (self.differentiable and torch.is_grad_enabled()):
             return None, None
         centre, scale = self._target.centre, self._scale
@@ -249,9 +246,9 @@ def _chebyshev_nodes(x: torch.Tensor, count: int) -> list[float]:
 
 
 def _lagrange_weights(x: torch.Tensor, nodes: list[float]) -> list[torch.Tensor]:
-    """Evaluate the Lagrange polynomials of the propagator's envelope nodes.
+    """Evaluate the Lagrange polynomials of the propagator's envelope nodes at x.
 
-    Each is 1 at one node and 0 at the others.
+    Each polynomial is 1 at one node and 0 at the others.
     """
     if float(x.max()) == float(x.min()):
         return [torch.full_like(x, 1 / len(nodes)) for _ in nodes]
@@ -263,9 +260,7 @@ def _lagrange_weights(x: torch.Tensor, nodes: list[float]) -> list[torch.Tensor]
 
 
 def envelope_error(turn: float, nodes: int) -> float:
-    """Return the propagator's L2 error from a cell envelope interpolated between nodes.
-
-    It is relative.
+    """Return the propagator's relative L2 error if cell envelopes are interpolated between nodes.
 
     turn: phase in radians of the source's chirp across its outermost cells. The chirp of a cell
     with phase u is exp(i u d), |d| < 1/2. Lagrange interpolation of it between Chebyshev nodes from
@@ -278,10 +273,7 @@ def envelope_error(turn: float, nodes: int) -> float:
 
 
 def envelope_node_count(turn: float, error: float, most: int) -> int:
-    """Return the fewest envelope nodes that keep a propagator's error, or 0.
-
-    0 means that more than `most` are needed.
-    """
+    """Return the fewest envelope nodes that keep a propagator's error; 0 for more than `most`."""
     for nodes in range(1, most + 1):
         # The interpolation along the other axis multiplies the error by its Lebesgue constant,
         # which is below 3.

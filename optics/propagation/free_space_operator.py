@@ -165,10 +165,8 @@ class FreeSpace:
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor time of one propagation by the first plan, in seconds.
 
-        It is that of one call.
-
-        `speed` is that of the machine. After a call with a dim target, `account.cpu_predicted`
-        includes the time of the tighter plans as well.
+        speed: of the machine. After a call with a dim target, `account.cpu_predicted` includes the
+        time of the tighter plans as well.
         """
         return self._propagator.cpu_seconds(speed)
 
@@ -240,9 +238,9 @@ class FreeSpace:
     def _check_smooth_field(
         self, promise: SmoothFieldCheck, field: torch.Tensor, light: torch.Tensor
     ) -> None:
-        """Refuse to propagate a field that isn't smooth; store a smooth one's paraxial error.
+        """Raise ValueError if a field to propagate isn't smooth.
 
-        It is the error of the paraxial model.
+        In the paraxial model, the model's error for this field is stored in the account.
         """
         spectrum = promise.checked_spectrum(field, light)
         if self.span.paraxial:
@@ -282,9 +280,9 @@ class FreeSpace:
         return done.reshape(*batch, *done.shape[-2:])
 
     def _least_light_share(self, answer: torch.Tensor, light: torch.Tensor) -> float:
-        """Return the least share of light that propagates to the target; 1 if all are dark.
+        """Return the least share of a field's light that propagates to the target, in a batch.
 
-        It is that of any field in the batch.
+        Returns 1 if all fields are dark.
         """
         y, x = self.span.target.pitch
         found = power_shares(field_power(answer) * (y * x), light)
@@ -319,7 +317,7 @@ class FreeSpace:
     def _dim_target_error(
         self, last: Propagator, share: float, why: ToleranceError
     ) -> ToleranceError:
-        """Return a ToleranceError for propagation to a dim target, naming the least tolerance.
+        """Return a ToleranceError for a dim target that names the propagation's least tolerance.
 
         The least tolerance that can be kept follows from the floor of all plans, or from the
         tolerance that the last plan kept. It isn't known where the result is no larger than the
@@ -346,10 +344,7 @@ class FreeSpace:
         )
 
     def _require_unchanged(self) -> None:
-        """Raise ValueError if a tensor length of the free space has changed since it was planned.
-
-        The lengths are those of the span.
-        """
+        """Raise ValueError if a tensor length of the free-space span changed after planning."""
         if self.span.has_tensor_lengths:
             lengths = ("distance", "wavelength", "target")
             require_unchanged_attributes(

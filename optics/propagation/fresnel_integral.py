@@ -28,7 +28,7 @@ _PART = 1 << 18
 def mean_chirp(place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
     """Return the mean of a Fresnel propagation's chirp over an interval, complex128.
 
-    It is the mean over ``|u| < width / 2`` of the chirp exp(i pi (u² + 2 u place)).
+    The chirp is exp(i pi (u² + 2 u place)), and the interval is ``|u| < width / 2``.
 
     place: real tensor. width: 0-d tensor, positive. This mean is an interval's Fresnel integral
     after division by its width and by the chirp at its centre. With v = u + place,
@@ -66,10 +66,7 @@ class _MeanChirp(torch.autograd.Function):
 
 
 def _mean_chirps(place: _Reals, width: float) -> _Complexes:
-    """Compute mean_chirp() of Fresnel propagation for a list of places, block by block.
-
-    The blocks have a bounded size.
-    """
+    """Compute mean_chirp() of Fresnel propagation for an array of places, block by block."""
     means = np.empty(place.size, dtype=np.complex128)
     for start in range(0, place.size, _PART):
         t = np.abs(place[start : start + _PART])
@@ -104,9 +101,9 @@ def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
 
 
 def _scaled_tail_integral(t: _Reals) -> _Complexes:
-    """Return the scaled Fresnel propagation integral from t >= 0 to infinity.
+    """Return exp(-i pi t²) times the Fresnel propagation integral from t >= 0 to infinity.
 
-    It is exp(-i pi t²) times the Fresnel integral of exp(i pi v²).
+    The integrand is exp(i pi v²).
     """
     values = np.asarray(wofz(_ROOT_I * math.sqrt(math.pi) * t), dtype=np.complex128)
     return 0.5 * _ROOT_I * values
@@ -119,9 +116,7 @@ def _phasor(half_turns: _Reals) -> _Complexes:
 
 
 def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
-    """Return a cell's paraxially propagated field along an axis, relative to a point's.
-
-    The point is at the cell's centre.
+    """Return a cell's paraxially propagated field along an axis, over that of its centre point.
 
     offset: metres from the cell's centre to the target. side: metres. scale: wavelength times
     distance in square metres, not 0; a 0-d tensor. The result is the mean of

@@ -60,9 +60,7 @@ class FresnelMatrices(ParaxialPropagator):
         self._cached_matrices: tuple[torch.Tensor, torch.Tensor] | None = None
 
     def _turns(self) -> float:
-        """Return the largest phase of the propagation kernel in turns, for the farthest points.
-
-        They are the two most distant points.
+        """Return the propagation kernel's phase between the two most distant points, in turns.
 
         The phase of a smooth field is limited by the field's own fringes.
         """
@@ -99,9 +97,9 @@ class FresnelMatrices(ParaxialPropagator):
         return torch.cat(parts)
 
     def _toeplitz_matrix(self, axis: int) -> torch.Tensor:
-        """Compute the Fresnel propagation matrix for equal pitches, from one value per lag.
+        """Compute the Fresnel propagation matrix between planes of equal pitch.
 
-        Both planes have the same pitch; there is one value for each lag.
+        The kernel is computed once for each lag.
         """
         source, target = self.span.source, self.span.target
         m, n = target.shape[axis], source.shape[axis]

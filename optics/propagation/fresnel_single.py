@@ -56,10 +56,7 @@ class SingleFresnel(ChirpedPropagator):
 
 
 def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
-    """Raise ToleranceError if a replica of a propagated field sends light to the target.
-
-    It is a replica of a smooth field's spectrum.
-    """
+    """Raise ToleranceError if a replica of a smooth field's spectrum propagates to the target."""
     n = span.numeric
     for axis in (0, 1):
         band, reach, pitch = (

@@ -20,10 +20,7 @@ class FresnelTransfer(ScaledAngularSpectrum):
     paraxial = True
 
     def _build_filter(self, frequencies: Plane) -> torch.Tensor:
-        """Compute the Fresnel propagation's filter W along y and along x, in one vector.
-
-        The two parts are concatenated.
-        """
+        """Compute the Fresnel propagation's filter W along y and along x, joined in one vector."""
         y, x = (frequencies.coordinates(axis) for axis in (0, 1))
         zero = torch.zeros(1, dtype=torch.float64)
         down = self._transfer(y, zero) * self._weight(frequencies, 0)

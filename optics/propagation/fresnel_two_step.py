@@ -129,7 +129,7 @@ class TwoStepFresnel(ChirpedPropagator):
     ) -> tuple[float, tuple[IntermediateAxis, IntermediateAxis], CellSampling | None]:
         """Return the cheapest intermediate plane of two-step propagation.
 
-        The result holds the plane's position, its samples, and the cell nodes.
+        Returns the plane's position, its samples, and the nodes for cells.
         """
         n, best = self._paraxial_span.numeric, math.inf
         found: (
@@ -230,7 +230,7 @@ class _IntermediateLight:
     def _smooth_light_interval(self, part: float) -> Interval | None:
         """Return where a smooth field's light is after propagation by a part of the distance.
 
-        The result is None for cells.
+        Returns None for cells.
         """
         span, axis = self._span, self._axis
         if span.cells is not None:
@@ -245,9 +245,9 @@ class _IntermediateLight:
     def _find_window(
         self,
     ) -> tuple[float, float, tuple[float, float] | None, tuple[float, float] | None] | None:
-        """Return the ends of the propagation's intermediate plane and its tapers, or None.
+        """Return the ends and the tapers of the propagation's intermediate plane.
 
-        None if the plane isn't valid.
+        Returns None if the plane isn't valid.
         """
         part = self._part
         through = [a + part * (b - a) for a in self._source for b in self._target]
@@ -264,10 +264,7 @@ class _IntermediateLight:
         return left, right, below if left == low else None, above if right == high else None
 
     def _replicas_miss_window(self, low: float, high: float) -> bool:
-        """Return whether the source's replicas miss the propagation's intermediate plane.
-
-        They are the replicas of the source's samples.
-        """
+        """Return whether replicas of the source miss the propagation's intermediate plane."""
         span, axis = self._span, self._axis
         scale = self._part * span.scale
         ways = (low - self._source[1], high - self._source[0])
@@ -282,10 +279,7 @@ class _IntermediateLight:
 
     @property
     def target_interval(self) -> Interval:
-        """Return the part of the target to which the intermediate plane's light propagates.
-
-        It lies in the target's plane.
-        """
+        """Return the part of the target's plane to which the intermediate light propagates."""
         assert self.window is not None
         part = self._part
         low, high, below, above = self.window
@@ -298,19 +292,13 @@ class _IntermediateLight:
 
 
 def _target_ends(span: FreeSpaceSpan, axis: int) -> Interval:
-    """Return the positions of the propagation target's end samples on an axis, in metres.
-
-    They are those of the first and last sample.
-    """
+    """Return the least and largest position of the propagation's target samples on an axis, m."""
     places = [corner[axis] for corner in span.target_corners]
     return min(places), max(places)
 
 
 def _sampled_plane(axes: tuple[IntermediateAxis, IntermediateAxis]) -> Plane:
-    """Return the propagation's intermediate plane, with sample counts that suit FFTs.
-
-    There is one count for each axis.
-    """
+    """Return the propagation's intermediate plane, with sample counts that suit FFTs."""
     shape, pitch, centre = [], [], []
     for axis in axes:
         count = scipy.fft.next_fast_len(axis.count)
@@ -322,9 +310,6 @@ def _sampled_plane(axes: tuple[IntermediateAxis, IntermediateAxis]) -> Plane:
 
 
 def _chirp_z_operations(source: tuple[int, int], target: tuple[int, int]) -> float:
-    """Estimate the operations of a propagator's chirp-Z transform, to compare planes.
-
-    The planes are intermediate ones.
-    """
+    """Estimate the operations of a propagator's chirp-Z transform between two planes."""
     rows, columns = (chirp_length(n, m) for n, m in zip(source, target, strict=True))
     return source[1] * fft_operations(rows) + target[0] * fft_operations(columns)

@@ -17,10 +17,7 @@ def sum_squared_modulus(field: torch.Tensor) -> torch.Tensor:
 
 
 def field_power(field: torch.Tensor) -> torch.Tensor:
-    """Return the power of each propagated field: the sum of ``|u|²``, float64.
-
-    The fields have the shape (..., rows, columns).
-    """
+    """Return the power of each propagated field (..., rows, columns): sum of ``|u|²``, float64."""
     light = sum_squared_modulus(field)
     if field.dtype == torch.complex128 or _suits_single_precision(light):
         return light
@@ -42,9 +39,9 @@ def require_finite_power(name: str, field: torch.Tensor) -> torch.Tensor:
 def normalise_strength(
     field: torch.Tensor, light: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
-    """Rescale fields for propagation in single precision, and return the factor to undo it.
+    """Rescale fields for propagation in single precision.
 
-    Returns the fields, their power, and the factor.
+    Returns the rescaled fields, their power, and the factor that undoes the rescaling.
 
     light: field_power() of the field. If the power of every field suits single precision, nothing
     is changed and the factor is None. Otherwise each field that isn't dark is divided by its
@@ -75,7 +72,7 @@ def _as_list(values: torch.Tensor) -> list[float]:
 
 
 def _suits_single_precision(light: torch.Tensor) -> bool:
-    """Return whether every field's power suits propagation in single precision."""
+    """Return whether the power of every field suits propagation in single precision."""
     # Within these limits a field's spectrum, its kernels and their squares stay far from the ends
     # of single precision, 1e-38 and 1e38.
     return all(1e-20 < one < 1e20 for one in _as_list(light))

@@ -16,9 +16,8 @@ from optics.propagation.transfer_function import paraxial_phase_error
 def paraxial_model_error(span: FreeSpaceSpan, frequency: float) -> float:
     """Return the error of paraxial propagation for frequencies up to `frequency`, cycles/m.
 
-    The error of the paraxial model is 0 for a span whose declared model is paraxial. Raises
-    ToleranceError where the paraxial phase error of a scalar wave exceeds its share of the
-    tolerance.
+    The error is 0 for a span whose declared model is paraxial. Raises ToleranceError where the
+    paraxial phase error of a scalar wave exceeds its share of the tolerance.
     """
     n = span.numeric
     if n.paraxial:
@@ -48,9 +47,7 @@ class ParaxialPropagator(Propagator):
 
 
 def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
-    """Return the largest frequency at which a Fresnel propagator's phase matters, cycles/m.
-
-    It is the phase of the Fresnel kernel.
+    """Return the largest frequency at which a Fresnel propagator's kernel phase matters, cycles/m.
 
     The next term of the phase, c f⁴, adds c times (D_y² + D_x²)² h to the kernel h, with
     D = d/dx / (2 pi i). On the chirp exp(i pi x² / scale), D² is f² + 1 / (2 pi i scale) and D⁴ is

@@ -86,4 +86,4 @@ class Propagator(CandidateMethod):
 
     @abstractmethod
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose of propagation, from target to source samples."""
+        """Apply the conjugate transpose of the propagation, from target to source samples."""

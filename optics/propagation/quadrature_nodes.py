@@ -11,13 +11,12 @@ _RHO = 1 + np.geomspace(1e-3, 1e9, 300)
 
 
 def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int) -> int:
-    """Return the nodes that propagate a cell's spherical wave; 0 for more than `most`.
+    """Return how many nodes propagate a cell's spherical wave; 0 for more than `most`.
 
-    They integrate a spherical wave over a cell.
-
-    The wave is exp(i (h x + b x²)) over |x| < 1, with |h| <= turn and |b| <= bend in radians,
-    times an amplitude. error: relative error of the integral. depth: distance of the wave's origin
-    over half the cell's side; infinite if the amplitude is the same everywhere.
+    The nodes integrate a spherical wave over a cell. The wave is exp(i (h x + b x²)) over |x| < 1,
+    with |h| <= turn and |b| <= bend in radians, times an amplitude. error: relative error of the
+    integral. depth: distance of the wave's origin over half the cell's side; infinite if the
+    amplitude is the same everywhere.
 
     The wave's amplitude has poles at ± i depth. The quadrature error of such a function with n
     nodes is about rho^(-2n), with rho = depth + sqrt(1 + depth²) (Trefethen 2008). The nodes for
@@ -34,7 +33,7 @@ def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int)
 
 
 def _phase_nodes(turn: float, bend: float, error: float) -> int:
-    """Return the Gauss-Legendre nodes that the propagated wave's phase alone needs.
+    """Return how many Gauss-Legendre nodes the propagated wave's phase alone needs.
 
     The error of the mean with n nodes is at most 32 / 15 M rho^(-2n) / (1 - rho^(-2)), for a
     function that is no larger than M on the ellipse of foci ± 1 and semi-axis sum rho (Trefethen

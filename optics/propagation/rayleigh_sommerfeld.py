@@ -102,7 +102,7 @@ class DirectQuadrature(Propagator):
     def __init__(self, span: FreeSpaceSpan) -> None:
         super().__init__(span)
         n = span.numeric
-        self._near = span.require_target_in_front()
+        self._near = span.nearest_target_distance()
         self._sign = math.copysign(1.0, n.distance)
         factors = [self._factor(axis) for axis in (0, 1)]
         self._factors = (factors[0], factors[1])
@@ -114,10 +114,9 @@ class DirectQuadrature(Propagator):
         self.sampling = f"{columns}x{rows} source points"
 
     def _factor(self, axis: int) -> int:
-        """Return the number of points per source sample along an axis in direct propagation.
+        """Return how many points replace a source sample along an axis in direct propagation.
 
-        The points replace one sample of the source. They are nodes of a cell, or finer samples of a
-        smooth field.
+        The points are nodes of a cell, or finer samples of a smooth field.
         """
         n, error = self.span.numeric, TOLERANCE_SHARES.direct * self.span.tol
         most = _SETTINGS.max_points
@@ -138,10 +137,7 @@ class DirectQuadrature(Propagator):
         return factor
 
     def _turns(self) -> float:
-        """Return the propagation kernel's phase in turns between the planes' farthest points.
-
-        They are the two most distant points.
-        """
+        """Return the propagation kernel's phase between the two most distant points, in turns."""
         n = self.span.numeric
         ways = [max(map(abs, n.lateral_range(axis))) for axis in (0, 1)]
         deepest = max(abs(corner[2]) for corner in n.target_corners)
@@ -193,7 +189,7 @@ class DirectQuadrature(Propagator):
     def _samples_to_points(self, axis: int, field: torch.Tensor) -> torch.Tensor:
         """Return the field on the propagation's quadrature points along an axis.
 
-        It is multiplied by the length of each point.
+        Each value is multiplied by the length that its point represents.
         """
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
@@ -202,10 +198,7 @@ class DirectQuadrature(Propagator):
         return (field[..., None] * self._weights(axis, field.device)).flatten(-2)
 
     def _points_to_samples(self, axis: int, points: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of _samples_to_points() to values on the propagation's points.
-
-        They are the quadrature points.
-        """
+        """Apply _samples_to_points()'s adjoint to values on the propagation's quadrature points."""
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
         if span.cells is None:
@@ -220,10 +213,7 @@ class DirectQuadrature(Propagator):
         return torch.from_numpy(weights * self.span.cells[axis]).to(device)
 
     def _point_coordinates(self, axis: int) -> torch.Tensor:
-        """Return the coordinates of the propagation's source points along an axis, in metres.
-
-        They are the quadrature points.
-        """
+        """Return the propagation's quadrature points on the source along an axis, in metres."""
         source, factor = self.span.source, self._factors[axis]
         x = source.coordinates(axis)
         if self.span.cells is not None:
@@ -234,10 +224,7 @@ class DirectQuadrature(Propagator):
         return (x[:, None] + inside).flatten()
 
     def _target(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return the (y, x, depth) of the propagation's target samples in metres.
-
-        They are flat tensors.
-        """
+        """Return y, x and depth of the propagation's target samples as flat tensors, in metres."""
         target = self.span.target
         y = (target.coordinates(0) - target.centre[0])[:, None].expand(target.shape)
         x = (target.coordinates(1) - target.centre[1])[None, :].expand(target.shape)
@@ -246,9 +233,9 @@ class DirectQuadrature(Propagator):
         return y.reshape(-1), x.reshape(-1), (z * self._sign).reshape(-1)
 
     def _sum(self, values: torch.Tensor, *, adjoint: bool) -> torch.Tensor:
-        """Multiply (points of a plane, fields) by the propagation kernel h or its adjoint.
+        """Multiply fields by the matrix of the propagation kernel h, or by its adjoint.
 
-        The adjoint is the conjugate transpose.
+        values: (points of a plane, fields). The adjoint is the conjugate transpose.
         """
         device = values.device
         target = [p.to(device) for p in self._target()]
@@ -273,7 +260,10 @@ class DirectQuadrature(Propagator):
         return torch.cat(sums)
 
     def _tile(self, values: torch.Tensor, adjoint: bool, *geometry: torch.Tensor) -> torch.Tensor:
-        """Compute one tile of the propagation kernel times its values, again for derivatives."""
+        """Multiply one tile of the propagation kernel by its values.
+
+        Derivatives compute the tile again, so that it needn't be kept.
+        """
         if torch.is_grad_enabled() and any(t.requires_grad for t in (values, *geometry)):
             part: torch.Tensor = checkpoint(
                 self._product, values, adjoint, *geometry, use_reentrant=False
@@ -297,7 +287,7 @@ class DirectQuadrature(Propagator):
 
 
 def _tiles(targets: int, rows: int, lines: int, adjoint: bool) -> tuple[list[slice], list[slice]]:
-    """Split target samples and source rows into tiles of direct propagation.
+    """Split the target samples and the source rows of direct propagation into tiles.
 
     The first list contains the slices of the result's plane, the second those of the plane that is
     summed over.

@@ -43,7 +43,7 @@ def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float
 def diffraction_margin(kappa: float, band: Interval, pitch: float, epsilon: float) -> float:
     """Return the margin beyond a propagation band outside which rays carry no light of it.
 
-    It is in cycles per metre. pitch: metres; replicas of the band are 1 / pitch apart.
+    The margin is in cycles per metre. pitch: metres; replicas of the band are 1 / pitch apart.
     """
     return sum(step_widths(kappa, (1 / pitch - (band[1] - band[0])) / 2, epsilon))
 
@@ -61,19 +61,16 @@ def replicas_miss_target(
 
 
 def field_band(span: FreeSpaceSpan, axis: int) -> Interval:
-    """Return the least and largest frequency of a propagated smooth field along an axis.
-
-    The field is that of the span.
-    """
+    """Return the least and largest frequency of a propagation's smooth field along an axis."""
     return span.carrier[axis] - span.half_bandwidths[axis], span.carrier[
         axis
     ] + span.half_bandwidths[axis]
 
 
 def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
-    """Return the frequencies of rays that propagate to the target, on axis 0 (y) or 1 (x).
+    """Return the least and largest frequency of rays that propagate from source to target.
 
-    They are the range of ray frequencies from source to target.
+    axis: 0 (y) or 1 (x).
     """
     n = span.numeric
     depths = [abs(corner[2]) for corner in span.target_corners]
@@ -91,9 +88,9 @@ def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
 def _ray_frequency(
     wavelength: float, way: float, depth: float, side: float, paraxial: bool
 ) -> float:
-    """Return the frequency along an axis of a propagated ray (way, side, depth).
+    """Return the frequency along an axis of a propagated ray.
 
-    These are the parts of its displacement.
+    way, side, depth: the ray's displacement along this axis, the other one and the optical axis.
     """
     if paraxial:
         return way / (wavelength * depth)
@@ -101,10 +98,10 @@ def _ray_frequency(
 
 
 def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: int) -> int:
-    """Return the oversampling of a smooth field for propagation as a sum over samples.
+    """Return the oversampling factor at which a smooth field can be propagated as a sum.
 
-    The field must be oversampled by this factor. It is 0 if it would exceed `most`. Replicas at
-    frequencies beyond 1 / wavelength are evanescent, so they may miss the target by decay as well.
+    The result is 0 if the factor would exceed `most`. Replicas at frequencies beyond 1 / wavelength
+    are evanescent, so they may also decay before the target.
     """
     n = span.numeric
     band, reach, pitch = (
@@ -133,6 +130,6 @@ def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: in
 
 
 def _evanescent_decay(frequency: float, wavelength: float, distance: float) -> float:
-    """Return the amplitude that an evanescent wave retains in free space; 1 if propagating."""
+    """Return the amplitude that an evanescent wave keeps in free space, or 1 for other waves."""
     square = frequency**2 - 1 / wavelength**2
     return math.exp(-2 * math.pi * distance * math.sqrt(square)) if square > 0 else 1.0

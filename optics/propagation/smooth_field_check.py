@@ -31,7 +31,7 @@ class SmoothFieldCheck:
         self._dtype = torch.complex64 if span.tol >= 1e-5 else torch.complex128
 
     def checked_spectrum(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
-        """Return the spectrum of a smooth field to propagate, at frequencies along x in its band.
+        """Check a field to propagate, and return its spectrum at frequencies in its band along x.
 
         field: (..., rows, columns), rescaled for single precision. light: the sum of |u|² of each.
         Raises ValueError for a field with light beyond its band or at the source's edges.
@@ -59,9 +59,8 @@ class SmoothFieldCheck:
     def _spectrum(self, field: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the spectrum of a field to propagate, and its light outside carrier ± band.
 
-        The light is a sum of ``|u|²``.
-
-        Light outside the band along x needn't be transformed along y (Parseval's theorem).
+        The light is the sum of ``|u|²``. Light outside the band along x needn't be transformed
+        along y (Parseval's theorem).
         """
         rows, columns = field.shape[-2:]
         lines = fft(field, columns, -1)
@@ -74,9 +73,7 @@ class SmoothFieldCheck:
         return spectrum, beyond
 
     def paraxial_field_error(self, spectrum: torch.Tensor) -> float:
-        """Return the L2 error of propagation by Fresnel's transfer function for smooth fields.
-
-        It is relative.
+        """Return the relative L2 error if smooth fields propagate by Fresnel's transfer function.
 
         spectrum: spectra of the fields, from checked_spectrum(). The result is the largest error of
         all fields; that of a dark field is 0.
@@ -89,9 +86,9 @@ class SmoothFieldCheck:
 
     @cached_property
     def _paraxial_deviation(self) -> torch.Tensor:
-        """Return ``|H - H'|²`` of the exact and Fresnel's transfer function of free space.
+        """Return ``|H - H'|²`` of free space's exact and Fresnel's transfer functions.
 
-        It is taken at kept frequencies.
+        The frequencies are those that `_spectrum` keeps.
         """
         y, x = (_frequencies(self._span, axis) for axis in (0, 1))
         x = _take_runs(x, self._within_x)
@@ -104,7 +101,10 @@ class SmoothFieldCheck:
 
 
 def _true_runs(mask: torch.Tensor) -> list[slice]:
-    """Return slices of runs where a propagation mask is true, which are faster than indices."""
+    """Return the runs in which a propagation's mask is true, as slices.
+
+    Slices are much faster than indices.
+    """
     edges = torch.nonzero(torch.diff(torch.nn.functional.pad(mask.int(), (1, 1))))[:, 0].tolist()
     return [slice(first, last) for first, last in pairwise(edges)][::2]
 
@@ -139,15 +139,15 @@ def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
 
 
 def _frequencies(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Return the propagation FFT's frequencies as the aliases nearest the carrier, cycles/m.
-
-    It is the span's carrier.
-    """
+    """Return the propagation FFT's frequencies as aliases nearest the span's carrier, cycles/m."""
     return span.carrier[axis] + _offset_from_carrier(span, axis) / span.source.pitch[axis]
 
 
 def _offset_from_carrier(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Return the propagation FFT's frequencies less the carrier, aliased, turns per sample."""
+    """Return the propagation FFT's frequencies less the carrier, in turns per sample.
+
+    Each difference is the alias nearest 0.
+    """
     n, pitch = span.source.shape[axis], span.source.pitch[axis]
     turns = torch.fft.fftfreq(n, dtype=torch.float64) - span.carrier[axis] * pitch
     return turns - torch.round(turns)

@@ -135,7 +135,7 @@ class FreeSpaceSpan:
     def half_bandwidths(self) -> tuple[float, float]:
         """Return the propagated field's bandwidth on either side of its carrier, cycles/m.
 
-        The result is along (y, x). It is infinite for cells, whose edges are sharp.
+        The two values are for y and x. They are infinite for cells, whose edges are sharp.
         """
         if self.cells is not None:
             return (math.inf, math.inf)
@@ -163,7 +163,7 @@ class FreeSpaceSpan:
     def source_extent(self, axis: int) -> tuple[float, float]:
         """Compute where the propagation source's light begins and ends along an axis, in metres.
 
-        The axis is 0 (y) or 1 (x).
+        axis: 0 (y) or 1 (x).
         """
         plane = self.numeric.source
         n, pitch = plane.shape[axis], plane.pitch[axis]
@@ -173,9 +173,9 @@ class FreeSpaceSpan:
 
     @cached_property
     def target_corners(self) -> tuple[tuple[float, float, float], ...]:
-        """Return the corner samples (y, x, z) of the propagation's target, in metres.
+        """Return the positions (y, x, z) of the propagation target's corner samples, in metres.
 
-        They are positions relative to the source.
+        y and x count from the axis, z counts from the source's plane.
         """
         n = self.numeric
         (ny, nx), (py, px) = n.target.shape, n.target.pitch
@@ -183,10 +183,10 @@ class FreeSpaceSpan:
         ends_x = (-(nx // 2) * px, (nx - 1 - nx // 2) * px)
         return tuple(n.target_position(y, x) for y in ends_y for x in ends_x)
 
-    def require_target_in_front(self) -> float:
-        """Compute the least propagation distance to a target sample, in metres.
+    def nearest_target_distance(self) -> float:
+        """Compute the least propagation distance from the source's plane to a target sample.
 
-        It is that from the source's plane.
+        The distance is in metres along the axis, and positive for backward propagation too.
 
         Raises
         ------
@@ -204,7 +204,7 @@ class FreeSpaceSpan:
         return nearest
 
     def target_position(self, y: Any, x: Any) -> tuple[Any, Any, Any]:
-        """Compute the position of points in the propagation target's own plane after its tilt.
+        """Compute the position of points in the propagation's target, with the target's tilt.
 
         Parameters
         ----------
@@ -225,10 +225,8 @@ class FreeSpaceSpan:
     def lateral_range(self, axis: int) -> tuple[float, float]:
         """Compute the least and largest lateral displacement over a propagation, in metres.
 
-        It is that from source to target.
-
-        The displacement is along axis 0 (y) or 1 (x), between any point of the source's light and
-        any sample of the target, with its tilt.
+        The displacement is along axis 0 (y) or 1 (x), from any point of the source's light to any
+        sample of the target. The target's tilt counts.
         """
         first, last = self.source_extent(axis)
         places = [corner[axis] for corner in self.target_corners]
@@ -236,14 +234,14 @@ class FreeSpaceSpan:
 
     @property
     def differentiable(self) -> bool:
-        """Return whether the propagation needs a derivative in a length of its span."""
+        """Return whether a derivative of the propagation is wanted in any length of its span."""
         return any(map(needs_gradient, self._scalars))
 
     @cached_property
     def has_tensor_lengths(self) -> bool:
-        """Return whether a length of the propagation is a tensor, which may still change.
+        """Return whether a length of the propagation is a tensor.
 
-        The tensor may change after the propagation was planned.
+        A tensor's value may change after the propagation was planned.
         """
         return not all(isinstance(one, (int, float)) for one in self._scalars)
 

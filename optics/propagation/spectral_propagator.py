@@ -137,9 +137,9 @@ class SpectralPropagator(Propagator):
         return min(TOLERANCE_SHARES.band * self._numeric_span.tol, _SETTINGS.largest_error)
 
     def _double_arithmetic(self) -> float:
-        """Return the propagator's relative rounding error in complex128.
+        """Return the rounding error of free-space propagation in complex128, relative.
 
-        It grows with the largest phase.
+        The error grows with the largest phase.
         """
         n = self._numeric_span
         turns = abs(n.distance) * n.wavelength * self.band.largest_frequency**2
@@ -254,7 +254,7 @@ class SpectralPropagator(Propagator):
     def _rebuilds_filter(self) -> bool:
         """Return whether each propagation recomputes the filter W.
 
-        It does so for derivatives or for lack of memory.
+        Derivatives and a spectrum that doesn't fit in memory make this necessary.
         """
         return self.span.differentiable or len(self._parts) > 1
 
@@ -363,7 +363,7 @@ def _conjugate(values: torch.Tensor) -> torch.Tensor:
 
 
 def _rows_of(plane: Plane, first: int, last: int) -> Plane:
-    """Return the plane of rows `first` up to `last` of a propagator's plane."""
+    """Return the part of a propagator's plane from row `first` up to, not including, `last`."""
     rows = min(last, plane.shape[0]) - first
     place = plane.centre[0] + (first + rows // 2 - plane.shape[0] // 2) * plane.pitch[0]
     return Plane((rows, plane.shape[1]), plane.pitch, (place, plane.centre[1]))

@@ -40,7 +40,8 @@ class TiltedAngularSpectrum(SpectralPropagator):
     name = "tilted angular spectrum"
 
     def _require_applicable(self) -> None:
-        self.span.require_target_in_front()
+        # Raises ValueError where the tilt turns the target through the source's plane.
+        self.span.nearest_target_distance()
         self.paraxial = self.span.paraxial
 
     def _plan(self) -> None:
@@ -70,9 +71,9 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return torch.nonzero((torch.sqrt(y**2 + x**2) < grazing).flatten()).squeeze(-1)
 
     def _tilted_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (f'_y, f'_x) of the plane waves propagated to the tilted target.
+        """Return the propagated waves' frequencies (f'_y, f'_x) on the tilted target.
 
-        They are reduced to the range that the target's samples resolve.
+        The frequencies are reduced to the range that the target's samples resolve.
         """
         a, b = self._numeric_span.tilt
         y, x = self._wave_frequencies()
@@ -95,7 +96,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         self._cached_nufft = NonuniformTransform(y, x, self._image, 1.0, self._nufft_error)
 
     def _transfer(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """Return the free-space transfer function to the target's centre, possibly off the axis."""
+        """Return the free-space transfer function to the target's centre, on or off the axis."""
         centre = self._numeric_span.target.centre
         way = unit_phasor(y * centre[0] + x * centre[1], torch.complex128)
         return super()._transfer(y, x) * way
@@ -132,11 +133,10 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return self._cached_nufft
 
     def _wavelength_gradient_term(self, waves: torch.Tensor) -> torch.Tensor:
-        """Return a zero field with the propagated waves' derivative in the wavelength.
+        """Return a zero field that carries a derivative of the propagation in the wavelength.
 
-        It is the derivative of the waves' positions.
-
-        The phase at depth Z behind the target's centre is 2 pi w Z.
+        The wavelength changes the axial frequency w. The phase of a wave at the depth Z behind the
+        target's centre is 2 pi w Z.
         """
         n, wavelength = self._numeric_span, self.span.wavelength
         y, x = self._wave_frequencies()

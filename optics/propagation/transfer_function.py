@@ -49,7 +49,7 @@ def axial_frequency(
 ) -> torch.Tensor:
     """Return the axial frequency of plane waves in free space, cycles/m, float64.
 
-    The waves have the frequencies (y, x). The result is 0 for evanescent waves.
+    y, x: the waves' lateral frequencies, cycles per metre. The result is 0 for evanescent waves.
     """
     f2 = y**2 + x**2
     if paraxial:
@@ -58,9 +58,9 @@ def axial_frequency(
 
 
 def _root(square: torch.Tensor) -> torch.Tensor:
-    """Return the root of positive numbers for free-space waves, and 0 for others.
+    """Return the square root of positive numbers for free-space waves, and 0 for other numbers.
 
-    The root of the others has a derivative of 0.
+    The derivative at the other numbers is 0.
     """
     positive = square.detach() > 0
     return torch.where(positive, torch.sqrt(torch.where(positive, square, 1.0)), 0.0)
@@ -77,11 +77,10 @@ class PlaneWaveRays:
     paraxial: bool
 
     def tangent(self, frequency: float, across: float = 0.0) -> float:
-        """Return the tangent of a propagated plane wave's ray; infinite for evanescent waves.
+        """Return the tangent along an axis of a propagated plane wave's ray.
 
-        It is infinite for grazing waves too.
-
-        frequency, across: along this axis and along the other one, cycles per metre.
+        frequency, across: along this axis and along the other one, cycles per metre. The tangent is
+        infinite for grazing and evanescent waves.
         """
         sine = self.wavelength * frequency
         if self.paraxial:
@@ -99,7 +98,7 @@ class PlaneWaveRays:
     def ray_slope(self, frequency: float, distance: float) -> float:
         """Return the slope dX/df of a propagated ray's displacement at a frequency, in m².
 
-        It is a lower bound for waves with a frequency along the other axis as well.
+        The result is also a lower bound for waves with a frequency along the other axis.
         """
         flat = self.wavelength * abs(distance)
         if self.paraxial:
@@ -115,8 +114,8 @@ class PlaneWaveRays:
 def paraxial_phase_error(wavelength: float, distance: float, frequency: float) -> float:
     """Return the phase error of paraxial propagation at a frequency, in radians.
 
-    The error is that of the paraxial transfer function. It is the next term of the series, pi / 4
-    wavelength³ |distance| f⁴ (section 4.2.1 of Goodman). If it is small, it is also the relative
-    error of the field.
+    The error of the paraxial transfer function is the next term of its series, pi / 4 wavelength³
+    ``|distance|`` f⁴ (section 4.2.1 of Goodman). A small phase error is also the relative error of
+    the field.
     """
     return math.pi / 4 * wavelength**3 * abs(distance) * frequency**4

@@ -10,11 +10,10 @@ from optics.fourier import unit_phasor
 def upsample(field: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
     """Upsample a field for propagation by `factor` along its last axis.
 
-    It zero-pads the field's spectrum.
-
-    The first of each group of `factor` samples coincides with a sample of the field. carrier: turns
-    from sample to sample, at the middle of the spectrum. The result is exact for a field that is
-    dark at its ends; otherwise the field is continued periodically.
+    The field's spectrum is padded with zeros. The first of each group of `factor` samples coincides
+    with a sample of the field. carrier: turns from sample to sample, at the middle of the spectrum.
+    The result is exact for a field that is dark at its ends; otherwise the field is continued
+    periodically.
     """
     if factor == 1:
         return field

@@ -411,7 +411,7 @@ class PSFOperator:
     def light_budget(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> LightBudget:
-        """Compute where a pattern's light goes: through the stop, to the PSF's window, or lost.
+        """Compute where a pattern's light goes: through the stop, to the PSF's window, or blocked.
 
         Unmodulated light counts.
 

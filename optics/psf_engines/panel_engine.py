@@ -151,7 +151,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
     def _kernel_phase_step(self) -> float:
         """Return the phase change of the PSF engine's kernel across a panel pixel, in radians.
 
-        The Fourier kernel of the farthest sample is meant, whose phase changes most.
+        The kernel is that of the farthest sample, whose phase changes most.
         """
         n = self._request.numeric
         return (

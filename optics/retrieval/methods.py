@@ -59,7 +59,7 @@ class RetrievalMethod:
     def iterations(
         self, goal: RetrievalGoal, frames: int, seconds: float, speed: MachineSpeed
     ) -> int:
-        """Return the number of phase-retrieval iterations that fit in `seconds`.
+        """Return how many iterations of a phase retrieval method fit into `seconds`.
 
         The number may be less than one.
         """
@@ -75,7 +75,7 @@ MOST_FRAMES = 3600
 
 
 def _round_trip_seconds(far_field: FarField, speed: MachineSpeed) -> float:
-    """Predict the seconds of a phase retrieval's round trip, from its FFTs."""
+    """Predict the seconds of a round trip of Gerchberg-Saxton phase retrieval, from its FFTs."""
     each = fft_operations(far_field.length) / far_field.length
     # A round trip takes 2.5 times as long as its FFTs.
     return 2.5 * far_field.samples * each * speed.fft

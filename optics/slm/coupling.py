@@ -187,7 +187,7 @@ def _neighbour_weights(sigma: float, place: np.ndarray, reach: int) -> np.ndarra
 
 
 def _test_phases(step: float, beside: int) -> np.ndarray:
-    """Return test phases around an SLM pixel: an edge, a line, stripes, a slope, a valley.
+    """Return test phases around a pixel of the SLM model: edge, line, stripes, slope, valley.
 
     The result is (cases, neighbours).
     """

@@ -39,7 +39,7 @@ class Circle:
             raise ValueError(f"centre is {self.centre}; it must be finite")
 
     def contains(self, y: Array, x: Array) -> NDArray[np.bool_]:
-        """Tell which points lie in a circular opening of the stop."""
+        """Tell which points lie in this circular part of the stop's shape."""
         return np.hypot(y - self.centre[0], x - self.centre[1]) <= self.radius
 
 
@@ -67,14 +67,14 @@ class Polygon:
 
     @property
     def is_convex(self) -> bool:
-        """Tell whether the polygon of the stop's opening is convex."""
+        """Whether this polygon of the stop's shape is convex."""
         return all(
             _cross(a, b, c) >= -NEGLIGIBLE
             for (a, b), (_, c) in zip(self.edges, self.edges[1:] + self.edges[:1], strict=True)
         )
 
     def contains(self, y: Array, x: Array) -> NDArray[np.bool_]:
-        """Tell which points lie in a polygonal opening of the stop."""
+        """Tell which points lie in this polygonal part of the stop's shape."""
         inside = np.zeros(np.broadcast_shapes(np.shape(y), np.shape(x)), dtype=bool)
         for (y0, x0), (y1, x1) in self.edges:
             crosses = (y0 > y) != (y1 > y)
@@ -122,7 +122,7 @@ class Segment:
     def crossings(self, axis: int, level: Array) -> Array:
         """Return the parameters t at which a straight edge of the stop crosses the levels.
 
-        The levels are values of one coordinate of the segment.
+        A level is a value of the coordinate `axis`, 0 for y and 1 for x.
         """
         low, high = self.start[axis], self.end[axis]
         if low == high:
@@ -174,9 +174,10 @@ class Loop:
 
     @property
     def area(self) -> float:
-        """The signed area of a loop of the stop's edge in square stop radii, by Green's theorem.
+        """The signed area inside a loop of the stop's boundary, in square stop radii.
 
-        24 nodes make it exact to rounding, for arcs and segments.
+        Green's theorem gives it as an integral along the loop. 24 nodes make it exact to rounding,
+        for arcs and segments.
         """
         nodes, weights = gauss_legendre(24)
         t, total = (nodes + 1) / 2, 0.0
@@ -216,7 +217,7 @@ class Stop:
 
     @property
     def loops(self) -> tuple[Loop, ...]:
-        """The boundary of the stop: the opening, less each obscuration, plus overlaps of pairs.
+        """The stop's boundary: the opening, less each obscuration, plus overlaps of pairs.
 
         An overlap is added because both obscurations subtract it.
         """
@@ -293,9 +294,9 @@ def _shoelace(corners: Sequence[Point]) -> float:
 
 
 def _cross(a: Point, b: Point, c: Point) -> float:
-    """Return the cross product of ab and ac at the stop's corners.
+    """Return the cross product of the vectors ab and ac between points of a stop's shape.
 
-    It is positive for a turn from x towards y.
+    The product is positive for a turn from x towards y.
     """
     return (b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])
 
@@ -311,9 +312,9 @@ def _crosses_itself(corners: Sequence[Point]) -> bool:
 
 
 def _on_both_sides(start: Point, end: Point, c: Point, d: Point) -> bool:
-    """Tell whether c and d lie on different sides of a line through the stop's edge.
+    """Tell whether c and d lie on different sides of the line through an edge of a stop's shape.
 
-    Neither may lie on it up to rounding.
+    The answer is no if either point lies on the line up to rounding.
     """
     low, high = sorted((_cross(start, end, c), _cross(start, end, d)))
     return low < -NEGLIGIBLE and high > NEGLIGIBLE
@@ -343,10 +344,7 @@ def _lies_within(inner: Shape, outer: Shape) -> bool:
 
 
 def _distance_to_segment(p: Point, a: Point, b: Point) -> float:
-    """Return the distance from a point to a straight edge of the stop.
-
-    The edge is a segment of a polygon.
-    """
+    """Return the distance from a point to a straight edge of the stop from a to b."""
     along = np.subtract(b, a)
     t = float(np.clip(np.dot(np.subtract(p, a), along) / np.dot(along, along), 0, 1))
     return math.dist(p, (a[0] + t * along[0], a[1] + t * along[1]))
@@ -408,7 +406,7 @@ def _circle_polygon_intersection(circle: Circle, polygon: Polygon, sign: int) ->
 
 
 def _circle_crossings(circle: Circle, edge: Segment) -> list[float]:
-    """Return where a polygon edge of the stop crosses a circle, as parameters t in order."""
+    """Return the parameters t, in order, at which a straight edge of the stop crosses a circle."""
     start, along = np.subtract(edge.start, circle.centre), np.subtract(edge.end, edge.start)
     a, b = float(along @ along), float(start @ along)
     root = b * b - a * (float(start @ start) - circle.radius**2)
@@ -426,7 +424,7 @@ def _hidden_arc(circle: Circle, p: Point, q: Point) -> Arc:
 
 
 def _clip_polygon(a: Polygon, b: Polygon) -> Polygon | None:
-    """Intersect two polygons of a stop, one of them convex (Sutherland and Hodgman 1974)."""
+    """Intersect two polygons of a stop, one of which is convex (Sutherland and Hodgman 1974)."""
     if not a.is_convex:
         a, b = b, a
     if not a.is_convex:

@@ -28,7 +28,7 @@ def open_arcs(stop: Stop, r: float) -> list[Interval]:
 
 
 def _join_arcs_at_zero(arcs: list[Interval]) -> list[Interval]:
-    """Join two open arcs of the stop that meet at the angle 0 into one."""
+    """Join two open arcs of the stop into one if they meet at the angle 0."""
     if len(arcs) < 2 or arcs[0][0] > 0 or arcs[-1][1] < _FULL_CIRCLE[1]:
         return arcs
     return [*arcs[1:-1], (arcs[-1][0], arcs[0][1] + 2 * math.pi)]
@@ -45,7 +45,7 @@ def _arcs_inside_shape(shape: Shape, r: float) -> list[Interval]:
 
 
 def _contains_point(polygon: Polygon, r: float, angle: float) -> bool:
-    """Tell whether a polygon of the stop contains one point, given in polar coordinates.
+    """Tell whether a polygon of the stop contains one point, which has polar coordinates.
 
     `Polygon.contains` is slow for single points, and this function may be called a million times.
     """
@@ -58,7 +58,7 @@ def _contains_point(polygon: Polygon, r: float, angle: float) -> bool:
 
 
 def _merge_touching_arcs(arcs: list[Interval]) -> list[Interval]:
-    """Join open arcs of the stop that touch."""
+    """Join arcs that touch, inside one shape of the stop."""
     kept: list[Interval] = []
     for first, last in arcs:
         if kept and first - kept[-1][1] <= 0:
@@ -84,9 +84,9 @@ def _arcs_inside_circle(circle: Circle, r: float) -> list[Interval]:
 
 
 def _crossing_angles(p: Point, q: Point, r: float) -> list[float]:
-    """Return the angles at which an edge of the stop crosses the circle of radius r.
+    """Return the angles at which a stop's edge from p to q crosses a circle around the axis.
 
-    The circle is around the axis.
+    r: the circle's radius.
     """
     return [
         math.atan2(y, x) % (2 * math.pi)
@@ -112,9 +112,10 @@ def break_radii(stop: Stop) -> list[float]:
 
 
 def _critical_radii(shape: Shape) -> list[float]:
-    """Return the radii of a stop shape's corners, and of its tangent points with circles.
+    """Return the radii of a stop shape's corners, and of the points of its edges nearest the axis.
 
-    They are points where an edge is tangent to a circle.
+    At such a point, the edge is tangent to a circle around the axis. A circular shape has the radii
+    of its nearest and its farthest point.
     """
     if isinstance(shape, Circle):
         away = math.hypot(*shape.centre)

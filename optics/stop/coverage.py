@@ -48,9 +48,9 @@ class Coverage:
         self._radius, self._shape = radius, plane.shape
 
     def open_share(self, rows: slice, columns: slice) -> torch.Tensor:
-        """Return the share of some cells that the stop leaves open, (rows, columns), float64.
+        """Return the share of each cell in these rows and columns that the stop leaves open.
 
-        They are the cells in a range of rows and columns.
+        The result is float64.
         """
         part = slice(*np.searchsorted(self._row, (rows.start, rows.stop)))
         row, column = self._row[part] - rows.start, self._column[part] - columns.start

@@ -46,9 +46,9 @@ class PhaseSlopeBound:
     azimuthal_cycles: int = 1
 
     def largest_slope(self, r: float) -> float:
-        """Return the bound of the phase slope in the stop at radius r, in any direction.
+        """Bound the phase slope in the stop at radius r in any direction.
 
-        The Fourier kernel is included.
+        The bound includes the Fourier kernel.
         """
         return math.hypot(self.radial(r), self.azimuthal(r) / max(r, 1e-3)) + self.tilt
 
@@ -73,11 +73,11 @@ def _unit_interval_rule(count: int) -> tuple[Array, Array]:
 
 
 def gauss_node_count(length: float, slope: float, tol: float) -> int:
-    """Return the number of Gauss-Legendre nodes along a line in the stop.
+    """Return the number of Gauss-Legendre nodes that a line in the stop needs for a tolerance.
 
-    The phase changes by slope x length at most. The number is half a node per radian of half the
-    change, plus nodes for the transition to convergence (Trefethen 2008), plus nodes for the
-    tolerance.
+    The phase along the line changes by slope x length at most. The rule takes half a node per
+    radian of half that change, more nodes for the transition to convergence (Trefethen 2008), and
+    more for the tolerance.
     """
     turn = length * slope / 2
     return math.ceil(turn / 2 + 2.5 * turn ** (1 / 3) - 1.5 * math.log10(tol)) + 8
@@ -90,11 +90,10 @@ def _subinterval_count(length: float, slope: float) -> int:
 
 
 def line_rule(length: float, slope: float, tol: float) -> tuple[Array, Array]:
-    """Return composite Gauss-Legendre nodes along a line in the stop, and weights.
+    """Return composite Gauss-Legendre nodes along a line in the stop, and their weights.
 
-    The nodes run from 0 to 1; the weights have the sum 1.
-
-    The line has the given length in stop radii, and the phase the given slope along it.
+    The nodes lie between 0 and 1, and the weights add up to 1. length: of the line, in stop radii.
+    slope: the steepest slope of the phase along it, in radians per stop radius.
     """
     panels = _subinterval_count(length, slope)
     nodes, weights = _unit_interval_rule(gauss_node_count(length / panels, slope, tol))
@@ -103,9 +102,9 @@ def line_rule(length: float, slope: float, tol: float) -> tuple[Array, Array]:
 
 
 def count_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
-    """Estimate the number of nodes of stop_rule() over the aperture stop, within some percent.
+    """Estimate how many nodes stop_rule() needs over the stop, without computing them.
 
-    It doesn't compute them.
+    The estimate is right within some percent.
     """
     if stop.annulus_radii is not None:
         inner, outer = stop.annulus_radii
@@ -123,7 +122,7 @@ def count_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
 
 
 def _row_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> float:
-    """Return the node count in rows and columns of a rectangular stop; infinite for others."""
+    """Return the number of nodes in rows and columns of a rectangular stop, infinity for others."""
     if stop.rectangle_bounds is None:
         return math.inf
     y0, y1, x0, x1 = stop.rectangle_bounds
@@ -148,10 +147,7 @@ def _arc_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -
 
 
 def _sparse_line_nodes(length: float, slope: float, tol: float) -> tuple[int, Array]:
-    """Return the number of nodes along a line in the stop, and an even sample of them.
-
-    They are nodes of line_rule(); the sample is evenly spread.
-    """
+    """Return the number of nodes of line_rule() in the stop, and an even sample of the nodes."""
     count = line_rule_node_count(length, slope, tol)
     panels = _subinterval_count(length, slope)
     number = ((np.arange(_SPARSE_NODES) + 0.5) / _SPARSE_NODES * count).astype(np.int64)
@@ -167,10 +163,7 @@ def stop_rule(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Quadratur
 def stop_rule_blocks(
     stop: Stop, slope_bound: PhaseSlopeBound, tol: float, max_nodes: int
 ) -> Iterator[QuadratureNodes]:
-    """Yield the nodes over the stop's opening in blocks, to save memory.
-
-    They are the nodes of stop_rule(), in blocks of about `max_nodes`.
-    """
+    """Yield the nodes of stop_rule() over the stop in blocks of about `max_nodes`."""
     gathered: list[_NodeChunk] = []
     count = 0
     for part in _node_chunks(stop, slope_bound, tol):
@@ -225,10 +218,7 @@ def line_rule_node_count(length: float, slope: float, tol: float) -> int:
 
 
 def _circle_node_count(r: float, slope_bound: PhaseSlopeBound, tol: float) -> int:
-    """Return the number of even nodes on a circle in the stop that resolves all harmonics.
-
-    They are evenly spaced around the circle.
-    """
+    """Return how many evenly spaced nodes resolve all harmonics on a circle in the stop."""
     kernel = _harmonic_count(slope_bound.tilt * r, tol)
     if not slope_bound.azimuthal(r):
         return kernel
@@ -239,9 +229,9 @@ def _circle_node_count(r: float, slope_bound: PhaseSlopeBound, tol: float) -> in
 
 
 def _harmonic_count(turn: float, tol: float) -> int:
-    """Return the number of harmonics in the stop above a tolerance.
+    """Return how many harmonics on a circle in the stop have amplitudes above a tolerance.
 
-    The harmonics are those of exp(i turn sin(angle)). Their amplitudes are Bessel functions.
+    The wave is exp(i turn sin(angle)). The amplitudes of its harmonics are Bessel functions.
     """
     return math.ceil(turn + 4.0 * turn ** (1 / 3) - 2.0 * math.log10(tol)) + 6
 
@@ -259,7 +249,7 @@ def _ring_nodes(
 
 
 def _circle_nodes(radii: Array, along: Array, counts: NDArray[np.int64]) -> _NodeChunk:
-    """Return evenly spaced nodes on whole circles in the stop, around the axis."""
+    """Return evenly spaced nodes on whole circles around the axis in the stop."""
     starts = np.cumsum(counts) - counts
     number = np.arange(counts.sum()) - np.repeat(starts, counts)
     angle = 2 * math.pi * number / np.repeat(counts, counts)
@@ -269,7 +259,7 @@ def _circle_nodes(radii: Array, along: Array, counts: NDArray[np.int64]) -> _Nod
 
 
 def _arc_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator[_NodeChunk]:
-    """Yield nodes on the arcs of circles that the stop leaves open, around the axis.
+    """Yield nodes on the arcs of circles around the axis that the stop leaves open.
 
     Defocus is constant along an arc, so that only the Fourier kernel needs nodes there.
     """
@@ -283,9 +273,7 @@ def _arc_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator
 
 
 def _end_clustered_radii(low: float, high: float, angle: Array) -> tuple[Array, Array]:
-    """Return radii in the stop that cluster at both ends, and their derivative in the angle.
-
-    The ends are those of an interval.
+    """Return stop radii that cluster at `low` and `high`, and their derivatives by the angle.
 
     The angle runs from -pi/2 to pi/2. The integrand stays smooth in the angle where an edge of the
     stop is tangent to a circle.
@@ -295,9 +283,7 @@ def _end_clustered_radii(low: float, high: float, angle: Array) -> tuple[Array, 
 
 
 def _arc_integral_slope(stop: Stop, low: float, high: float, slope_bound: PhaseSlopeBound) -> float:
-    """Bound how fast the phase of the stop's arc integral changes, in radians per radian.
-
-    It is the integral along the arcs.
+    """Bound how fast the phase changes in the integral over the stop's arcs, rad per radian.
 
     The angle is that of _end_clustered_radii(). The ends of the arcs may move along the stop's edge
     much faster than the radius grows.
@@ -325,12 +311,11 @@ def _radial_slope(r: float, slope_bound: PhaseSlopeBound) -> float:
 
 
 def _azimuthal_slope(angle: float, r: float, slope_bound: PhaseSlopeBound, tol: float) -> float:
-    """Return the phase slope along an open arc of the stop, in radians per radian.
+    """Return the phase slope for line_rule() along an open arc of the stop, in rad per radian.
 
-    It is meant for line_rule().
-
-    Over more than half a cycle the phase's slope varies too much for the spare nodes of a line.
-    Then the frequency of the fastest harmonic is used, which is the same everywhere.
+    Over more than half a cycle, the phase's slope varies too much for the spare nodes of a line.
+    For such an arc, the slope is the frequency of the fastest harmonic, which is the same
+    everywhere.
     """
     if angle * slope_bound.azimuthal_cycles > math.pi * (1 + 1e-9):
         return _circle_node_count(r, slope_bound, tol)
@@ -364,7 +349,7 @@ def _single_arc_node_count(
 
 
 def _arc_piece_count(arc: tuple[float, float]) -> int:
-    """Return the number of pieces of an open arc of the stop, each half a circle at most.
+    """Return how many pieces, each half a circle at most, make up an open arc of the stop.
 
     Along a longer piece, the slope of a tilt varies too much for the spare nodes of
     gauss_node_count().
