@@ -14,6 +14,7 @@ from scipy.special import fresnel, j1
 from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.psf import PSFOperator, psf
+from optics.stop.aperture import Circle, Stop
 
 WAVELENGTH = 550e-9
 
@@ -416,3 +417,94 @@ def test_bad_arguments_are_refused_by_name(small_camera):
     phase[1, 2] = math.nan
     with pytest.raises(ValueError, match=r"phase has 1 NaN or infinite values"):
         operator()(phase)
+
+
+@pytest.mark.parametrize("length", ["focal_length", "f_number"])
+@pytest.mark.parametrize("stop", [Stop(), Stop(Circle(), (Circle(0.3),))], ids=["round", "annular"])
+@pytest.mark.parametrize("distance", [2.0, 3.0], ids=["flat pixels", "divided pixels"])
+def test_derivatives_move_the_edge_of_the_stop(small_camera, length, stop, distance):
+    """The stop's radius changes with both lengths; Richardson's limit of differences agrees."""
+    phase = random_phase(small_camera, 3).double()
+    weights = torch.rand(9, 8, dtype=torch.float64, generator=torch.manual_seed(1))
+    at = {"focal_length": 0.125, "f_number": 150.0}
+
+    def value(**changed):
+        lens = replace(small_camera.lens, stop=stop, focus_distance=2.0, **{**at, **changed})
+        camera, pixels = replace(small_camera, lens=lens), small_camera.sensor.window_plane((9, 8))
+        operator = PSFOperator(camera, distance, WAVELENGTH, pixels, tol=1e-8)
+        return (operator(phase) * weights).sum()
+
+    leaf = torch.tensor(at[length], dtype=torch.float64, requires_grad=True)
+    (gradient,) = torch.autograd.grad(value(**{length: leaf}), leaf)
+    wide, narrow = (
+        (value(**{length: at[length] * (1 + h)}) - value(**{length: at[length] * (1 - h)}))
+        / (2 * h * at[length])
+        for h in (4e-4, 2e-4)
+    )
+    assert float(gradient) == pytest.approx(float((4 * narrow - wide) / 3), rel=1e-5)
+
+
+def test_every_picture_of_a_batch_keeps_its_own_brightness(small_camera):
+    """A pattern of amplitude 1e-30 beside one of 1 would vanish in single precision."""
+    operator = PSFOperator(small_camera, 2.0, WAVELENGTH, small_camera.sensor.window_plane((8, 8)))
+    amplitude = torch.ones(2, 24, 32, dtype=torch.float64)
+    amplitude[1] *= 1e-30
+    bright, dim = operator(None, amplitude)
+    assert relative(dim.double() * 1e60, bright) <= 1e-6
+
+
+def test_what_is_returned_may_be_written_into(small_camera):
+    operator = PSFOperator(small_camera, 2.0, WAVELENGTH, small_camera.sensor.window_plane((8, 8)))
+    phase = random_phase(small_camera, 5)
+    before = operator(phase)
+    operator.unmodulated_psf().zero_()
+    assert torch.equal(operator(phase), before)
+
+
+def test_a_length_that_changes_in_place_is_refused(small_camera):
+    distance = torch.tensor(2.0, dtype=torch.float64)
+    operator = PSFOperator(
+        small_camera, distance, WAVELENGTH, small_camera.sensor.window_plane((8, 8))
+    )
+    operator()
+    distance.fill_(3.0)
+    with pytest.raises(ValueError, match="distance has changed since this PSFOperator was planned"):
+        operator()
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"wavelength": 550.0}, "wavelength is 550 m, longer than a millimetre; give metres"),
+        ({"wavelength": "550 nm"}, "wavelength is '550 nm', a str; give one number in m"),
+        ({"distance": [2.0]}, r"distance is \[2.0\], a list; give one number in m"),
+        ({"tol": "fine"}, "tol is 'fine', a str; give one number"),
+        ({"field": (0.0, 1e-3)}, "leave field out"),
+    ],
+)
+def test_bad_arguments_are_refused_in_words(small_camera, changed, message):
+    good = {
+        "distance": 2.0,
+        "wavelength": WAVELENGTH,
+        "pixels": small_camera.sensor.window_plane((8, 8)),
+    }
+    with pytest.raises((ValueError, TypeError), match=message):
+        psf(small_camera, **{**good, **changed})
+
+
+@pytest.mark.parametrize(
+    ("phase", "message"),
+    [
+        ([[0.0] * 32] * 24, "phase is a list; give a torch tensor or a numpy array"),
+        (np.full((24, 32), "a"), "an array of <U1 was given; give an array of numbers"),
+        (
+            np.ma.masked_greater(np.arange(768.0).reshape(24, 32), 765),
+            r"masked array with 2 masked values of 768 was given; .* filled\(\)",
+        ),
+    ],
+    ids=["list", "text", "masked"],
+)
+def test_what_is_no_picture_is_refused_in_words(small_camera, phase, message):
+    operator = PSFOperator(small_camera, 2.0, WAVELENGTH, small_camera.sensor.window_plane((8, 8)))
+    with pytest.raises((ValueError, TypeError), match=message):
+        operator(phase)
