@@ -29,7 +29,7 @@ def _require_plain_array(value: np.ndarray[Any, Any]) -> None:
     """Raise an error for a numpy array of anything but numbers, or with masked values."""
     if value.dtype.kind not in "biufc":
         raise TypeError(f"an array of {value.dtype} was given; give an array of numbers")
-    masked = int(np.ma.count_masked(value)) if isinstance(value, np.ma.MaskedArray) else 0
+    masked = int(np.ma.getmaskarray(value).sum()) if isinstance(value, np.ma.MaskedArray) else 0
     if masked:
         raise ValueError(
             f"a masked array with {masked} masked values of {value.size} was given; say what "

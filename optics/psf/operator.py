@@ -480,7 +480,7 @@ def normalise_amplitude(
     if bool((peak == 1).all()):
         return amplitude, None
     scaled = (amplitude / peak).to(torch.promote_types(amplitude.dtype, torch.float32))
-    return scaled, peak[(..., *(0 for _ in axes))]
+    return scaled, peak.reshape(amplitude.shape[: amplitude.ndim - len(axes)])
 
 
 def _resolve_unmodulated_share(camera: Camera | None, share: float | None) -> float:
