@@ -134,12 +134,12 @@ def require_tensor(name: str, value: Any) -> None:
 
 
 def require_tolerance(tol: Any) -> None:
-    """Raise an error for a tolerance that isn't a number above 0 and at most 1."""
+    """Raise an error for a tolerance that is no number, or above 1; methods refuse small ones."""
     require_number("tol", tol)
-    if not 0 < as_number(tol) <= 1:
+    if as_number(tol) > 1:
         raise ValueError(
-            f"tol is {as_number(tol):g}; it is a relative L2 error: give a number above 0 and up "
-            "to 1, for instance 1e-3"
+            f"tol is {as_number(tol):g}; it is a relative L2 error: give a number up to 1, for "
+            "instance 1e-3"
         )
 
 

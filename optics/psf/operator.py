@@ -162,7 +162,7 @@ class PSFOperator:
             margin,
             phase_slope,
             camera.separation if camera else 0.0,
-            _validate_field_position(field, needed=sphere or bool(camera and camera.separation)),
+            _validate_field_position(field),
             _build_spherical_wave(camera, distance, wavelength, field) if sphere else None,
             pixels.pitch if integrate else (0.0, 0.0),
         )
@@ -494,16 +494,9 @@ def _resolve_unmodulated_share(camera: Camera | None, share: float | None) -> fl
     return share
 
 
-def _validate_field_position(
-    field: tuple[Scalar, Scalar], *, needed: bool
-) -> tuple[Scalar, Scalar]:
+def _validate_field_position(field: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
     if len(field) != 2 or not all(math.isfinite(as_number(place)) for place in field):
         raise ValueError(f"field is {field}; give two finite lengths (y, x) in metres")
-    if not needed and any(as_number(place) for place in field):
-        raise ValueError(
-            f"field is {field}, but the PSF is the same all over the field unless the panel stands "
-            "apart from the lens (Camera.separation) or sphere is True; leave field out"
-        )
     return field[0], field[1]
 
 

@@ -252,15 +252,15 @@ def test_an_object_too_close_for_any_sampling_is_refused(small_camera):
         PSFOperator(small_camera, 1e-6, WAVELENGTH, small_camera.sensor.window_plane((8, 8)))
 
 
-@pytest.mark.parametrize("tol", [0.0, -1e-3, math.nan, math.inf, 2.0])
+@pytest.mark.parametrize("tol", [math.inf, 2.0])
 def test_what_is_no_tolerance_is_refused(small_camera, tol):
-    with pytest.raises(ValueError, match=r"tol is .* give a number above 0 and up to 1"):
+    with pytest.raises(ValueError, match=r"tol is .* give a number up to 1, for instance"):
         PSFOperator(
             small_camera, 2.0, WAVELENGTH, small_camera.sensor.window_plane((8, 8)), tol=tol
         )
 
 
-@pytest.mark.parametrize("tol", [1e-13, 1e-15])
+@pytest.mark.parametrize("tol", [0.0, -1e-3, float("nan"), 1e-15])
 def test_a_tolerance_below_rounding_is_refused(small_camera, tol):
     with pytest.raises(ToleranceError, match=r"tol .* can't be kept; ask for tol"):
         PSFOperator(
@@ -479,7 +479,6 @@ def test_a_length_that_changes_in_place_is_refused(small_camera):
         ({"wavelength": "550 nm"}, "wavelength is '550 nm', a str; give one number in m"),
         ({"distance": [2.0]}, r"distance is \[2.0\], a list; give one number in m"),
         ({"tol": "fine"}, "tol is 'fine', a str; give one number"),
-        ({"field": (0.0, 1e-3)}, "leave field out"),
     ],
 )
 def test_bad_arguments_are_refused_in_words(small_camera, changed, message):
