@@ -282,8 +282,7 @@ class PSFOperator:
         """
         require_tensor("phase", phase)
         require_tensor("amplitude", amplitude)
-        if self._request.has_tensors:
-            self._request.require_unchanged()
+        self._request.require_unchanged()
         light = self._light_on_pixels(phase, amplitude, spectrum)
         if not self.unmodulated or phase is None:
             return light
@@ -315,8 +314,7 @@ class PSFOperator:
             The PSF, ``(..., *pixels.shape)``; a copy that may be written into.
         """
         require_tensor("amplitude", amplitude)
-        if self._request.has_tensors:
-            self._request.require_unchanged()
+        self._request.require_unchanged()
         return self._unmodulated_light(
             amplitude, cache_result=cache_result, spectrum=spectrum
         ).clone()
@@ -475,12 +473,11 @@ def normalise_amplitude(
     if amplitude is None or not amplitude.numel():
         return amplitude, None
     axes = tuple(range(-min(sample_axes, amplitude.ndim), 0))
-    peak = amplitude.detach().abs().amax(axes, keepdim=True).to(torch.float64)
+    peak = amplitude.detach().abs().amax(axes, keepdim=True)
     peak = torch.where((peak > 0) & peak.isfinite(), peak, 1.0)
     if bool((peak == 1).all()):
         return amplitude, None
-    scaled = (amplitude / peak).to(torch.promote_types(amplitude.dtype, torch.float32))
-    return scaled, peak.reshape(amplitude.shape[: amplitude.ndim - len(axes)])
+    return amplitude / peak, peak.squeeze(axes).to(torch.float64)
 
 
 def _resolve_unmodulated_share(camera: Camera | None, share: float | None) -> float:

@@ -228,13 +228,12 @@ class PanelEngine(CachedPupilWave, PSFEngine):
     def _compute_pupil_wave(self) -> torch.Tensor:
         """Compute the lens' wave behind the stop on the PSF engine's pixels or their nodes."""
         q = self._request
-        amplitude = self._pupil_amplitude()
+        camera = self._camera_with_tensors
+        amplitude = pupil_amplitude(camera)
         if self._pixel_model == "curved":
             wave = amplitude.to(torch.complex128)
         elif self._pixel_model == "flat":
-            phase = pupil_phase_on_panel(
-                replace(self._camera, lens=q.lens), q.distance, q.wavelength
-            )
+            phase = pupil_phase_on_panel(camera, q.distance, q.wavelength)
             wave = torch.polar(amplitude, wrap_phase(phase))
         else:
             wave = self._wave_on_pixel_nodes(amplitude)
@@ -242,9 +241,10 @@ class PanelEngine(CachedPupilWave, PSFEngine):
             wave = wave * q.sphere.wave_factor(*self._transform.positions())
         return wave.to(self._dtype)
 
-    def _pupil_amplitude(self) -> torch.Tensor:
-        """Compute the panel pixels' open shares for the PSF, differentiable in the radius."""
-        return pupil_amplitude(replace(self._camera, lens=self._request.lens))
+    @property
+    def _camera_with_tensors(self) -> Camera:
+        """The camera with the PSF request's lens, which may hold tensors that need gradients."""
+        return replace(self._camera, lens=self._request.lens)
 
     def _wave_on_pixel_nodes(self, amplitude: torch.Tensor) -> torch.Tensor:
         q, k = self._request, self._nodes_per_side
@@ -260,7 +260,7 @@ class PanelEngine(CachedPupilWave, PSFEngine):
         """Return the PSF engine's factor from ``|sum over pixels|²`` to light shares per sample."""
         q, panel = self._request, self._camera.panel
         # A pixel that the stop covers in part passes light by its open area.
-        power = self._pupil_amplitude().sum() * panel.active_side**2
+        power = pupil_amplitude(self._camera_with_tensors).sum() * panel.active_side**2
         area = q.samples.pitch[0] * q.samples.pitch[1]
         return panel.active_side**4 * area / (q.scale**2 * power)
 

@@ -131,11 +131,13 @@ class PSFRequest:
 
     def require_unchanged(self) -> None:
         """Raise ValueError if a tensor of the PSF request has changed since the plan was made."""
+        if not self._has_tensors:
+            return
         names = ("lens", "distance", "wavelength", "samples", "separation", "field")
         require_unchanged_attributes(names, self.numeric, replace(self).numeric, "PSFOperator")
 
     @cached_property
-    def has_tensors(self) -> bool:
+    def _has_tensors(self) -> bool:
         """Whether any length of the PSF request is a tensor, which might change after the plan."""
         return self.numeric is not self
 
