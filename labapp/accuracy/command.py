@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
-from matplotlib.figure import Figure
 from rich.console import Console
 
+from labapp.accuracy.diagram import draw
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.psf import candidates, exact_psf
 from labapp.accuracy.regression_check import (
@@ -22,11 +21,11 @@ from labapp.accuracy.regression_check import (
 )
 from labapp.accuracy.row_output import (
     Columns,
-    describe_machine,
     format_number,
     print_rows,
     write_plot,
 )
+from labapp.accuracy.warm_up import first_uses, similar_wavelength
 from labapp.accuracy.work_precision import MeasurementSet, Row, measure, time_calls
 from labapp.common.console import err, out, terminal_progress
 from labapp.common.speed import machine_speed
@@ -66,9 +65,13 @@ def accuracy_psf(
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         truth = exact_psf(case, progress.part(0.1, 0.2))
-        found = list(candidates(case, Budget(speed=speed)))
+        budget = Budget(speed=speed)
+        found = list(candidates(case, budget))
+        similar = replace(case, wavelength=similar_wavelength(case.wavelength))
+        warm_up = first_uses(candidates(similar, budget, grids=False))
         found += [one for adapter in adapters for one in adapter(case)]
-        measured = measure(found, truth, progress.part(0.2, 0.9 if stored else 1.0))
+        rest = progress.part(0.2, 0.9 if stored else 1.0)
+        measured = measure(found, truth, rest, warm_up=warm_up)
         worse = _find_regressions(measured, stored, progress.part(0.9, 1.0)) if stored else []
     show_measurements("PSF", case.name, measured, as_json, plot)
     if stored is not None:
@@ -109,23 +112,28 @@ def _report_regressions(worse: list[str], count: int, stored: StoredRows, where:
     )
 
 
-_SIZE = re.compile(r"\d+² ")
-"""Grid size in the name of a method; it names a point of a curve and not the curve."""
-
-_COMMON_WORDS = ("pupil", "gray edge")
-"""Words in the names of methods that curves leave out."""
-
-
 _COLUMNS: Columns[Row] = {
     "method": lambda row: row.method if row.tol is not None else f"{row.method}, {row.precision}",
     "asked ": lambda row: format_number(row.tol, ".0e"),
     "achieved ": lambda row: "failed" if row.failure else format_number(row.error_achieved, ".0e"),
     "predicted ": lambda row: format_number(row.error_predicted, ".0e"),
+    "first ms ": lambda row: format_number(row.first_answer_s, ".1f", 1e3),
     "CPU ms ": lambda row: format_number(row.cpu_s, ".2f", 1e3),
     "MB ": lambda row: format_number(row.peak_bytes, ".1f", 1e-6),
-    "": lambda row: "front" if row.on_front else "",
+    "": lambda row: _marks(row),
 }
-_REMARK = "Relative L2 errors against the exact integral; one thread, planning left out."
+_REMARK = (
+    "Relative L2 errors against the exact integral. first: planning and one call. CPU: each "
+    "further call. front: nothing is faster per call and more accurate. chosen: by the automatic "
+    "choice, for 1 or 100 calls. One thread."
+)
+
+
+def _marks(row: Row) -> str:
+    """Return the marks of an accuracy row in the table: on the front, and chosen for what."""
+    front = "front" if row.on_front else ""
+    calls = " and ".join(str(count) for count in row.chosen_for)
+    return ", ".join(filter(None, (front, f"chosen for {calls}" if calls else "")))
 
 
 def show_measurements(
@@ -139,41 +147,3 @@ def show_measurements(
     rows, kernel = measurements.rows, measurements.calibration_s
     print_rows(f"{what}: {name}", _COLUMNS, _REMARK, rows, as_json=as_json, calibration_s=kernel)
     write_plot(plot, lambda: draw(name, rows))
-
-
-def draw(name: str, rows: list[Row]) -> Figure:
-    """Draw a work-precision diagram: error against time, one curve for each method.
-
-    The caption counts the failures.
-    """
-    figure = Figure(figsize=(9, 6), dpi=110, layout="constrained")
-    axes = figure.subplots()
-    good = [row for row in rows if not row.failure]
-    for family in dict.fromkeys(_curve_name(row) for row in good):
-        line = [row for row in good if _curve_name(row) == family]
-        times = [1e3 * (row.cpu_s or 0) for row in line]
-        axes.loglog(times, [row.error_achieved or 0 for row in line], "o-", label=family)
-    failed = len(rows) - len(good)
-    axes.set_xlabel(
-        "processor time of one call, ms (one thread)\n"
-        f"{describe_machine()}. Reference: the exact integral. "
-        f"{failed} of {len(rows)} settings failed."
-    )
-    axes.set_ylabel("achieved error, relative L2")
-    axes.set_title(name, fontsize=10)
-    axes.grid(alpha=0.3, which="both")
-    axes.legend()
-    return figure
-
-
-def _curve_name(row: Row) -> str:
-    """Return the name of a row's curve in the work-precision diagram.
-
-    The name is the row's method. If the row has no tolerance, the name leaves out the grid size and
-    common words, and adds the precision.
-    """
-    if row.tol is not None:
-        return row.method
-    words = [_SIZE.sub("", word) for word in row.method.split(", ")]
-    words = [word for word in words if word not in _COMMON_WORDS]
-    return ", ".join([*words, row.precision])

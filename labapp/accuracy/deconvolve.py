@@ -12,40 +12,33 @@ from typing import Any
 
 import numpy as np
 import torch
-from matplotlib.figure import Figure
 
 from labapp.accuracy.blurs import Array, SimulatedPhotograph
+from labapp.accuracy.diagram import draw
 from labapp.accuracy.peers import installed_peers
 from labapp.accuracy.row_output import (
     Columns,
-    describe_machine,
     format_number,
     print_rows,
     write_plot,
 )
-from labapp.accuracy.work_precision import RetimingSettings, Row, mark_front
+from labapp.accuracy.work_precision import (
+    CALLS,
+    CUT,
+    Deadline,
+    RetimingSettings,
+    Row,
+    mark_front,
+)
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
 from optics.deconvolution.method import Denoise
-from optics.deconvolution.restoration_choice import METHODS, restore
+from optics.deconvolution.restoration_choice import DEFAULT_METHOD, METHODS, restore
 from optics.progress import Progress
 from optics.threads import single_threaded
 
 _TIMING = RetimingSettings(short_s=2.0)
-
-_EXTRA_COLOURS = (
-    "black",
-    "navy",
-    "olive",
-    "maroon",
-    "teal",
-    "indigo",
-    "peru",
-    "lime",
-    "gold",
-    "crimson",
-)
 
 
 @dataclass(frozen=True)
@@ -64,16 +57,15 @@ class DeconvolutionRow(Row):
         PSNR in dB and SSIM over the whole frame; white is 1.
     inside_db : float or None
         PSNR in dB of the pixels that are further from the border than the PSF is large.
-    cpu_predicted_s : float or None
-        Predicted processor time in seconds, by which a budget chooses among methods.
     """
 
     iterations: int = 0
     psnr_db: float | None = None
     inside_db: float | None = None
     ssim: float | None = None
-    cpu_predicted_s: float | None = None
 
+
+ERROR_NAME = "error of the restored picture, relative L2"
 
 _COLUMNS: Columns[DeconvolutionRow] = {
     "method": lambda row: row.method,
@@ -111,7 +103,7 @@ def accuracy_deconvolve(
         rest = progress.part(0.1, 1.0)
         rows = measure_deconvolution(case, denoise, speed, rest, adapters)
     print_rows(f"Deconvolution: {case.name}", _COLUMNS, _REMARK, rows, as_json=as_json)
-    write_plot(plot, lambda: draw(case, rows))
+    write_plot(plot, lambda: draw(case.name, rows[1:], ERROR_NAME))
 
 
 def measure_deconvolution(
@@ -120,12 +112,15 @@ def measure_deconvolution(
     speed: MachineSpeed,
     progress: Progress,
     adapters: Sequence[Callable[..., Any]] = (),
+    deadline: Deadline | None = None,
 ) -> list[DeconvolutionRow]:
     """Measure the accuracy of every restoration method after more and more iterations.
 
     Rows that no other row beats in both time and error are marked. A method that fails gives a row,
-    too. `adapters` give the methods of other libraries, see `labapp.accuracy.peers`.
+    too. `adapters` give the methods of other libraries, see `labapp.accuracy.peers`. What is left
+    at the deadline is named as cut.
     """
+    deadline = deadline or Deadline()
     settings = [
         (name, count, partial(_restore_image, case, name, count, denoise))
         for name, method in METHODS.items()
@@ -136,10 +131,14 @@ def measure_deconvolution(
     rows = [_row(case, "as it is", 0, lambda: case.observation)]
     for number, (name, count, solve) in enumerate(settings):
         progress.report(number / len(settings), f"{name}, {count}")
+        if deadline.is_over:
+            rows.append(replace(_empty_row(case, name, count), failure=CUT))
+            continue
         row = _row(case, name, count, solve)
         if name in METHODS:
             predicted = METHODS[name].seconds(case.problem, count, speed)
-            row = replace(row, cpu_predicted_s=predicted)
+            usual = name == DEFAULT_METHOD and count == METHODS[name].default_count
+            row = replace(row, cpu_predicted_s=predicted, chosen_for=CALLS[-1:] if usual else ())
         rows.append(row)
     return mark_front(rows)
 
@@ -150,10 +149,14 @@ def _restore_image(
     return restore(case.problem, None, name, count=count, denoise=denoise).image
 
 
+def _empty_row(case: SimulatedPhotograph, name: str, count: int) -> DeconvolutionRow:
+    return DeconvolutionRow("deconvolve", case.name, name, "float32", None, iterations=count)
+
+
 def _row(
     case: SimulatedPhotograph, name: str, count: int, solve: Callable[[], torch.Tensor | Array]
 ) -> DeconvolutionRow:
-    row = DeconvolutionRow("deconvolve", case.name, name, "float32", None, iterations=count)
+    row = _empty_row(case, name, count)
     times, wall = list[float](), time.perf_counter()
     try:
         while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):
@@ -185,29 +188,3 @@ def psnr_away_from_border(case: SimulatedPhotograph, picture: Array) -> float | 
         return None
     left = np.clip(picture[part], 0, 1) - case.truth[part]
     return float(-10 * np.log10(np.mean(left**2)))
-
-
-def draw(case: SimulatedPhotograph, rows: list[DeconvolutionRow]) -> Figure:
-    """Draw the accuracy of each restoration method: curves of PSNR and SSIM against time."""
-    figure = Figure(figsize=(13, 5), dpi=110, layout="constrained")
-    good = [row for row in rows if not row.failure and row.iterations]
-    left, right = figure.subplots(1, 2)
-    for number, method in enumerate(dict.fromkeys(row.method for row in good)):
-        own = [row for row in good if row.method == method]
-        times = [1e3 * (row.cpu_s or 0) for row in own]
-        mark = "x--" if method.startswith("scikit") else "o-"
-        style = {
-            "label": method,
-            "color": f"C{number}" if number < 10 else _EXTRA_COLOURS[number % 10],
-        }
-        left.semilogx(times, [row.psnr_db or 0 for row in own], mark, **style)
-        right.semilogx(times, [row.ssim or 0 for row in own], mark, **style)
-    before = rows[0]
-    for axes, name, value in ((left, "PSNR, dB", before.psnr_db), (right, "SSIM", before.ssim)):
-        axes.axhline(value or 0, color="gray", lw=1, ls=":", label="as it is")
-        axes.set_title(name, fontsize=10)
-        axes.grid(alpha=0.3, which="both")
-        axes.set_xlabel("processor time, ms (one thread)")
-    figure.legend(*left.get_legend_handles_labels(), loc="outside right center", fontsize=8)
-    figure.suptitle(f"{case.name}. {describe_machine()}.", fontsize=9)
-    return figure

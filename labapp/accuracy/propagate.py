@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from labapp.accuracy.references.free_space import (
     product_count,
 )
 from labapp.accuracy.references.samples import draw_samples
+from labapp.accuracy.warm_up import first_uses, similar_wavelength
 from labapp.accuracy.work_precision import Candidate, Row, candidates_by_tolerance, measure
 from labapp.common.console import terminal_progress
 from labapp.common.errors import UserError
@@ -259,7 +260,6 @@ def candidates(case: FieldCase, reference: FieldReference, budget: Budget) -> It
         field = case.samples
         if operator.account.precision == "float32":
             field = field.to(torch.complex64)
-        operator(field)
         return lambda: reference.samples_of(operator(field))
 
     row = Row("propagate", case.name, "", "float64", None)
@@ -269,9 +269,9 @@ def candidates(case: FieldCase, reference: FieldReference, budget: Budget) -> It
 
 
 def _plan_within_time_limit(
-    case: FieldCase, budget: Budget, *, tol: float, method: str
+    case: FieldCase, budget: Budget, *, tol: float, method: str | None, calls: int
 ) -> FreeSpace:
-    operator = case.operator(tol, method=method, budget=budget)
+    operator = case.operator(tol, method=method, calls=calls, budget=budget)
     predicted = operator.account.cpu_predicted
     if predicted > _SETTINGS.max_method_s:
         raise ValueError(
@@ -294,5 +294,8 @@ def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Pat
         reference = FieldReference(case)
         found = list(candidates(case, reference, budget))
         found += [one for adapter in adapters for one in adapter(case, reference.samples_of)]
-        measured = measure(found, reference.exact_samples, progress.part(0.2, 1.0))
+        similar = replace(case, wavelength=similar_wavelength(case.wavelength))
+        warm_up = first_uses(candidates(similar, reference, budget))
+        rest = progress.part(0.2, 1.0)
+        measured = measure(found, reference.exact_samples, rest, warm_up=warm_up)
     show_measurements("Free space", case.name, measured, as_json, plot)

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import torch
 
 from labapp.accuracy.references.lens_integral import lens_psf
 from labapp.accuracy.references.round_lens import Picture, round_lens_psf
-from labapp.accuracy.work_precision import Candidate, Row
+from labapp.accuracy.work_precision import (
+    Candidate,
+    PlannedCall,
+    Row,
+    candidates_by_tolerance,
+)
 from labapp.prediction.lens_options import LensCase
 from optics.accuracy import Budget
 from optics.fourier import FourierGeometry, plan_transform, valid_transforms
@@ -24,7 +29,11 @@ from optics.stop.coverage import coverage
 _TOLERANCES = tuple(10.0**-k for k in range(1, 11))
 _GRIDS = (64, 128, 256, 512, 1024, 2048)
 _PRECISIONS = {"float32": torch.complex64, "float64": torch.complex128}
-_METHODS = {"axial": "along the radius", "scattered": "quadrature and non-uniform FFT"}
+_METHODS = {
+    "axial": "along the radius",
+    "scattered": "quadrature and non-uniform FFT",
+    "sampled": "sampled pupil",
+}
 
 
 def exact_psf(case: LensCase, progress: Progress) -> Picture:
@@ -37,17 +46,20 @@ def exact_psf(case: LensCase, progress: Progress) -> Picture:
     return lens_psf(case.lens, case.distance, case.wavelength, case.pixels, progress)
 
 
-def candidates(case: LensCase, budget: Budget) -> Iterator[Candidate]:
+def candidates(case: LensCase, budget: Budget, *, grids: bool = True) -> Iterator[Candidate]:
     """Yield the accuracy rows to be measured for the PSF of a lens, method by method.
 
     Methods that take a tolerance come once for each tolerance. Sampling the pupil on a square
-    grid comes once for each grid size, precision and Fourier transform.
+    grid comes once for each grid size, precision and Fourier transform, if `grids` is true.
     """
-    for method, words in _METHODS.items():
-        for tol in _TOLERANCES:
-            row = Row("psf", case.name, words, "float64", tol)
-            yield Candidate(row, partial(_to_tolerance, case, method, tol, budget))
-    for grid in _GRIDS:
+    row = Row("psf", case.name, "", "float64", None)
+    found = candidates_by_tolerance(
+        row, _METHODS, _TOLERANCES, partial(_operator, case, budget), lambda operator: operator
+    )
+    for one in found:
+        words = _METHODS.get(one.row.method, one.row.method)
+        yield replace(one, row=replace(one.row, method=words))
+    for grid in _GRIDS if grids else ():
         for precision, dtype in _PRECISIONS.items():
             geometry = _grid_geometry(case, grid)
             for transform in valid_transforms(geometry, dtype, 1e-6):
@@ -56,10 +68,10 @@ def candidates(case: LensCase, budget: Budget) -> Iterator[Candidate]:
                 yield Candidate(row, partial(_on_grid, case, geometry, dtype, transform.name))
 
 
-def _to_tolerance(
-    case: LensCase, method: str, tol: float, budget: Budget
-) -> tuple[Callable[[], Any], float, int]:
-    operator = PSFOperator(
+def _operator(
+    case: LensCase, budget: Budget, *, tol: float, method: str | None, calls: int
+) -> PSFOperator:
+    return PSFOperator(
         case.lens,
         case.distance,
         case.wavelength,
@@ -67,9 +79,9 @@ def _to_tolerance(
         integrate=False,
         tol=tol,
         method=method,
+        calls=calls,
         budget=budget,
     )
-    return operator, operator.account.error, operator.account.bytes
 
 
 def _grid_geometry(case: LensCase, grid: int) -> FourierGeometry:
@@ -80,7 +92,7 @@ def _grid_geometry(case: LensCase, grid: int) -> FourierGeometry:
 
 def _on_grid(
     case: LensCase, geometry: FourierGeometry, dtype: torch.dtype, method: str
-) -> tuple[Callable[[], Any], None, int]:
+) -> PlannedCall:
     """Plan an accuracy row for the usual method: Fourier transform the pupil on a square grid.
 
     Most programs use this method. Cells at the edge of the stop are weighted by their open area. No
@@ -100,4 +112,4 @@ def _on_grid(
         field = transform(pupil)
         return field.real**2 + field.imag**2
 
-    return call, None, transform.bytes
+    return PlannedCall(call, transform.bytes)

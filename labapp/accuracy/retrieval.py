@@ -9,16 +9,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
-from matplotlib.figure import Figure
 
+from labapp.accuracy.diagram import draw
 from labapp.accuracy.row_output import (
     Columns,
-    describe_machine,
     format_number,
     print_rows,
     write_plot,
 )
-from labapp.accuracy.work_precision import RetimingSettings, Row, mark_front
+from labapp.accuracy.work_precision import (
+    CALLS,
+    CUT,
+    Deadline,
+    RetimingSettings,
+    Row,
+    mark_front,
+)
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
@@ -26,9 +32,11 @@ from labapp.files.bench_file import read_bench
 from labapp.files.pattern_table import PSFPattern
 from labapp.patterns.grey_levels import target_on_design_grid
 from optics.accuracy import MachineSpeed
+from optics.camera import Camera
 from optics.progress import Progress
 from optics.retrieval import METHODS, RetrievalResult, retrieve
 from optics.retrieval.goal import RetrievalGoal
+from optics.retrieval.methods import quick_method
 from optics.threads import single_threaded
 
 _ITERATIONS = (3, 10, 30, 100, 300)
@@ -49,6 +57,8 @@ class RetrievalRow(Row):
     efficiency: float | None = None
     contrast: float | None = None
 
+
+ERROR_NAME = "NRMSE of the shape"
 
 _COLUMNS: Columns[RetrievalRow] = {
     "method": lambda row: row.method,
@@ -71,7 +81,11 @@ def goal_from_options(spec: PSFPattern, bench: Path | None) -> tuple[RetrievalGo
     The second value is its name in words. Raises UserError for a bench file that is wrong, or a
     target that can't be drawn.
     """
-    camera = read_bench(BenchFiles.with_defaults(bench).bench).build_camera()
+    return goal_for_camera(spec, read_bench(BenchFiles.with_defaults(bench).bench).build_camera())
+
+
+def goal_for_camera(spec: PSFPattern, camera: Camera) -> tuple[RetrievalGoal, str]:
+    """Return the retrieval goal that an accuracy page measures for a camera, and its name."""
     drawing = spec.target.video_drawings(1, Path())[0]
     shape, plane = target_on_design_grid(drawing, camera, spec.wavelength)
     name = f"{spec.target.summary}, {spec.wavelength_nm:g} nm"
@@ -97,7 +111,7 @@ def accuracy_retrieval(
         speed = machine_speed(progress.part(0.0, 0.1))
         rows = measure_retrieval(goal, name, frames, budget, speed, progress.part(0.1, 1.0))
     print_rows(f"Retrieval: {_case(name, rows)}", _COLUMNS, _REMARK, rows, as_json=as_json)
-    write_plot(plot, lambda: draw(name, rows))
+    write_plot(plot, lambda: draw(_case(name, rows), rows, ERROR_NAME))
 
 
 def measure_retrieval(
@@ -107,20 +121,25 @@ def measure_retrieval(
     budget: float,
     speed: MachineSpeed,
     progress: Progress,
+    deadline: Deadline | None = None,
 ) -> list[RetrievalRow]:
     """Measure the accuracy of every phase retrieval method that can give so many frames.
 
     Each method is measured after more and more iterations. Rows that no other row beats in both
     time and error are marked. A method that refuses the target gives a row with the reason.
-    `budget` is the processor time in seconds that one setting may take.
+    `budget` is the processor time in seconds that one setting may take. What is left at the
+    deadline is named as cut.
     """
+    deadline = deadline or Deadline()
     # This call computes stop, target and FFT plans, so that no method's time includes them.
     _retrieve_once(goal, frames, "published", 1)
     settings = list(_settings(goal, frames, budget, speed))
     rows = []
     for number, (method, iterations) in enumerate(settings):
         progress.report(number / len(settings), f"{method}, {iterations} iterations")
-        rows.append(_measure_method(goal, name, frames, method, iterations))
+        row = _empty_row(goal, name, frames, method, iterations)
+        cut = deadline.is_over
+        rows.append(replace(row, failure=CUT) if cut else _measure_method(goal, row))
     return mark_front(rows)
 
 
@@ -156,12 +175,19 @@ def _retrieve_once(
     )
 
 
-def _measure_method(
+def _empty_row(
     goal: RetrievalGoal, name: str, frames: int, method: str, iterations: int
 ) -> RetrievalRow:
-    row = RetrievalRow(
-        "retrieval", name, method, "float32", None, frames=frames, iterations=iterations
-    )
+    """Return the accuracy row of a retrieval that isn't measured yet, the default one marked."""
+    slow = frames > 1 and goal.camera.panel.response_time > 0
+    usual = method == ("responding" if slow else quick_method(frames)) and iterations == 100
+    row = RetrievalRow("retrieval", name, method, "float32", None)
+    marks = CALLS[-1:] if usual else ()
+    return replace(row, frames=frames, iterations=iterations, chosen_for=marks)
+
+
+def _measure_method(goal: RetrievalGoal, row: RetrievalRow) -> RetrievalRow:
+    frames, method, iterations = row.frames, row.method, row.iterations
     started = time.perf_counter()
     try:
         found = _retrieve_once(goal, frames, method, iterations)
@@ -188,29 +214,3 @@ def _measure_method(
 def _case(name: str, rows: Sequence[RetrievalRow]) -> str:
     frames = rows[0].frames
     return f"{name}, {frames} {'frame' if frames == 1 else 'frames'}"
-
-
-def draw(name: str, rows: list[RetrievalRow]) -> Figure:
-    """Draw retrieval methods' accuracy against time: error, speckle contrast and lost light."""
-    figure = Figure(figsize=(12, 5), dpi=110, layout="constrained")
-    good = [row for row in rows if not row.failure]
-    shown = {
-        "NRMSE of the shape": [row.error_achieved or 0 for row in good],
-        "speckle contrast": [row.contrast or 0 for row in good],
-        "light beside the target": [1 - (row.efficiency or 0) for row in good],
-    }
-    for axes, (title, values) in zip(figure.subplots(1, 3), shown.items(), strict=True):
-        for method in dict.fromkeys(row.method for row in good):
-            line = [number for number, row in enumerate(good) if row.method == method]
-            times = [good[number].cpu_s or 0 for number in line]
-            axes.loglog(times, [values[number] for number in line], "o-", label=method)
-        axes.set_title(title, fontsize=10)
-        axes.grid(alpha=0.3, which="both")
-        axes.set_xlabel("processor time, s (one thread)")
-    axes.legend(fontsize=8)
-    failed = len(rows) - len(good)
-    figure.suptitle(
-        f"{_case(name, rows)}. {describe_machine()}. {failed} of {len(rows)} settings failed.",
-        fontsize=9,
-    )
-    return figure

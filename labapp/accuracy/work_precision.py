@@ -6,6 +6,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -14,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from labapp.accuracy.calibration_kernel import CalibrationKernel
+from optics.accuracy import Account
 from optics.progress import Progress
 from optics.propagation.free_space_operator import FreeSpace
 from optics.psf import PSFOperator
@@ -75,9 +77,19 @@ class Row:
     peak_bytes : int or None
         Size of the largest arrays, as the method accounts for them.
     on_front : bool
-        Whether no other row is both faster and more accurate.
+        Whether no other row is both more accurate and faster per call.
     failure : str
         Why the method gave no result; empty if it gave one.
+    engine : str
+        What the method's account calls it.
+    first_answer_s : float or None
+        Processor time of planning and the first call in seconds, measured once.
+    cpu_predicted_s, first_answer_predicted_s : float or None
+        Predictions of `cpu_s` and `first_answer_s`.
+    on_first_front : bool
+        Whether no other row is both more accurate and faster to its first answer.
+    chosen_for : tuple of int
+        Numbers of calls for which the automatic choice is this row; empty if there are none.
     """
 
     operation: str
@@ -92,17 +104,41 @@ class Row:
     peak_bytes: int | None = None
     on_front: bool = False
     failure: str = ""
+    engine: str = ""
+    first_answer_s: float | None = None
+    cpu_predicted_s: float | None = None
+    first_answer_predicted_s: float | None = None
+    on_first_front: bool = False
+    chosen_for: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class PlannedCall:
+    """A method that is ready to be measured for an accuracy row.
+
+    `call()` gives the answer, and `bytes` is the size of its largest arrays. `account()` tells
+    afterwards what the method says of its error and its time; None for a method that says nothing.
+    """
+
+    call: Callable[[], Any]
+    bytes: int
+    account: Callable[[], Account] | None = None
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A row to be measured; `plan()` returns the call, its predicted error and its bytes."""
+    """A row to be measured; `plan()` makes the call ready, and raises ValueError if it can't.
+
+    `calls` is 0 for a named method. For the automatic choice it is the number of calls that the
+    choice is made for: it is measured only if no row of a named method is the same.
+    """
 
     row: Row
-    plan: Callable[[], tuple[Callable[[], Any], float | None, int]]
+    plan: Callable[[], PlannedCall]
+    calls: int = 0
 
 
-def raise_refusal(error: Exception) -> tuple[Callable[[], Any], float | None, int]:
+def raise_refusal(error: Exception) -> PlannedCall:
     """Raise a method's earlier refusal, so that its message becomes the accuracy row's failure.
 
     The refusal is the error that planning raised.
@@ -110,16 +146,21 @@ def raise_refusal(error: Exception) -> tuple[Callable[[], Any], float | None, in
     raise error
 
 
+AUTOMATIC = "automatic choice"
+"""Method of a row that the automatic choice has and no named method."""
+
+CALLS = (1, 100)
+"""Numbers of calls for which the automatic choice is marked: a function's, and an operator's."""
+
+
 def candidates_by_tolerance(
     case: Row,
     methods: Iterable[str],
-    tolerances: Iterable[float],
+    tolerances: Sequence[float],
     plan: Callable[..., Operator],
     build_call: Callable[[Operator], Callable[[], Any]],
 ) -> Iterator[Candidate]:
-    """Yield every method at every tolerance as a candidate row of a work-precision diagram.
-
-    A method that refuses gives a row with the reason.
+    """Yield every method at every tolerance as a candidate row, and then the automatic choices.
 
     Parameters
     ----------
@@ -127,28 +168,32 @@ def candidates_by_tolerance(
         Row that names operation and case.
     methods : iterable of str
         Names of methods.
-    tolerances : iterable of float
+    tolerances : sequence of float
         Relative L2 errors to request.
     plan : callable
-        Returns an operator for the arguments `tol` and `method`, or raises ValueError.
+        Returns an operator for the arguments `tol`, `method` and `calls`, or raises ValueError.
+        Without a method, the choice is automatic.
     build_call : callable
         Returns, for an operator, the call that is timed.
     """
     for method, tol in product(methods, tolerances):
         row = replace(case, method=method, tol=tol)
-        try:
-            operator = plan(tol=tol, method=method)
-        except ValueError as error:
-            yield Candidate(row, partial(raise_refusal, error))
-            continue
-        row = replace(row, precision=operator.account.precision)
-        yield Candidate(row, partial(_plan_call, operator, build_call))
+        yield Candidate(row, partial(_plan_call, plan, build_call, tol, method, CALLS[-1]))
+    for calls, tol in product(CALLS, tolerances):
+        row = replace(case, method=AUTOMATIC, tol=tol)
+        yield Candidate(row, partial(_plan_call, plan, build_call, tol, None, calls), calls)
 
 
 def _plan_call(
-    operator: Operator, build_call: Callable[[Operator], Callable[[], Any]]
-) -> tuple[Callable[[], Any], float, int]:
-    return build_call(operator), operator.account.error, operator.account.bytes
+    plan: Callable[..., Operator],
+    build_call: Callable[[Operator], Callable[[], Any]],
+    tol: float,
+    method: str | None,
+    calls: int,
+) -> PlannedCall:
+    operator = plan(tol=tol, method=method, calls=calls)
+    account = operator.account
+    return PlannedCall(build_call(operator), account.bytes, lambda: operator.account)
 
 
 @dataclass
@@ -164,51 +209,155 @@ class MeasurementSet:
     calibration_s: float
 
 
+@dataclass
+class Deadline:
+    """The time by which the measuring of an operation's accuracy ends: whatever is left is cut.
+
+    `until` is a value of `time.monotonic()`; there is no limit by default.
+    """
+
+    until: float = math.inf
+
+    @staticmethod
+    def after(seconds: float) -> Deadline:
+        """Return the deadline of an accuracy measurement that may take so many seconds from now."""
+        return Deadline(time.monotonic() + seconds)
+
+    @property
+    def is_over(self) -> bool:
+        return time.monotonic() >= self.until
+
+    def share(self, part: float) -> Deadline:
+        """Return the deadline after a share of the time that measuring the accuracy has left."""
+        if math.isinf(self.until):
+            return self
+        now = time.monotonic()
+        return Deadline(now + part * (self.until - now))
+
+
+CUT = "not measured: the time for this operation was used up"
+"""Failure of a row that was cut."""
+
+Calls = dict[int, Callable[[], Any]]
+
+
 def measure(
-    candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress
+    candidates: Sequence[Candidate],
+    truth: np.ndarray,
+    progress: Progress,
+    *,
+    warm_up: Sequence[Candidate] = (),
+    deadline: Deadline | None = None,
 ) -> MeasurementSet:
     """Measure the error and time of each candidate of a work-precision diagram.
 
     A candidate that fails gives a row, too. Calls take turns, so that a busy moment of the machine
-    affects all of them alike. `truth` is the exact answer.
+    affects all of them alike.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Rows to measure. Automatic choices mark the row of the method that they chose, or are
+        measured themselves if no named method has the same row.
+    truth : np.ndarray
+        The exact answer.
+    progress : Progress
+        Receives reports, and can cancel the work.
+    warm_up : sequence of Candidate, optional
+        Similar cases, which are computed beforehand: what a library does at its first use in a
+        process is in no row's time.
+    deadline : Deadline, optional
+        When measuring ends; rows that are left then are named as cut.
     """
-    rows: list[Row] = []
-    calls: dict[int, Callable[[], Any]] = {}
-    for number, candidate in enumerate(candidates):
-        progress.report(0.5 * number / len(candidates), f"planning {candidate.row.method}")
-        try:
-            call, predicted, size = candidate.plan()
-            value = np.asarray(call(), dtype=np.float64)
-        except (ValueError, MemoryError) as error:
-            rows.append(replace(candidate.row, failure=str(error)))
-            continue
-        achieved = float(np.linalg.norm(value - truth) / np.linalg.norm(truth))
-        calls[len(rows)] = call
-        rows.append(
-            replace(
-                candidate.row, error_achieved=achieved, error_predicted=predicted, peak_bytes=size
-            )
-        )
-    times, calibration_s = time_calls(calls, progress.part(0.5, 1.0))
+    deadline = deadline or Deadline()
+    for candidate in warm_up:
+        with suppress(ValueError, MemoryError):
+            candidate.plan().call()
+    rows, calls = _answer_once(candidates, truth, progress.part(0.0, 0.5), deadline.share(0.6))
+    times, calibration_s = time_calls(calls, progress.part(0.5, 1.0), deadline)
     for index, (cpu, wall) in times.items():
         rows[index] = replace(rows[index], cpu_s=cpu, wall_s=wall)
     return MeasurementSet(mark_front(rows), calls, calibration_s)
 
 
+def _answer_once(
+    candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress, deadline: Deadline
+) -> tuple[list[Row], Calls]:
+    """Return rows with the error and the time of each accuracy candidate's first answer."""
+    rows: list[Row] = []
+    calls: Calls = {}
+    for number, candidate in enumerate(candidates):
+        progress.report(number / len(candidates), f"planning {candidate.row.method}")
+        if deadline.is_over:
+            rows += [] if candidate.calls else [replace(candidate.row, failure=CUT)]
+            continue
+        began = time.process_time()
+        try:
+            planned = candidate.plan()
+            row = _with_account(candidate.row, planned)
+            if candidate.calls and _mark_chosen(rows, row, candidate.calls):
+                continue
+            value = np.asarray(planned.call(), dtype=np.float64)
+        except (ValueError, MemoryError) as error:
+            # If nothing can be chosen, the named methods have said why.
+            rows += [] if candidate.calls else [replace(candidate.row, failure=str(error))]
+            continue
+        spent = time.process_time() - began
+        chosen = (candidate.calls,) if candidate.calls else ()
+        calls[len(rows)] = planned.call
+        rows.append(
+            replace(
+                _with_account(row, planned),
+                error_achieved=float(np.linalg.norm(value - truth) / np.linalg.norm(truth)),
+                first_answer_s=spent,
+                chosen_for=chosen,
+            )
+        )
+    return rows, calls
+
+
+def _with_account(row: Row, planned: PlannedCall) -> Row:
+    """Return an accuracy row with what a planned method says of itself now."""
+    row = replace(row, peak_bytes=planned.bytes)
+    if planned.account is None:
+        return row
+    account = planned.account()
+    return replace(
+        row,
+        engine=account.method,
+        precision=account.precision,
+        error_predicted=account.error,
+        cpu_predicted_s=account.cpu_predicted,
+        first_answer_predicted_s=account.first_answer_predicted,
+    )
+
+
+def _mark_chosen(rows: list[Row], choice: Row, calls: int) -> bool:
+    """Mark the accuracy row that the automatic choice is the same as; tell whether there is one."""
+    for number, row in enumerate(rows):
+        if not row.failure and (row.engine, row.tol) == (choice.engine, choice.tol):
+            rows[number] = replace(row, chosen_for=(*row.chosen_for, calls))
+            return True
+    return False
+
+
 def time_calls(
-    calls: Mapping[int, Callable[[], Any]], progress: Progress
+    calls: Mapping[int, Callable[[], Any]], progress: Progress, deadline: Deadline | None = None
 ) -> tuple[dict[int, tuple[float, float]], float]:
     """Return median processor and wall-clock seconds of each work-precision call, by its index.
 
-    The second value is the median processor time of the calibration kernel in seconds.
+    The second value is the median processor time of the calibration kernel in seconds. Each call
+    is timed at least once, and no more after the deadline.
     """
     jobs: dict[int, Callable[[], Any]] = {-1: CalibrationKernel(), **calls}
     times: dict[int, list[tuple[float, float]]] = {index: [] for index in jobs}
-    repeats = _TIMING.repeats
+    repeats, deadline = _TIMING.repeats, deadline or Deadline()
     for repeat in range(repeats):
-        progress.report(repeat / repeats, f"timing, {repeat + 1} of {repeats}")
-        for index, call in jobs.items():
-            times[index].append(_time_call(call))
+        for number, (index, call) in enumerate(jobs.items()):
+            done = (repeat + number / len(jobs)) / repeats
+            progress.report(done, f"timing, {repeat + 1} of {repeats}")
+            if not (repeat and deadline.is_over):
+                times[index].append(_time_call(call))
     medians: dict[int, tuple[float, float]] = {}
     for index, measured in times.items():
         cpu, wall = (statistics.median(column) for column in zip(*measured, strict=True))
@@ -235,19 +384,32 @@ R = TypeVar("R", bound=Row)
 
 
 def mark_front(rows: Sequence[R]) -> list[R]:
-    """Mark work-precision rows that no other row beats in both time and error; return all rows."""
+    """Mark the accuracy rows that no other row beats in both time and error; return all rows.
 
-    def is_dominated(row: R) -> bool:
-        return any(
-            _cpu_time(other) < _cpu_time(row) and _error(other) < _error(row) for other in rows
-        )
-
-    return [replace(row, on_front=not row.failure and not is_dominated(row)) for row in rows]
-
-
-def _cpu_time(row: Row) -> float:
-    return math.inf if row.cpu_s is None else row.cpu_s
+    There are two fronts, by the time of a call and by the time of the first answer.
+    """
+    per_call = _front(rows, [row.cpu_s for row in rows])
+    first = _front(rows, [row.first_answer_s for row in rows])
+    return [
+        replace(row, on_front=on, on_first_front=on_first)
+        for row, on, on_first in zip(rows, per_call, first, strict=True)
+    ]
 
 
-def _error(row: Row) -> float:
-    return math.inf if row.error_achieved is None else row.error_achieved
+def _front(rows: Sequence[Row], times: Sequence[float | None]) -> list[bool]:
+    """Tell which accuracy rows no other row beats in both error and one kind of time."""
+    points = [
+        (_number(time), _number(row.error_achieved)) for row, time in zip(rows, times, strict=True)
+    ]
+
+    def is_beaten(seconds: float, error: float) -> bool:
+        return any(s < seconds and e < error for s, e in points)
+
+    return [
+        not row.failure and math.isfinite(seconds) and not is_beaten(seconds, error)
+        for row, (seconds, error) in zip(rows, points, strict=True)
+    ]
+
+
+def _number(value: float | None) -> float:
+    return math.inf if value is None else value

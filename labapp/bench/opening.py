@@ -111,6 +111,11 @@ class Bench:
         """Return the names of the bench's simulated devices."""
         return [name for name, device in self.devices.items() if device.identity.simulated]
 
+    @property
+    def camera_world(self) -> World | None:
+        """Return the virtual world before the bench's camera; None before a real camera."""
+        return self.world if self.camera.identity.simulated else None
+
     def calibration_warnings_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
         """Return the reasons why the bench's calibration may not hold at wavelengths in metres."""
         calibration = self.file.active_calibration

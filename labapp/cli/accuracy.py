@@ -12,26 +12,76 @@ from labapp.cli.lens_options import CameraOptions, LensOptions, build_lens_case
 from labapp.cli.option_groups import command_with_options, get_option_group
 from labapp.cli.shared_options import (
     BenchOption,
+    CameraOption,
     FieldOption,
+    ForceOption,
     JsonOption,
     PeersOption,
     PictureOptions,
     RowsOutputOptions,
     readable_path,
 )
+from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 
-accuracy = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
+accuracy = typer.Typer(invoke_without_command=True, rich_markup_mode="markdown")
 app.add_typer(accuracy, name="accuracy")
 
 
 @accuracy.callback()
-def accuracy_() -> None:
-    """Measure what accuracy costs in time on your machine, with a command for each kind of method.
+def accuracy_(
+    context: typer.Context,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder for the page and its JSON.",
+            show_default="accuracy_DATE_TIME",
+        ),
+    ] = None,
+    camera: CameraOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Measure what accuracy costs in time on your machine: everything, or one operation by name.
 
-    Each command measures the error and the time of every method.
+    Without a name, every operation is measured in some minutes: PSFs, propagation, simulated
+    pictures, phase retrieval, and restoration. The result is one page, **accuracy.html**, and
+    **accuracy.json** with all its numbers. The page shows for each operation what was asked and
+    reached, the time of the first answer and of each further call, memory, what is chosen
+    automatically, and what the next decimal costs. Ctrl-C keeps what was measured. For instance
+
+    **labapp accuracy --out accuracy**
+
+    **labapp accuracy --camera labapp/data/bench.toml --out bench-accuracy**
+
+    With a name, the error and the time of every method are measured for a case that you describe:
+    **labapp accuracy propagate --distance 0.05 --size 192**
     """
+    if context.invoked_subcommand is not None:
+        _require_no_page_options(out, camera, force=force, json=json)
+        use_one_thread()
+        return
+    from labapp.files.output_paths import accuracy_folder
+
+    folder = accuracy_folder(out, force=force)
     use_one_thread()
+    from labapp.accuracy.overview.command import accuracy_page
+
+    accuracy_page(camera, folder, as_json=json)
+
+
+def _require_no_page_options(
+    out: Path | None, camera: Path | None, *, force: bool, json: bool
+) -> None:
+    """Raise UserError for options of the whole accuracy page that stand before a command's name."""
+    given = {"--out": out, "--camera": camera, "--force": force, "--json": json}
+    for name, value in given.items():
+        if value:
+            raise UserError(
+                f"{name}: before a name it belongs to the page of everything. Put it after the "
+                "name, or leave the name out."
+            )
 
 
 _PEER_COMPARISON_LENS = LensOptions(0.1, 5.6, float("inf"), 2.0, 520.0)

@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,7 @@ import finufft
 import numpy as np
 import scipy
 import scipy.optimize
+import scipy.special
 import torch
 
 from optics.accuracy import MachineSpeed
@@ -25,6 +26,8 @@ from optics.plane import Plane
 from optics.progress import Progress
 from optics.psf import PSFOperator
 from optics.sensor import PixelIntegration
+from optics.stop.aperture import Stop, regular_polygon
+from optics.stop.arcs import open_arcs
 from optics.threads import single_threaded
 
 _REPEATS = 5
@@ -32,6 +35,10 @@ _REPEATS = 5
 
 _SLOWNESS = np.linspace(1.2, 3.0, 19)
 """Candidate ratios of double to single precision's time."""
+
+_STEPS_PER_CIRCLE = 3
+"""Steps of Python in which a hexagon's arcs on a circle are found: half a step for each edge, as
+in `optics.stop.quadrature.rule_seconds`."""
 
 _BUSY = 0.5
 """Load per processor above which other processes slow the benchmark; chosen."""
@@ -141,6 +148,7 @@ def benchmark_jobs() -> list[BenchmarkJob]:
         found.append(BenchmarkJob(transform.name, transform.cpu_seconds, partial(transform, field)))
     found += _scattered_jobs(rng)
     found += _axial_jobs()
+    found += _kernel_jobs(rng)
     for cutoff in (1e6, 2e5):
         integral = PixelIntegration(Plane((200, 200), (3e-6, 3e-6)), cutoff)
         light = torch.ones(integral.plane.shape)
@@ -161,6 +169,47 @@ def _scattered_jobs(rng: np.random.Generator) -> list[BenchmarkJob]:
             name = f"non-uniform FFT of {points}, {window}², {error:g}"
             found.append(BenchmarkJob(name, transform.cpu_seconds, partial(transform, field)))
     return found
+
+
+def _kernel_jobs(rng: np.random.Generator) -> list[BenchmarkJob]:
+    """Return benchmark jobs of the machine speed for what planning takes: kernels and Python."""
+    found = []
+    for count in (200_000, 800_000):
+        angle = torch.from_numpy(300 * rng.random(count))
+        bessel, steps = count // 4, count // 2000
+        radii = np.linspace(0.1, 0.9, steps).tolist()
+        found += [
+            BenchmarkJob(
+                f"{count} phasors", partial(_price, "cosine", 2 * count), partial(_phasors, angle)
+            ),
+            BenchmarkJob(
+                f"{bessel} Bessel functions",
+                partial(_price, "bessel", bessel),
+                partial(scipy.special.j0, angle[:bessel].numpy()),
+            ),
+            BenchmarkJob(
+                f"arcs of {steps} circles",
+                partial(_price, "step", _STEPS_PER_CIRCLE * steps),
+                partial(_find_arcs, radii),
+            ),
+        ]
+    return found
+
+
+def _price(name: str, count: float, speed: MachineSpeed) -> float:
+    """Return the time of a benchmark job of one basic operation at a machine speed."""
+    return speed.call + count * float(getattr(speed, name))
+
+
+def _phasors(angle: torch.Tensor) -> torch.Tensor:
+    """Compute phasors, as the PSF of a lens does to judge its error, for a benchmark job."""
+    return torch.complex(torch.cos(angle), torch.sin(angle))
+
+
+def _find_arcs(radii: Sequence[float]) -> int:
+    """Find the open arcs of a hexagonal stop, as a PSF's nodes need them, for a benchmark job."""
+    stop = Stop(regular_polygon(6))
+    return sum(len(open_arcs(stop, r)) for r in radii)
 
 
 def _axial_jobs() -> list[BenchmarkJob]:

@@ -14,7 +14,7 @@
     psf/     (NXdata)    predicted (moment, y, x): share of the light on each sensor pixel
     target/  (NXdata)    image (moment, y, x), sum one; absent where there is none
     quality/ (NXcollection)
-        efficiency, contrast, nrmse    by moment
+        efficiency, steered_share, contrast, nrmse    by moment
         method, iterations, cpu_seconds
         seen_nrmse                     by picture of the bench's camera; of refined designs only
 """

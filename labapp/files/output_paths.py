@@ -5,7 +5,9 @@ Commands check their output paths before they load the slow modules that compute
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 
 from labapp.common.errors import UserError
@@ -14,6 +16,7 @@ from labapp.files.writing import require_all_writable, require_free_names
 RECORD = "run.h5"
 REPORT_FILES = ("report.png", "report.html")
 STUDY_FILES = ("study.png", "study.html", "study.json")
+ACCURACY_FILES = ("accuracy.html", "accuracy.json")
 
 _DESIGN_ENDINGS = (".h5", ".hdf5")
 _PATTERN_ENDINGS = (".png", ".h5")
@@ -55,6 +58,19 @@ def run_output_paths(plans: Sequence[Path], record: Path, *, force: bool) -> lis
     names = [f"{plan.stem}.h5" for plan in plans]
     require_free_names(record, names, force=force)
     return [record / name for name in names]
+
+
+def accuracy_folder(folder: Path | None, *, force: bool) -> Path:
+    """Return the folder of the accuracy page's output files; a dated one if none is named.
+
+    Raises UserError if the files can't be written there.
+    """
+    found = folder or Path(f"accuracy_{datetime.now():%Y-%m-%d_%H%M%S}")
+    require_free_names(found, ACCURACY_FILES, force=force)
+    parent = next(path for path in (found, *found.absolute().parents) if path.exists())
+    if not (parent.is_dir() and os.access(parent, os.W_OK)):
+        raise UserError(f"--out {found}: {parent} may not be written to. Choose another place.")
+    return found
 
 
 def psf_output_paths(path: Path, *, force: bool) -> tuple[Path, Path]:

@@ -15,6 +15,9 @@ from optics.psf.behind_modulator import modulated_psf
 from optics.slm import Modulator
 from optics.stop_shadow import panel_to_focus_distance
 
+USUAL_TOLERANCE = 1e-3
+"""Relative L2 error of a predicted PSF for which no other one is asked."""
+
 Exposure = tuple[int, float, torch.Tensor]
 """A frame's index, its share of the exposure, and the panel's modulation during that share."""
 
@@ -26,15 +29,17 @@ def predicted_psf(
     pixels: Plane,
     progress: Progress | None = None,
     moments: int = 1,
+    tol: float = USUAL_TOLERANCE,
 ) -> torch.Tensor:
     """Predict the PSF of an in-focus point with grey levels on the panel.
 
     The result is the share of the point's light on each pixel, (moments, rows, columns). greys
     are (frames, rows, columns). Several frames are a video that is repeated and exposed for whole
-    periods. They are grouped evenly into `moments`, each with its own PSF.
+    periods. They are grouped evenly into `moments`, each with its own PSF. `tol` is the relative
+    L2 error that is accepted.
     """
     operator = PSFOperator(
-        camera, panel_to_focus_distance(camera), wavelength, pixels, unmodulated=0.0
+        camera, panel_to_focus_distance(camera), wavelength, pixels, unmodulated=0.0, tol=tol
     )
     return mean_psf(operator, Modulator(camera.panel, wavelength), greys, progress, moments)
 

@@ -77,6 +77,7 @@ def refined_design_contents(
     quality = measure_quality(goal, displayed_psf(goal, phases, start.orders))
     figures = {
         "efficiency": [quality.efficiency],
+        "steered_share": [quality.steered_share],
         "contrast": [quality.contrast],
         "nrmse": [quality.nrmse],
         "seen_nrmse": [seen.nrmse for seen in result.pictures],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from labapp.common.time_text import format_short_time
+
 
 def format_duration(seconds: float) -> str:
     """Format a duration as a short text for the window."""
@@ -12,3 +14,12 @@ def format_duration(seconds: float) -> str:
     if seconds < 5400:
         return f"{seconds / 60:.0f} min"
     return f"{seconds / 3600:.1f} h"
+
+
+def format_processor_time(seconds: float | None) -> str:
+    """Format a short time for the window with two digits: 0.12 ms, 3.4 ms, 1.2 s, 3 min."""
+    if seconds is None:
+        return "–"
+    if seconds >= 120:
+        return f"{seconds / 60:.0f} min"
+    return format_short_time(seconds)

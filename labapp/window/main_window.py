@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from labapp.window.accuracy_view import AccuracyView
 from labapp.window.action_bar import ActionBar
 from labapp.window.actions import make_actions
 from labapp.window.device_list import DeviceList
@@ -61,6 +62,8 @@ class MainWindow(QMainWindow):
         self.tabs.addTab(self.live_view, "Live")
         self.tabs.addTab(self.reconstruction, "Reconstruction")
         self.tabs.addTab(self.side_by_side, "Side by side")
+        self.accuracy = AccuracyView(self)
+        self.tabs.addTab(self.accuracy, "Accuracy")
         self.prompt_bar = PromptBar(self.actions_["pause"], self)
         central = QWidget(self)
         fill_layout(QVBoxLayout(central), self.prompt_bar, (self.tabs, 1), spacing=4)

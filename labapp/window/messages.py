@@ -150,6 +150,38 @@ class SaveRestored(Command):
 
 
 @dataclass(frozen=True)
+class SetTolerance(Command):
+    """Compute predictions, and live pictures on the virtual bench, within a relative error.
+
+    None returns to what is usual: 1e-3 for predictions, the scene's own tolerance for pictures.
+    """
+
+    tol: float | None
+
+
+@dataclass(frozen=True)
+class ForecastAccuracy(Command):
+    """Predict what each tolerance costs, at a wavelength in metres and an exposure in seconds."""
+
+    wavelength: float
+    exposure: float
+
+
+@dataclass(frozen=True)
+class MeasureAccuracy(Command):
+    """Measure what accuracy costs in all operations, and write the page to a new subfolder."""
+
+    folder: Path
+
+
+@dataclass(frozen=True)
+class CancelJob(Command):
+    """Cancel one kind of job of the engine; runs and other jobs go on."""
+
+    job: str
+
+
+@dataclass(frozen=True)
 class Cancel(Command):
     """Cancel the run and the jobs that are under way; waiting runs stay in the queue."""
 
@@ -182,7 +214,8 @@ class BenchOpened:
     """Tell the window what the bench can do, after the bench was opened.
 
     Ranges are in metres and seconds, shapes are (rows, columns), and `full_scale` is in DN.
-    `virtual` tells whether the bench's clock takes no real time.
+    `virtual` tells whether the bench's clock takes no real time. `scene_tolerance` is the relative
+    error of simulated pictures, and None where the camera is real.
     """
 
     name: str
@@ -193,6 +226,7 @@ class BenchOpened:
     camera_shape: tuple[int, int]
     full_scale: int
     virtual: bool
+    scene_tolerance: float | None = None
 
 
 @dataclass(frozen=True)
@@ -488,6 +522,88 @@ class ReconstructionResult:
     residual: float
     verdict: str
     cpu_seconds: float
+
+
+@dataclass(frozen=True)
+class AccuracyPoint:
+    """Tell the window what a method's account predicts for a PSF at a tolerance.
+
+    Attributes
+    ----------
+    method : str
+        The method.
+    tol : float
+        The tolerance that is asked for.
+    error : float or None
+        Predicted relative error; None if the method refuses.
+    first_seconds, each_seconds : float or None
+        Predicted processor time of the first answer, planning included, and of each further one.
+    memory : int or None
+        Bytes.
+    chosen : bool
+        Whether the method is the automatic choice for the tolerance.
+    on_front : bool
+        Whether no other point is both faster and more exact.
+    failure : str
+        Why the method refuses; empty if it doesn't.
+    """
+
+    method: str
+    tol: float
+    error: float | None
+    first_seconds: float | None
+    each_seconds: float | None
+    memory: int | None
+    chosen: bool
+    on_front: bool
+    failure: str
+
+
+@dataclass(frozen=True)
+class LivePrediction:
+    """Tell the window what a tolerance costs in a live picture of the virtual bench.
+
+    `error` bounds the relative error, and is None if no bound is known. `seconds` is processor
+    time.
+    """
+
+    tol: float
+    error: float | None
+    seconds: float
+
+
+@dataclass(frozen=True)
+class AccuracyForecast:
+    """Tell the window what each tolerance costs; `live` is empty where the camera is real.
+
+    `wavelength` is in metres.
+    """
+
+    wavelength: float
+    tolerances: tuple[float, ...]
+    points: tuple[AccuracyPoint, ...]
+    live: tuple[LivePrediction, ...]
+
+    def chosen_point(self, tol: float) -> AccuracyPoint | None:
+        """Return the automatic choice that the window shows for a tolerance; None if all refuse."""
+        return next((one for one in self.points if one.chosen and one.tol == tol), None)
+
+    def failure(self, tol: float) -> str:
+        """Return why no method that the window could show keeps a tolerance."""
+        return next((o.failure for o in reversed(self.points) if o.tol == tol and o.failure), "")
+
+
+@dataclass(frozen=True)
+class AccuracyMeasured:
+    """Tell the window that the accuracy page is written, with how many of all operations.
+
+    `cancelled` tells whether a person stopped it; otherwise the page says what it lacks and why.
+    """
+
+    page: Path
+    measured: int
+    operations: int
+    cancelled: bool
 
 
 @dataclass(frozen=True)

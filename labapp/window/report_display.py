@@ -6,8 +6,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from labapp.runs.state import State
+from labapp.window.accuracy_view import MEASUREMENT
 from labapp.window.device_list import DEVICE_TITLES
 from labapp.window.messages import (
+    AccuracyForecast,
+    AccuracyMeasured,
     BenchOpened,
     BenchState,
     CancelAcknowledged,
@@ -56,6 +59,8 @@ class ReportDisplay:
             DeviceReconnected: self._device_reconnected,
             RunEnded: self._run_ended,
             ReconstructionResult: self._reconstruction_result,
+            AccuracyForecast: window.accuracy.show_forecast,
+            AccuracyMeasured: self._accuracy_measured,
             PictureSaved: lambda report: window.message.show_message(f"Saved: {report.path}."),
             FailureReport: lambda report: window.message.show_error(report.message),
             OpeningFailed: self._opening_failed,
@@ -76,6 +81,7 @@ class ReportDisplay:
         window.run.show_end("", done=False)
         window.devices.clear("the engine is not running")
         window.effects.clear("The engine is not running.")
+        window.accuracy.close_bench()
         window.queue.show_queue(QueueState(()))
         window.prompt_bar.show_queue(QueueState(()))
         window.message.show_error(self._why_dead(how), restart=True)
@@ -101,6 +107,7 @@ class ReportDisplay:
         window.live_view.set_scale(DigitalScale(report.full_scale))
         window.run.set_frame_shape(report.camera_shape)
         window.run.times.set_virtual(report.virtual)
+        window.accuracy.open_bench(report.scene_tolerance)
         window.message.show_message(_HINT)
         self._session.on_bench_opened(report)
 
@@ -118,13 +125,16 @@ class ReportDisplay:
     def _job_progress(self, report: JobProgress) -> None:
         if report.job == "reconstruction":
             self._window.run.show_progress(report)
+        self._window.accuracy.show_progress(report)
 
     def _job_ended(self, report: JobEnded) -> None:
         if report.job == "preview":
             self._window.pattern.show_no_preview()
+        self._window.accuracy.show_job_end(report.job)
         if report.job == self._session.job:
             self._session.on_job_ended()
-            self._window.run.show_end("", done=False)
+            if report.job != MEASUREMENT:
+                self._window.run.show_end("", done=False)
 
     def _queue_state(self, report: QueueState) -> None:
         window = self._window
@@ -169,6 +179,10 @@ class ReportDisplay:
         window.run.show_end("reconstructed", done=True)
         window.show_reconstruction()
         window.message.show_message(f"Reconstructed from {report.path}.")
+
+    def _accuracy_measured(self, report: AccuracyMeasured) -> None:
+        self._window.accuracy.show_measured(report)
+        self._window.message.show_message(f"Wrote {report.page}.")
 
     def _opening_failed(self, report: OpeningFailed) -> None:
         self._why_not_open = report.message

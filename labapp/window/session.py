@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFileDialog
 
+from labapp.window.accuracy_view import MEASUREMENT
 from labapp.window.engine_connection import EngineConnection
 from labapp.window.messages import (
     BenchOpened,
     Cancel,
+    CancelJob,
     ComputePreview,
+    ForecastAccuracy,
+    MeasureAccuracy,
     PlaceTarget,
     QueueState,
     ReconnectDevice,
@@ -20,6 +24,7 @@ from labapp.window.messages import (
     SaveRestored,
     SetExposure,
     SetLive,
+    SetTolerance,
     SetWavelength,
     ShowPattern,
 )
@@ -33,7 +38,7 @@ if TYPE_CHECKING:
 class Session(QObject):
     """Turn the panels' signals into commands to the engine, and enable only what is possible.
 
-    `job` is "reconstruction" while one is under way, else "". `queue` holds the runs.
+    `job` is "reconstruction" or "accuracy" while one is under way, else "". `queue` holds the runs.
     `first_target` is the target of the last session, which is placed when the bench opens.
     """
 
@@ -43,7 +48,7 @@ class Session(QObject):
         self._reports = ReportDisplay(window, self)
         self._open = False
         self._last_run: Path | None = None
-        self._wavelength_pending = False
+        self._wavelength_pending = self._live_before = False
         self.job = ""
         self.queue = QueueState(())
         self.first_target = ""
@@ -52,6 +57,7 @@ class Session(QObject):
         self._runs = RunRequests(window, connection)
         self._connect_panels()
         self._connect_actions()
+        self._connect_accuracy()
         self._allow()
         window.message.show_message("Opening the bench …")
 
@@ -79,7 +85,9 @@ class Session(QObject):
 
     def on_job_ended(self) -> None:
         """Note that the engine's job is over, and enable the window's actions again."""
-        self.job = ""
+        measured, self.job = self.job == MEASUREMENT, ""
+        if measured and self._live_before:
+            self._connection.send(SetLive(True))
         self._allow()
 
     def show_queue(self, queue: QueueState) -> None:
@@ -104,6 +112,34 @@ class Session(QObject):
         window.devices.reconnect_requested.connect(lambda device: send(ReconnectDevice(device)))
         window.message.restart_requested.connect(self._restart)
         window.live_view.auto_contrast_changed.connect(window.actions_["contrast"].setChecked)
+
+    def _connect_accuracy(self) -> None:
+        view, send = self._window.accuracy, self._connection.send
+        view.tolerance_requested.connect(self._set_tolerance)
+        view.forecast_requested.connect(self._forecast)
+        view.measurement_requested.connect(self._measure)
+        view.cancel_requested.connect(lambda job: send(CancelJob(job)))
+
+    def _set_tolerance(self, tol: float | None) -> None:
+        """Send the tolerance chosen in the window, and predict the pattern's PSF within it."""
+        self._connection.send(SetTolerance(tol))
+        self._window.pattern.schedule_preview()
+
+    def _forecast(self) -> None:
+        settings = self._window.settings
+        self._connection.send(
+            ForecastAccuracy(settings.wavelength.value() * 1e-9, settings.exposure.value() * 1e-3)
+        )
+
+    def _measure(self) -> None:
+        """Start the window's full measurement, while live view rests."""
+        window = self._window
+        self._live_before = window.actions_["live"].isChecked()
+        self._connection.send(SetLive(False))
+        self.job = MEASUREMENT
+        window.accuracy.start_measurement()
+        self._allow()
+        self._connection.send(MeasureAccuracy(Path(window.run.folder.text())))
 
     def _connect_actions(self) -> None:
         actions, view = self._window.actions_, self._window.live_view
@@ -136,6 +172,7 @@ class Session(QObject):
         }
         for name, on in allowed.items():
             window.actions_[name].setEnabled(on)
+        window.accuracy.set_measuring_allowed(idle)
         window.settings.setEnabled(self._open)
         window.pattern.setEnabled(self._open)
         for panel in (window.settings, window.pattern, window.devices):
@@ -144,6 +181,7 @@ class Session(QObject):
 
     def _tune(self, wavelength: float) -> None:
         self._window.pattern.set_wavelength(self._window.settings.wavelength.value())
+        self._window.accuracy.make_outdated()
         if self.is_run_active:
             self._wavelength_pending = True
         else:

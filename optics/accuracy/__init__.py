@@ -8,7 +8,7 @@ from optics.accuracy.account import (
     Result,
     account_as_dict,
 )
-from optics.accuracy.budget import Budget, MachineSpeed
+from optics.accuracy.budget import Budget, MachineSpeed, plan_budget
 from optics.accuracy.choice import (
     CandidateMethod,
     IterationOption,
@@ -38,6 +38,7 @@ __all__ = [
     "account_as_dict",
     "best_within",
     "cheapest_candidate",
+    "plan_budget",
     "require_memory",
     "select_methods",
     "unreachable_tolerance_error",

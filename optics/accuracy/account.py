@@ -55,11 +55,15 @@ class Account:
     arithmetic : ErrorEstimate
         Relative L2 error from rounding.
     cpu_predicted : float
-        Predicted processor time in seconds.
+        Predicted processor time of a call in seconds.
     bytes : int
         Size of the largest arrays.
     cpu_spent : float, optional
         Processor time that was spent, in seconds; None until it is known.
+    planning_predicted : float, optional
+        Predicted processor time of planning in seconds, which all calls share.
+    gradient_error : ErrorEstimate, optional
+        Relative L2 error of derivatives in lengths; None where none are wanted.
     """
 
     method: str
@@ -72,6 +76,13 @@ class Account:
     cpu_predicted: float
     bytes: int
     cpu_spent: float | None = None
+    planning_predicted: float = 0.0
+    gradient_error: ErrorEstimate | None = None
+
+    @property
+    def first_answer_predicted(self) -> float:
+        """The processor time until the first result, in seconds: planning and one call."""
+        return self.planning_predicted + self.cpu_predicted
 
     @property
     def error(self) -> float:
@@ -125,6 +136,8 @@ def account_as_dict(account: Account) -> dict[str, Any]:
         "error_arithmetic_how": account.arithmetic.how,
         "error_model": account.model.value,
         "error_model_how": account.model.how,
+        "error_gradient": account.gradient_error.value if account.gradient_error else None,
+        "planning_predicted_s": account.planning_predicted,
         "cpu_predicted_s": account.cpu_predicted,
         "cpu_s": account.cpu_spent,
         "bytes": account.bytes,

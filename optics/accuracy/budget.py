@@ -1,8 +1,10 @@
-"""Describe the memory that a computation may use, and the speed of the machine."""
+"""Describe what a computation may use: memory, the machine's speed, and how often it's called."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+from optics.validation import require_count
 
 
 @dataclass(frozen=True)
@@ -31,10 +33,12 @@ class MachineSpeed:
         Fixed cost of a scattered sample, in addition to `spread`.
     stream : float, optional
         Using an element of a matrix once.
-    gather : float, optional
-        Fetching one value from an arbitrary address.
-    tap : float, optional
-        Adding a fine sample's share to a pixel.
+    cosine : float, optional
+        One sine or cosine in double precision, with its share of the kernel around it.
+    bessel : float, optional
+        One Bessel function in double precision.
+    step : float, optional
+        One short step of Python on a few numbers.
     double : float, optional
         Factor by which double precision is slower.
     """
@@ -48,14 +52,15 @@ class MachineSpeed:
     spread: float = 5e-10
     point: float = 2.1e-8
     stream: float = 1.6e-9
-    gather: float = 1.1e-8
-    tap: float = 3.8e-10
+    cosine: float = 2.5e-9
+    bessel: float = 3.3e-8
+    step: float = 1e-5
     double: float = 2.0
 
 
 @dataclass(frozen=True)
 class Budget:
-    """State a computation's budget: the memory that it may use, and the machine's speed.
+    """State a computation's budget: the memory that it may use, the machine's speed, and its calls.
 
     Parameters
     ----------
@@ -63,7 +68,38 @@ class Budget:
         Bytes; 4 GiB by default.
     speed : MachineSpeed, optional
         The machine's speed.
+    calls : int, optional
+        How often the planned computation will be called, at least 1. The method is chosen for the
+        least time of planning and all calls together.
     """
 
     memory: int = 4 << 30
     speed: MachineSpeed = field(default_factory=MachineSpeed)
+    calls: int = 100
+
+    def __post_init__(self) -> None:
+        require_count("calls", self.calls)
+
+
+def plan_budget(budget: Budget | None, calls: int | None) -> Budget:
+    """Return the budget of a plan with a number of calls.
+
+    Parameters
+    ----------
+    budget : Budget or None
+        The memory allowed, and the machine's speed; None for the defaults.
+    calls : int or None
+        How often the planned computation will be called; None for the budget's own number.
+
+    Returns
+    -------
+    Budget
+        The budget with that number of calls.
+
+    Raises
+    ------
+    ValueError
+        If `calls` is less than 1.
+    """
+    budget = budget or Budget()
+    return budget if calls is None else replace(budget, calls=calls)

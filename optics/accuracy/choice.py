@@ -41,6 +41,19 @@ class CandidateMethod(ABC):
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict a candidate method's cost per call, in processor seconds at a machine's speed."""
 
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        """Predict a candidate method's cost before its calls, in seconds at a machine's speed.
+
+        It is the processor time of `prepare()` and of what the first call computes for all later
+        ones. Zero unless a method states more.
+        """
+        return 0.0
+
+    def total_seconds(self, budget: Budget) -> float:
+        """Predict a candidate method's cost of planning and all of a budget's calls, in seconds."""
+        planning = self.planning_seconds(budget.speed)
+        return planning + budget.calls * self.cpu_seconds(budget.speed)
+
     def prepare(self) -> None:  # noqa: B027 (many methods prepare nothing)
         """Prepare a candidate method, or raise ToleranceError if it misses its tolerance.
 
@@ -107,7 +120,7 @@ class MethodChoice(Generic[O]):
     Attributes
     ----------
     candidates : list of CandidateMethod
-        The candidates that fit, in order of predicted processor time.
+        The candidates that fit, in order of predicted processor time for planning and all calls.
     """
 
     def __init__(
@@ -130,16 +143,13 @@ class MethodChoice(Generic[O]):
                 self._refusals.append(error)
             else:
                 self.candidates.append(offer)
-        self.candidates.sort(key=self._seconds_of)
-
-    def _seconds_of(self, offer: O) -> float:
-        return offer.cpu_seconds(self._budget.speed)
+        self.candidates.sort(key=lambda offer: offer.total_seconds(budget))
 
     def _require_affordable(self, offer: O) -> None:
         """Raise ToleranceError for a candidate method beyond the budget of memory or time."""
         what = f"{self._what} by {offer.name}"
         require_memory(what, offer.bytes, self._budget.memory, self._remedy)
-        seconds = self._seconds_of(offer)
+        seconds = offer.cpu_seconds(self._budget.speed)
         if seconds > self._longest:
             raise ToleranceError(
                 f"{what} would take {seconds / 3600:.0f} h; {self._remedy}, or for "
@@ -148,8 +158,10 @@ class MethodChoice(Generic[O]):
 
     @property
     def seconds(self) -> float:
-        """The predicted seconds of the cheapest method within the tolerance; infinite if none."""
-        return self._seconds_of(self.candidates[0]) if self.candidates else math.inf
+        """The predicted seconds of a call of the first method; infinite if there is none."""
+        if not self.candidates:
+            return math.inf
+        return self.candidates[0].cpu_seconds(self._budget.speed)
 
     def prepared_candidates(self) -> Iterator[O]:
         """Yield the candidate methods that keep their tolerance, the cheapest first.
@@ -173,14 +185,14 @@ class MethodChoice(Generic[O]):
 
 
 def cheapest_candidate(candidates: Iterable[O], budget: Budget, what: str) -> O:
-    """Choose the method of least predicted processor time within the memory budget.
+    """Choose the method of least predicted time for planning and all calls within the budget.
 
     Parameters
     ----------
     candidates : iterable of CandidateMethod
         The candidates.
     budget : Budget
-        The memory allowed, and the machine's speed.
+        The memory allowed, the machine's speed, and the number of calls.
     what : str
         What is computed, for the error message.
 

@@ -10,6 +10,7 @@ import torch
 from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
 from optics.camera import Camera
 from optics.chain.cut_pixels import cut_pixel_error_share
+from optics.chain.engine import search_seconds
 from optics.chain.grid import GridEngine
 from optics.chain.lens_grid import LensGridSearch
 from optics.chain.low_light import LowLightCorrection
@@ -113,6 +114,9 @@ class CollapsedEngine(PSFEngine):
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         return self._panel_engine.cpu_seconds(speed)
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        return search_seconds(self._request, speed) + self._panel_engine.planning_seconds(speed)
 
     def prepare(self) -> None:
         self._panel_engine.prepare()

@@ -28,7 +28,8 @@ def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
         The phasor, in `dtype`, of the shape of `turns`.
     """
     angle = 2 * math.pi * (turns - torch.round(turns.detach()))
-    return torch.polar(torch.ones_like(angle), angle).to(dtype)
+    real = dtype.to_real()
+    return torch.complex(torch.cos(angle).to(real), torch.sin(angle).to(real))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import torch
 
 from optics.accuracy import MachineSpeed
 from optics.fourier.geometry import FourierGeometry, unit_phasor
-from optics.fourier.transform import PlaneTransform
+from optics.fourier.transform import PASSES_PER_PHASOR, PlaneTransform
 
 
 class MatrixTransform(PlaneTransform):
@@ -48,6 +48,12 @@ class MatrixTransform(PlaneTransform):
             return (rows @ field) @ columns.mT
         return rows @ (field @ columns.mT)
 
+    def forward_axis(self, field: torch.Tensor, axis: int) -> torch.Tensor:
+        """Multiply a field by the matrix of one axis of the Fourier transform."""
+        kernel = self._kernels(field.device)[axis]
+        field = field.to(self.dtype)
+        return kernel @ field if axis == 0 else field @ kernel.mT
+
     def _adjoint(self, field: torch.Tensor) -> torch.Tensor:
         rows, columns = self._kernels(field.device)
         return rows.mH @ field @ columns.conj()
@@ -74,3 +80,8 @@ class MatrixTransform(PlaneTransform):
         touched = self.geometry.image.shape[0] * self.geometry.image.shape[1]
         products = 4 * self._products() * speed.multiply_add + touched * speed.touch
         return speed.call + products * self.precision_slowdown(speed)
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor seconds of computing the matrices of the Fourier transform."""
+        (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
+        return (my * ny + mx * nx) * PASSES_PER_PHASOR * speed.touch

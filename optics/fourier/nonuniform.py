@@ -18,8 +18,14 @@ from optics.plane import Plane
 FINEST_NUFFT = 1e-14
 """The smallest relative error that finufft takes in double precision."""
 
+FINEST_COARSE_NUFFT = 1e-8
+"""The smallest relative error that finufft reaches on its coarser internal grid."""
+
 _OVERSAMPLING = 2.0
 """Samples of finufft's internal grid per image sample along an axis."""
+
+_COARSE_OVERSAMPLING = 1.25
+"""The same for the coarser grid."""
 
 
 class NonuniformTransform(Transform):
@@ -69,11 +75,12 @@ class NonuniformTransform(Transform):
         *,
         few_points: bool = False,
     ) -> None:
-        if few_points and error < 1e-8:
+        if few_points and error < FINEST_COARSE_NUFFT:
             raise ValueError(f"error is {error:g}; for few points it is 1e-08 or more")
         self.image, self.scale, self.error = image, scale, max(error, FINEST_NUFFT)
         self._y, self._x = y, x
-        self._oversampling = 1.25 if few_points else _OVERSAMPLING
+        self._few_points = few_points
+        self._oversampling = _COARSE_OVERSAMPLING if few_points else _OVERSAMPLING
         self._angles = [
             (2 * math.pi * pitch / scale * p.numpy())
             for pitch, p in zip(image.pitch, (y, x), strict=True)
@@ -138,7 +145,8 @@ class NonuniformTransform(Transform):
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of one non-uniform FFT at a machine's speed."""
-        return nonuniform_seconds(self._y.numel(), self.image, self.error, speed)
+        count = self._y.numel()
+        return nonuniform_seconds(count, self.image, self.error, speed, few_points=self._few_points)
 
 
 def nonuniform_bytes(points: int, image: Plane) -> int:
@@ -149,11 +157,19 @@ def nonuniform_bytes(points: int, image: Plane) -> int:
     return 72 * points + math.ceil(16 * (_OVERSAMPLING**2 + 2) * samples)
 
 
-def nonuniform_seconds(points: int, image: Plane, error: float, speed: MachineSpeed) -> float:
+def nonuniform_seconds(
+    points: int, image: Plane, error: float, speed: MachineSpeed, *, few_points: bool = False
+) -> float:
     """Predict the processor time in seconds of a non-uniform FFT without building it."""
+    oversampling = _COARSE_OVERSAMPLING if few_points else _OVERSAMPLING
     width = NonuniformTransform.width(error)
-    rows, columns = (math.ceil(_OVERSAMPLING * n) for n in image.shape)
+    if few_points:
+        # The error of finufft's kernel of width w is exp(-pi w sqrt(1 - 1 / oversampling)).
+        width = max(
+            2, math.ceil(-math.log(error) / (math.pi * math.sqrt(1 - 1 / oversampling))) + 1
+        )
+    rows, columns = (math.ceil(oversampling * n) for n in image.shape)
     transform = rows * fft_operations(columns) + columns * fft_operations(rows)
     spread = points * (speed.point + width**2 * speed.spread)
-    seconds = transform * speed.fft + _OVERSAMPLING * rows * image.shape[1] * speed.touch
+    seconds = transform * speed.fft + oversampling * rows * image.shape[1] * speed.touch
     return speed.call + spread + seconds * speed.double

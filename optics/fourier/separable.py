@@ -82,6 +82,13 @@ class SeparableTransform(PlaneTransform):
         field = rule.adjoint(field)
         return field if before is None else field * before.conj().to(field.device)[:, None]
 
+    def forward_axis(self, field: torch.Tensor, axis: int) -> torch.Tensor:
+        """Apply the Fourier transform's rule of one axis to a field."""
+        rule, field = self.axis_rules(field.device)[axis], field.to(self.dtype)
+        if axis == 0:
+            return self._forward_axis(field, 0, rule)
+        return self._forward_axis(field.mT.contiguous(), 1, rule).mT
+
     def _forward(self, field: torch.Tensor) -> torch.Tensor:
         y, x = self.axis_rules(field.device)
         return self._forward_axis(self._forward_axis(field, 0, y).mT.contiguous(), 1, x).mT

@@ -17,6 +17,7 @@ from optics.accuracy import (
     MachineSpeed,
     Result,
     ToleranceError,
+    plan_budget,
     select_methods,
     unreachable_tolerance_error,
 )
@@ -81,9 +82,10 @@ class FreeSpace:
     and in distance, wavelength and the target's centre where these are 0-d tensors. Mixed
     precision (autocast) is switched off inside.
 
-    `account` describes the plan. A call updates it in two cases. For a smooth field in the paraxial
-    model, it then contains the error of that model for this field. For a dim target, it describes
-    the tighter plan, and its `cpu_predicted` is the time of all plans that the call needs.
+    `account` describes the plan. A call updates it: its errors are then relative to the light that
+    reached the target. For a smooth field in the paraxial model, it contains the error of that
+    model for this field. For a dim target, it describes the tighter plan, and its `cpu_predicted`
+    is the time of all plans that the call needs.
 
     The light that reaches the target isn't known before the call. Where the first plan's result is
     dimmer than its error allows, the same field is propagated again, by the cheapest method that
@@ -105,6 +107,9 @@ class FreeSpace:
         1e-3 by default.
     method : str, optional
         One of METHODS. By default the cheapest that keeps `tol`.
+    calls : int, optional
+        How often the operator will be called: the method is chosen for the least time of planning
+        and all calls together. That of the budget by default, 100.
     budget : Budget, optional
         The memory allowed, and the machine's speed.
     **settings : SpanSettings
@@ -140,13 +145,14 @@ class FreeSpace:
         *,
         tol: float = 1e-3,
         method: str | None = None,
+        calls: int | None = None,
         budget: Budget | None = None,
         **settings: Unpack[SpanSettings],
     ) -> None:
         if not 0 < tol < math.inf:
             raise ValueError(f"tol is {tol:g}; it must be positive, as 1e-3")
         select_methods(METHODS, method)
-        budget = budget or Budget()
+        budget = plan_budget(budget, calls)
         self.span = FreeSpaceSpan(
             source, target, distance, wavelength, tol=tol, budget=budget, **settings
         )
@@ -191,8 +197,13 @@ class FreeSpace:
                 tol, error.floor / math.sqrt(_SETTINGS.advised_light_share)
             ) from error
 
-    def _build_account(self, propagator: Propagator) -> Account:
-        span = self.span
+    def _build_account(self, propagator: Propagator, share: float = 1.0) -> Account:
+        """Build the account of a propagation whose target gets a share of the source's light."""
+        span, dimness = self.span, math.sqrt(min(share, 1.0))
+        # A target without any light has no error either.
+        divisor = dimness if dimness > 0 else 1.0
+        planned = propagator.error
+        how = planned.how if share == 1 else f"{planned.how}, for the light on the target"
         (rows, columns), pitch = span.target.shape, span.target.pitch
         return Account(
             method=propagator.name,
@@ -201,9 +212,10 @@ class FreeSpace:
             precision=propagator.precision,
             tol=span.tol,
             model=self._model_error_estimate,
-            sampling_error=propagator.error,
-            arithmetic=ErrorEstimate(propagator.arithmetic, "bound, from tests"),
+            sampling_error=ErrorEstimate(planned.value / divisor, how),
+            arithmetic=ErrorEstimate(propagator.arithmetic / divisor, "estimate, from tests"),
             cpu_predicted=propagator.cpu_seconds(span.budget.speed),
+            planning_predicted=propagator.planning_seconds(span.budget.speed),
             bytes=propagator.bytes,
         )
 
@@ -228,6 +240,8 @@ class FreeSpace:
             # until the error of a plan suits the share that it finds.
             share = self._least_light_share(answer, light)
             if self._is_tolerance_kept(propagator, share):
+                account = self._build_account(propagator, share)
+                self.account = replace(account, cpu_predicted=seconds + account.cpu_predicted)
                 return answer
             seconds += propagator.cpu_seconds(self.span.budget.speed)
             propagator = self._tighter_plan(propagator, share)
@@ -417,7 +431,15 @@ def propagate(
     """
     started = time.process_time()
     operator = FreeSpace(
-        source, target, distance, wavelength, tol=tol, method=method, budget=budget, **settings
+        source,
+        target,
+        distance,
+        wavelength,
+        tol=tol,
+        method=method,
+        calls=1,
+        budget=budget,
+        **settings,
     )
     value = operator(field)
     return Result(value, operator.account.with_cpu_spent(time.process_time() - started))

@@ -9,32 +9,65 @@ from functools import cached_property
 import numpy as np
 import scipy.special
 import torch
+from numpy.polynomial.chebyshev import chebvander
+from numpy.typing import NDArray
 
 from optics.accuracy import ErrorEstimate, MachineSpeed, unreachable_tolerance_error
-from optics.psf.reference_probe import ERROR_MARGIN
+from optics.psf.reference_probe import ERROR_MARGIN, draw_samples
 from optics.psf.rim_integral import rim_field, rim_node_count
 from optics.psf_engines.engine import CachedPupilWave, PSFEngine, double_precision_error
 from optics.psf_engines.request import PSFRequest
 from optics.pupil import pupil_phase
 from optics.stop.quadrature import line_rule, line_rule_node_count
 
-_OVERSAMPLING = 2.0
-"""Sampling rate of the field along the radius, over its Nyquist rate."""
-
 _CHUNK = 1 << 23
 
 
+@dataclass(frozen=True)
+class RadialCellSettings:
+    """Tune the cells of radii in which polynomials describe a round lens' PSF.
+
+    Attributes
+    ----------
+    half_turn : float
+        Phase of the fastest fringe of the field over half a cell, in radians. More takes fewer
+        radii but polynomials of a higher degree; 4 was measured to be fast.
+    tol_share : float
+        Share of the tolerance that the polynomials may use. Chosen.
+    probes : int
+        Samples at which the error is measured. Chosen.
+    """
+
+    half_turn: float = 4.0
+    tol_share: float = 0.1
+    probes: int = 64
+
+
+_SETTINGS = RadialCellSettings()
+
+_PASSES_PER_TERM = 5.0
+"""Passes over a place for each coefficient of the polynomial; measured."""
+
+_PLANNING_CALLS = 4.0
+"""Fixed cost of planning in calls; measured."""
+
+_PLANNING_PASSES = 20.0
+"""Passes over the samples while the error is measured; measured."""
+
+
 class AxialEngine(CachedPupilWave, PSFEngine):
-    """Computes the PSF of a round lens by a Hankel transform and interpolation along the radius.
+    """Computes the PSF of a round lens by a Hankel transform and polynomials along the radius.
 
     For a rotationally symmetric pupil, the two-dimensional integral (thesis Eq. 2.13) is
 
         U(s) = 2 pi integral of exp(i phase(r)) J0(2 pi r s / (wavelength z)) r dr,
 
-    summed by Gauss-Legendre nodes on evenly spaced radii s. The stop's diameter limits the field's
-    bandwidth along s, so a Kaiser-windowed sinc interpolates it at the radius of every sample
-    (Kaiser 1974). Far out of focus, where the matrix would become too large, the field of a thin
-    lens comes from an integral along the stop's rim instead.
+    summed by Gauss-Legendre nodes on the Chebyshev nodes of short cells of radii s. The stop's
+    diameter limits the field's bandwidth along s, so that polynomials through these nodes converge
+    faster than any power (Trefethen 2008). The intensity's polynomials are evaluated at the radius
+    of every sample; samples at the same distances from both axes are evaluated once. Far out of
+    focus, where the matrix would become too large, the field of a thin lens comes from an integral
+    along the stop's rim instead.
     """
 
     precision = "float64"
@@ -71,14 +104,19 @@ class AxialEngine(CachedPupilWave, PSFEngine):
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         return self._cost.cpu_seconds(speed, self._along_rim)
 
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        return self._cost.planning_seconds(speed, self._along_rim)
+
     def prepare(self) -> None:
         q = self._request.numeric
-        y, x = q.samples.mesh()
-        radius, self._radius_index = torch.unique(torch.hypot(y, x), return_inverse=True)
-        self._cost.radii = radius.numel()
-        spacing = self._cost.spacing
-        self._taps, self._weights = _interpolation(radius.numpy() / spacing, self._cost.reach)
-        sensor = np.arange(self._cost.field_radii, dtype=np.float64) * spacing
+        self._cells = RadialCells.of(q)
+        sensor = self._cells.radii
+        self._samples = [
+            torch.unique(axis.abs().ravel(), return_inverse=True) for axis in q.samples.mesh()
+        ]
+        self._places = self._cells.locate(
+            torch.hypot(self._samples[0][0][:, None], self._samples[1][0][None, :])
+        )
         if self._along_rim:
             self._cached_rim_field = torch.from_numpy(rim_field(q, sensor))
             self.sampling = f"{rim_node_count(q, q.tol)} nodes on the rim, {sensor.size} radii"
@@ -91,9 +129,12 @@ class AxialEngine(CachedPupilWave, PSFEngine):
             self.sampling = (
                 f"{self._pupil_radii.numel()} radii in the stop, {sensor.size} on the sensor"
             )
-        self.error = self._measure_error(radius)
+        with torch.no_grad():
+            light = self.intensity(None, None)
+        self.error = self._measure_error(light)
         if not self.error.value + self.arithmetic <= q.tol:
             raise unreachable_tolerance_error(q.tol, 1.2 * self.error.value + self.arithmetic)
+        self._keep_first_light(light)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the points on one pupil radius where the symmetric PSF takes its phase.
@@ -114,6 +155,9 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         return torch.polar(torch.ones_like(phase), phase)
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+        first = self._first_light(phase, amplitude)
+        if first is not None:
+            return first
         if self._along_rim:
             if phase is not None or amplitude is not None:
                 raise ValueError(
@@ -124,12 +168,20 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         else:
             wave = self._pupil_wave()
             factor = self.modulation_factor(phase, amplitude, (self._pupil_radii.numel(),))
-            self.require_phase_slope(phase)
+            self.require_resolved(phase, amplitude)
             wave = wave if factor is None else wave.to(factor.device) * factor
             parts = self._sum_over_pupil_radii(wave)
-        return (
-            self._intensity_on_radii(parts)[..., self._radius_index] * self._request.intensity_scale
+        coefficients = self._cells.intensity_coefficients(parts)
+        (_, rows), (_, columns) = self._samples
+        # Interpolation may fall a little below zero where there is no light.
+        light = self._cells.evaluate(coefficients, self._places).clamp(min=0.0)
+        light = light * self._request.intensity_scale
+        light = light.index_select(-2, rows.to(light.device)).index_select(
+            -1, columns.to(light.device)
         )
+        if phase is not None or amplitude is not None:
+            self._tell_pattern_error(light)
+        return light
 
     def _sum_over_pupil_radii(self, wave: torch.Tensor) -> torch.Tensor:
         """Sum a wave over a round lens' pupil radii to the PSF's field at radii on the sensor.
@@ -140,49 +192,27 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         matrix = self._hankel_matrix.to(wave.device)
         return (torch.view_as_real(wave).mT @ matrix.mT).mT
 
-    def _intensity_on_radii(self, parts: torch.Tensor) -> torch.Tensor:
-        """Interpolate the symmetric PSF's intensity at every radius of the samples.
-
-        parts: real and imaginary part of the field, (..., radii, 2).
-        """
-        taps, weights = self._taps.to(parts.device), self._weights.to(parts.device)
-        near = (parts[..., taps, :] * weights[..., None]).sum(-2)
-        return near[..., 0] ** 2 + near[..., 1] ** 2
-
-    def _measure_error(self, radius: torch.Tensor) -> ErrorEstimate:
-        """Measure the symmetric PSF's error at some radii, against an uninterpolated finer sum."""
+    def _measure_error(self, light: torch.Tensor) -> ErrorEstimate:
+        """Measure the symmetric PSF's error at some samples against the sum of a finer rule."""
         q = self._request.numeric
-        times = torch.bincount(
-            self._radius_index[q.window_slices].ravel(), minlength=radius.numel()
-        )
-        seen = torch.nonzero(times).ravel()
-        # 64 radii represent all of them.
-        count = min(64, seen.numel())
+        count = _SETTINGS.probes
         if self._along_rim:
             count = min(count, max(4, _CHUNK // rim_node_count(q, q.tol)))
-        chosen = seen[torch.linspace(0, seen.numel() - 1, count).round().long()]
+        seen = light[q.window_slices].to(torch.float64).numpy()
+        where, weight = draw_samples(seen, count)
+        y, x = (axis.numpy() for axis in q.samples.mesh())
+        radius = np.hypot(y, x)[q.window_slices].ravel()[where]
         if self._along_rim:
-            truth = np.abs(rim_field(q, radius[chosen].numpy(), refinement=1.5)) ** 2
+            field = rim_field(q, radius, refinement=1.5)
         else:
             r, w = _radial_rule(q, 1.5)
-            bessel = scipy.special.j0(
-                np.outer(radius[chosen].numpy(), r.numpy()) * _radians_per_metre(q)
-            )
+            bessel = scipy.special.j0(np.outer(radius, r.numpy()) * _radians_per_metre(q))
             phase = pupil_phase(q.lens, q.distance, q.wavelength, torch.zeros_like(r), r)
-            truth = np.abs((bessel * w.numpy()) @ np.exp(1j * phase.numpy())) ** 2
-        with torch.no_grad():
-            kept = self._cached_rim_field if self._along_rim else None
-            parts = (
-                self._sum_over_pupil_radii(self._pupil_wave())
-                if kept is None
-                else torch.view_as_real(kept)
-            )
-            value = self._intensity_on_radii(parts)[chosen].numpy()
-        # Each radius is weighted by the number of samples on it.
-        often = times[chosen].numpy()
-        error = math.sqrt(float((often * (value - truth) ** 2).sum()))
-        size = math.sqrt(float((often * truth**2).sum()))
-        how = f"measured on {count} radii against a finer rule"
+            field = (bessel * w.numpy()) @ np.exp(1j * phase.numpy())
+        truth = q.intensity_scale * np.abs(field) ** 2
+        error = math.sqrt(float((weight * (seen.ravel()[where] - truth) ** 2).sum()))
+        size = float(np.linalg.norm(seen))
+        how = f"measured on {where.size} samples against a finer rule"
         return ErrorEstimate(ERROR_MARGIN * error / size if size > 0 else math.inf, how)
 
 
@@ -211,64 +241,137 @@ def _radial_phase_slope(q: PSFRequest) -> float:
     return q.phase_slope_bound.radial(1.0) + q.phase_slope_bound.tilt
 
 
-def _interpolation(position: np.ndarray, reach: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the radii and weights that interpolate the symmetric PSF's field at each position.
+class RadialCells:
+    """Describes a symmetric PSF by a polynomial of the radius in each of many equal cells.
 
-    The field is even in the radius, so that negative radii count as positive ones.
+    The field is given on `radii`, at the Chebyshev nodes of cells of `width` metres. The intensity
+    has twice the field's bandwidth, so that its cells are half as wide.
     """
-    first = np.floor(position).astype(np.int64) - reach + 1
-    taps = first[:, None] + np.arange(2 * reach)
-    away = position[:, None] - taps
-    window = np.sqrt(np.clip(1 - (away / reach) ** 2, 0, None))
-    beta = math.pi * reach * (1 - 1 / _OVERSAMPLING)
-    kernel = np.sinc(away) * np.i0(beta * window) / np.i0(beta)
-    return torch.from_numpy(np.abs(taps)), torch.from_numpy(kernel)
+
+    def __init__(self, width: float, count: int, degree: int) -> None:
+        nodes = _chebyshev_nodes(degree)
+        self._step = width / 2
+        self._count, self._degree = count, degree
+        self.radii: NDArray[np.float64] = (
+            (np.arange(count)[:, None] + (nodes + 1) / 2) * width
+        ).ravel()
+        to_coefficients = np.linalg.inv(chebvander(nodes, degree))
+        halves = np.concatenate(((nodes - 1) / 2, (nodes + 1) / 2))
+        self._to_halves = torch.from_numpy((chebvander(halves, degree) @ to_coefficients).T.copy())
+        self._to_coefficients = torch.from_numpy(to_coefficients.T.copy())
+
+    @staticmethod
+    def of(q: PSFRequest) -> RadialCells:
+        """Choose the cells for the samples and the tolerance of a symmetric PSF's request."""
+        assert q.lens.stop.annulus_radii is not None
+        width = 2 * _SETTINGS.half_turn / (_radians_per_metre(q) * q.lens.stop.annulus_radii[1])
+        count = math.ceil(q.farthest_sample_radius / width * (1 + 1e-12)) + 1
+        return RadialCells(width, count, _polynomial_degree(q.tol))
+
+    def locate(self, radius: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return each radius' cell of the PSF's intensity, and twice its place there, -2 to 2."""
+        place = radius / self._step
+        cell = place.floor()
+        return cell.to(torch.int64), 4 * (place - cell) - 2
+
+    def intensity_coefficients(self, parts: torch.Tensor) -> torch.Tensor:
+        """Return the Chebyshev coefficients of the PSF's intensity in each of its cells.
+
+        parts: real and imaginary part of the field, (..., radii, 2). The result is
+        (..., degree + 1, cells).
+        """
+        nodes = self._degree + 1
+        cells = parts.mT.reshape(*parts.shape[:-2], 2, self._count, nodes)
+        finer = cells @ self._to_halves.to(parts.device)
+        light = finer.square().sum(-3).reshape(*parts.shape[:-2], 2 * self._count, nodes)
+        return (light @ self._to_coefficients.to(parts.device)).mT.contiguous()
+
+    def evaluate(
+        self, coefficients: torch.Tensor, places: tuple[torch.Tensor, torch.Tensor]
+    ) -> torch.Tensor:
+        """Evaluate the PSF's intensity at places of locate(), by Clenshaw's recurrence."""
+        cell, twice = (one.to(coefficients.device) for one in places)
+        shape, flat = (*coefficients.shape[:-2], *cell.shape), cell.ravel()
+        twice = twice.ravel()
+
+        def term(degree: int) -> torch.Tensor:
+            return coefficients[..., degree, :].index_select(-1, flat)
+
+        last = term(self._degree)
+        before = torch.addcmul(term(self._degree - 1), twice, last)
+        for degree in range(self._degree - 2, 0, -1):
+            before, last = torch.addcmul(term(degree) - last, twice, before), before
+        return torch.addcmul(term(0) - last, twice, before, value=0.5).reshape(shape)
+
+
+def _chebyshev_nodes(degree: int) -> NDArray[np.float64]:
+    """Return the nodes in [-1, 1] of a polynomial of the PSF along the radius."""
+    angle = np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)
+    return np.asarray(-np.cos(angle))
+
+
+def _polynomial_degree(tol: float) -> int:
+    """Return the degree of the polynomials that describe a symmetric PSF to a tolerance.
+
+    The polynomial of exp(i a t) on Chebyshev nodes leaves out Bessel functions J_n(a) of n beyond
+    the degree; the first one dominates (Trefethen 2008).
+    """
+    allowed = _SETTINGS.tol_share * tol / 4
+    first = np.abs(scipy.special.jv(np.arange(5, 41), _SETTINGS.half_turn))
+    return 4 + int(np.count_nonzero(first > allowed))
 
 
 @dataclass
 class _HankelCost:
     """Predicts memory and time of a PSF by a Hankel transform or a rim integral.
 
-    nodes: number of nodes in the pupil. spacing: metres between the radii at which the field is
-    summed. field_radii: number of these radii. reach: samples on either side that the interpolation
-    uses. radii: number of different radii among the samples.
+    nodes: number of nodes in the pupil. field_radii: number of radii at which the field is summed.
+    terms: number of coefficients of a polynomial. places: number of different places among the
+    samples.
     """
 
     request: PSFRequest
     nodes: int
-    spacing: float
     field_radii: int
-    reach: int
-    radii: int
+    terms: int
+    places: int
 
     @staticmethod
     def of(q: PSFRequest) -> _HankelCost:
         assert q.lens.stop.annulus_radii is not None
         inner, outer = q.lens.stop.annulus_radii
-        spacing = q.scale / (2 * _OVERSAMPLING * q.radius * outer)
-        reach = _interpolation_reach(q.tol)
-        sums = math.ceil(q.farthest_sample_radius / spacing) + reach + 2
+        cells = RadialCells.of(q)
         nodes = line_rule_node_count(outer - inner, _radial_phase_slope(q), q.tol)
-        rows, columns = q.samples.shape
-        different = rows * columns
-        if not any(q.samples.centre):
-            # In a centred window every radius occurs four times, or eight times with square pixels.
-            times = 8 if q.samples.pitch[0] == q.samples.pitch[1] else 4
-            different = different // times + rows + columns
-        return _HankelCost(q, nodes, spacing, sums, reach, min(different, rows * columns))
+        different = [
+            n if centre else n // 2 + 1
+            for n, centre in zip(q.samples.shape, q.samples.centre, strict=True)
+        ]
+        return _HankelCost(
+            q, nodes, cells.radii.size, _polynomial_degree(q.tol) + 1, different[0] * different[1]
+        )
 
     @cached_property
     def samples(self) -> int:
         return self.request.samples.shape[0] * self.request.samples.shape[1]
 
     def bytes(self, along_rim: bool) -> int:
-        rest = 8 * self.radii * self.reach + 6 * self.samples
+        rest = 6 * self.places + 2 * self.samples
         return 8 * (rest + (2 * self.field_radii if along_rim else self.field_radii * self.nodes))
 
     def cpu_seconds(self, speed: MachineSpeed, along_rim: bool) -> float:
         sums = 0.0 if along_rim else self.field_radii * self.nodes * speed.stream
-        gathered = 2 * self.radii * self.reach + self.samples / 4
-        return speed.call + sums + gathered * speed.gather
+        passes = self.terms * self.places * _PASSES_PER_TERM + 2 * self.samples
+        return speed.call + sums + passes * speed.touch * speed.double
+
+    def planning_seconds(self, speed: MachineSpeed, along_rim: bool) -> float:
+        """Predict the time before the first call of a PSF: its matrix, a call and the judgement."""
+        if along_rim:
+            rim = rim_node_count(self.request, self.request.tol)
+            kernels = 2 * rim * (self.field_radii + 1.5 * _SETTINGS.probes)
+        else:
+            kernels = self.nodes * (self.field_radii + 1.5 * _SETTINGS.probes)
+        rest = _PLANNING_CALLS * speed.call + _PLANNING_PASSES * self.samples * speed.touch
+        return self.cpu_seconds(speed, along_rim) + kernels * speed.bessel + rest
 
 
 def _prefers_rim(q: PSFRequest, size: _HankelCost) -> bool:
@@ -276,12 +379,3 @@ def _prefers_rim(q: PSFRequest, size: _HankelCost) -> bool:
     if not q.lens.has_quadratic_phase:
         return False
     return size.nodes * size.field_radii > _CHUNK and size.nodes > 2 * rim_node_count(q, q.tol)
-
-
-def _interpolation_reach(tol: float) -> int:
-    """Return how many samples on either side interpolate a symmetric PSF to a tolerance.
-
-    Kaiser's formula gives their number. Its attenuation is in dB.
-    """
-    attenuation = 40 - 20 * math.log10(tol)
-    return math.ceil((attenuation - 8) / (2 * 2.285 * 2 * math.pi * (1 - 1 / _OVERSAMPLING))) + 2

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
+from typing import Any
 
 import torch
 
@@ -17,7 +20,10 @@ from optics.accuracy import (
     MachineSpeed,
     Result,
     ToleranceError,
+    plan_budget,
+    unreachable_tolerance_error,
 )
+from optics.caching import ByteCache
 from optics.camera import Camera, Lens
 from optics.chain import GridEngine, LightBudget, compute_light_budget
 from optics.plane import Plane
@@ -27,9 +33,12 @@ from optics.psf.engine_choice import (
     require_method,
     tolerance_error_with_advice,
 )
+from optics.psf_engines.amplitude_scale import normalise_amplitude, scale_light
 from optics.psf_engines.engine import PSFEngine
+from optics.psf_engines.panel_engine import PanelEngine
 from optics.psf_engines.request import PSFRequest
 from optics.psf_engines.spherical_wave import SphericalWaveCorrection
+from optics.psf_engines.window_error import AddedLight, largest_ratio, window_norm
 from optics.pupil import (
     Scalar,
     cutoff_frequency,
@@ -38,7 +47,7 @@ from optics.pupil import (
     open_pupil_radius,
     require_valid_source,
 )
-from optics.sensor import PIXEL_INTEGRATION_ERROR, PixelIntegration
+from optics.sensor import PixelIntegration
 from optics.threads import in_full_precision
 from optics.validation import (
     accepts_numpy,
@@ -47,6 +56,37 @@ from optics.validation import (
     require_tolerance,
     to_plain_numbers,
 )
+
+
+@dataclass(frozen=True)
+class PSFOperatorSettings:
+    """Tune how a PSF is planned for sensor pixels, and for derivatives in lengths.
+
+    Attributes
+    ----------
+    pixel_tol_share : float
+        Share of the tolerance that the integration over pixels may use. Chosen.
+    beside_factor : float
+        Factor on the error that brighter light beside the pixels makes, which isn't spread evenly.
+        Chosen; 6 was needed where few pixels lie in a null of the envelope.
+    finest_pixel_tol : float
+        Smallest error of that integration that is planned for, near double precision's rounding.
+    derivative_tol_share : float
+        Share of the tolerance that the light keeps, where a method does, so that derivatives keep
+        the tolerance. Chosen.
+    gradient_error_factor : float
+        Relative error of derivatives over that of the light. Behind panels it was 10 at most where
+        it was measured; three times as much is told.
+    """
+
+    pixel_tol_share: float = 0.01
+    beside_factor: float = 8.0
+    finest_pixel_tol: float = 1e-13
+    derivative_tol_share: float = 0.03
+    gradient_error_factor: float = 30.0
+
+
+_SETTINGS = PSFOperatorSettings()
 
 
 class PSFOperator:
@@ -92,9 +132,16 @@ class PSFOperator:
         One of METHODS for a lens, the name of a Fourier transform for a camera, or one of
         CHAIN_METHODS for a camera whose panel stands apart from its lens. By default the cheapest
         that keeps `tol`.
+    pixel_tol : float, optional
+        Part of `tol` that the integration over pixels may use, relative to the light on the pixels
+        and just beside them; a hundredth by default. Where that light is far brighter than the
+        pixels', a finer integration stands in.
     phase_slope : float, optional
         Radians per stop radius by which a phase given to a lens may change. The quadrature nodes
         are chosen for it beforehand. 20 by default.
+    calls : int, optional
+        How often the operator will be called: the method is chosen for the least time of planning
+        and all calls together. That of the budget by default, 100.
     budget : Budget, optional
         The memory allowed, and the machine's speed.
 
@@ -108,8 +155,6 @@ class PSFOperator:
         The pixels whose light is computed.
     engine : PSFEngine
         The method in use.
-    account : Account
-        What a call costs and how accurate it is.
 
     Raises
     ------
@@ -136,9 +181,26 @@ class PSFOperator:
         unmodulated: float | None = None,
         tol: float = 1e-3,
         method: str | None = None,
+        pixel_tol: float | None = None,
         phase_slope: float = 20.0,
+        calls: int | None = None,
         budget: Budget | None = None,
     ) -> None:
+        budget = plan_budget(budget, calls)
+        self._plan_with_pixel_tol = partial(
+            PSFOperator,
+            optics,
+            distance,
+            wavelength,
+            pixels,
+            field=field,
+            sphere=sphere,
+            unmodulated=unmodulated,
+            tol=tol,
+            method=method,
+            phase_slope=phase_slope,
+            budget=budget,
+        )
         self.camera = camera = optics if isinstance(optics, Camera) else None
         lens = optics.lens if isinstance(optics, Camera) else optics
         self.unmodulated = _resolve_unmodulated_share(camera, unmodulated)
@@ -147,10 +209,14 @@ class PSFOperator:
         require_method(method, camera)
         self.pixels = pixels
         cutoff = cutoff_frequency(_numeric_optics(optics), as_number(wavelength))
-        self._pixel_integration = PixelIntegration(pixels, cutoff, budget) if integrate else None
+        self._pixel_integration = None
+        if integrate:
+            pixel_tol = pixel_tol or _SETTINGS.pixel_tol_share * tol
+            self._pixel_integration = PixelIntegration(pixels, cutoff, budget, pixel_tol)
         samples = self._pixel_integration.plane if self._pixel_integration else pixels
-        rest = PIXEL_INTEGRATION_ERROR if integrate else 0.0
-        floor = rest + 20 * FLOAT64_ARITHMETIC
+        rest = self._pixel_integration.error if self._pixel_integration else 0.0
+        # The integration's part shrinks with the tolerance that is asked for instead.
+        floor = 20 * FLOAT64_ARITHMETIC / (1 - 2 * _SETTINGS.pixel_tol_share)
         margin = self._pixel_integration.margin if self._pixel_integration else 0
         request = PSFRequest(
             lens,
@@ -158,7 +224,7 @@ class PSFOperator:
             wavelength,
             samples,
             tol - rest,
-            budget or Budget(),
+            budget,
             margin,
             phase_slope,
             camera.separation if camera else 0.0,
@@ -166,19 +232,27 @@ class PSFOperator:
             _build_spherical_wave(camera, distance, wavelength, field) if sphere else None,
             pixels.pitch if integrate else (0.0, 0.0),
         )
-        if not floor <= tol:
+        if not max(floor, rest + 20 * FLOAT64_ARITHMETIC) <= tol:
             raise tolerance_error_with_advice(request, camera, method, rest, floor)
-        self._request = request
-        self._cached_unmodulated_psfs: list[tuple[torch.Tensor | None, torch.Tensor]] = []
-        self.engine = prepare_cheapest_engine(request, camera, method, rest)
+        self._cached_unmodulated_psfs: list[_UnmodulatedLight] = []
+        self._request, self.engine = _plan_engine(request, camera, method, rest)
         self._method = method
         self._fallback_engine: PSFEngine | None = None
-        self.account = self._build_account(request, tol, rest)
+        self._last_engine = self.engine
+        self._finer_operator: PSFOperator | None = None
+        self._tol, self._integration_error = tol, rest
+        self._model_error_estimate = self._model_error(request)
 
-    def _build_account(self, request: PSFRequest, tol: float, rest: float) -> Account:
-        """Build the PSF's account: its method, errors, predicted time and memory."""
-        engine, speed = self.engine, request.budget.speed
+    @property
+    def account(self) -> Account:
+        """What planning and a call of the PSF cost, and how accurate it is: as of the last call.
+
+        Before the first call, the error is that of the plan.
+        """
+        request, tol, rest = self._request, self._tol, self._integration_error
+        engine, speed = self._last_engine, request.budget.speed
         rows, columns = request.samples.shape
+        integral = self._pixel_integration.cpu_seconds(speed) if self._pixel_integration else 0.0
         sampling = ErrorEstimate(engine.error.value + rest, engine.error.how)
         return Account(
             method=engine.name,
@@ -186,12 +260,35 @@ class PSFOperator:
             f"{request.samples.pitch[1] * 1e6:.3g} µm",
             precision=engine.precision,
             tol=tol,
-            model=self._model_error(request),
+            model=self._model_error_estimate,
             sampling_error=sampling,
-            arithmetic=ErrorEstimate(engine.arithmetic, "bound, from tests"),
-            cpu_predicted=self.cpu_seconds(speed),
+            arithmetic=ErrorEstimate(engine.arithmetic, "estimate, from tests"),
+            cpu_predicted=engine.cpu_seconds(speed) + integral,
+            gradient_error=self._gradient_error,
+            planning_predicted=engine.planning_seconds(speed) + self._straight_seconds(speed),
             bytes=engine.bytes + (self._pixel_integration.bytes if self._pixel_integration else 0),
         )
+
+    @property
+    def _gradient_error(self) -> ErrorEstimate | None:
+        """Estimate the relative L2 error of the PSF's derivatives in lengths, as of the last call.
+
+        A length moves the light at the rim of the pupil most, which is where sampling errs most.
+        """
+        if not self._request.differentiable:
+            return None
+        engine = self._last_engine
+        error = _SETTINGS.gradient_error_factor * (engine.error.value + engine.arithmetic)
+        return ErrorEstimate(error, "estimate from the error of the light")
+
+    def _straight_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the time of the PSF of unmodulated light, which is computed once, in seconds."""
+        engine = self._last_engine
+        if not self.unmodulated:
+            return 0.0
+        if isinstance(engine, PanelEngine):
+            return engine.straight_seconds(speed)
+        return engine.cpu_seconds(speed)
 
     def _model_error(self, request: PSFRequest) -> ErrorEstimate:
         """Estimate the error of the PSF's optical model."""
@@ -283,10 +380,12 @@ class PSFOperator:
         require_tensor("phase", phase)
         require_tensor("amplitude", amplitude)
         self._request.require_unchanged()
-        light = self._light_on_pixels(phase, amplitude, spectrum)
         if not self.unmodulated or phase is None:
-            return light
-        other = self._unmodulated_light(amplitude, spectrum=unmodulated_spectrum).to(light.device)
+            return self._light_on_pixels(phase, amplitude, spectrum)
+        straight = self._unmodulated_light(amplitude, spectrum=unmodulated_spectrum)
+        added = straight.added_light(self.unmodulated)
+        light = self._light_on_pixels(phase, amplitude, spectrum, added)
+        other = straight.light.to(light.device)
         return (1 - self.unmodulated) * light + self.unmodulated * other
 
     def unmodulated_psf(
@@ -315,9 +414,8 @@ class PSFOperator:
         """
         require_tensor("amplitude", amplitude)
         self._request.require_unchanged()
-        return self._unmodulated_light(
-            amplitude, cache_result=cache_result, spectrum=spectrum
-        ).clone()
+        straight = self._unmodulated_light(amplitude, cache_result=cache_result, spectrum=spectrum)
+        return straight.light.clone()
 
     def _unmodulated_light(
         self,
@@ -325,25 +423,25 @@ class PSFOperator:
         *,
         cache_result: bool = False,
         spectrum: torch.Tensor | None = None,
-    ) -> torch.Tensor:
+    ) -> _UnmodulatedLight:
         """Compute the PSF of unmodulated light, or take it from the cache without a copy."""
-        if self._request.differentiable or (amplitude is not None and not cache_result):
-            return self._light_on_pixels(None, amplitude, spectrum)
-        for known, light in self._cached_unmodulated_psfs:
-            if known is amplitude:
-                return light
+        keeps = not self._request.differentiable and (amplitude is None or cache_result)
+        for known in self._cached_unmodulated_psfs if keeps else []:
+            if known.amplitude is amplitude:
+                return known
         light = self._light_on_pixels(None, amplitude, spectrum)
-        if not light.requires_grad:
-            self._cached_unmodulated_psfs = [
-                *self._cached_unmodulated_psfs[-1:],
-                (amplitude, light),
-            ]
-        return light
+        engine = self._last_engine
+        norm = engine.light_norm if isinstance(engine, PanelEngine) else None
+        error = engine.error.value + engine.arithmetic
+        straight = _UnmodulatedLight(amplitude, light, norm, error)
+        if keeps and not light.requires_grad:
+            self._cached_unmodulated_psfs = [*self._cached_unmodulated_psfs[-1:], straight]
+        return straight
 
     def needs_unmodulated_psf(self, amplitude: torch.Tensor | None) -> bool:
         """Tell whether the PSF of a phase needs `unmodulated_psf`, which isn't computed yet."""
         return self.unmodulated > 0 and not any(
-            known is amplitude for known, _ in self._cached_unmodulated_psfs
+            known.amplitude is amplitude for known in self._cached_unmodulated_psfs
         )
 
     def _light_on_pixels(
@@ -351,34 +449,87 @@ class PSFOperator:
         phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
         spectrum: torch.Tensor | None = None,
+        added: AddedLight | None = None,
     ) -> torch.Tensor:
-        """Compute the PSF on the sensor's pixels."""
-        amplitude, peak = normalise_amplitude(amplitude, 1 if self.camera is None else 2)
-        light = self._intensity_with_fallback(phase, amplitude, spectrum)
-        light = self._pixel_integration(light) if self._pixel_integration else light
-        if peak is None:
-            return light
-        # Outside this range of amplitudes, their squares may exceed the range of single precision,
-        # also in a dim window.
-        least = 1e-12
-        extreme = bool((peak < least).any() or (peak > 1 / least).any())
-        wide = light.to(torch.float64) if extreme else light
-        return wide * (peak**2).to(wide)[..., None, None]
+        """Compute the PSF on the sensor's pixels; `added` tells of light that is added to it."""
+        amplitude, peak = normalise_amplitude(amplitude, self.engine.points()[0].ndim)
+        light = self._intensity_with_fallback(phase, amplitude, spectrum, added)
+        if self._pixel_integration:
+            samples, light = light, self._pixel_integration(light)
+            self._integration_error = self._measure_integration_error(samples, light, added)
+            if self._integration_error > self._tol_left_for_integration:
+                light = self._finer_light_on_pixels(phase, amplitude, added)
+        return scale_light(light, peak)
+
+    @property
+    def _tol_left_for_integration(self) -> float:
+        """What the PSF's engine leaves of the tolerance in its last call."""
+        engine = self._last_engine
+        return self._tol - engine.error.value - engine.arithmetic
+
+    def _measure_integration_error(
+        self, samples: torch.Tensor, light: torch.Tensor, added: AddedLight | None
+    ) -> float:
+        """Return the relative L2 error that the integration over pixels adds to a PSF.
+
+        It is a share of the light on all samples, of which those beside the pixels may be far
+        brighter than the others. samples: of the light. light: on the pixels.
+        """
+        assert self._pixel_integration is not None
+        planned, whole_picture = self._pixel_integration.error, (slice(None), slice(None))
+        whole = window_norm(samples.detach(), whole_picture)
+        # Even light has this norm on the samples.
+        factor = self.pixels.pitch[0] / self._pixel_integration.plane.pitch[0]
+        seen = window_norm(light.detach(), whole_picture) / factor
+        if added is not None:
+            seen = torch.hypot(seen, added.norm.to(seen))
+        dimness = largest_ratio(whole, seen)
+        return planned * max(1.0, 1.0 + _SETTINGS.beside_factor * (dimness - 1.0))
+
+    def _finer_light_on_pixels(
+        self, phase: torch.Tensor | None, amplitude: torch.Tensor | None, added: AddedLight | None
+    ) -> torch.Tensor:
+        """Compute the PSF with a finer integration over pixels, beside which there is much light.
+
+        Raises ToleranceError if there is none.
+        """
+        assert self._pixel_integration is not None
+        planned, needed = self._pixel_integration.error, self._integration_error
+        finer = planned * self._tol_left_for_integration / needed / 2
+        given = phase is not None or amplitude is not None
+        # A lens that is planned anew takes its pattern at other points.
+        if not finer > _SETTINGS.finest_pixel_tol or (given and self.camera is None):
+            raise unreachable_tolerance_error(self._tol, self._tol + needed)
+        if self._finer_operator is None or self._finer_operator.pixel_tol > finer:
+            self._finer_operator = self._plan_with_pixel_tol(pixel_tol=finer)
+        other = self._finer_operator
+        light = other._light_on_pixels(phase, amplitude, None, added)
+        self._last_engine, self._integration_error = other._last_engine, other._integration_error
+        return light
+
+    @property
+    def pixel_tol(self) -> float:
+        """The relative L2 error that the PSF's integration over pixels may add; 0 without one."""
+        return self._pixel_integration.error if self._pixel_integration else 0.0
 
     def _intensity_with_fallback(
         self,
         phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
         spectrum: torch.Tensor | None,
+        added: AddedLight | None,
     ) -> torch.Tensor:
         """Compute the PSF's light on the samples, by a fallback method if the first one fails.
 
         A fallback is needed if the pattern sends so little light to the window that the first
         engine can't keep the tolerance.
         """
+        self._last_engine = self.engine
         try:
             if spectrum is not None and isinstance(self.engine, GridEngine):
                 return self.engine.intensity_from_spectrum(spectrum, phase, amplitude)
+            if isinstance(self.engine, PanelEngine):
+                return self.engine.intensity(phase, amplitude, added)
             return self.engine.intensity(phase, amplitude)
         except ToleranceError:
             for other in self._fallback_engines():
@@ -386,7 +537,7 @@ class PSFOperator:
                     light = other.intensity(phase, amplitude)
                 except ToleranceError:
                     continue
-                self._fallback_engine = other
+                self._fallback_engine = self._last_engine = other
                 return light
             raise
 
@@ -461,23 +612,41 @@ class PSFOperator:
         return factor.detach()
 
 
-def normalise_amplitude(
-    amplitude: torch.Tensor | None, sample_axes: int
-) -> tuple[torch.Tensor | None, torch.Tensor | None]:
-    """Scale the amplitude of every pattern in a batch to a peak of 1 for its PSF.
+@dataclass(frozen=True)
+class _UnmodulatedLight:
+    """Holds the PSF of light that gets no phase from the panel, for an amplitude.
 
-    Returns the amplitude and the old peaks, one for each pattern, float64. The peaks are None if
-    they are all 1. A pattern whose amplitude is zero or not finite keeps it, with a peak of 1.
-    sample_axes: number of axes at the end that hold one pattern.
+    light: on the pixels. norm: its L2 norm over the window on the samples, where it is known.
+    error: relative L2 error.
     """
-    if amplitude is None or not amplitude.numel():
-        return amplitude, None
-    axes = tuple(range(-min(sample_axes, amplitude.ndim), 0))
-    peak = amplitude.detach().abs().amax(axes, keepdim=True)
-    peak = torch.where((peak > 0) & peak.isfinite(), peak, 1.0)
-    if bool((peak == 1).all()):
-        return amplitude, None
-    return amplitude / peak, peak.squeeze(axes).to(torch.float64)
+
+    amplitude: torch.Tensor | None
+    light: torch.Tensor
+    norm: torch.Tensor | None
+    error: float
+
+    def added_light(self, share: float) -> AddedLight | None:
+        """Tell of a share of this light in the units of the rest, which is a PSF of its own."""
+        if self.norm is None or share == 1:
+            return None
+        norm = self.norm * (share / (1 - share))
+        return AddedLight(norm, self.error * norm)
+
+
+def _plan_engine(
+    request: PSFRequest, camera: Camera | None, method: str | None, reserved_tol: float
+) -> tuple[PSFRequest, PSFEngine]:
+    """Prepare the cheapest engine for a PSF; with derivatives, to a smaller tolerance if possible.
+
+    Returns the request that is kept, and its engine.
+    """
+    if request.differentiable and method is None:
+        tight = replace(request, tol=_SETTINGS.derivative_tol_share * request.tol)
+        try:
+            return tight, prepare_cheapest_engine(tight, camera, method, reserved_tol)
+        except ToleranceError:
+            pass
+    return request, prepare_cheapest_engine(request, camera, method, reserved_tol)
 
 
 def _resolve_unmodulated_share(camera: Camera | None, share: float | None) -> float:
@@ -529,7 +698,8 @@ def psf(
 ) -> Result[torch.Tensor]:
     """Compute the PSF on sensor pixels, with its account.
 
-    It plans a PSFOperator and calls it once. See PSFOperator for the model.
+    It plans a PSFOperator and calls it once. See PSFOperator for the model. The plans of the last
+    calls are kept for the same question, as long as none of its lengths is a tensor.
 
     Parameters
     ----------
@@ -563,11 +733,58 @@ def psf(
         If `tol` can't be kept.
     """
     started = time.process_time()
-    operator = PSFOperator(
-        optics, distance, wavelength, pixels, field=field, sphere=sphere, tol=tol
+    plan = partial(
+        PSFOperator,
+        optics,
+        distance,
+        wavelength,
+        pixels,
+        field=field,
+        sphere=sphere,
+        tol=tol,
+        calls=1,
     )
+    operator, is_kept = _kept_plan(plan, (optics, distance, wavelength, pixels, field, sphere, tol))
     value = operator(phase)
-    return Result(value, operator.account.with_cpu_spent(time.process_time() - started))
+    account = operator.account
+    if is_kept:
+        account = replace(account, planning_predicted=0.0)
+    return Result(value, account.with_cpu_spent(time.process_time() - started))
+
+
+_PLANS = ByteCache(256 << 20)
+"""Plans of PSFs for psf(). Every thread has its own, since a call changes an operator's account."""
+
+
+def _kept_plan(plan: Callable[[], PSFOperator], asked: tuple[Any, ...]) -> tuple[PSFOperator, bool]:
+    """Return the plan of a PSF, made or kept from an earlier call, and whether it was kept.
+
+    plan: makes it. asked: optics, distance, wavelength, pixels and settings. A question that holds
+    tensors isn't kept, since they may change, nor one that is refused.
+    """
+    optics, *rest = asked
+    if isinstance(optics, Camera):
+        panel = optics.panel
+        optics = (optics.lens, optics.separation, panel.plane, panel.fill_factor, panel.unmodulated)
+    question = (threading.get_ident(), optics, *rest)
+    if not _is_fixed(question):
+        return plan(), False
+    made: list[PSFOperator] = []
+
+    def make() -> PSFOperator:
+        made.append(plan())
+        return made[0]
+
+    return _PLANS.get(question, make), not made
+
+
+def _is_fixed(value: Any) -> bool:
+    """Tell whether a question for a PSF holds only numbers, names and tuples, which are fixed."""
+    if isinstance(value, tuple):
+        return all(map(_is_fixed, value))
+    if is_dataclass(value):
+        return all(_is_fixed(getattr(value, one.name)) for one in fields(value))
+    return isinstance(value, (int, float, str))
 
 
 def nyquist_samples_per_pixel(camera: Camera, wavelength: float) -> float:

@@ -9,6 +9,7 @@ import torch
 
 from optics.accuracy import MachineSpeed, ToleranceError, unreachable_tolerance_error
 from optics.fourier.nonuniform import (
+    FINEST_COARSE_NUFFT,
     FINEST_NUFFT,
     NonuniformTransform,
     nonuniform_bytes,
@@ -18,7 +19,13 @@ from optics.psf.reference_probe import ReferenceProbe
 from optics.psf_engines.engine import CachedPupilWave, PSFEngine, double_precision_error
 from optics.psf_engines.request import PSFRequest
 from optics.pupil import pupil_phase
-from optics.stop.quadrature import QuadratureNodes, count_nodes, stop_rule, stop_rule_blocks
+from optics.stop.quadrature import (
+    QuadratureNodes,
+    count_nodes,
+    rule_seconds,
+    stop_rule,
+    stop_rule_blocks,
+)
 
 _LEAST_BLOCK = 1 << 20
 
@@ -50,6 +57,12 @@ class ScatteredNodesSettings:
 
 
 _SETTINGS = ScatteredNodesSettings()
+
+_PASSES_PER_WAVE = 60.0
+"""Passes over a node while its wave is computed and finufft sorts it; measured."""
+
+_PLANNING_CALLS = 4.0
+"""Fixed cost of planning in calls; measured."""
 
 
 class ScatteredNodesEngine(PSFEngine):
@@ -95,9 +108,20 @@ class ScatteredNodesEngine(PSFEngine):
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         seconds = nonuniform_seconds(
-            self._node_count, self._request.samples, self._transform_tol, speed
+            self._node_count,
+            self._request.samples,
+            self._transform_tol,
+            speed,
+            few_points=self._transform_tol >= FINEST_COARSE_NUFFT,
         )
         return seconds if self._nodes_in_memory else _SETTINGS.rebuild_cost_factor * seconds
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        q = self._request.numeric
+        rule = rule_seconds(q.lens.stop, q.phase_slope_bound, self._quadrature_tol, speed)
+        wave = _PASSES_PER_WAVE * self._node_count * speed.touch
+        probe = self._probe.planning_seconds(speed)
+        return _PLANNING_CALLS * speed.call + self.cpu_seconds(speed) + rule + wave + probe
 
     def prepare(self) -> None:
         q = self._request.numeric
@@ -113,9 +137,11 @@ class ScatteredNodesEngine(PSFEngine):
             if nodes is not None:
                 self._full_block = _NodeBlock(nodes, self._request, self._transform_tol)
             with torch.no_grad():
-                self.error = self._probe.measure_error(self.intensity(None, None))
+                light = self.intensity(None, None)
+            self.error = self._probe.measure_error(light)
             wanted = q.tol - self.arithmetic
             if self.error.value <= wanted:
+                self._keep_first_light(light)
                 return
             # The transform's error scales with all of the light, so a dim window needs a finer one.
             if self._transform_tol <= FINEST_NUFFT:
@@ -140,14 +166,20 @@ class ScatteredNodesEngine(PSFEngine):
         return self._full_block.transform.positions()
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+        first = self._first_light(phase, amplitude)
+        if first is not None:
+            return first
         if self._full_block is not None:
             factor = self.modulation_factor(phase, amplitude, (self._node_count,))
-            self.require_phase_slope(phase)
+            self.require_resolved(phase, amplitude)
             field = self._full_block.field(factor)
         else:
             self._require_no_modulation(phase, amplitude)
             field = sum((block.field(None) for block in self._blocks()), torch.zeros(()))
-        return (field.real**2 + field.imag**2) * self._request.intensity_scale
+        light = (field.real**2 + field.imag**2) * self._request.intensity_scale
+        if phase is not None or amplitude is not None:
+            self._tell_pattern_error(light)
+        return light
 
     def _require_no_modulation(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
@@ -166,7 +198,12 @@ class _NodeBlock(CachedPupilWave):
         q = request.numeric
         self._nodes, self._request = nodes, request
         self.transform = NonuniformTransform(
-            nodes.y * q.radius, nodes.x * q.radius, q.samples, q.scale, error
+            nodes.y * q.radius,
+            nodes.x * q.radius,
+            q.samples,
+            q.scale,
+            error,
+            few_points=error >= FINEST_COARSE_NUFFT,
         )
 
     def field(self, factor: torch.Tensor | None) -> torch.Tensor:
@@ -184,4 +221,4 @@ class _NodeBlock(CachedPupilWave):
         """Compute the lens' wave on the scattered nodes of a PSF, times their weights."""
         q, nodes = self._request, self._nodes
         phase = pupil_phase(q.lens, q.distance, q.wavelength, nodes.y, nodes.x)
-        return torch.polar(torch.ones_like(phase), phase) * nodes.weight
+        return torch.complex(torch.cos(phase) * nodes.weight, torch.sin(phase) * nodes.weight)

@@ -13,7 +13,8 @@ from optics.accuracy import Account, Budget
 from optics.camera import Camera
 from optics.chain import GridEngine, panel_spectrum
 from optics.plane import Plane
-from optics.psf.operator import PSFOperator, normalise_amplitude
+from optics.psf.operator import PSFOperator
+from optics.psf_engines.amplitude_scale import normalise_amplitude
 from optics.threads import in_full_precision
 from optics.validation import accepts_numpy
 

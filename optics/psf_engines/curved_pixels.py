@@ -6,8 +6,11 @@ import math
 
 import torch
 
+from optics.accuracy import MachineSpeed
 from optics.fourier import FourierGeometry, MatrixTransform, unit_phasor
+from optics.fourier.transform import PASSES_PER_PHASOR
 from optics.gauss_legendre import gauss_legendre
+from optics.psf_engines.pixel_wave import full_precision_nodes
 
 
 class CurvedPixelTransform(MatrixTransform):
@@ -40,8 +43,7 @@ class CurvedPixelTransform(MatrixTransform):
         half = self._side / 2
         bend = abs(self._curvature) * (2 * float(x) * half + half**2)
         tilt = 2 * math.pi * float(u) * half / self.geometry.scale
-        # One Gauss-Legendre node per two radians and ten more give full precision.
-        return math.ceil((bend + tilt) / 2) + 10
+        return full_precision_nodes(bend + tilt)
 
     def _kernel(self, axis: int) -> torch.Tensor:
         g = self.geometry
@@ -54,3 +56,21 @@ class CurvedPixelTransform(MatrixTransform):
         tilted = unit_phasor(-torch.outer(u, d) / g.scale, torch.complex128)
         centres = unit_phasor(-torch.outer(u, x) / g.scale, torch.complex128)
         return (centres * (tilted @ bent.mT)).to(self.dtype)
+
+    def mean_squared_kernel(self, axis: int) -> torch.Tensor:
+        """Return the mean of |K|² over a PSF's panel pixels along an axis, float64, by sample.
+
+        It is how much of a pattern's light a sample gets on average.
+        """
+        kernel = self._kernels(torch.device("cpu"))[axis].to(torch.complex128)
+        return (kernel.real**2 + kernel.imag**2).mean(1)
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor seconds of computing the matrices for a PSF's curved pixels."""
+        seconds = 0.0
+        for axis in (0, 1):
+            n, m = self.geometry.pupil.shape[axis], self.geometry.image.shape[axis]
+            nodes = self.node_count(axis)
+            phasors = (m * n + nodes * (m + n)) * PASSES_PER_PHASOR * speed.touch
+            seconds += phasors + 4 * m * n * nodes * speed.multiply_add * speed.double
+        return seconds

@@ -9,16 +9,27 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from optics.accuracy import FLOAT32_ARITHMETIC, FLOAT64_ARITHMETIC, CandidateMethod, ErrorEstimate
+from optics.accuracy import (
+    FLOAT32_ARITHMETIC,
+    FLOAT64_ARITHMETIC,
+    CandidateMethod,
+    ErrorEstimate,
+    ToleranceError,
+)
 from optics.psf_engines.request import PSFRequest
-from optics.validation import require_finite, rounded_up
+from optics.psf_engines.window_error import EvenNoise, window_norm
+from optics.validation import require_finite, rounded_down, rounded_up
+
+_BLOCK_SAMPLES = 1 << 16
+"""Samples of a phase that are processed at a time, so that they fit in the cache."""
 
 
 @dataclass(frozen=True)
 class PhaseSlopeSettings:
-    """Tune the check that a phase isn't too steep for a PSF engine's quadrature nodes.
+    """Tune the check that a PSF engine's nodes resolve a pattern, and what is told of it.
 
     Attributes
     ----------
@@ -28,11 +39,25 @@ class PhaseSlopeSettings:
         Points at which the slope is evaluated. Chosen.
     neighbours : int
         Nearest points to each of them, itself included, to which slopes are measured. Chosen.
+    slow_variation : float
+        Slope of the waves by which a phase may vary without further nodes, radians per stop radius.
+        Chosen: the nodes have harmonics to spare for it.
+    spare_slope : float
+        Slope, radians per stop radius, for which nodes are to spare. Chosen.
+    pattern_error_factor : float
+        Factor on the error that is told of a pattern's light, from that without a pattern. Chosen;
+        2.2 was needed among 50 random patterns.
+    bright_samples : int
+        Brightest points of an amplitude at which its detail is measured besides. Chosen.
     """
 
     margin: float = 1.05
     samples: int = 3000
     neighbours: int = 7
+    slow_variation: float = 3.0
+    spare_slope: float = 5.0
+    pattern_error_factor: float = 3.0
+    bright_samples: int = 300
 
 
 _SLOPE_SETTINGS = PhaseSlopeSettings()
@@ -56,6 +81,10 @@ class PSFEngine(CandidateMethod):
     _dtype: torch.dtype
     _request: PSFRequest
     _neighbour_pairs: NeighbourPairs | None = None
+    _interpolation: NeighbourInterpolation | None = None
+    _planned_error: ErrorEstimate
+    _even_noise: float = 0.0
+    _kept_light: torch.Tensor | None = None
 
     @property
     def sample_count(self) -> int:
@@ -78,6 +107,48 @@ class PSFEngine(CandidateMethod):
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor: ...
 
+    def _keep_first_light(self, light: torch.Tensor) -> None:
+        """Keep the light without a pattern that planning the PSF has computed, for the first call.
+
+        It is handed out once, so that the memory is free again. With derivatives it isn't kept.
+        """
+        self._kept_light = None if self._request.differentiable else light
+        self._planned_error = self.error
+        norm = window_norm(light.detach(), self._request.window_slices)
+        rows, columns = self._request.window_slices
+        total = float(light.detach()[..., rows, columns].sum(dtype=torch.float64))
+        # Errors that spread like noise of this mean square make the planned error of this light.
+        error = self.error.value * float(norm)
+        self._even_noise = error**2 / (2 * total) if total > 0 else 0.0
+
+    def _tell_pattern_error(self, light: torch.Tensor) -> None:
+        """Tell the error of a PSF with a pattern, which may send less light to the window.
+
+        The errors of nodes and transforms are taken to be as large as without a pattern. Raises
+        ToleranceError if they are too large for this light.
+        """
+        window, tol = self._request.window_slices, self._request.tol
+        seen = light.detach()
+        noise = EvenNoise(seen, torch.ones(1, 1), window, window_norm(seen, window))
+        error = noise.error(torch.tensor(self._even_noise))
+        error = _SLOPE_SETTINGS.pattern_error_factor * max(self._planned_error.value, error)
+        self.error = ErrorEstimate(error, "estimate from the light in the window")
+        if not error + self.arithmetic <= tol:
+            raise ToleranceError(
+                f"tol {tol:g} can't be kept: the pattern sends little light to the window, of "
+                f"which errors are {error:.2g}; plan a PSFOperator with "
+                f"tol={rounded_down(0.5 * tol * tol / error)}, or ask for a larger window"
+            )
+
+    def _first_light(
+        self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+    ) -> torch.Tensor | None:
+        """Return the kept light for the PSF engine's first call without a pattern, or None."""
+        if phase is not None or amplitude is not None:
+            return None
+        light, self._kept_light = self._kept_light, None
+        return light
+
     def modulation_factor(
         self,
         phase: torch.Tensor | None,
@@ -93,33 +164,62 @@ class PSFEngine(CandidateMethod):
             return None
         factor: torch.Tensor | None = None
         if phase is not None:
-            _require_sample_shape("phase", phase, samples)
+            require_sample_shape("phase", phase, samples)
             if phase.is_complex():
                 raise ValueError(
                     f"phase is {phase.dtype}; it is real, in radians; amplitude may absorb"
                 )
-            # Wrapping in float64 keeps the fraction of a wave of a phase of 1e5 waves.
-            angle = wrap_phase(phase.to(torch.float64)).to(dtype.to_real())
-            factor = torch.polar(torch.ones_like(angle), angle)
+            factor = phase_factor(phase, dtype)
         if amplitude is not None:
-            _require_sample_shape("amplitude", amplitude, samples)
+            require_sample_shape("amplitude", amplitude, samples)
             strength = amplitude.to(dtype)
             factor = strength if factor is None else factor * strength
         return factor
 
-    def require_phase_slope(self, phase: torch.Tensor | None) -> None:
-        """Raise ValueError for a phase too steep for the PSF engine's planned quadrature nodes."""
-        if phase is None or not phase.numel():
+    def require_resolved(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> None:
+        """Raise ValueError for a pattern whose detail the PSF engine's nodes don't resolve."""
+        given = [one for one in (phase, amplitude) if one is not None and one.numel()]
+        if not given:
             return
         q = self._request.numeric
-        if self._neighbour_pairs is None:
-            self._neighbour_pairs = NeighbourPairs(*(p / q.radius for p in self.points()))
-        slope = self._neighbour_pairs.steepest_slope(phase.detach())
-        if slope > _SLOPE_SETTINGS.margin * q.phase_slope:
+        if self._interpolation is None:
+            y, x = (p / q.radius for p in self.points())
+            self._neighbour_pairs = NeighbourPairs(y, x)
+            self._interpolation = NeighbourInterpolation(y, x, q.phase_slope)
+        needed, names = 0.0, []
+        if phase is not None and phase.numel():
+            names.append("phase")
+            needed += self._phase_bandwidth(phase.detach(), self._neighbour_pairs)
+        if amplitude is not None and amplitude.numel():
+            names.append("amplitude")
+            # An amplitude has no steepest slope. Where its spectrum falls as a Gaussian does, this
+            # factor leads from the root mean square to where the tolerance is reached.
+            factor = math.sqrt(max(1.0, -math.log(q.tol)))
+            detail = factor * self._interpolation.detail_slope(amplitude.detach())
+            needed += max(detail - _SLOPE_SETTINGS.spare_slope, 0.0)
+        if needed > _SLOPE_SETTINGS.margin * q.phase_slope:
             raise ValueError(
-                f"phase turns by {slope:.3g} radians per stop radius, and {q.phase_slope:g} were "
-                f"planned for; plan a PSFOperator with phase_slope={rounded_up(slope)}"
+                f"{' and '.join(names)} turns by {needed:.3g} radians per stop radius, detail "
+                f"included, and {q.phase_slope:g} were planned for; plan a PSFOperator with "
+                f"phase_slope={rounded_up(needed)}"
             )
+
+    def _phase_bandwidth(self, phase: torch.Tensor, pairs: NeighbourPairs | None) -> float:
+        """Return the finest detail of exp(i phase) for a PSF engine's nodes, rad per stop radius.
+
+        It is the steepest slope s and, for a phase that varies like a wave of slope k, as many more
+        of its harmonics as have amplitudes above the tolerance: Bessel functions of s / k. The
+        nodes have harmonics to spare for a slow variation.
+        """
+        assert pairs is not None
+        assert self._interpolation is not None
+        slope = pairs.steepest_slope(phase)
+        if not slope > 0:
+            return 0.0
+        variation = self._interpolation.phase_variation(phase, slope)
+        harmonics = 2.5 * (slope / max(variation, 1e-9)) ** (1 / 3)
+        harmonics -= 1.2 * math.log10(self._request.tol)
+        return slope + max(variation - _SLOPE_SETTINGS.slow_variation, 0.0) * harmonics
 
 
 class CachedPupilWave(ABC):
@@ -146,7 +246,35 @@ class CachedPupilWave(ABC):
 
 def wrap_phase(angle: torch.Tensor) -> torch.Tensor:
     """Wrap a PSF engine's phase to -pi to pi radians without changing its derivative."""
-    return angle - 2 * math.pi * torch.round(angle.detach() / (2 * math.pi))
+    turns = torch.round(angle.detach() * (1 / (2 * math.pi)))
+    return torch.add(angle, turns, alpha=-2 * math.pi)
+
+
+def phase_factor(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+    """Compute exp(i phase) for a PSF engine in a complex type; differentiable in the phase.
+
+    Wrapping in float64 keeps the fraction of a wave of a phase of 1e5 waves. Cosine and sine take a
+    sixth of the time of torch.polar in single precision, and blocks that fit in the cache less than
+    half of that of a whole panel.
+    """
+    if needs_autograd(phase) or phase.numel() <= _BLOCK_SAMPLES:
+        return _phase_factor(phase, dtype)
+    factor = torch.empty(phase.shape, dtype=dtype, device=phase.device)
+    blocks = torch.split(phase.detach().reshape(-1), _BLOCK_SAMPLES)
+    for block, out in zip(blocks, torch.split(factor.view(-1), _BLOCK_SAMPLES), strict=True):
+        out.copy_(_phase_factor(block, dtype))
+    return factor
+
+
+def needs_autograd(*values: torch.Tensor) -> bool:
+    """Tell whether a PSF engine's operation on these tensors must record derivatives."""
+    return torch.is_grad_enabled() and any(value.requires_grad for value in values)
+
+
+def _phase_factor(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+    """Compute exp(i phase) for a PSF engine at once."""
+    angle = wrap_phase(phase.to(torch.float64)).to(dtype.to_real())
+    return torch.complex(torch.cos(angle), torch.sin(angle))
 
 
 class NeighbourPairs:
@@ -179,6 +307,96 @@ class NeighbourPairs:
         return float((turn.abs() / self._distances)[:, far].max()) if far.any() else 0.0
 
 
+class NeighbourInterpolation:
+    """Measures how fine an amplitude's detail is, by interpolating it from neighbouring points.
+
+    What a linear interpolation misses grows with the square of the slope that plane waves have.
+    So the root mean square of what it misses, compared with that of plane waves on the same points,
+    tells the slope of the detail, also of a spot that is seen at a single point.
+
+    y, x: the PSF's pupil points in stop radii, one-dimensional, or a column and a row. A random
+    sample is used, and for every amplitude its brightest points. slope: radians per stop radius of
+    the plane waves to compare with.
+    """
+
+    def __init__(self, y: torch.Tensor, x: torch.Tensor, slope: float) -> None:
+        shape = (y + x).shape
+        self._places = np.stack([p.expand(shape).ravel().numpy() for p in (y, x)], axis=1)
+        self._tree, self._slope = cKDTree(self._places), slope
+        count = min(_SLOPE_SETTINGS.samples, len(self._places))
+        some = np.random.default_rng(0).choice(len(self._places), count, replace=False)
+        self._sample = some, *self._weights(some)
+        angles = np.arange(4) * (math.pi / 4)
+        waves = np.exp(1j * slope * (self._places @ np.stack([np.sin(angles), np.cos(angles)]))).T
+        self._missed_by_waves = math.sqrt(
+            np.mean([self._missed_share(wave, *self._sample) ** 2 for wave in waves])
+        )
+
+    def detail_slope(self, amplitude: torch.Tensor) -> float:
+        """Return the slope of plane waves with as fine detail, radians per stop radius.
+
+        amplitude: (..., points). The largest of a batch of a PSF's patterns counts.
+        """
+        flat = amplitude.cpu().reshape(-1, len(self._places)).resolve_conj().numpy()
+        found = [self._missed(values.astype(np.complex128)) for values in flat]
+        least = np.finfo(np.float64).eps
+        return self._slope * math.sqrt(max(found) / max(self._missed_by_waves, least))
+
+    def phase_variation(self, phase: torch.Tensor, slope: float) -> float:
+        """Return the slope of the waves by which a PSF's phase varies, radians per stop radius.
+
+        A wave of slope k whose steepest slope is s bends by k s at most, and by k s / sqrt(2) in
+        the root mean square. What interpolation misses of the phase is compared with what it
+        misses of a parabola, which bends by 1 everywhere. The largest of a batch counts.
+
+        phase: (..., points), radians. slope: s, its steepest slope.
+        """
+        at, near, weights = self._sample
+        flat = phase.cpu().to(torch.float64).reshape(-1, len(self._places))
+        turned = wrap_phase(flat[:, near] - flat[:, at, None]).numpy()
+        missed = np.sqrt(((weights * turned).sum(-1) ** 2).mean(1))
+        parabola = (self._places**2).sum(1) / 2
+        bent = (weights * (parabola[near] - parabola[at][:, None])).sum(1)
+        # Half of the parabola's bend lies along either axis.
+        size = float(np.sqrt((bent**2).mean())) / math.sqrt(2)
+        return float(missed.max()) / size * math.sqrt(2) / slope if size > 0 else 0.0
+
+    def _missed(self, values: NDArray[np.complex128]) -> float:
+        """Return the share of an amplitude of a PSF's pattern that interpolation misses."""
+        if not values.any():
+            return 0.0
+        count = min(_SLOPE_SETTINGS.bright_samples, values.size)
+        bright = np.argpartition(np.abs(values), -count)[-count:]
+        return max(
+            self._missed_share(values, *self._sample),
+            self._missed_share(values, bright, *self._weights(bright)),
+        )
+
+    @staticmethod
+    def _missed_share(
+        values: NDArray[np.complex128],
+        at: NDArray[np.int64],
+        near: NDArray[np.int64],
+        weights: NDArray[np.float64],
+    ) -> float:
+        missed = values[at] - (weights * values[near]).sum(1)
+        size = float(np.linalg.norm(values[at]))
+        return float(np.linalg.norm(missed)) / size if size > 0 else 0.0
+
+    def _weights(self, at: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return neighbours of points of a PSF's pupil, and weights for their interpolation.
+
+        The weights are the smallest that reproduce linear functions.
+        """
+        neighbours = min(_SLOPE_SETTINGS.neighbours, len(self._places))
+        away, near = self._tree.query(self._places[at], k=neighbours)
+        near = np.reshape(near, (at.size, -1))[:, 1:]
+        scale = np.maximum(np.reshape(away, (at.size, -1)).max(1), 1e-300)[:, None, None]
+        offsets = (self._places[near] - self._places[at][:, None]) / scale
+        linear = np.concatenate([np.ones((*near.shape, 1)), offsets], axis=2)
+        return near, np.linalg.pinv(linear)[:, 0]
+
+
 def double_precision_error(request: PSFRequest) -> float:
     """Return the relative L2 rounding error of a PSF engine in double precision.
 
@@ -188,7 +406,8 @@ def double_precision_error(request: PSFRequest) -> float:
     return 10 * FLOAT64_ARITHMETIC + 4e-16 * slope
 
 
-def _require_sample_shape(name: str, value: torch.Tensor, samples: Sequence[int]) -> None:
+def require_sample_shape(name: str, value: torch.Tensor, samples: Sequence[int]) -> None:
+    """Raise ValueError for a pattern that isn't finite or doesn't fit a PSF engine's samples."""
     if tuple(value.shape[-len(samples) :]) != tuple(samples):
         raise ValueError(
             f"{name} is {tuple(value.shape)}; the pupil has {tuple(samples)} "

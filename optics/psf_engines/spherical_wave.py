@@ -49,6 +49,10 @@ class SphericalWaveCorrection:
         path, amplitude = self._path_and_amplitude(y, x)
         return torch.polar(amplitude, 2 * math.pi / self.wavelength * path)
 
+    def phase(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+        """Return the phase of the spherical wave's factor for the PSF engine, radians, float64."""
+        return 2 * math.pi / self.wavelength * self._path_and_amplitude(y, x)[0]
+
     def _path_and_amplitude(
         self, y: torch.Tensor, x: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:

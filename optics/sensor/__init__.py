@@ -5,7 +5,6 @@ from optics.sensor.frame_sampling import expose, sample_frame
 from optics.sensor.moments import moments
 from optics.sensor.mosaic import Mosaic
 from optics.sensor.pixel_integration import (
-    PIXEL_INTEGRATION_ERROR,
     PIXEL_OVERSAMPLING,
     PixelIntegration,
     integrate_pixels,
@@ -17,7 +16,6 @@ from optics.sensor.shutter import row_starts
 from optics.sensor.stages import ShotNoise, Stages
 
 __all__ = [
-    "PIXEL_INTEGRATION_ERROR",
     "PIXEL_OVERSAMPLING",
     "FixedPattern",
     "Mosaic",

@@ -33,7 +33,7 @@ def against_peers(folder: Path) -> list[Figure]:
                 "smooth", _PLANE, _PLANE, distance, 550e-9, paraxial=paraxial
             )
             reference = FieldReference(case)
-            ours = list(candidates(case, reference, budget))
+            ours = [one for one in candidates(case, reference, budget) if not one.calls]
             theirs = list(peer_candidates(case, reference.samples_of))
             rows = measure([*ours, *theirs], reference.exact_samples, Progress()).rows
             words, ahead = told_ratios(rows[: len(ours)], rows[len(ours) :], _ALIKE)

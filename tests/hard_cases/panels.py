@@ -398,6 +398,27 @@ CASES: list[Case] = [
         0.1,
     ),
     seen(
+        "a first order's window behind wide pixels, out of focus",
+        "the envelope is near its null there, and light that the wave bends inside a pixel isn't",
+        camera(fill_factor=0.95),
+        pixels=window(5, 6, order(1), order(1)),
+        distance=1.2,
+    ),
+    seen(
+        "a neutral panel's first order, out of focus",
+        "no pattern spreads the light, so that the pixel's own wave is all that is seen",
+        camera(fill_factor=0.95),
+        pixels=window(5, 6, order(1), order(1)),
+        distance=1.6,
+        pattern=neutral,
+    ),
+    seen(
+        "a window ten orders away, out of focus",
+        "tilts of ten turns a pixel, and a wave that bends in each",
+        pixels=window(3, 4, order(10), -order(7)),
+        distance=1.5,
+    ),
+    seen(
         "an aberrated lens",
         "no symmetry; the polynomial is steepest at the panel's corners",
         camera(stop_of(1.1e-3, aberrations=((4, 0, 200e-9), (3, 1, 300e-9)))),

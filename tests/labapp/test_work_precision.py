@@ -10,14 +10,17 @@ import cv2
 import numpy as np
 import pytest
 
+from labapp.accuracy.psf import _METHODS
 from labapp.accuracy.row_output import print_data
 from labapp.accuracy.work_precision import (
     CallTimingSettings,
     Candidate,
+    PlannedCall,
     Row,
     mark_front,
     measure,
 )
+from optics.accuracy import Account, ErrorEstimate
 from optics.progress import Cancelled, Progress
 
 
@@ -44,9 +47,16 @@ def test_errors_are_measured_and_failures_are_rows():
     def refuse():
         raise ValueError("no such thing")
 
+    def account():
+        none = ErrorEstimate(0.0, "measured")
+        return Account(
+            "a way", "", "float32", 0.1, none, ErrorEstimate(0.02, "bound"), none, 3.0, 16,
+            planning_predicted=2.0,
+        )  # fmt: skip
+
     rows = measure(
         [
-            Candidate(row("off"), lambda: (lambda: 1.01 * truth, 0.02, 16)),
+            Candidate(row("off"), lambda: PlannedCall(lambda: 1.01 * truth, 16, account)),
             Candidate(row("none"), refuse),
         ],
         truth,
@@ -55,6 +65,9 @@ def test_errors_are_measured_and_failures_are_rows():
     assert rows[0].error_achieved == pytest.approx(0.01)
     assert (rows[0].error_predicted, rows[0].peak_bytes, rows[0].on_front) == (0.02, 16, True)
     assert rows[0].cpu_s > 0
+    assert rows[0].first_answer_s >= 0
+    assert (rows[0].cpu_predicted_s, rows[0].first_answer_predicted_s) == (3.0, 5.0)
+    assert (rows[0].engine, rows[0].precision) == ("a way", "float32")
     assert (rows[1].failure, rows[1].on_front) == ("no such thing", False)
 
 
@@ -62,7 +75,7 @@ def test_measuring_can_be_cancelled():
     progress = Progress()
     progress.cancel()
     with pytest.raises(Cancelled):
-        measure([Candidate(row("any"), lambda: (lambda: 1.0, None, 0))], np.ones(1), progress)
+        measure([Candidate(row("any"), lambda: PlannedCall(lambda: 1.0, 0))], np.ones(1), progress)
 
 
 def test_the_diagram_of_a_psf(labapp, tmp_path, monkeypatch):
@@ -74,7 +87,9 @@ def test_the_diagram_of_a_psf(labapp, tmp_path, monkeypatch):
     rows = json.loads(printed)["rows"]
     assert set(rows[0]) == {field.name for field in fields(Row)}
     asked = [r for r in rows if r["tol"] is not None]
-    assert len(asked) == 20
+    assert {one["method"] for one in asked} == {*_METHODS.values()}
+    asked = [one for one in asked if not one["failure"]]
+    assert len(asked) >= 20
     for one in asked:
         assert one["error_achieved"] <= one["tol"]
         assert one["error_achieved"] <= 2 * one["error_predicted"]

@@ -6,6 +6,7 @@ import pytest
 from optics.accuracy import (
     Account,
     Budget,
+    CandidateMethod,
     ErrorEstimate,
     IterationOption,
     MachineSpeed,
@@ -14,18 +15,23 @@ from optics.accuracy import (
     account_as_dict,
     best_within,
     cheapest_candidate,
+    plan_budget,
     unreachable_tolerance_error,
 )
 
 
 @dataclass
-class Way:
+class Way(CandidateMethod):
     name: str
-    bytes: int
-    cost: float
+    bytes: int = 0
+    cost: float = 0.0
+    planning: float = 0.0
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         return self.cost * speed.fft
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        return self.planning * speed.fft
 
 
 QUICK, THRIFTY = Way("quick", 2_000_000_000, 1.0), Way("thrifty", 3_000_000, 9.0)
@@ -114,3 +120,16 @@ def test_the_setting_that_gains_most_in_a_time_is_chosen():
     assert best_within(2.0, settings).method == "fast"
     with pytest.raises(ValueError, match=r"budget is 0\.5 s; the quickest, fast, takes about 1 s"):
         best_within(0.5, settings)
+
+
+@pytest.mark.parametrize(("calls", "best"), [(1, "direct"), (4, "direct"), (6, "prepared")])
+def test_the_method_is_chosen_for_the_time_of_planning_and_all_calls(calls, best):
+    methods = [Way("prepared", cost=1.0, planning=5.0), Way("direct", cost=2.0)]
+    assert cheapest_candidate(methods, Budget(calls=calls), "a picture").name == best
+
+
+def test_a_budget_without_calls_is_refused():
+    with pytest.raises(ValueError, match="calls is 0; at least 1 is needed"):
+        Budget(calls=0)
+    with pytest.raises(ValueError, match="calls is -3"):
+        plan_budget(None, -3)

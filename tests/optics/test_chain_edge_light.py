@@ -241,9 +241,12 @@ def test_steps_in_distance_are_even_near_the_edges_own_frequency_and_then_by_a_f
 
 
 def test_a_few_speckles_may_be_wronger_than_many():
+    """In the window, and along the rim, where one is as wide as the light that a panel spreads."""
     edge = off_the_axis()
+    wide = np.sqrt(ROWS * COLUMNS) * PITCH
+    at_the_rim = 2 * np.pi * STOP / (WAVELENGTH * APART / (1 + APART / AWAY) / wide)
     assert edge.error_from_light_share(1e-4) == pytest.approx(
-        0.01 * (0.95 + 2.5 / np.sqrt(edge.speckle_count))
+        0.01 * (1.3 + 2.5 / np.sqrt(edge.speckle_count) + 4 / np.sqrt(at_the_rim)), rel=1e-3
     )
     assert edge.relative_error(edge.allowed_light_loss(0.02)) == pytest.approx(0.02)
 

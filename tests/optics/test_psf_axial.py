@@ -192,7 +192,7 @@ def test_the_gradient_equals_finite_differences():
         ({"unmodulated": 0.1}, "unmodulated is 0.1; a lens without a panel modulates nothing"),
         ({"method": "panel"}, "method is 'panel'; for a lens choose one of axial, scattered"),
         ({"tol": 0.0}, "tol 0 can't be kept; ask for tol"),
-        ({"tol": 1e-9}, r"tol 1e-09 can't be kept; ask for tol 1\.\d+e-09"),
+        ({"tol": 1e-11}, r"tol 1e-11 can't be kept; ask for tol 2\.\d+e-11"),
     ],
 )
 def test_what_makes_no_psf_is_refused(change, words):
@@ -207,6 +207,15 @@ def test_the_advised_tolerance_works():
         PSFOperator(Lens(), 2.0, WAVELENGTH, pixels, tol=1e-12)
     advised = float(str(caught.value).split("ask for tol ")[1].split()[0])
     assert PSFOperator(Lens(), 2.0, WAVELENGTH, pixels, tol=advised).account.error <= advised
+
+
+def test_ten_digits_are_answered():
+    """In focus: Airy's pattern on whole pixels, whose light adds up."""
+    lens, pixels = Lens(0.05, 8.0, 2.0), Plane((12, 12), (3e-6, 3e-6))
+    asked = lens, 2.0, WAVELENGTH, pixels
+    fine, finest = (PSFOperator(*asked, tol=tol) for tol in (1e-10, 3e-11))
+    assert fine.account.error <= 1e-10
+    assert relative(fine().numpy(), finest().numpy()) <= 1e-10
 
 
 def test_more_than_the_memory_is_refused_before_it_is_taken():

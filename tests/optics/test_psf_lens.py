@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
@@ -16,7 +17,7 @@ from judges import View, by_lines, relative
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.plane import Plane
-from optics.psf import PolychromaticPSF, PSFOperator
+from optics.psf import PolychromaticPSF, PSFOperator, psf
 from optics.psf.rim_integral import rim_field
 from optics.psf_engines.request import PSFRequest
 from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
@@ -265,7 +266,7 @@ def test_divided_pixels_integrate_a_bent_wave(kind):
     lens = Lens(0.05, 4.0, 3.0, aberrations=((2, 2, 300e-9),), kind=kind)
     camera = Camera(Panel((6, 8), 400e-6, fill_factor=0.8, unmodulated=0.0), lens)
     operator = PSFOperator(camera, 0.8, WAVELENGTH, PIXELS, integrate=False, tol=1e-8)
-    assert "nodes in each" in operator.account.sampling
+    assert "parts in each" in operator.account.sampling
     phase = np.random.default_rng(5).uniform(0, 6, (6, 8))
     value = operator(torch.from_numpy(phase)).numpy()
     assert relative(value, _panel_by_brute_force(camera, 0.8, phase)) <= 1e-8
@@ -331,3 +332,112 @@ def test_phases_of_another_number_of_wavelengths_are_refused():
     assert operator(torch.zeros(2, 8, 8)).shape == PIXELS.shape
     with pytest.raises(ValueError, match=r"phases are \(3, 8, 8\); give one for each of the 2"):
         operator(torch.zeros(3, 8, 8))
+
+
+# Patterns on a lens' own points
+
+
+def _patterned_by_brute_force(lens: Lens, distance: float, amplitude, phase) -> np.ndarray:
+    """Rings of Gauss-Legendre radii and even angles, four times as many as the pattern needs."""
+    nodes, weights = np.polynomial.legendre.leggauss(160)
+    r, angle = (nodes + 1) / 2, 2 * np.pi * np.arange(400) / 400
+    y, x = r[:, None] * np.sin(angle), r[:, None] * np.cos(angle)
+    radius = lens.stop_diameter / 2
+    vergence = 1 / distance - 1 / lens.focus_distance
+    wave = np.exp(1j * (np.pi / WAVELENGTH * vergence * (r[:, None] * radius) ** 2 + phase(y, x)))
+    wave = (wave * amplitude(y, x) * (weights / 2 * r)[:, None] * (2 * np.pi / 400)).ravel()
+    scale = WAVELENGTH * lens.image_distance
+    v, u = (PIXELS.coordinates(axis).numpy() for axis in (0, 1))
+    turn = 2 * np.pi * radius / scale
+    field = (np.exp(-1j * turn * np.outer(v, y.ravel())) * wave) @ np.exp(
+        -1j * turn * np.outer(x.ravel(), u)
+    )
+    area = PIXELS.pitch[0] * PIXELS.pitch[1]
+    return np.abs(field) ** 2 * area * radius**2 / (scale**2 * np.pi)
+
+
+def _plan_as_told(lens: Lens, amplitude, phase, tol: float) -> tuple[np.ndarray, float]:
+    """The light of an operator that is planned as the refusals of others say."""
+    settings = {}
+    for _ in range(6):
+        operator = PSFOperator(
+            lens,
+            2.2,
+            WAVELENGTH,
+            PIXELS,
+            integrate=False,
+            method="scattered",
+            **{"tol": tol} | settings,
+        )
+        y, x = np.broadcast_arrays(*(p.numpy() * 2 / lens.stop_diameter for p in operator.points))
+        try:
+            light = operator(torch.from_numpy(phase(y, x)), torch.from_numpy(amplitude(y, x)))
+        except ValueError as error:
+            name, value = re.search(r"PSFOperator with (\w+)=([\d.e+-]+)", str(error)).groups()
+            settings[name] = float(value.rstrip(".,"))
+        else:
+            return light.numpy(), operator.account.error
+    raise AssertionError(f"{settings} isn't enough either")
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "phase"),
+    [
+        (lambda y, x: np.exp(-(y**2 + x**2) / (2 * 0.1**2)), lambda y, x: 0 * y),
+        (lambda y, x: np.cos(np.pi * 15 * x), lambda y, x: 0 * y),
+        (lambda y, x: 1 + 0 * y, lambda y, x: 2 * np.cos(np.pi * 8 * (y + x))),
+        (lambda y, x: np.exp(-(y**2)), lambda y, x: 3 * x**3),
+    ],
+)
+def test_detail_of_a_pattern_is_resolved_or_refused_with_a_remedy_that_works(amplitude, phase):
+    lens = Lens(0.05, 8.0, 2.0)
+    light, told = _plan_as_told(lens, amplitude, phase, 1e-3)
+    error = relative(light, _patterned_by_brute_force(lens, 2.2, amplitude, phase))
+    assert error <= told <= 1e-3
+
+
+def test_a_spot_that_is_seen_at_one_point_is_refused():
+    """A hundredth of the stop's radius wide, it falls between the points that were planned."""
+    operator = PSFOperator(Lens(0.05, 8.0, 2.0), 2.0, WAVELENGTH, PIXELS, method="scattered")
+    y, x = np.broadcast_arrays(*(p.numpy() / 3.125e-3 for p in operator.points))
+    spot = np.exp(-(y**2 + x**2) / (2 * 0.01**2))
+    with pytest.raises(ValueError, match=r"amplitude turns by .* plan a PSFOperator with phase_sl"):
+        operator(None, torch.from_numpy(spot))
+
+
+def test_every_row_of_an_amplitude_on_a_grid_keeps_its_strength():
+    """The picture is normalised as a whole, not line by line."""
+    lens = Lens(0.05, 8.0, 2.0)
+    answers = []
+    for method in ("sampled", "scattered"):
+        operator = PSFOperator(
+            lens, 2.0, WAVELENGTH, PIXELS, integrate=False, tol=1e-2, method=method
+        )
+        y, x = np.broadcast_arrays(*(p.numpy() / 3.125e-3 for p in operator.points))
+        answers.append(operator(None, torch.from_numpy(np.exp(-(y**2) - x**2))).numpy())
+    assert relative(*answers) <= 1e-2
+
+
+def test_the_plan_of_a_question_is_kept_and_that_of_another_made():
+    asked = {"distance": 2.3, "wavelength": WAVELENGTH, "pixels": PIXELS}
+    lens = Lens(0.05, 8.0, 2.0)
+    first, again = (psf(lens, **asked) for _ in range(2))
+    assert first.account.planning_predicted > 0
+    assert again.account.planning_predicted == 0
+    assert torch.equal(first.value, again.value)
+    again.value.zero_()
+    assert torch.equal(psf(lens, **asked).value, first.value)
+    other = psf(Lens(0.05, 8.0, 2.1), **asked)
+    assert other.account.planning_predicted > 0
+    assert not torch.equal(other.value, first.value)
+
+
+def test_no_plan_of_a_tensor_is_kept():
+    """It may be changed in place."""
+    distance = torch.tensor(2.3, dtype=torch.float64)
+    first = psf(Lens(0.05, 8.0, 2.0), distance=distance, wavelength=WAVELENGTH, pixels=PIXELS)
+    distance += 0.2
+    moved = psf(Lens(0.05, 8.0, 2.0), distance=distance, wavelength=WAVELENGTH, pixels=PIXELS)
+    truth = psf(Lens(0.05, 8.0, 2.0), distance=2.5, wavelength=WAVELENGTH, pixels=PIXELS)
+    assert torch.equal(moved.value, truth.value)
+    assert not torch.equal(moved.value, first.value)

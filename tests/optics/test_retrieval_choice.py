@@ -61,7 +61,7 @@ def test_every_method_sends_the_light_to_its_target(method):
     assert found.orders == (3 if method == "responding" else 1)
     assert found.cpu_seconds > 0
     # The dots are smaller than the stop's Airy disc.
-    assert found.quality.efficiency > (0.4 if method == "weighted" else 0.75)
+    assert found.quality.steered_share > (0.4 if method == "weighted" else 0.75)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_the_quality_is_that_of_the_rounded_pattern(method, frames):
     shown = quantised(found.phases.double().numpy(), orders=found.orders)
     target = DOTS if method == "weighted" else RING
     truth = merits(light(shown, LENGTH, WINDOW, stop_share(SHAPE, DIAMETER)), target)
-    quality = (found.quality.efficiency, found.quality.contrast, found.quality.nrmse)
+    quality = (found.quality.steered_share, found.quality.contrast, found.quality.nrmse)
     assert quality == pytest.approx(truth, rel=5e-3)
 
 
@@ -202,7 +202,7 @@ def test_arrays_of_any_dress_are_taken(dress):
 def test_a_read_only_array_of_whole_numbers_is_taken():
     whole = np.round(200 * RING).astype(np.uint8)
     whole.flags.writeable = False
-    assert solve(target=whole, iterations=20).quality.efficiency > 0.8
+    assert solve(target=whole, iterations=20).quality.steered_share > 0.8
 
 
 # Refusals

@@ -164,9 +164,9 @@ def test_half_of_what_a_slow_crystal_loses_is_recovered(flatness):
     goal = RetrievalGoal(slow, target, plane, WAVELENGTH)
     moving = displayed_psf(goal, blind.phases, blind.orders).numpy()
     caught, contrast, _ = merits(moving, target.numpy())
-    lost = blind.quality.efficiency - caught
+    lost = blind.quality.steered_share - caught
     assert lost > 0.1
-    assert aware.quality.efficiency - caught >= 0.5 * lost
+    assert aware.quality.steered_share - caught >= 0.5 * lost
     assert aware.quality.contrast < contrast
 
 
@@ -182,7 +182,7 @@ def test_ways_that_are_short_are_what_recovers():
     near = by_small_steps(quantised(found.phases.numpy(), orders=3), 1 / 60, 5e-3, LENGTH, WINDOW)
     share = 60 * 64 * LENGTH**2
     assert merits(near / share, TARGET)[0] > merits(far / share, TARGET)[0] + 0.05
-    assert found.quality.efficiency == pytest.approx(merits(near / share, TARGET)[0], rel=1e-3)
+    assert found.quality.steered_share == pytest.approx(merits(near / share, TARGET)[0], rel=1e-3)
 
 
 # How the ways are shown

@@ -100,7 +100,11 @@ def _rows(design: PatternDesign) -> list[list[str]]:
         rows += [
             ["method", f"{quality['method']}, {quality['iterations']} iterations"],
             ["processor time", f"{quality['cpu_seconds']:.2f} s"],
-            ["efficiency", f"{_format_range(quality['efficiency'])} of the light on the target"],
+            [
+                "efficiency",
+                f"{_format_range(quality['efficiency'])} of all light on the target, "
+                f"{_format_range(quality['steered_share'])} of the light that can be steered",
+            ],
             ["speckle contrast", _format_range(quality["contrast"])],
             ["error of the shape", f"{_format_range(quality['nrmse'])} (NRMSE)"],
         ]

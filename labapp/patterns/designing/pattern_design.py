@@ -84,6 +84,7 @@ class PatternDesign:
             "iterations": results[0].iterations,
             "cpu_seconds": math.fsum(result.cpu_seconds for result in results),
             "efficiency": [result.quality.efficiency for result in results],
+            "steered_share": [result.quality.steered_share for result in results],
             "contrast": [result.quality.contrast for result in results],
             "nrmse": [result.quality.nrmse for result in results],
         }

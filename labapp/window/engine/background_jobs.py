@@ -10,20 +10,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.bench.opening import Bench
+from labapp.prediction.pattern_psf import USUAL_TOLERANCE
 from labapp.window.engine.bench_controller import BenchController
 from labapp.window.engine.channel import Channel
 from labapp.window.engine.failures import describe_failure
 from labapp.window.engine.jobs import Jobs
-from labapp.window.engine.pattern_designer import PatternDesigner
+from labapp.window.engine.pattern_designer import SETTINGS, PatternDesigner
 from labapp.window.engine.plan_building import validate_pattern
 from labapp.window.messages import (
     ComputePreview,
+    ForecastAccuracy,
+    MeasureAccuracy,
     PictureSaved,
     ReconstructRun,
     SaveRestored,
     ShowPattern,
 )
-from optics.camera import Camera
 from optics.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
@@ -41,9 +44,11 @@ class ComputedPattern:
 class BackgroundJobs:
     """Run the engine's jobs that don't use the bench; a newer job cancels one of its kind."""
 
-    def __init__(self, camera: Camera, channel: Channel, jobs: Jobs, top: BenchController) -> None:
+    def __init__(self, bench: Bench, channel: Channel, jobs: Jobs, top: BenchController) -> None:
         self._channel, self._jobs, self._controller = channel, jobs, top
-        self._designer = PatternDesigner(camera)
+        self._camera = bench.description
+        self._world = bench.camera_world
+        self._designer = PatternDesigner(self._camera)
         self._last_restoration: Restoration | None = None
         # With two threads, a pattern needn't wait for a reconstruction.
         self._threads = ThreadPoolExecutor(2, "beside")
@@ -77,6 +82,35 @@ class BackgroundJobs:
             self._channel.send(self._last_restoration.result_message)
 
         self._start("reconstruction", work)
+
+    def set_tolerance(self, tol: float | None) -> None:
+        """Set the relative error of the predictions that the window asks for; None: the usual."""
+        self._designer.tol = USUAL_TOLERANCE if tol is None else tol
+
+    def forecast_accuracy(self, command: ForecastAccuracy) -> None:
+        def work(progress: Progress) -> None:
+            from labapp.window.engine.accuracy_forecast import forecast_accuracy
+
+            self._channel.send(
+                forecast_accuracy(
+                    self._camera,
+                    self._world,
+                    command.exposure,
+                    command.wavelength,
+                    SETTINGS.psf_window,
+                    progress,
+                )
+            )
+
+        self._start("forecast", work)
+
+    def measure_accuracy(self, command: MeasureAccuracy) -> None:
+        def work(progress: Progress) -> None:
+            from labapp.window.engine.accuracy_measurement import measure_accuracy
+
+            self._channel.send(measure_accuracy(self._camera, command.folder, progress))
+
+        self._start("accuracy", work)
 
     def save_restored(self, command: SaveRestored) -> None:
         def work(progress: Progress) -> None:

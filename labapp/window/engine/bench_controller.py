@@ -13,6 +13,7 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Setting
 from labapp.bench.opening import Bench
 from labapp.window.engine.device_monitor import DeviceMonitor
+from labapp.window.engine.live_tolerance import LiveTolerance
 from labapp.window.messages import BenchOpened, BenchState, LiveFrame
 
 
@@ -37,6 +38,7 @@ class BenchController:
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
         self.devices = DeviceMonitor(bench)
+        self.live_tolerance = LiveTolerance(bench.camera_world)
         self._opened = _describe_capabilities(bench)
         self._requested = RequestedSettings()
         self._ready = bench.clock.now()
@@ -85,7 +87,7 @@ class BenchController:
         bench = self._bench
         self.devices.require_alive()
         bench.clock.wait_until(self._ready, cancelled)
-        frame = bench.camera.capture(cancelled)
+        frame = bench.camera.capture(lambda: cancelled() or self.live_tolerance.is_frame_given_up)
         self.devices.mark_working("camera")
         return LiveFrame(
             image=frame.image,
@@ -156,4 +158,5 @@ def _describe_capabilities(bench: Bench) -> BenchOpened:
         camera_shape=bench.camera.shape,
         full_scale=bench.camera.full_scale,
         virtual=not bench.file.is_real,
+        scene_tolerance=None if bench.camera_world is None else bench.camera_world.imaging.tol,
     )

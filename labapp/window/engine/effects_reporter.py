@@ -19,7 +19,7 @@ class EffectsReporter:
 
     def __init__(self, bench: Bench, channel: Channel) -> None:
         self._channel = channel
-        self._world = bench.world if "camera" in bench.simulated_devices else None
+        self._world = bench.camera_world
         self._last_reported: Hashable = None
 
     def report_if_changed(self, frame: LiveFrame) -> None:
@@ -32,7 +32,8 @@ class EffectsReporter:
             return
         s = self._world.situation(frame.exposure)
         # Time is left out: a moving scene would send a plan with every frame, too fast to read.
-        setting = (frame.target, frame.pattern, s.panel_content.names, s.band, frame.exposure)
+        tol = self._world.imaging.tol
+        setting = (frame.target, frame.pattern, s.panel_content.names, s.band, frame.exposure, tol)
         if setting == self._last_reported:
             return
         try:

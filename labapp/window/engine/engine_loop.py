@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from drivers.errors import DeviceError
 from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
 from labapp.runs.state import State
@@ -26,9 +27,12 @@ from labapp.window.messages import (
     AnswerPrompt,
     Cancel,
     CancelAcknowledged,
+    CancelJob,
     ClearEndedRuns,
     ComputePreview,
     DeviceReconnected,
+    ForecastAccuracy,
+    MeasureAccuracy,
     PauseRun,
     PlaceTarget,
     QueueState,
@@ -41,6 +45,7 @@ from labapp.window.messages import (
     SaveRestored,
     SetExposure,
     SetLive,
+    SetTolerance,
     SetWavelength,
     ShowPattern,
 )
@@ -70,7 +75,7 @@ class Engine:
         self._controller = BenchController(bench)
         self._jobs = Jobs(channel)
         self._pace = FramePacer(channel)
-        self._background = BackgroundJobs(bench.description, channel, self._jobs, self._controller)
+        self._background = BackgroundJobs(bench, channel, self._jobs, self._controller)
         self._effects = EffectsReporter(bench, channel)
         self._acquisition = Acquisition(
             channel, self._controller, self._pace, self._person, self._effects
@@ -92,6 +97,10 @@ class Engine:
             ComputePreview: self._background.preview,
             ReconstructRun: self._background.reconstruct,
             SaveRestored: self._background.save_restored,
+            SetTolerance: self._set_tolerance,
+            ForecastAccuracy: self._background.forecast_accuracy,
+            MeasureAccuracy: self._background.measure_accuracy,
+            CancelJob: lambda command: self._jobs.cancel(command.job),
             AcquireBracket: self._planner.enqueue,
             RunPlan: self._planner.enqueue,
             ResumeRun: self._planner.enqueue,
@@ -164,13 +173,21 @@ class Engine:
     def _take_frame(self) -> None:
         self._pace.begin()
         try:
-            frame = self._controller.take_frame(lambda: self._channel.closed)
-            self._effects.report_if_changed(frame)
+            with self._controller.live_tolerance.during_frame():
+                frame = self._controller.take_frame(lambda: self._channel.closed)
+                self._effects.report_if_changed(frame)
             self._channel.send_frame(frame)
         except Exception as error:
+            given_up = self._controller.live_tolerance.is_frame_given_up
+            if given_up and isinstance(error, DeviceError):
+                return
             self._live = False
             self._complain(error)
             self._tell()
+
+    def _set_tolerance(self, command: SetTolerance) -> None:
+        self._controller.live_tolerance.set(command.tol)
+        self._background.set_tolerance(command.tol)
 
     def _reconnect(self, command: ReconnectDevice) -> None:
         self._controller.reconnect(command.device)

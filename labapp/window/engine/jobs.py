@@ -39,10 +39,12 @@ class Jobs:
             del self._running[job]
         self._channel.send(JobEnded(job))
 
-    def cancel(self) -> None:
+    def cancel(self, job: str | None = None) -> None:
+        """Cancel the engine's background job of this name, or all of them if it is None."""
         with self._lock:
-            for progress in self._running.values():
-                progress.cancel()
+            for name, progress in self._running.items():
+                if job in (None, name):
+                    progress.cancel()
 
 
 class _Reporter:

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.patterns.grey_levels import compute_pattern
-from labapp.prediction.pattern_psf import predicted_psf
+from labapp.prediction.pattern_psf import USUAL_TOLERANCE, predicted_psf
 from labapp.window.engine.plan_building import validate_pattern
 from labapp.window.messages import PatternPreview, PatternTable
 from optics.camera import Camera
@@ -40,18 +40,19 @@ class PatternDesignerSettings:
     preview_columns: int = 512
 
 
-_SETTINGS = PatternDesignerSettings()
+SETTINGS = PatternDesignerSettings()
 
 
 class PatternDesigner:
     """Compute patterns for a camera, and their previews for the window.
 
     Two threads may use it at the same time. `seed` is that of the random start, the same as in a
-    run.
+    run. `tol` is the relative error of predicted PSFs.
     """
 
     def __init__(self, camera: Camera, seed: int = 1) -> None:
         self._camera, self._seed = camera, seed
+        self.tol = USUAL_TOLERANCE
         self._cached_patterns: OrderedDict[str, NDArray[np.uint8]] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -68,7 +69,7 @@ class PatternDesigner:
         if not _names_a_file(table):
             with self._lock:
                 self._cached_patterns[key] = grey
-                while len(self._cached_patterns) > _SETTINGS.cached_patterns:
+                while len(self._cached_patterns) > SETTINGS.cached_patterns:
                     self._cached_patterns.popitem(last=False)
         return grey
 
@@ -78,7 +79,7 @@ class PatternDesigner:
         progress.report(0.9, "computing the PSF")
         psf = self._psf(grey, wavelength)
         peak = float(psf.max())
-        columns = _SETTINGS.preview_columns
+        columns = SETTINGS.preview_columns
         rows = round(columns * grey.shape[0] / grey.shape[1])
         small = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_NEAREST)
         name = validate_pattern(table).label
@@ -89,9 +90,10 @@ class PatternDesigner:
 
         The PSF covers the part of the sensor that the window shows.
         """
-        pixels = self._camera.sensor.window_plane((_SETTINGS.psf_window, _SETTINGS.psf_window))
+        pixels = self._camera.sensor.window_plane((SETTINGS.psf_window, SETTINGS.psf_window))
         greys = torch.from_numpy(grey)[None]
-        return predicted_psf(self._camera, greys, wavelength, pixels)[0].to(torch.float32).numpy()
+        psf = predicted_psf(self._camera, greys, wavelength, pixels, tol=self.tol)
+        return psf[0].to(torch.float32).numpy()
 
 
 def _names_a_file(table: PatternTable) -> bool:

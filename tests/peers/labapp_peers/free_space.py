@@ -20,7 +20,7 @@ import torch
 
 from labapp.accuracy.propagate import FieldCase
 from labapp.accuracy.references.free_space import Complex, Real, SmoothLight
-from labapp.accuracy.work_precision import Candidate, Row, raise_refusal
+from labapp.accuracy.work_precision import Candidate, PlannedCall, Row, raise_refusal
 from labapp_peers.library import (
     COMPLEX,
     MOST_BYTES,
@@ -132,7 +132,7 @@ def _plan(
     pad: int,
     precision: str,
     seen: Callable[[Any], Real],
-) -> tuple[Callable[[], Real], None, int]:
+) -> PlannedCall:
     """Candidate's plan, with a library's troubles in words and its answers checked."""
     source, target = case.source, case.target
     if way.same and target != source:
@@ -156,7 +156,7 @@ def _plan(
             raise ValueError(f"{label} gave a field with values that aren't finite")
         return np.stack([turned.real, turned.imag])
 
-    return answer, None, used
+    return PlannedCall(answer, used)
 
 
 def _padded(case: FieldCase, pad: int, precision: str) -> tuple[Complex, tuple[slice, slice]]:

@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.accuracy.work_precision import Candidate, Row, raise_refusal
+from labapp.accuracy.work_precision import Candidate, PlannedCall, Row, raise_refusal
 from labapp.prediction.lens_options import LensCase
 from labapp_peers.library import (
     COMPLEX,
@@ -104,7 +104,7 @@ def _methods(case: LensCase) -> dict[str, list[_Method]]:
     }
 
 
-def _plan(label: str, size: int, set_up: Callable[[], tuple[Call, int]]) -> tuple[Call, None, int]:
+def _plan(label: str, size: int, set_up: Callable[[], tuple[Call, int]]) -> PlannedCall:
     """Candidate's plan, with a library's troubles in words and its pictures checked."""
     with in_words(label):
         call, used = set_up()
@@ -118,7 +118,7 @@ def _plan(label: str, size: int, set_up: Callable[[], tuple[Call, int]]) -> tupl
             raise ValueError(f"{label} gave a picture with values that aren't finite")
         return values
 
-    return picture, None, used
+    return PlannedCall(picture, used)
 
 
 def _prysm(method: str, prysm: Any, case: LensCase, grid: int, precision: str) -> tuple[Call, int]:

@@ -1,0 +1,95 @@
+"""Predict, by accounts alone, what each tolerance of a camera's PSF costs; nothing is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from labapp.accuracy.work_precision import AUTOMATIC, CALLS, Row, mark_front
+from optics.accuracy import Account, Budget, MachineSpeed
+from optics.camera import Camera
+from optics.plane import Plane
+from optics.progress import Progress
+from optics.psf import CHAIN_METHODS, PANEL_METHODS, PSFOperator
+from optics.stop_shadow import panel_to_focus_distance
+
+TOLERANCES = tuple(10.0**-k for k in range(1, 9))
+"""Tolerances that are predicted, one for each decade from fast to exact."""
+
+
+def forecast_psf(
+    camera: Camera,
+    wavelength: float,
+    pixels: Plane,
+    speed: MachineSpeed,
+    progress: Progress,
+    tolerances: Sequence[float] = TOLERANCES,
+) -> list[Row]:
+    """Predict the accuracy and the time of a camera's PSF by every method at every tolerance.
+
+    Parameters
+    ----------
+    camera : Camera
+        Camera whose object is in focus.
+    wavelength : float
+        Metres.
+    pixels : Plane
+        Sensor pixels of the PSF.
+    speed : MachineSpeed
+        Speed of the machine.
+    progress : Progress
+        Receives reports, and can cancel the work.
+    tolerances : sequence of float, optional
+        Relative L2 errors that are asked for.
+
+    Returns
+    -------
+    list of Row
+        Rows whose errors and times are those that accounts predict, with the front and the
+        automatic choice marked. A method that refuses gives a row with the reason.
+    """
+    distance = panel_to_focus_distance(camera)
+    methods = CHAIN_METHODS if camera.separation else PANEL_METHODS
+    rows: list[Row] = []
+    for number, tol in enumerate(tolerances):
+        for k, method in enumerate((*methods, None)):
+            part = (number + k / (len(methods) + 1)) / len(tolerances)
+            progress.report(part, f"tolerance {tol:.0e}")
+            row = Row("psf", "", method or AUTOMATIC, "", tol)
+            try:
+                operator = PSFOperator(
+                    camera, distance, wavelength, pixels, unmodulated=0.0, tol=tol,
+                    method=method, budget=Budget(speed=speed, calls=CALLS[-1]),
+                )  # fmt: skip
+            except (ValueError, MemoryError) as error:
+                rows.append(replace(row, failure=str(error)))
+                continue
+            _add(rows, row, operator.account)
+    return mark_front(rows)
+
+
+def _add(rows: list[Row], row: Row, account: Account) -> None:
+    """Add a predicted accuracy row; mark the row of the automatic choice if it is there."""
+    same = [
+        number
+        for number, one in enumerate(rows)
+        if not one.failure and (one.engine, one.tol) == (account.method, row.tol)
+    ]
+    if row.method == AUTOMATIC and same:
+        rows[same[0]] = replace(rows[same[0]], chosen_for=CALLS[-1:])
+        return
+    rows.append(
+        replace(
+            row,
+            precision=account.precision,
+            engine=account.method,
+            error_achieved=account.error,
+            error_predicted=account.error,
+            cpu_s=account.cpu_predicted,
+            cpu_predicted_s=account.cpu_predicted,
+            first_answer_s=account.first_answer_predicted,
+            first_answer_predicted_s=account.first_answer_predicted,
+            peak_bytes=account.bytes,
+            chosen_for=CALLS[-1:] if row.method == AUTOMATIC else (),
+        )
+    )

@@ -1,0 +1,1 @@
+"""Measure what accuracy costs in every operation of labapp, and write it as one page."""

@@ -1,0 +1,163 @@
+"""The cases that the accuracy page measures: a camera's own, or ones that take little time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+from labapp.accuracy import chain, propagate, retrieval
+from labapp.common.errors import UserError
+from labapp.files.bench_file import read_camera
+from labapp.patterns.designing.kinds import read_psf
+from labapp.prediction.lens_options import LensCase
+from labapp.prediction.simulating.picture_request import PictureRequest, prepare_bench_scene
+from labapp.prediction.simulating.small_bench import small_bench_setup
+from optics.accuracy import Budget
+from optics.camera import Camera, Lens
+from optics.plane import Plane
+from optics.progress import Progress
+from optics.retrieval.goal import RetrievalGoal
+from simulator.situation import Situation
+
+
+@dataclass(frozen=True)
+class OverviewSettings:
+    """Set how much the accuracy page measures. All values are chosen so that it takes minutes.
+
+    Attributes
+    ----------
+    operation_s : float
+        Seconds after which the rest of an operation is cut.
+    least_tolerance : float
+        Smallest tolerance that is asked for.
+    window : int
+        Sensor pixels along a side of the PSFs.
+    chain_window : int
+        The same for a panel apart from its lens.
+    chain_panel : str
+        That panel: rows, columns and micrometres, as for `labapp accuracy chain`.
+    field_size : int
+        Samples along a side of the field that propagates.
+    picture_size : int
+        Pixels along a side of the photograph that is restored.
+    retrieval_s : float
+        Processor seconds that one setting of phase retrieval may take.
+    most_products : float
+        Products that an exact integral may take. The thesis' camera takes 5.4e11, which were
+        measured to take two minutes.
+    defocus : float
+        Distance of the object over that of the plane in focus.
+    far : float
+        Distance of the object in focal lengths, where the plane in focus lies at infinity.
+    """
+
+    operation_s: float = 75.0
+    least_tolerance: float = 1e-8
+    window: int = 128
+    chain_window: int = 16
+    chain_panel: str = "48x64x8"
+    field_size: int = 192
+    picture_size: int = 128
+    retrieval_s: float = 1.0
+    most_products: float = 6e11
+    defocus: float = 0.8
+    far: float = 1000.0
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What the accuracy page is measured for.
+
+    `camera` is None for the bundled cases; `budget` holds the machine's speed.
+    """
+
+    budget: Budget
+    camera: Camera | None = None
+    settings: OverviewSettings = field(default_factory=OverviewSettings)
+
+
+_WAVELENGTH = 550e-9
+_PITCH = 3.45e-6
+
+
+def lens_case(scope: Scope) -> LensCase:
+    """Return the accuracy page's lens: the camera's, with an object out of focus."""
+    size = scope.settings.window
+    if scope.camera is None:
+        plane = Plane((size, size), (_PITCH, _PITCH))
+        return LensCase(Lens(0.1, 8.0, 2.0), 2.0 * scope.settings.defocus, _WAVELENGTH, plane)
+    return _camera_case(scope.camera, scope, size)
+
+
+def panel_case(scope: Scope) -> chain.ChainCase:
+    """Return the accuracy page's panel in the plane of its lens.
+
+    Raises UserError for a camera whose panel stands apart from its lens.
+    """
+    if scope.camera is not None and scope.camera.separation:
+        raise UserError("this camera's panel stands apart from its lens: see the chain")
+    camera = replace(scope.camera or read_camera(None), separation=0.0)
+    return _describe(_camera_case(camera, scope, scope.settings.window), scope)
+
+
+def chain_case(scope: Scope) -> chain.ChainCase:
+    """Return the accuracy page's panel apart from its lens.
+
+    Raises UserError for a camera whose panel stands in the plane of its lens.
+    """
+    size = scope.settings.chain_window
+    if scope.camera is None:
+        plane = Plane((size, size), (_PITCH, _PITCH))
+        small = LensCase(Lens(0.05, 16.0, 2.0), 1.5, _WAVELENGTH, plane)
+        return _describe(small, scope, scope.settings.chain_panel)
+    if not scope.camera.separation:
+        raise UserError("this camera's panel stands in the plane of its lens: see the panel")
+    return _describe(_camera_case(scope.camera, scope, size), scope)
+
+
+def _describe(case: LensCase, scope: Scope, panel: str | None = None) -> chain.ChainCase:
+    """Return the accuracy page's case of a camera, with a pattern whose exact light is found soon.
+
+    Random phases are the hardest pattern, but their exact integral through a large panel and a
+    distance takes hours. A cubic phase is a product of functions of y and x.
+    """
+    apart = case.camera is not None and case.camera.separation
+    return chain.chain_case_from_options(
+        case,
+        panel=panel,
+        separation_mm=None,
+        pattern="cubic" if apart else "random",
+        field=(0.0, 0.0),
+        sphere=False,
+        most_products=scope.settings.most_products,
+    )
+
+
+def _camera_case(camera: Camera, scope: Scope, size: int) -> LensCase:
+    focus, pitch = camera.lens.focus_distance, camera.sensor.pitch
+    distance = scope.settings.defocus * focus
+    if math.isinf(focus):
+        distance = scope.settings.far * camera.lens.focal_length
+    plane = Plane((size, size), (pitch, pitch))
+    return LensCase(camera.lens, distance, _WAVELENGTH, plane, camera)
+
+
+def field_case(scope: Scope) -> propagate.FieldCase:
+    """Return the accuracy page's field, smooth and through 50 mm of free space."""
+    plane = Plane((scope.settings.field_size,) * 2, (8e-6, 8e-6))
+    return propagate.field_case_from_options(
+        "smooth", plane, plane, 0.05, _WAVELENGTH, paraxial=False
+    )
+
+
+def retrieval_goal(scope: Scope) -> tuple[RetrievalGoal, str]:
+    """Return the accuracy page's target of phase retrieval, a ring, and its name."""
+    spec = read_psf("ring", [], 1e9 * _WAVELENGTH, {})
+    return retrieval.goal_for_camera(spec, scope.camera or read_camera(None))
+
+
+def simulated_situation(progress: Progress) -> Situation:
+    """Return the situation of the accuracy page's simulated picture: a star, on few pixels."""
+    asked = PictureRequest(target="star")
+    with prepare_bench_scene(small_bench_setup(None), asked, progress) as staged:
+        return staged.situation

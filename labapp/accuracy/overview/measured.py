@@ -1,0 +1,133 @@
+"""What was measured of an operation for the accuracy page, and as plain data for its JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from labapp.accuracy.reading import (
+    SETTINGS,
+    TimeKind,
+    cheapest_row,
+    cheapest_sentence,
+    failure_sentences,
+    format_error,
+    highlighted_row,
+    next_decimal_sentences,
+    setting_name,
+    time_kinds,
+)
+from labapp.accuracy.work_precision import CUT, Row
+
+
+@dataclass(frozen=True)
+class MeasuredOperation:
+    """What was measured of one operation for the accuracy page.
+
+    Attributes
+    ----------
+    name, title : str
+        Name in JSON, and heading.
+    what : str
+        What is computed and how the diagram is read, in a few sentences.
+    case : str
+        The case that was measured, in words.
+    error_name : str
+        What error was measured.
+    rows : sequence of Row
+        The rows.
+    seconds : float
+        Wall-clock time that measuring took.
+    """
+
+    name: str
+    title: str
+    what: str
+    case: str
+    error_name: str
+    rows: Sequence[Row]
+    seconds: float
+
+    @property
+    def kinds(self) -> list[TimeKind]:
+        return time_kinds(self.rows)
+
+    @property
+    def table_rows(self) -> list[Row]:
+        """Return the accuracy page's rows of the table: automatic choices, and the cheapest.
+
+        Without tolerances, the rows on the front are in the table as well.
+        """
+        asked = any(row.tol is not None for row in self.rows)
+        starred = [highlighted_row(self.rows, kind) for kind in self.kinds]
+        found = [
+            row
+            for row in self.rows
+            if not row.failure
+            and (
+                row.chosen_for or any(row is one for one in starred) or (row.on_front and not asked)
+            )
+        ]
+        if asked:
+            return sorted(found, key=lambda row: -(row.tol or 0))
+        return sorted(found, key=lambda row: row.cpu_s or 0)
+
+    def marks(self, row: Row) -> str:
+        """Return the marks of a row in the accuracy page's table, in words."""
+        starred = [kind for kind in self.kinds if highlighted_row(self.rows, kind) is row]
+        words = []
+        if starred:
+            reached = cheapest_row(self.rows, starred[0]) is not None
+            goal = f"for {format_error(SETTINGS.wanted)}" if reached else "near the best"
+            times = " and ".join(_short_name(kind) for kind in starred)
+            words.append(f"★ cheapest {goal}, {times}")
+        if row.tol is None:
+            words += ["automatic choice"] if row.chosen_for else []
+        elif row.chosen_for:
+            counts = " or ".join(str(count) for count in row.chosen_for)
+            words.append(f"chosen for {counts} call{'' if counts == '1' else 's'}")
+        return "; ".join(words)
+
+    def as_data(self) -> dict[str, Any]:
+        """Return what the accuracy page shows of the operation, and all rows, as plain data."""
+        return {
+            "name": self.name,
+            "title": self.title,
+            "what": self.what,
+            "case": self.case,
+            "error": self.error_name,
+            "seconds": self.seconds,
+            "cheapest": {kind.name: self._cheapest(kind) for kind in self.kinds},
+            "next_decimal": {
+                kind.name: next_decimal_sentences(self.rows, kind) for kind in self.kinds
+            },
+            "failures": failure_sentences(self.rows),
+            "cut": [
+                f"{row.method}, {setting_name(row)}" for row in self.rows if row.failure == CUT
+            ],
+            "table": [self.rows.index(row) for row in self.table_rows],
+            "rows": [_row_data(row) for row in self.rows],
+        }
+
+    def _cheapest(self, kind: TimeKind) -> dict[str, Any]:
+        row = highlighted_row(self.rows, kind)
+        return {
+            "row": None if row is None else self.rows.index(row),
+            "reaches": SETTINGS.wanted if cheapest_row(self.rows, kind) is not None else None,
+            "words": cheapest_sentence(self.rows, kind),
+        }
+
+
+def _short_name(kind: TimeKind) -> str:
+    return kind.name.partition(":")[0].lower()
+
+
+def _row_data(row: Row) -> dict[str, Any]:
+    """Return a row of the accuracy page as plain data; JSON has no infinity, which becomes null."""
+    return {name: _finite(value) for name, value in asdict(row).items()}
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

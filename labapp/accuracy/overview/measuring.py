@@ -1,0 +1,97 @@
+"""Measure all operations for the accuracy page, and write the page and its data."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from labapp.accuracy.overview.cases import OverviewSettings, Scope
+from labapp.accuracy.overview.measured import MeasuredOperation
+from labapp.accuracy.overview.operations import OPERATIONS, Operation
+from labapp.accuracy.overview.outcome import LeftOut, Outcome
+from labapp.accuracy.overview.page import page_html
+from labapp.accuracy.row_output import describe_machine
+from labapp.accuracy.work_precision import Deadline
+from labapp.common.errors import UserError
+from labapp.common.speed import machine_speed
+from labapp.files.output_paths import ACCURACY_FILES
+from labapp.files.writing import make_folder, write_atomically
+from optics.accuracy import Budget
+from optics.camera import Camera
+from optics.progress import Cancelled, Progress
+from optics.threads import single_threaded
+
+
+@single_threaded
+def measure_all(
+    camera: Camera | None,
+    scope: str,
+    progress: Progress,
+    settings: OverviewSettings | None = None,
+    operations: Sequence[Operation] = OPERATIONS,
+) -> Outcome:
+    """Measure every operation for the accuracy page.
+
+    What was measured before the progress is cancelled is kept; an operation that is under way then
+    is left out.
+
+    Parameters
+    ----------
+    camera : Camera or None
+        Camera that the cases are for; None for the bundled cases.
+    scope : str
+        The camera in words.
+    progress : Progress
+        Receives reports, and can cancel the work.
+    settings : OverviewSettings, optional
+        How much is measured.
+    operations : sequence of Operation, optional
+        What is measured; everything by default.
+
+    Raises
+    ------
+    Cancelled
+        If it is cancelled before anything was measured.
+    """
+    began, settings = time.monotonic(), settings or OverviewSettings()
+    speed = machine_speed(progress.part(0.0, 0.05))
+    asked = Scope(Budget(speed=speed), camera, settings)
+    measured: list[MeasuredOperation] = []
+    left_out: list[LeftOut] = []
+    for number, one in enumerate(operations):
+        start, stop = (0.05 + 0.95 * k / len(operations) for k in (number, number + 1))
+        try:
+            measured.append(_measure(one, asked, progress.part(start, stop)))
+        except (Cancelled, KeyboardInterrupt):
+            if not measured:
+                raise
+            left_out += [LeftOut(o.name, o.title, "cancelled") for o in operations[number:]]
+            break
+        except (UserError, ValueError, MemoryError) as error:
+            left_out.append(LeftOut(one.name, one.title, str(error).rstrip(".") or "no memory"))
+    return Outcome(
+        describe_machine(), scope, measured, left_out, time.monotonic() - began,
+        progress.is_cancelled,
+    )  # fmt: skip
+
+
+def _measure(one: Operation, scope: Scope, progress: Progress) -> MeasuredOperation:
+    """Measure one operation of the accuracy page."""
+    began = time.monotonic()
+    named = Progress(lambda part, words: progress.report(part, f"{one.title}: {words}"))
+    deadline = Deadline.after(scope.settings.operation_s)
+    case, rows = one.measure(scope, named, deadline)
+    return MeasuredOperation(
+        one.name, one.title, one.what, case, one.error_name, rows, time.monotonic() - began
+    )
+
+
+def write_outcome(outcome: Outcome, folder: Path) -> None:
+    """Write the accuracy page and its JSON to a folder, which is made if it doesn't exist."""
+    make_folder(folder)
+    page, data = (folder / name for name in ACCURACY_FILES)
+    text = json.dumps(outcome.as_data(), indent=1, allow_nan=False, ensure_ascii=False)
+    write_atomically(data, f"{text}\n".encode())
+    write_atomically(page, page_html(outcome).encode())

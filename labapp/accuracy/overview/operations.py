@@ -1,0 +1,209 @@
+"""The operations on the accuracy page: what each computes, and how it is measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from labapp.accuracy import blurs, chain, deconvolve, propagate, psf, retrieval, simulate
+from labapp.accuracy.overview.cases import (
+    OverviewSettings,
+    Scope,
+    chain_case,
+    field_case,
+    lens_case,
+    panel_case,
+    retrieval_goal,
+    simulated_situation,
+)
+from labapp.accuracy.warm_up import first_uses, similar_wavelength
+from labapp.accuracy.work_precision import CALLS, Candidate, Deadline, Row, mark_front, measure
+from labapp.pictures.networks import bundled_denoiser
+from optics.progress import Progress
+
+Measured = tuple[str, Sequence[Row]]
+"""A case in words, and its measured rows."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """An operation of the accuracy page.
+
+    `measure` returns the case in words and the rows. It raises UserError or ValueError with the
+    reason if the operation can't be measured for a camera.
+    """
+
+    name: str
+    title: str
+    what: str
+    error_name: str
+    measure: Callable[[Scope, Progress, Deadline], Measured]
+
+
+def _measure_lens(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
+    case = lens_case(scope)
+    budget = scope.budget
+    truth = psf.exact_psf(case, progress.part(0.0, 0.2))
+    similar = replace(case, wavelength=similar_wavelength(case.wavelength))
+    found = measure(
+        _in_turn(psf.candidates(case, budget, grids=False), scope.settings),
+        truth,
+        progress.part(0.2, 1.0),
+        warm_up=first_uses(psf.candidates(similar, budget, grids=False)),
+        deadline=deadline,
+    )
+    return case.name, found.rows
+
+
+def _measure_panel(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
+    return _measure_camera(panel_case(scope), scope, progress)
+
+
+def _measure_chain(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
+    return _measure_camera(chain_case(scope), scope, progress)
+
+
+def _measure_camera(case: chain.ChainCase, scope: Scope, progress: Progress) -> Measured:
+    """Measure the accuracy of the PSF methods of a camera with a panel."""
+    progress.report(0.0, "the exact integral")
+    reference = chain.build_reference(case.problem)
+    truth = reference.exact_samples
+    # The exact integral of a large panel may take longer than all methods together.
+    deadline = Deadline.after(scope.settings.operation_s)
+    other = replace(case.problem, wavelength=similar_wavelength(case.problem.wavelength))
+    similar = chain.ChainCase(other, case.name)
+    found = measure(
+        _in_turn(chain.candidates(case, reference, scope.budget), scope.settings),
+        truth,
+        progress.part(0.3, 1.0),
+        warm_up=first_uses(chain.candidates(similar, reference, scope.budget)),
+        deadline=deadline,
+    )
+    return case.name, found.rows
+
+
+def _measure_propagation(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
+    case = field_case(scope)
+    progress.report(0.0, "the exact field")
+    reference = propagate.FieldReference(case)
+    similar = replace(case, wavelength=similar_wavelength(case.wavelength))
+    found = measure(
+        _in_turn(propagate.candidates(case, reference, scope.budget), scope.settings),
+        reference.exact_samples,
+        progress.part(0.2, 1.0),
+        warm_up=first_uses(propagate.candidates(similar, reference, scope.budget)),
+        deadline=deadline,
+    )
+    return case.name, found.rows
+
+
+def _measure_deconvolution(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
+    size = scope.settings.picture_size
+    case = blurs.photograph_from_options(None, "disk of 7", None, 0.01, "unknown", size, 0)
+    found = deconvolve.measure_deconvolution(
+        case, bundled_denoiser(), scope.budget.speed, progress, deadline=deadline
+    )
+    return case.name, found[1:]
+
+
+def _measure_retrieval(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
+    goal, name = retrieval_goal(scope)
+    rows = retrieval.measure_retrieval(
+        goal, name, 1, scope.settings.retrieval_s, scope.budget.speed, progress, deadline
+    )
+    return name, rows
+
+
+def _measure_simulation(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
+    s = simulated_situation(progress.part(0.0, 0.1))
+    found = simulate.measure_tolerances(s, progress.part(0.1, 1.0), deadline)
+    name = f"{simulate.describe_situation(s)}, on the bench with few pixels"
+    return name, mark_front([_simulation_row(one, name) for one in found if one.tol is not None])
+
+
+def _simulation_row(row: simulate.SimulationRow, name: str) -> Row:
+    """Return a simulated picture's cost as a row of the accuracy page.
+
+    The first answer includes the effect plan, which later pictures of the same scene share.
+    """
+    return Row(
+        "simulate", name, "effect plan", "float32", row.tol,
+        error_achieved=max(row.mean, row.variance, row.sigma),
+        error_predicted=row.told,
+        cpu_s=row.cpu_s - row.deciding_s,
+        first_answer_s=row.cpu_s,
+        engine="effect plan",
+        chosen_for=CALLS,
+    )  # fmt: skip
+
+
+def _in_turn(candidates: Iterable[Candidate], settings: OverviewSettings) -> list[Candidate]:
+    """Return an accuracy page's candidates from the largest tolerance to the least.
+
+    What is cut at the deadline is then the most exact, and slowest.
+    """
+    least = settings.least_tolerance
+    found = [one for one in candidates if one.row.tol is None or one.row.tol >= 0.99 * least]
+    return sorted(found, key=lambda one: -(one.row.tol or math.inf))
+
+
+OPERATIONS = (
+    Operation(
+        "lens",
+        "PSF of a lens",
+        "The light of a point behind a lens with a stop: Fraunhofer's integral over the stop, "
+        "squared.",
+        "error, relative L2",
+        _measure_lens,
+    ),
+    Operation(
+        "panel",
+        "PSF behind a panel",
+        "The light of a point behind an SLM that stands in the plane of the lens and shows random "
+        "phases.",
+        "error, relative L2",
+        _measure_panel,
+    ),
+    Operation(
+        "chain",
+        "PSF of a panel apart from its lens",
+        "Light goes from a point to the panel, on to the lens and its stop, and to the sensor.",
+        "error, relative L2",
+        _measure_chain,
+    ),
+    Operation(
+        "propagate",
+        "Propagation through free space",
+        "The complex field on one plane, from that on another plane before it. Paraxial methods "
+        "are shown where their approximation allows the tolerance.",
+        "error of the field, relative L2",
+        _measure_propagation,
+    ),
+    Operation(
+        "simulate",
+        "Simulated pictures",
+        "A picture of the virtual bench. Its tolerance decides which effects are left out; the "
+        "error is the largest of mean, variance and standard deviation, against all effects at "
+        "their finest. The first answer includes the decision.",
+        "error, relative L2",
+        _measure_simulation,
+    ),
+    Operation(
+        "retrieval",
+        "Phase retrieval",
+        "A pattern for the SLM whose PSF has a wanted shape. There is no exact answer: the error "
+        "levels off, and more iterations don't reach any error that one may wish.",
+        retrieval.ERROR_NAME,
+        _measure_retrieval,
+    ),
+    Operation(
+        "deconvolve",
+        "Restoration of a blurred photograph",
+        "A sharp picture from a blurred and noisy one. Noise limits what can be known, so that the "
+        "error levels off.",
+        deconvolve.ERROR_NAME,
+        _measure_deconvolution,
+    ),
+)
+"""All operations of the accuracy page, in its order."""

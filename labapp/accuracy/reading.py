@@ -1,0 +1,270 @@
+"""Read measured accuracy rows in words: the cheapest setting, the next decimal, the failures."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from labapp.accuracy.work_precision import AUTOMATIC, CUT, Row
+from labapp.common.time_text import format_short_time
+
+
+@dataclass(frozen=True)
+class ReadingSettings:
+    """Set what accuracy diagrams and pages point out.
+
+    Attributes
+    ----------
+    wanted : float
+        Error for which the cheapest setting is named. Chosen: the default tolerance of a PSF.
+    near_best : float
+        Where no setting reaches it, the cheapest one is named whose error is at most so many times
+        the least. Chosen.
+    same_time : float
+        Times whose ratio is at most this are called the same in words. Measured: the first answers
+        of one setting scatter by about a tenth.
+    tie : float
+        Of settings whose times have at most this ratio to the least one, the automatic choice
+        counts as the cheapest. Measured: medians of repeated calls scatter by some percent.
+    """
+
+    wanted: float = 1e-3
+    near_best: float = 1.1
+    same_time: float = 1.1
+    tie: float = 1.03
+
+
+SETTINGS = ReadingSettings()
+
+_GRID = re.compile(r"(\d+²) grid, ")
+"""Grid size in the name of a method; it is the setting of a method without a tolerance."""
+
+_PEER_SIZE = re.compile(r"\d+² ")
+_COMMON_WORDS = ("pupil", "gray edge")
+"""Words in the names of methods that curves leave out."""
+
+
+@dataclass(frozen=True)
+class TimeKind:
+    """A time by which accuracy rows are compared: its name, its value, and its marks.
+
+    `calls` is the number of calls for which the automatic choice is made.
+    """
+
+    name: str
+    seconds: Callable[[Row], float | None]
+    is_on_front: Callable[[Row], bool]
+    calls: int
+
+
+FIRST_ANSWER = TimeKind(
+    "First answer: planning and one call",
+    lambda row: row.first_answer_s,
+    lambda row: row.on_first_front,
+    1,
+)
+ONE_RUN = TimeKind("One run", lambda row: row.cpu_s, lambda row: row.on_front, 100)
+EACH_CALL = TimeKind("Each further call", lambda row: row.cpu_s, lambda row: row.on_front, 100)
+
+
+def time_kinds(rows: Sequence[Row]) -> list[TimeKind]:
+    """Return the times that accuracy rows have: of iterative methods only that of a call."""
+    first = any(row.first_answer_s is not None for row in rows)
+    return [FIRST_ANSWER, EACH_CALL] if first else [ONE_RUN]
+
+
+def curve_name(row: Row) -> str:
+    """Return the name of the curve in an accuracy diagram to which a row belongs.
+
+    The name is the row's method. If the row's setting is the size of a grid, the name leaves out
+    this size and common words, and adds the precision.
+    """
+    if row.tol is not None or hasattr(row, "iterations"):
+        return row.engine if row.method == AUTOMATIC else row.method
+    words = [_PEER_SIZE.sub("", word) for word in row.method.split(", ")]
+    words = [word for word in words if word not in _COMMON_WORDS]
+    return ", ".join([*words, row.precision])
+
+
+def setting_name(row: Row) -> str:
+    """Return what was asked of an accuracy row's method: a tolerance, iterations, or a grid."""
+    if row.tol is not None:
+        return format_error(row.tol)
+    if iterations := getattr(row, "iterations", 0):
+        return f"{iterations} iterations" if iterations > 1 else "1 iteration"
+    found = _GRID.search(row.method)
+    return f"{found[1]} grid" if found else ""
+
+
+def cheapest_row(rows: Sequence[Row], kind: TimeKind, wanted: float | None = None) -> Row | None:
+    """Return the accuracy row of least time whose measured error is at most `wanted`, or None.
+
+    Of rows that take the same time but for scatter, the automatic choice for this very tolerance
+    is preferred, then other automatic choices, then the quickest.
+    """
+    wanted = SETTINGS.wanted if wanted is None else wanted
+    fitting = [
+        (seconds, row)
+        for row in rows
+        if (seconds := kind.seconds(row)) is not None
+        and row.error_achieved is not None
+        and row.error_achieved <= wanted
+    ]
+    if not fitting:
+        return None
+    longest = SETTINGS.tie * min(seconds for seconds, _ in fitting)
+
+    def rank(one: tuple[float, Row]) -> tuple[bool, bool, float]:
+        chosen = kind.calls in one[1].chosen_for
+        return not (chosen and one[1].tol == wanted), not chosen, one[0]
+
+    return min((one for one in fitting if one[0] <= longest), key=rank)[1]
+
+
+def highlighted_row(rows: Sequence[Row], kind: TimeKind) -> Row | None:
+    """Return the accuracy row that a diagram's star marks.
+
+    It is the cheapest row that reaches the wanted error. If there is none, it is the cheapest one
+    that comes near the least error.
+    """
+    found = cheapest_row(rows, kind)
+    if found is not None:
+        return found
+    errors = [row.error_achieved for row in rows if row.error_achieved and kind.seconds(row)]
+    return cheapest_row(rows, kind, SETTINGS.near_best * min(errors)) if errors else None
+
+
+def cheapest_sentence(rows: Sequence[Row], kind: TimeKind) -> str:
+    """Say which setting is the cheapest for the wanted error, for an accuracy diagram's title."""
+    row = highlighted_row(rows, kind)
+    if row is None:
+        return "Nothing was measured."
+    wanted = format_error(SETTINGS.wanted)
+    words = describe_setting(row, kind)
+    if cheapest_row(rows, kind) is not None:
+        return f"Cheapest for {wanted}: {words}"
+    best = min(one.error_achieved or math.inf for one in rows)
+    near = f"{100 * SETTINGS.near_best - 100:.0f} %"
+    return (
+        f"None reaches {wanted} (best {format_error(best)}). Cheapest within {near} of it: {words}"
+    )
+
+
+def describe_setting(row: Row, kind: TimeKind) -> str:
+    """Describe an accuracy row's setting and its time in a few words."""
+    seconds = kind.seconds(row)
+    setting = setting_name(row)
+    asked = f", tol {setting}" if row.tol is not None else f", {setting}" if setting else ""
+    return f"{curve_name(row)}{asked}, {format_seconds(seconds)}"
+
+
+def choice_sentence(rows: Sequence[Row]) -> str:
+    """Say what the automatic choice takes if the wanted error is asked for; empty without one."""
+    for row in chosen_rows(rows, EACH_CALL):
+        if row.tol == SETTINGS.wanted:
+            first = format_seconds(row.first_answer_s)
+            return (
+                f"If you ask for {format_error(row.tol)}, {curve_name(row)} is chosen: {first} for "
+                f"the first answer, {format_seconds(row.cpu_s)} for each further call."
+            )
+    return ""
+
+
+def chosen_rows(rows: Sequence[Row], kind: TimeKind) -> list[Row]:
+    """Return the accuracy rows of the automatic choice, from the largest tolerance to the least."""
+    found = [row for row in rows if kind.calls in row.chosen_for and not row.failure]
+    return sorted(found, key=lambda row: -(row.tol or 0))
+
+
+def next_decimal_sentences(rows: Sequence[Row], kind: TimeKind) -> list[str]:
+    """Say in words what each further decimal costs, by the automatic choice of an accuracy table.
+
+    Decimals that cost next to nothing are joined. Without tolerances there are no decimals to ask
+    for, and the list is empty.
+    """
+    chosen = [row for row in chosen_rows(rows, kind) if row.tol is not None and kind.seconds(row)]
+    steps: list[tuple[float, float, str]] = []
+    for before, after in pairwise(chosen):
+        words = _ratio_words((kind.seconds(after) or 0) / (kind.seconds(before) or 1))
+        if steps and words == steps[-1][2] == _SAME:
+            steps[-1] = (steps[-1][0], after.tol or 0, _SAME)
+        else:
+            steps.append((before.tol or 0, after.tol or 0, words))
+    return [f"from {format_error(a)} to {format_error(b)}: {words}" for a, b, words in steps]
+
+
+_SAME = "about the same time"
+
+
+def _ratio_words(ratio: float) -> str:
+    """Return a ratio of two accuracy times in words, without claiming what scatters."""
+    if 1 / SETTINGS.same_time <= ratio <= SETTINGS.same_time:
+        return _SAME
+    return f"{ratio:.2g} times the time"
+
+
+def failure_sentences(rows: Sequence[Row]) -> list[str]:
+    """Say in a sentence for each reason which methods of an accuracy diagram refuse, and why.
+
+    Reasons that differ only in numbers are one.
+    """
+    reasons: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.failure:
+            reasons.setdefault(re.sub(r"\d[\d.e+-]*", "#", row.failure), []).append(row)
+    return [_failure_sentence(found) for found in reasons.values()]
+
+
+def _failure_sentence(rows: list[Row]) -> str:
+    names = list(dict.fromkeys(curve_name(row) for row in rows))
+    verb = "is" if len(names) == 1 else "are"
+    if rows[0].failure == CUT:
+        return f"{_join_names(names)} {verb} {CUT}{_settings_of(rows)}."
+    verb = "refuses" if len(names) == 1 else "refuse"
+    # The tolerance that could be kept is named by the first refusal, the largest tolerance.
+    return f"{_join_names(names)} {verb}{_settings_of(rows)}: {rows[0].failure}."
+
+
+def _settings_of(rows: list[Row]) -> str:
+    """Name the tolerances of accuracy rows that fail for one reason; empty if they have none."""
+    tolerances = sorted({row.tol for row in rows if row.tol is not None}, reverse=True)
+    if not tolerances:
+        return ""
+    first, last = format_error(tolerances[0]), format_error(tolerances[-1])
+    return f" (tol {first})" if first == last else f" (tol {first} to {last})"
+
+
+def _join_names(names: Sequence[str]) -> str:
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last
+
+
+def curves(rows: Sequence[Row], kind: TimeKind) -> Iterator[tuple[str, list[Row]]]:
+    """Yield each curve of an accuracy diagram, its rows in the order of what was asked."""
+    good = [row for row in rows if row.error_achieved is not None and kind.seconds(row)]
+    for name in dict.fromkeys(curve_name(row) for row in good):
+        own = [row for row in good if curve_name(row) == name]
+        yield name, sorted(own, key=lambda row: -(row.tol or 0))
+
+
+def format_error(value: float) -> str:
+    """Format an error or a tolerance for accuracy tables: 1e-3, 2.5e-4, 0.12."""
+    if value == 0 or value > 0.1:
+        return f"{value:.3g}" if value >= 100 else f"{value:.2g}"
+    digits, power = f"{value:.1e}".split("e")
+    return f"{digits.removesuffix('.0')}e{int(power)}"
+
+
+def format_seconds(seconds: float | None) -> str:
+    """Format a time for accuracy tables with two digits: 0.12 ms, 3.4 ms; empty for None."""
+    return "" if seconds is None else format_short_time(seconds)
+
+
+def format_bytes(count: int | None) -> str:
+    """Format a size in memory for accuracy tables, in megabytes."""
+    return (
+        "" if count is None else f"{count / 1e6:.2g} MB" if count < 1e8 else f"{count / 1e6:.0f} MB"
+    )

@@ -1,0 +1,151 @@
+"""Measure the error of a PSF on the light that a pattern sends into its window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+Window = tuple[slice, slice]
+"""Rows and columns of a PSF's samples."""
+
+
+@dataclass(frozen=True)
+class RowErrorSettings:
+    """Tune how the error of a PSF is measured on some rows of its window.
+
+    Attributes
+    ----------
+    rows : int
+        Most rows that are measured. Chosen so that the measurement takes a fraction of a call.
+    margin : float
+        Factor on the error that is found there, because few rows are measured. Chosen.
+    """
+
+    rows: int = 8
+    margin: float = 2.0
+
+
+_SETTINGS = RowErrorSettings()
+
+
+def window_norm(light: torch.Tensor, window: Window) -> torch.Tensor:
+    """Return the L2 norm of every PSF in its window, (...), float64."""
+    inside = light[..., window[0], window[1]].to(torch.float64)
+    return torch.linalg.vector_norm(inside, dim=(-2, -1))
+
+
+@dataclass(frozen=True)
+class AddedLight:
+    """Tells of other light that is added to a PSF in intensity, and of its error.
+
+    norm: L2 norm of that light over the window, relative to the units of the PSF. error: L2 norm of
+    its error in these units.
+    """
+
+    norm: torch.Tensor
+    error: torch.Tensor
+
+    def relative_to(self, peak: torch.Tensor | None) -> AddedLight:
+        """Convert to the units of a PSF whose amplitude was divided by `peak`, (...)."""
+        if peak is None:
+            return self
+        return AddedLight(self.norm / peak**2, self.error / peak**2)
+
+
+class EvenNoise:
+    """Predicts a PSF's relative L2 error from errors of its field that spread like noise.
+
+    The field is the true one plus a complex error of mean square n. The intensity I = |field|² then
+    has an error of mean square 2 I n + 2 n² (Goodman, Statistical Optics, section 2.9).
+
+    light: I, (..., rows, columns). envelope: n relative to the noise level, which broadcasts to
+    `light`. norm: what errors are relative to, (...).
+    """
+
+    def __init__(
+        self, light: torch.Tensor, envelope: torch.Tensor, window: Window, norm: torch.Tensor
+    ) -> None:
+        inside = light[..., window[0], window[1]].to(torch.float64)
+        shape = light.shape[-2:]
+        spread = envelope.to(light.device, torch.float64).expand(shape)[window[0], window[1]]
+        self._crossed, self._square = (inside * spread).sum((-2, -1)), float((spread**2).sum())
+        self._norm = norm
+
+    def error(self, level: torch.Tensor) -> float:
+        """Return the error for a noise level, (...); the largest of a batch of PSFs."""
+        squares = 2 * level * self._crossed + 2 * level**2 * self._square
+        return largest_ratio(squares.sqrt(), self._norm)
+
+
+def largest_ratio(error: torch.Tensor, norm: torch.Tensor) -> float:
+    """Return the largest relative error of a batch of PSFs; 0 for a dark one without an error."""
+    ratio = torch.where(error > 0, error / norm, 0.0)
+    return float(ratio.max()) if ratio.numel() else 0.0
+
+
+def row_error(
+    field: torch.Tensor,
+    light: torch.Tensor,
+    missing: Callable[[torch.Tensor], torch.Tensor],
+    scale: float,
+    window: Window,
+    norm: torch.Tensor,
+) -> tuple[float, int]:
+    """Measure the relative L2 error of a PSF on some rows of its window.
+
+    The rows are drawn by systematic sampling: half of the probability is in proportion to their
+    squared light, to which relative errors mostly belong, and half is even. The draw is always the
+    same for the same light.
+
+    Parameters
+    ----------
+    field : torch.Tensor
+        The PSF's complex field, (..., rows, columns).
+    light : torch.Tensor
+        Its intensity in the units of the result.
+    missing : callable
+        Returns the field that was left out on rows of the samples whose numbers it gets.
+    scale : float
+        Intensity over ``|field|²``.
+    window : tuple of slice
+        Rows and columns of the samples that count.
+    norm : torch.Tensor
+        What errors are relative to, (...).
+
+    Returns
+    -------
+    tuple of float and int
+        The error with a margin, the largest of a batch; and on how many rows it was measured.
+    """
+    inside = light[..., window[0], window[1]].to(torch.float64)
+    chosen, weights = _draw_rows((inside**2).sum(-1).reshape(-1, inside.shape[-2]))
+    if not chosen.size:
+        return 0.0, 0
+    rows = torch.from_numpy(chosen + window[0].start)
+    found = field.index_select(-2, rows.to(field.device))[..., window[1]]
+    other = missing(rows)[..., window[1]]
+    change = scale * (2 * (found.conj() * other).real + other.abs() ** 2).to(torch.float64)
+    squares = ((change**2).sum(-1) * torch.from_numpy(weights).to(change.device)).sum(-1)
+    return _SETTINGS.margin * largest_ratio(squares.sqrt(), norm), chosen.size
+
+
+def _draw_rows(energy: torch.Tensor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Draw rows of a batch of PSFs; return their numbers, and a weight for the sum over each.
+
+    energy: squared light of every row, (pictures, rows).
+    """
+    rows = energy.shape[-1]
+    if rows <= _SETTINGS.rows or not energy.numel():
+        return np.arange(rows if energy.numel() else 0), np.ones(rows if energy.numel() else 0)
+    total = energy.sum(-1, keepdim=True)
+    shares = torch.where(total > 0, energy / total, 1 / rows).mean(0).cpu().numpy()
+    chance = 0.5 * shares + 0.5 / rows
+    chance /= chance.sum()
+    steps = (np.arange(_SETTINGS.rows) + 0.5) / _SETTINGS.rows
+    drawn = np.minimum(np.searchsorted(np.cumsum(chance), steps), rows - 1)
+    chosen, times = np.unique(drawn, return_counts=True)
+    return chosen, times / (_SETTINGS.rows * chance[chosen])
