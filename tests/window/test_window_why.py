@@ -127,11 +127,14 @@ def test_a_limit_that_is_not_known_is_told_as_none(small_bench):
 
 def test_of_a_real_camera_nothing_is_told(small_bench):
     class Real:
-        world = small_bench.world
-        simulated_devices = ("slm", "filter", "targets")
+        """A camera of the simulated bench that says that it's a real one."""
 
-    heard = Heard()
-    EffectsReporter(Real(), heard).report_if_changed(frame(small_bench))
+        identity = replace(small_bench.camera.identity, simulated=False)
+
+    bench, heard = replace(small_bench, camera=Real()), Heard()
+    assert small_bench.camera_world is small_bench.world
+    assert bench.camera_world is None
+    EffectsReporter(bench, heard).report_if_changed(frame(small_bench))
     assert heard.sent == []
 
 
