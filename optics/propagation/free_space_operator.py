@@ -47,6 +47,9 @@ class FreeSpaceSettings:
     first_plan_tol_share : float
         Share of the tolerance that the first plan keeps, relative to all light of the source. The
         tolerance on the target then holds if a thousandth of the light reaches the target.
+    first_plan_error : float
+        Largest error that the first plan keeps, relative to all light of the source, where that
+        takes at most twice the time. A finer plan hardly costs more, and its error can be told.
     tight_plan_tol_share : float
         Share of the tolerance that a second plan keeps, once the light on the target is known.
     advised_light_share : float
@@ -60,14 +63,18 @@ class FreeSpaceSettings:
     expensive_plan_calls : int
         Cost of a plan, in function calls, above which a cheaper plan is looked for. Planning
         itself costs about as much.
+    choice_calls : int
+        Processor time of choosing a method, in function calls.
     """
 
     first_plan_tol_share: float = 0.03
+    first_plan_error: float = 3e-6
     tight_plan_tol_share: float = 0.7
     advised_light_share: float = 0.5
     dim_target_share: float = 0.01
     advice_margin: float = 1.01
     expensive_plan_calls: int = 100
+    choice_calls: int = 8
 
 
 _SETTINGS = FreeSpaceSettings()
@@ -161,6 +168,7 @@ class FreeSpace:
         self._smooth_field_check = SmoothFieldCheck(self.span) if self.span.cells is None else None
         self._propagator = self._first_plan()
         self._tight_propagator: Propagator | None = None
+        self._lost_share = 0.0
         self.account = self._build_account(self._propagator)
 
     @property
@@ -181,11 +189,15 @@ class FreeSpace:
 
         The margin is dropped if no method keeps it, or if a plan without it is much cheaper.
         """
-        speed, tol = self.span.budget.speed, self.span.tol
-        tight_span = replace(self.span, tol=_SETTINGS.first_plan_tol_share * tol)
-        plan = methods_for_span(tight_span, self._method)
-        if plan.seconds > _SETTINGS.expensive_plan_calls * speed.call:
-            loose = methods_for_span(self.span, self._method)
+        tol = self.span.tol
+        dim = _SETTINGS.first_plan_tol_share * tol
+        plan = methods_for_span(
+            replace(self.span, tol=min(dim, _SETTINGS.first_plan_error)), self._method
+        )
+        for looser in (dim, tol):
+            if plan.seconds <= _SETTINGS.expensive_plan_calls * self.span.budget.speed.call:
+                break
+            loose = methods_for_span(replace(self.span, tol=looser), self._method)
             cheaper = 2 * loose.seconds < plan.seconds or not math.isfinite(plan.seconds)
             plan = loose if cheaper else plan
         try:
@@ -199,10 +211,9 @@ class FreeSpace:
 
     def _build_account(self, propagator: Propagator, share: float = 1.0) -> Account:
         """Build the account of a propagation whose target gets a share of the source's light."""
-        span, dimness = self.span, math.sqrt(min(share, 1.0))
-        # A target without any light has no error either.
-        divisor = dimness if dimness > 0 else 1.0
-        planned = propagator.error
+        span, planned = self.span, propagator.error
+        sampling, arithmetic = self._errors_on_target(propagator, share)
+        sampling += math.sqrt(self._lost_share) * _spread(propagator, share)
         how = planned.how if share == 1 else f"{planned.how}, for the light on the target"
         (rows, columns), pitch = span.target.shape, span.target.pitch
         return Account(
@@ -212,12 +223,29 @@ class FreeSpace:
             precision=propagator.precision,
             tol=span.tol,
             model=self._model_error_estimate,
-            sampling_error=ErrorEstimate(planned.value / divisor, how),
-            arithmetic=ErrorEstimate(propagator.arithmetic / divisor, "estimate, from tests"),
+            sampling_error=ErrorEstimate(sampling, how),
+            arithmetic=ErrorEstimate(arithmetic, "estimate, from tests"),
             cpu_predicted=propagator.cpu_seconds(span.budget.speed),
-            planning_predicted=propagator.planning_seconds(span.budget.speed),
+            planning_predicted=self._planning_seconds(),
             bytes=propagator.bytes,
         )
+
+    def _planning_seconds(self) -> float:
+        """Predict the processor time of all propagation plans made so far, in seconds."""
+        speed = self.span.budget.speed
+        plans = [p for p in (self._propagator, self._tight_propagator) if p is not None]
+        choice = _SETTINGS.choice_calls * speed.call
+        return sum(plan.planning_seconds(speed) + choice for plan in plans)
+
+    def _errors_on_target(self, propagator: Propagator, share: float) -> tuple[float, float]:
+        """Return a plan's errors from sampling and from rounding, relative to the target's light.
+
+        share: the share of the propagated light that is on the target; NaN if unknown.
+        """
+        dimness = math.sqrt(min(share, 1.0))
+        if dimness == 0:
+            return math.inf, math.inf
+        return propagator.error.value / dimness, propagator.arithmetic * _spread(propagator, share)
 
     @accepts_numpy
     @in_full_precision
@@ -256,7 +284,7 @@ class FreeSpace:
 
         In the paraxial model, the model's error for this field is stored in the account.
         """
-        spectrum = promise.checked_spectrum(field, light)
+        spectrum, self._lost_share = promise.checked_spectrum(field, light)
         if self.span.paraxial:
             how = "estimate: paraxial, over the field's spectrum; a scalar wave"
             self._model_error_estimate = ErrorEstimate(promise.paraxial_field_error(spectrum), how)
@@ -304,8 +332,7 @@ class FreeSpace:
         return min(found, default=1.0) if all(map(math.isfinite, found)) else math.nan
 
     def _is_tolerance_kept(self, propagator: Propagator, share: float) -> bool:
-        error = propagator.error.value + propagator.arithmetic
-        return error <= self.span.tol * math.sqrt(min(share, 1.0))
+        return sum(self._errors_on_target(propagator, share)) <= self.span.tol
 
     def _tighter_plan(self, last: Propagator, share: float) -> Propagator:
         """Return a propagation plan that keeps the tolerance on a dim target.
@@ -364,6 +391,14 @@ class FreeSpace:
             require_unchanged_attributes(
                 lengths, self.span.numeric, replace(self.span).numeric, "FreeSpace"
             )
+
+
+def _spread(propagator: Propagator, share: float) -> float:
+    """Return how much larger a propagated field's noise is on the target than in all its light.
+
+    The noise spreads as rounding errors do. share: the share of the light on the target.
+    """
+    return max(math.sqrt(propagator.rounding_share / min(share, 1.0)), 1.0)
 
 
 def _model_error(span: FreeSpaceSpan) -> ErrorEstimate:

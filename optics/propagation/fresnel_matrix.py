@@ -81,12 +81,23 @@ class FresnelMatrices(ParaxialPropagator):
             return cell_kernel(way, span.cells[axis], scale)
         return band_kernel(way, span.source.pitch[axis], span.carrier[axis], scale)
 
+    def _is_toeplitz(self, axis: int) -> bool:
+        """Return whether source and target of the propagation have the same pitch along an axis."""
+        source, target = self.span.source, self.span.target
+        longest = max(source.shape[axis], target.shape[axis])
+        unlike = abs(target.pitch[axis] - source.pitch[axis])
+        return unlike * longest < 1e-15 * source.pitch[axis]
+
+    def _kernel_count(self) -> int:
+        """Return how many values of the propagation kernels the two matrices need."""
+        sides = zip(self.span.target.shape, self.span.source.shape, strict=True)
+        return sum(m + n - 1 if self._is_toeplitz(a) else m * n for a, (m, n) in enumerate(sides))
+
     def _matrix(self, axis: int) -> torch.Tensor:
         """Compute the Fresnel propagation matrix (target samples, source samples) along an axis."""
         source, target = self.span.source, self.span.target
-        pitch = source.pitch[axis]
-        m, n = target.shape[axis], source.shape[axis]
-        if abs(target.pitch[axis] - pitch) * max(m, n) < 1e-15 * pitch:
+        n = source.shape[axis]
+        if self._is_toeplitz(axis):
             return self._toeplitz_matrix(axis)
         x = source.coordinates(axis)
         rows = max(1, _SETTINGS.block_elements // n)
@@ -152,6 +163,11 @@ class FresnelMatrices(ParaxialPropagator):
         made = self._elements() if whole else min(self._elements(), _SETTINGS.block_elements)
         kept = self._elements() + between + my * mx
         return self.dtype.itemsize * kept + _SETTINGS.element_bytes * made
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        if self.span.differentiable:
+            return 0.0
+        return self._kernel_count() * _SETTINGS.element_touches * speed.touch + 2 * speed.call
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         (ny, nx), (my, mx) = self.span.source.shape, self.span.target.shape

@@ -199,6 +199,11 @@ class TwoStepFresnel(ChirpedPropagator):
         return most / (2 * abs(n.scale))
 
     @property
+    def rounding_share(self) -> float:
+        # Errors on the intermediate plane are taken to be all on the target.
+        return 1.0
+
+    @property
     def bytes(self) -> int:
         rows, columns = self._intermediate_plane.shape
         between = 2 * self.dtype.itemsize * rows * columns

@@ -45,6 +45,14 @@ class ParaxialPropagator(Propagator):
             span, _largest_kernel_frequency(self._paraxial_span)
         )
 
+    @property
+    def rounding_share(self) -> float:
+        # An error of one sample spreads evenly over the target's plane.
+        n = self._paraxial_span.numeric
+        sides = n.source.pitch if n.cells is None else n.cells
+        spread = zip(n.target.shape, n.target.pitch, sides, strict=True)
+        return math.prod(min(m * pitch * side / abs(n.scale), 1.0) for m, pitch, side in spread)
+
 
 def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
     """Return the largest frequency at which a Fresnel propagator's kernel phase matters, cycles/m.

@@ -76,6 +76,15 @@ class Propagator(CandidateMethod):
         return speed.double if self.dtype == torch.complex128 else 1.0
 
     @property
+    def rounding_share(self) -> float:
+        """Return the largest share of a propagation's rounding errors that are on the target.
+
+        The share is of their power. Rounding errors are uncorrelated between samples, so that they
+        spread over all of the light's range, and a small or dim target gets few of them.
+        """
+        return 1.0
+
+    @property
     def precision(self) -> str:
         """Return the name of the propagator's floating-point precision."""
         return "float64" if self.dtype == torch.complex128 else "float32"

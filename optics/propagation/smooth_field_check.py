@@ -30,8 +30,13 @@ class SmoothFieldCheck:
         # the band is 2.5e-11 of all light, and the rounding of an FFT is 1e-13 of it.
         self._dtype = torch.complex64 if span.tol >= 1e-5 else torch.complex128
 
-    def checked_spectrum(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
+    def checked_spectrum(
+        self, field: torch.Tensor, light: torch.Tensor
+    ) -> tuple[torch.Tensor, float]:
         """Check a field to propagate, and return its spectrum at frequencies in its band along x.
+
+        Returns the largest share of light beyond the band and the source's edges as well, of all
+        fields.
 
         field: (..., rows, columns), rescaled for single precision. light: the sum of |u|² of each.
         Raises ValueError for a field with light beyond its band or at the source's edges.
@@ -54,7 +59,7 @@ class SmoothFieldCheck:
                 "Sample it finer, give the carrier= of its fringes, or cells= if each sample is a "
                 "rectangle of constant field"
             )
-        return spectrum
+        return spectrum, edges + outside
 
     def _spectrum(self, field: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the spectrum of a field to propagate, and its light outside carrier ± band.

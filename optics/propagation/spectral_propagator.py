@@ -42,6 +42,8 @@ class SpectralSettings:
     touches_per_frequency : int
         Processor time per frequency for computing the transfer function, in passes over one
         complex number.
+    planning_calls : int
+        Processor time of planning the two transforms, in function calls.
     longest_fft_search : int
         Length of a period in samples above which no FFT-friendly length is searched. Chosen.
     max_parts : int
@@ -54,6 +56,7 @@ class SpectralSettings:
     bytes_per_frequency: int = 64
     recorded_bytes: int = 160
     touches_per_frequency: int = 250
+    planning_calls: int = 6
     longest_fft_search: int = 1 << 40
     max_parts: int = 64
 
@@ -265,6 +268,25 @@ class SpectralPropagator(Propagator):
         planes = [stage.frequencies for stage in self._parts] or [self.frequencies]
         taken = len(planes) * max(self._filter_bytes(planes[0]) - RETAINED_BYTES, 0) * speed.fresh
         return touches * rows * columns * speed.touch + taken
+
+    @property
+    def rounding_share(self) -> float:
+        # Errors of the samples and of the spectrum spread over the period of the replicas.
+        target, df = self._numeric_span.target, self.frequencies.pitch
+        spread = zip(target.shape, target.pitch, df, strict=True)
+        return math.prod(min(count * pitch * step, 1.0) for count, pitch, step in spread)
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        transforms = [t for s in self._parts for t in (s.to_spectrum, s.to_target)]
+        seconds = _SETTINGS.planning_calls * speed.call
+        seconds += sum(transform.planning_seconds(speed) for transform in transforms)
+        if self._rebuilds_filter:
+            return seconds
+        return seconds + _SETTINGS.touches_per_frequency * self._frequency_count * speed.touch
+
+    @property
+    def _frequency_count(self) -> int:
+        return math.prod(self.frequencies.shape)
 
     def prepare(self) -> None:
         if not self._rebuilds_filter:

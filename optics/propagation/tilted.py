@@ -111,6 +111,11 @@ class TiltedAngularSpectrum(SpectralPropagator):
             + nonuniform_bytes(points, self._image)
         )
 
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        points = self._frequency_count
+        nufft = nonuniform_seconds(points, self._image, self._nufft_error, speed)
+        return super().planning_seconds(speed) + nufft + 100 * points * speed.touch
+
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         points = math.prod(self.frequencies.shape)
         sums = 2 if needs_gradient(self.span.wavelength) else 1
