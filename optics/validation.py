@@ -80,6 +80,9 @@ def to_plain_numbers(value: Any) -> Any:
 
     Tensors inside dataclasses and tuples are replaced too.
     """
+    if isinstance(value, (float, int, str)) or value is None:
+        # Most values need nothing; np.float64 is a float too.
+        return value
     if isinstance(value, (torch.Tensor, np.ndarray, np.floating)):
         return as_number(value)
     if isinstance(value, tuple):

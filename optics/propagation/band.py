@@ -23,6 +23,7 @@ end where the step has fallen to a twentieth of epsilon. (Matsushima and Shimoba
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
 
@@ -33,6 +34,7 @@ from optics.propagation.span import FreeSpaceSpan
 from optics.propagation.transfer_function import PlaneWaveRays
 
 
+@functools.lru_cache(maxsize=64)
 def edge_exponent(epsilon: float) -> float:
     """Return the exponent L at which the propagation band's edges together cost `epsilon`.
 

@@ -23,6 +23,10 @@ WavePairs = list[tuple[torch.Tensor, torch.Tensor]]
 """The factors before and after the Fourier transform along an axis, for every envelope node."""
 
 
+_PLANNING_CALLS = 14
+"""Processor time of planning a propagation by chirped transforms, in function calls."""
+
+
 @dataclass(frozen=True)
 class CellSampling:
     """Cells of constant field on the source, and the nodes at which their envelope is exact.
@@ -185,6 +189,9 @@ class ChirpedPropagator(ParaxialPropagator):
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         return sum(step.cpu_seconds(speed) for step in self._steps)
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        return _PLANNING_CALLS * speed.call
 
     def prepare(self) -> None:
         for step in self._steps:

@@ -47,9 +47,10 @@ class FreeSpaceSettings:
     first_plan_tol_share : float
         Share of the tolerance that the first plan keeps, relative to all light of the source. The
         tolerance on the target then holds if a thousandth of the light reaches the target.
-    first_plan_error : float
-        Largest error that the first plan keeps, relative to all light of the source, where that
-        takes at most twice the time. A finer plan hardly costs more, and its error can be told.
+    fine_rounding, fine_sampling : float
+        Largest errors from rounding and from sampling that the first plan keeps, relative to all
+        light of the source, where that takes at most twice the time. It hardly takes more where it
+        needs no double precision, and a small error can be told of a dim target.
     tight_plan_tol_share : float
         Share of the tolerance that a second plan keeps, once the light on the target is known.
     advised_light_share : float
@@ -65,16 +66,20 @@ class FreeSpaceSettings:
         itself costs about as much.
     choice_calls : int
         Processor time of choosing a method, in function calls.
+    overhead_calls : int
+        Processor time of checking and rescaling a field at each call, in function calls.
     """
 
     first_plan_tol_share: float = 0.03
-    first_plan_error: float = 3e-6
+    fine_rounding: float = 3e-6
+    fine_sampling: float = 3e-8
     tight_plan_tol_share: float = 0.7
     advised_light_share: float = 0.5
     dim_target_share: float = 0.01
     advice_margin: float = 1.01
     expensive_plan_calls: int = 100
-    choice_calls: int = 8
+    choice_calls: int = 4
+    overhead_calls: int = 2
 
 
 _SETTINGS = FreeSpaceSettings()
@@ -182,7 +187,14 @@ class FreeSpace:
         speed: of the machine. After a call with a dim target, `account.cpu_predicted` includes the
         time of the tighter plans as well.
         """
-        return self._propagator.cpu_seconds(speed)
+        return self._call_seconds(self._propagator, speed)
+
+    def _call_seconds(self, propagator: Propagator, speed: MachineSpeed) -> float:
+        """Predict the processor time of a propagation by a plan, with the checks of its field."""
+        check = self._smooth_field_check
+        checking = check.cpu_seconds(speed) if check else 0.0
+        overhead = _SETTINGS.overhead_calls * speed.call
+        return propagator.cpu_seconds(speed) + overhead + checking
 
     def _first_plan(self) -> Propagator:
         """Plan the propagation with a margin for a target that a small share of the light reaches.
@@ -191,9 +203,12 @@ class FreeSpace:
         """
         tol = self.span.tol
         dim = _SETTINGS.first_plan_tol_share * tol
-        plan = methods_for_span(
-            replace(self.span, tol=min(dim, _SETTINGS.first_plan_error)), self._method
+        fine = replace(
+            self.span,
+            tol=min(dim, _SETTINGS.fine_rounding),
+            finest_sampling=_SETTINGS.fine_sampling,
         )
+        plan = methods_for_span(fine, self._method)
         for looser in (dim, tol):
             if plan.seconds <= _SETTINGS.expensive_plan_calls * self.span.budget.speed.call:
                 break
@@ -215,6 +230,8 @@ class FreeSpace:
         sampling, arithmetic = self._errors_on_target(propagator, share)
         sampling += math.sqrt(self._lost_share) * _spread(propagator, share)
         how = planned.how if share == 1 else f"{planned.how}, for the light on the target"
+        if self._lost_share:
+            how = f"{how}; estimate for light beyond the field's band and edges"
         (rows, columns), pitch = span.target.shape, span.target.pitch
         return Account(
             method=propagator.name,
@@ -225,7 +242,7 @@ class FreeSpace:
             model=self._model_error_estimate,
             sampling_error=ErrorEstimate(sampling, how),
             arithmetic=ErrorEstimate(arithmetic, "estimate, from tests"),
-            cpu_predicted=propagator.cpu_seconds(span.budget.speed),
+            cpu_predicted=self._call_seconds(propagator, span.budget.speed),
             planning_predicted=self._planning_seconds(),
             bytes=propagator.bytes,
         )
@@ -270,12 +287,24 @@ class FreeSpace:
             if self._is_tolerance_kept(propagator, share):
                 account = self._build_account(propagator, share)
                 self.account = replace(account, cpu_predicted=seconds + account.cpu_predicted)
+                self._require_little_lost_light(share)
                 return answer
             seconds += propagator.cpu_seconds(self.span.budget.speed)
             propagator = self._tighter_plan(propagator, share)
             # The account is updated first, so that it explains a long call while it runs.
             account = self._build_account(propagator)
             self.account = replace(account, cpu_predicted=seconds + account.cpu_predicted)
+
+    def _require_little_lost_light(self, share: float) -> None:
+        """Raise ToleranceError if light beyond a smooth field's band may spoil a dim target."""
+        error = self.account.sampling_error.value + self.account.arithmetic.value
+        if error > self.span.tol:
+            raise ToleranceError(
+                f"tol {self.span.tol:g} can't be kept on a target that {share:.2g} of the light "
+                f"reaches: as much as {self._lost_share:.2g} of the field's light lies outside "
+                "carrier ± band or at the source's edges. Sample it finer, on a larger plane, or "
+                f"ask for tol {rounded_up(error)} or more"
+            )
 
     def _check_smooth_field(
         self, promise: SmoothFieldCheck, field: torch.Tensor, light: torch.Tensor

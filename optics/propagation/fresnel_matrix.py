@@ -167,7 +167,7 @@ class FresnelMatrices(ParaxialPropagator):
     def planning_seconds(self, speed: MachineSpeed) -> float:
         if self.span.differentiable:
             return 0.0
-        return self._kernel_count() * _SETTINGS.element_touches * speed.touch + 2 * speed.call
+        return self._kernel_count() * _SETTINGS.element_touches * speed.touch + 5 * speed.call
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         (ny, nx), (my, mx) = self.span.source.shape, self.span.target.shape

@@ -35,11 +35,11 @@ class SingleFresnel(ChirpedPropagator):
         super().__init__(span)
         n = self._paraxial_span.numeric
         shares = TOLERANCE_SHARES
-        cells, sampling = None, shares.sampling * n.tol
+        cells, sampling = None, shares.sampling * n.sampling_tol
         if n.cells is None:
             require_replicas_miss_target(self.name, n)
         else:
-            cells, sampling = plan_cell_sampling(n, n.scale, shares.sampling * n.tol)
+            cells, sampling = plan_cell_sampling(n, n.scale, sampling)
         share, turns = shares.sampling + 2 * shares.transform, kernel_turns(self._paraxial_span)
         self.dtype, self.arithmetic = working_precision(n.tol - self._model_error, turns, share)
         step = ChirpedTransform(
@@ -64,7 +64,7 @@ def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
             target_ray_frequencies(n, axis),
             n.source.pitch[axis],
         )
-        allowed = TOLERANCE_SHARES.replica * n.tol
+        allowed = TOLERANCE_SHARES.replica * n.sampling_tol
         if replicas_miss_target(band, pitch, reach, abs(n.scale), allowed):
             continue
         raise ToleranceError(

@@ -93,7 +93,7 @@ class TwoStepFresnel(ChirpedPropagator):
         super().__init__(span)
         n = self._paraxial_span.numeric
         shares = TOLERANCE_SHARES
-        self._epsilon = shares.replica * n.tol
+        self._epsilon = shares.replica * n.sampling_tol
         part, axes, cells = self._cheapest_plane()
         self._tapers = axes
         self._intermediate_plane = _sampled_plane(axes)
@@ -119,7 +119,7 @@ class TwoStepFresnel(ChirpedPropagator):
             error=error,
         )
         self._steps = (first, second)
-        sampling = 2 * shares.sampling * n.tol + 2 * (first.error + second.error)
+        sampling = 2 * shares.sampling * n.sampling_tol + 2 * (first.error + second.error)
         self._set_error_bound(self._model_error + sampling, share, self._model_error)
         rows, columns = self._intermediate_plane.shape
         self.sampling = f"{columns}x{rows} samples at {part:.3g} of the way"
@@ -168,7 +168,8 @@ class TwoStepFresnel(ChirpedPropagator):
         n, cells = self._paraxial_span.numeric, None
         if n.cells is not None:
             try:
-                cells, _ = plan_cell_sampling(n, part * n.scale, TOLERANCE_SHARES.sampling * n.tol)
+                error = TOLERANCE_SHARES.sampling * n.sampling_tol
+                cells, _ = plan_cell_sampling(n, part * n.scale, error)
             except ToleranceError:
                 return None
         y, x = self._axis(0, part), self._axis(1, part)

@@ -109,7 +109,7 @@ class DirectQuadrature(Propagator):
         self.dtype = torch.complex128
         share = 4 * TOLERANCE_SHARES.direct
         self.arithmetic = working_precision(n.tol, self._turns(), share, double=True)[1]
-        self.error = ErrorEstimate(share * n.tol, "bound")
+        self.error = ErrorEstimate(share * n.sampling_tol, "bound")
         rows, columns = self._points
         self.sampling = f"{columns}x{rows} source points"
 
@@ -118,7 +118,7 @@ class DirectQuadrature(Propagator):
 
         The points are nodes of a cell, or finer samples of a smooth field.
         """
-        n, error = self.span.numeric, TOLERANCE_SHARES.direct * self.span.tol
+        n, error = self.span.numeric, TOLERANCE_SHARES.direct * self.span.sampling_tol
         most = _SETTINGS.max_points
         if n.cells is None:
             factor = oversampling_factor(n, axis, error, most)

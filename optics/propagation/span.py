@@ -69,6 +69,9 @@ class FreeSpaceSpan:
         Rayleigh-Sommerfeld integral of a scalar wave (Goodman section 3.5).
     tol : float, optional
         Largest relative L2 error of the complex field on the target, from sampling and arithmetic.
+    finest_sampling : float, optional
+        Error from sampling that is planned even where `tol` allows more; none by default. It costs
+        little, where higher precision would cost much.
     budget : Budget, optional
         The memory allowed, and the machine's speed.
 
@@ -93,6 +96,7 @@ class FreeSpaceSpan:
     tilt: tuple[float, float] = (0.0, 0.0)
     paraxial: bool = False
     tol: float = 1e-3
+    finest_sampling: float = math.inf
     budget: Budget = field(default_factory=Budget)
 
     def __post_init__(self) -> None:
@@ -143,6 +147,11 @@ class FreeSpaceSpan:
             return self.band
         y, x = self.source.pitch
         return (0.25 / y, 0.25 / x)
+
+    @property
+    def sampling_tol(self) -> float:
+        """Return the tolerance of which the propagation's sampling uses its shares."""
+        return min(self.tol, self.finest_sampling)
 
     @property
     def sample_area(self) -> float:

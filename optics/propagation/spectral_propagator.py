@@ -137,7 +137,7 @@ class SpectralPropagator(Propagator):
 
     def _band_loss(self) -> float:
         """Return the share of the source's light that the propagator's frequency band may lose."""
-        return min(TOLERANCE_SHARES.band * self._numeric_span.tol, _SETTINGS.largest_error)
+        return min(TOLERANCE_SHARES.band * self._numeric_span.sampling_tol, _SETTINGS.largest_error)
 
     def _double_arithmetic(self) -> float:
         """Return the rounding error of free-space propagation in complex128, relative.
@@ -393,7 +393,7 @@ def _rows_of(plane: Plane, first: int, last: int) -> Plane:
 
 def transform_error_share(span: FreeSpaceSpan) -> float:
     """Return the relative error that each of a propagation's two Fourier transforms may have."""
-    allowed = TOLERANCE_SHARES.transform * span.tol
+    allowed = TOLERANCE_SHARES.transform * span.sampling_tol
     return min(max(allowed, FINEST_GRIDDING), _SETTINGS.largest_error)
 
 
