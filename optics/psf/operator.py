@@ -74,6 +74,12 @@ class PSFOperatorSettings:
     derivative_tol_share : float
         Share of the tolerance that the light keeps, where a method does, so that derivatives keep
         the tolerance. Chosen.
+    phase_slope : float
+        Radians per stop radius by which a phase on a lens' points may change unless stated. Chosen.
+    pattern_tol_share : float
+        Share of the tolerance that the light without a pattern keeps, where a method does, if
+        patterns are expected on a lens' points: with one, the window may get less light. Chosen;
+        nodes' errors fall so fast with their number that it takes few more.
     gradient_error_factor : float
         Relative error of derivatives over that of the light. Behind panels it was 10 at most where
         it was measured; three times as much is told.
@@ -83,6 +89,8 @@ class PSFOperatorSettings:
     beside_factor: float = 8.0
     finest_pixel_tol: float = 1e-13
     derivative_tol_share: float = 0.03
+    phase_slope: float = 20.0
+    pattern_tol_share: float = 0.01
     gradient_error_factor: float = 30.0
 
 
@@ -138,7 +146,8 @@ class PSFOperator:
         pixels', a finer integration stands in.
     phase_slope : float, optional
         Radians per stop radius by which a phase given to a lens may change. The quadrature nodes
-        are chosen for it beforehand. 20 by default.
+        are chosen for it beforehand. Give it where patterns will be given: the nodes then suit
+        patterns that send little light to the window as well. Otherwise they suit 20.
     calls : int, optional
         How often the operator will be called: the method is chosen for the least time of planning
         and all calls together. That of the budget by default, 100.
@@ -182,7 +191,7 @@ class PSFOperator:
         tol: float = 1e-3,
         method: str | None = None,
         pixel_tol: float | None = None,
-        phase_slope: float = 20.0,
+        phase_slope: float | None = None,
         calls: int | None = None,
         budget: Budget | None = None,
     ) -> None:
@@ -226,7 +235,7 @@ class PSFOperator:
             tol - rest,
             budget,
             margin,
-            phase_slope,
+            _SETTINGS.phase_slope if phase_slope is None else phase_slope,
             camera.separation if camera else 0.0,
             _validate_field_position(field),
             _build_spherical_wave(camera, distance, wavelength, field) if sphere else None,
@@ -235,7 +244,10 @@ class PSFOperator:
         if not max(floor, rest + 20 * FLOAT64_ARITHMETIC) <= tol:
             raise tolerance_error_with_advice(request, camera, method, rest, floor)
         self._cached_unmodulated_psfs: list[_UnmodulatedLight] = []
-        self._request, self.engine = _plan_engine(request, camera, method, rest)
+        expects_patterns = camera is None and phase_slope is not None
+        self._request, self.engine = _plan_engine(
+            request, camera, method, rest, expects_patterns=expects_patterns
+        )
         self._method = method
         self._fallback_engine: PSFEngine | None = None
         self._last_engine = self.engine
@@ -634,14 +646,29 @@ class _UnmodulatedLight:
 
 
 def _plan_engine(
-    request: PSFRequest, camera: Camera | None, method: str | None, reserved_tol: float
+    request: PSFRequest,
+    camera: Camera | None,
+    method: str | None,
+    reserved_tol: float,
+    *,
+    expects_patterns: bool,
 ) -> tuple[PSFRequest, PSFEngine]:
-    """Prepare the cheapest engine for a PSF; with derivatives, to a smaller tolerance if possible.
+    """Prepare the cheapest engine for a PSF, to a smaller tolerance if that is possible and needed.
 
-    Returns the request that is kept, and its engine.
+    With derivatives it is, and for patterns on the points of a lens, of whose light the window may
+    get less than without one. Returns the request that is kept, and its engine.
     """
+    shares = []
     if request.differentiable and method is None:
-        tight = replace(request, tol=_SETTINGS.derivative_tol_share * request.tol)
+        shares.append(_SETTINGS.derivative_tol_share)
+    if expects_patterns:
+        shares.append(_SETTINGS.pattern_tol_share)
+    if shares:
+        tight = replace(
+            request,
+            tol=min(shares) * request.tol,
+            pattern_tol=request.tol if expects_patterns else None,
+        )
         try:
             return tight, prepare_cheapest_engine(tight, camera, method, reserved_tol)
         except ToleranceError:

@@ -127,18 +127,28 @@ class PSFEngine(CandidateMethod):
         The errors of nodes and transforms are taken to be as large as without a pattern. Raises
         ToleranceError if they are too large for this light.
         """
-        window, tol = self._request.window_slices, self._request.tol
+        q, window = self._request.numeric, self._request.window_slices
+        tol = self._pattern_tol
         seen = light.detach()
         noise = EvenNoise(seen, torch.ones(1, 1), window, window_norm(seen, window))
         error = noise.error(torch.tensor(self._even_noise))
         error = _SLOPE_SETTINGS.pattern_error_factor * max(self._planned_error.value, error)
         self.error = ErrorEstimate(error, "estimate from the light in the window")
         if not error + self.arithmetic <= tol:
+            remedy = f"tol={rounded_down(0.5 * tol * tol / error)}"
+            if q.pattern_tol is None:
+                remedy = f"phase_slope={q.phase_slope:g}, so that patterns are planned for"
             raise ToleranceError(
                 f"tol {tol:g} can't be kept: the pattern sends little light to the window, of "
-                f"which errors are {error:.2g}; plan a PSFOperator with "
-                f"tol={rounded_down(0.5 * tol * tol / error)}, or ask for a larger window"
+                f"which errors are {error:.2g}; plan a PSFOperator with {remedy}, or ask for a "
+                "larger window"
             )
+
+    @property
+    def _pattern_tol(self) -> float:
+        """The relative L2 error that a PSF with a pattern must keep."""
+        q = self._request
+        return q.tol if q.pattern_tol is None else q.pattern_tol
 
     def _first_light(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
@@ -194,7 +204,7 @@ class PSFEngine(CandidateMethod):
             names.append("amplitude")
             # An amplitude has no steepest slope. Where its spectrum falls as a Gaussian does, this
             # factor leads from the root mean square to where the tolerance is reached.
-            factor = math.sqrt(max(1.0, -math.log(q.tol)))
+            factor = math.sqrt(max(1.0, -math.log(self._pattern_tol)))
             detail = factor * self._interpolation.detail_slope(amplitude.detach())
             needed += max(detail - _SLOPE_SETTINGS.spare_slope, 0.0)
         if needed > _SLOPE_SETTINGS.margin * q.phase_slope:
@@ -218,7 +228,7 @@ class PSFEngine(CandidateMethod):
             return 0.0
         variation = self._interpolation.phase_variation(phase, slope)
         harmonics = 2.5 * (slope / max(variation, 1e-9)) ** (1 / 3)
-        harmonics -= 1.2 * math.log10(self._request.tol)
+        harmonics -= 1.2 * math.log10(self._pattern_tol)
         return slope + max(variation - _SLOPE_SETTINGS.slow_variation, 0.0) * harmonics
 
 

@@ -37,7 +37,9 @@ class PSFRequest:
     panel. field: metres (y, x) on the sensor from the axis to the point's geometric image, around
     which the samples lie. sphere: the point's spherical wave over the panel; None for its parabola.
     pixel: size (y, x) in metres of the sensor pixels over which the samples are integrated
-    afterwards; 0 if the samples themselves are wanted.
+    afterwards; 0 if the samples themselves are wanted. pattern_tol: relative L2 error that light
+    with a pattern must keep, where `tol` is planned smaller because patterns will be given; None if
+    it is `tol`.
     """
 
     lens: Lens
@@ -52,6 +54,7 @@ class PSFRequest:
     field: tuple[Scalar, Scalar] = (0.0, 0.0)
     sphere: SphericalWaveCorrection | None = None
     pixel: tuple[float, float] = (0.0, 0.0)
+    pattern_tol: float | None = None
 
     def __post_init__(self) -> None:
         require_valid_source(self.distance, self.wavelength)
