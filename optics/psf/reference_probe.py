@@ -29,6 +29,12 @@ _CHUNK = 1 << 21
 ERROR_MARGIN = 2.0
 """Factor on an error that was measured at few samples."""
 
+PASSES_PER_ABERRATION = 35.0
+"""Passes over a node of the stop while one of the lens' aberrations is evaluated; measured."""
+
+_KERNEL_COST = 2.5
+"""Time of a kernel's values over that of their cosines and sines alone; measured."""
+
 
 @dataclass(frozen=True)
 class ReferenceProbeSettings:
@@ -113,12 +119,13 @@ class ReferenceProbe:
         """Predict the processor time of the reference and one measurement, for the PSF's plan."""
         nodes, lines = self._reference_node_count, self._lines_per_axis
         rows, columns = self._request.samples.shape
-        kernels = nodes * (4 * lines + 2) * speed.cosine
+        kernels = _KERNEL_COST * nodes * (4 * lines + 2) * speed.cosine
+        wave = PASSES_PER_ABERRATION * nodes * len(self._request.lens.aberrations) * speed.touch
         sums = 2 * nodes * lines**2 * speed.multiply_add * speed.double
         rule = rule_seconds(
             self._request.lens.stop, self._reference_slope_bound, self._reference_tol, speed
         )
-        return rule + kernels + sums + 5 * rows * columns * speed.touch
+        return rule + kernels + wave + sums + 5 * rows * columns * speed.touch
 
     @cached_property
     def _reference_slope_bound(self) -> PhaseSlopeBound:

@@ -15,7 +15,7 @@ from optics.fourier.nonuniform import (
     nonuniform_bytes,
     nonuniform_seconds,
 )
-from optics.psf.reference_probe import ReferenceProbe
+from optics.psf.reference_probe import PASSES_PER_ABERRATION, ReferenceProbe
 from optics.psf_engines.engine import CachedPupilWave, PSFEngine, double_precision_error
 from optics.psf_engines.request import PSFRequest
 from optics.pupil import pupil_phase
@@ -61,7 +61,7 @@ _SETTINGS = ScatteredNodesSettings()
 _PASSES_PER_WAVE = 60.0
 """Passes over a node while its wave is computed and finufft sorts it; measured."""
 
-_PLANNING_CALLS = 4.0
+_PLANNING_CALLS = 20.0
 """Fixed cost of planning in calls; measured."""
 
 
@@ -119,7 +119,8 @@ class ScatteredNodesEngine(PSFEngine):
     def planning_seconds(self, speed: MachineSpeed) -> float:
         q = self._request.numeric
         rule = rule_seconds(q.lens.stop, q.phase_slope_bound, self._quadrature_tol, speed)
-        wave = _PASSES_PER_WAVE * self._node_count * speed.touch
+        passes = _PASSES_PER_WAVE + PASSES_PER_ABERRATION * len(q.lens.aberrations)
+        wave = passes * self._node_count * speed.touch
         probe = self._probe.planning_seconds(speed)
         return _PLANNING_CALLS * speed.call + self.cpu_seconds(speed) + rule + wave + probe
 

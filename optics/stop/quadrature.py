@@ -34,10 +34,10 @@ _SPARSE_NODES = 16
 _RULE_PASSES = 50.0
 """Passes over a node while a stop's rule is computed; measured."""
 
-_STEPS_PER_ARC = 1.5
+_STEPS_PER_ARC = 6.0
 """Steps of Python for each arc of a stop's rule; measured."""
 
-_STEPS_PER_EDGE = 0.5
+_STEPS_PER_EDGE = 2.0
 """Steps of Python for each edge of a stop's shapes and each radius of its rule; measured."""
 
 

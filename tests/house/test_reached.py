@@ -100,6 +100,7 @@ def test_a_reason_is_given_only_where_one_is_needed(name):
 REFERENCES = {
     "tests/figures/chains.py": "panels of 300 pixels take tests' own judge of chains hours",
     "tests/figures/problems.py": "the same references as labapp accuracy shows, on random problems",
+    "tests/figures/told.py": "the same problems and references as those two",
     "tests/labapp/test_chain_accuracy.py": "they are what is tested",
     "tests/labapp/test_references.py": "they are what is tested",
     "tests/peers/labapp_peers/free_space.py": "an adapter of labapp accuracy's",
