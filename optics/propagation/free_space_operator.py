@@ -297,7 +297,7 @@ class FreeSpace:
 
     def _require_little_lost_light(self, share: float) -> None:
         """Raise ToleranceError if light beyond a smooth field's band may spoil a dim target."""
-        error = self.account.sampling_error.value + self.account.arithmetic.value
+        error = self.account.error
         if error > self.span.tol:
             raise ToleranceError(
                 f"tol {self.span.tol:g} can't be kept on a target that {share:.2g} of the light "

@@ -73,8 +73,12 @@ class SpectrumPart:
     to_target: PlaneTransform
 
     @property
+    def transforms(self) -> tuple[PlaneTransform, PlaneTransform]:
+        return self.to_spectrum, self.to_target
+
+    @property
     def bytes(self) -> int:
-        return max(self.to_spectrum.bytes, self.to_target.bytes)
+        return max(transform.bytes for transform in self.transforms)
 
 
 class SpectralPropagator(Propagator):
@@ -170,7 +174,7 @@ class SpectralPropagator(Propagator):
 
     def _seconds(self, stages: list[SpectrumPart]) -> float:
         speed = self._numeric_span.budget.speed
-        return sum(t.cpu_seconds(speed) for s in stages for t in (s.to_spectrum, s.to_target))
+        return sum(t.cpu_seconds(speed) for s in stages for t in s.transforms)
 
     def _frequencies(self, pitches: tuple[float, float]) -> Plane:
         """Return the propagator's plane of frequencies; its period is a multiple of the pitches."""
@@ -250,7 +254,7 @@ class SpectralPropagator(Propagator):
         return making + 4 * rows * columns * self.dtype.itemsize
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        steps = sum(t.cpu_seconds(speed) for s in self._parts for t in (s.to_spectrum, s.to_target))
+        steps = sum(t.cpu_seconds(speed) for s in self._parts for t in s.transforms)
         return steps + self._filter_seconds(speed)
 
     @property
@@ -277,9 +281,8 @@ class SpectralPropagator(Propagator):
         return math.prod(min(count * pitch * step, 1.0) for count, pitch, step in spread)
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        transforms = [t for s in self._parts for t in (s.to_spectrum, s.to_target)]
         seconds = _SETTINGS.planning_calls * speed.call
-        seconds += sum(transform.planning_seconds(speed) for transform in transforms)
+        seconds += sum(t.planning_seconds(speed) for s in self._parts for t in s.transforms)
         if self._rebuilds_filter:
             return seconds
         return seconds + _SETTINGS.touches_per_frequency * self._frequency_count * speed.touch

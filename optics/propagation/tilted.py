@@ -103,7 +103,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
 
     @property
     def bytes(self) -> int:
-        points = math.prod(self.frequencies.shape)
+        points = self._frequency_count
         # Computing a frequency's position on the tilted plane takes 120 bytes.
         return (
             self._filter_bytes(self.frequencies)
@@ -117,7 +117,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return super().planning_seconds(speed) + nufft + 100 * points * speed.touch
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        points = math.prod(self.frequencies.shape)
+        points = self._frequency_count
         sums = 2 if needs_gradient(self.span.wavelength) else 1
         back = nonuniform_seconds(points, self._image, self._nufft_error, speed)
         return self._to_spectrum.cpu_seconds(speed) + self._filter_seconds(speed) + sums * back

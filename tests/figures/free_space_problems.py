@@ -37,7 +37,7 @@ _PROBLEMS = 120
 _SEED = 20240711
 _SAMPLES = 64
 _FEWEST = 8
-_JUDGED_COST = 3e7
+JUDGED_COST = 3e7
 """Exponentials that the judge may take for one problem."""
 
 _MOST_SECONDS = 8.0
@@ -250,7 +250,7 @@ class Judge:
     samples, and one over the chance of each.
     """
 
-    def __init__(self, problem: Problem, field: Complex, most_cost: float = _JUDGED_COST) -> None:
+    def __init__(self, problem: Problem, field: Complex, most_cost: float = JUDGED_COST) -> None:
         self._problem = problem
         light = np.abs(field.ravel()) ** 2
         count = _SAMPLES
@@ -305,7 +305,7 @@ class Outcome:
     share: float = math.nan
 
 
-def outcome(problem: Problem, budget: Budget, most_cost: float = _JUDGED_COST) -> Outcome:
+def outcome(problem: Problem, budget: Budget, most_cost: float = JUDGED_COST) -> Outcome:
     """Ask the engine, and judge its answer or its refusal."""
     try:
         operator = problem.operator(budget=budget)

@@ -12,8 +12,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from figures import Figure
 from figures import chains as random_chains
@@ -21,9 +23,13 @@ from figures import free_space_problems as free_space
 from figures import problems as random_psfs
 from labapp.accuracy.references.psf_problem import PSFProblem
 from labapp.common.speed import machine_speed
-from optics.accuracy import Account, Budget, ToleranceError
+from optics.accuracy import Account, Budget
 from optics.camera import Camera
+from optics.propagation import FreeSpace
+from optics.psf import PSFOperator
 from optics.threads import single_threaded
+
+Operator = TypeVar("Operator", PSFOperator, FreeSpace)
 
 _SEED = 20261124
 _JUDGED_TERMS = 5e9
@@ -60,19 +66,12 @@ def _psfs(wanted: Callable[[PSFProblem], bool], source: Iterator[PSFProblem]) ->
 
 
 def _ask_psf(problem: PSFProblem, budget: Budget) -> Told | None:
-    started = time.process_time()
-    try:
-        operator = problem.operator(problem.tol, calls=1, budget=budget)
-        planned = operator.account
-        if _seconds(planned) > _MOST_SECONDS:
-            return None
-        light = problem.light(operator)
-    except ToleranceError:
-        return None
-    spent, judge = time.process_time() - started, problem.build_reference(light)
-    judged = judge.product_count <= _JUDGED_TERMS
-    true = judge.error(light) if judged else math.nan
-    return Told(operator.account.error, true, _seconds(planned), spent)
+    def true_error(light: NDArray[Any]) -> float:
+        judge = problem.build_reference(light)
+        return judge.error(light) if judge.product_count <= _JUDGED_TERMS else math.nan
+
+    plan = partial(problem.operator, problem.tol, calls=1, budget=budget)
+    return _ask(plan, problem.light, true_error)
 
 
 def _ways(source: Iterator[free_space.Problem]) -> Asked:
@@ -81,18 +80,34 @@ def _ways(source: Iterator[free_space.Problem]) -> Asked:
 
 def _ask_way(problem: free_space.Problem, budget: Budget) -> Told | None:
     field = problem.field
+
+    def answer(operator: FreeSpace) -> NDArray[Any]:
+        return np.asarray(operator(field).resolve_conj(), dtype=complex)
+
+    def true_error(value: NDArray[Any]) -> float:
+        judge = free_space.Judge(problem, value)
+        return judge.error(value) if judge.cost <= free_space.JUDGED_COST else math.nan
+
+    return _ask(partial(problem.operator, calls=1, budget=budget), answer, true_error)
+
+
+def _ask(
+    plan: Callable[[], Operator],
+    answer: Callable[[Operator], NDArray[Any]],
+    true_error: Callable[[NDArray[Any]], float],
+) -> Told | None:
+    """Plan, call and judge; what was predicted is what the account says before the call."""
     started = time.process_time()
     try:
-        operator = problem.operator(calls=1, budget=budget)
-        if _seconds(operator.account) > _MOST_SECONDS:
+        operator = plan()
+        predicted = _seconds(operator.account)
+        if predicted > _MOST_SECONDS:
             return None
-        answer = operator(field)
+        value = answer(operator)
     except ValueError:
         return None
-    spent, value = time.process_time() - started, np.asarray(answer.resolve_conj(), dtype=complex)
-    judge = free_space.Judge(problem, value)
-    true = judge.error(value) if judge.cost <= 3e7 else math.nan
-    return Told(operator.account.error, true, _seconds(operator.account), spent)
+    spent = time.process_time() - started
+    return Told(operator.account.error, true_error(value), predicted, spent)
 
 
 def _seconds(account: Account) -> float:

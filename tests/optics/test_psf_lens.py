@@ -444,12 +444,12 @@ def test_no_plan_of_a_tensor_is_kept():
 
 
 def test_patterns_that_send_little_light_to_the_window_are_planned_for_with_a_phase_slope():
-    """Ripples of a phase send most light away: the plan for no pattern says so, that with a
-    phase slope keeps the tolerance of what is left."""
+    """Ripples of a phase send most light away. A plan with a phase slope has nodes for it that are
+    finer than the tolerance asks without a pattern, and keeps it of what is left."""
     lens, tol = Lens(0.05, 8.0, 2.0), 1e-5
     pixels = Plane((40, 40), (4e-6, 4e-6))
 
-    def rippled(operator):
+    def light_through_ripples(operator):
         y, _ = (p / (lens.stop_diameter / 2) for p in operator.points)
         return operator(2.405 * torch.sin(15.0 * y))
 
@@ -461,4 +461,8 @@ def test_patterns_that_send_little_light_to_the_window_are_planned_for_with_a_ph
         lens, 2.0, WAVELENGTH, pixels, tol=1e-10, method="scattered", phase_slope=240.0
     )
     assert planned.account.error < 0.1 * plain.account.tol
-    assert relative(rippled(planned), rippled(fine)) <= planned.account.error <= tol
+    assert (
+        relative(light_through_ripples(planned), light_through_ripples(fine))
+        <= planned.account.error
+        <= tol
+    )
