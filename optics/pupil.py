@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 from typing import Any
@@ -69,8 +70,17 @@ def open_area(camera: Camera) -> float:
     # The origin is at n // 2, so that an even number of pixels isn't centred on it.
     middle = tuple((n % 2 - 1) * panel.pitch / 2 for n in panel.shape)
     one = Plane((1, 1), (whole[0], whole[1]), (middle[0], middle[1]))
-    share = coverage(camera.lens.stop, camera.lens.stop_diameter / 2, one)
-    return float(share) * whole[0] * whole[1]
+    share = _open_share(camera.lens.stop, as_number(camera.lens.stop_diameter) / 2, one)
+    return share * whole[0] * whole[1]
+
+
+@functools.lru_cache(maxsize=256)
+def _open_share(stop: Stop, radius: float, cell: Plane) -> float:
+    """Compute the open share of a pupil that is one cell. It is cached: every call of a PSF asks.
+
+    radius: of the stop, metres.
+    """
+    return float(coverage(stop, radius, cell))
 
 
 def require_open_pupil(camera: Camera) -> None:

@@ -50,6 +50,7 @@ class CollapsedEngine(PSFEngine):
         transform: str | None = None,
     ) -> None:
         self._request, self._camera, self._search = request, camera, search
+        self._used_engine: PSFEngine = self
         n = request.numeric
         plain = numeric_camera(camera)
         if not can_collapse(plain):
@@ -116,7 +117,7 @@ class CollapsedEngine(PSFEngine):
         return self._panel_engine.cpu_seconds(speed)
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        return search_seconds(self._request, speed) + self._panel_engine.planning_seconds(speed)
+        return search_seconds(speed) + self._panel_engine.planning_seconds(speed)
 
     def prepare(self) -> None:
         self._panel_engine.prepare()
@@ -138,10 +139,18 @@ class CollapsedEngine(PSFEngine):
             self._edge_error / dimness.error_divisor(edge.collapse_passing_share)
             + self._cut_pixel_error / dimness.uniform_error_divisor
         )
-        lost += self._panel_engine.error.value + self.arithmetic
-        if lost <= self._request.tol:
+        lost += self._panel_engine.used_engine.error.value
+        self.error = ErrorEstimate(lost, "estimate for the light in the window")
+        self._used_engine = self
+        if lost + self._panel_engine.used_engine.arithmetic <= self._request.tol:
             return light
-        return self._fallback_engine.intensity(phase, amplitude)
+        light = self._fallback_engine.intensity(phase, amplitude)
+        self._used_engine = self._fallback_engine.used_engine
+        return light
+
+    @property
+    def used_engine(self) -> PSFEngine:
+        return self._used_engine
 
     def _panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None

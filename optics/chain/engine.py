@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import torch
 
-from optics.accuracy import (
-    ErrorEstimate,
-    MachineSpeed,
-    ToleranceError,
-    unreachable_tolerance_error,
-)
+from optics.accuracy import ErrorEstimate, MachineSpeed, MethodChoice, ToleranceError
 from optics.camera import Camera
 from optics.chain.lens_grid import LensGridSearch
 from optics.chain.low_light import LowLightCorrection
@@ -24,15 +20,13 @@ from optics.psf_engines.request import PSFRequest
 from optics.pupil import Scalar, numeric_camera, open_area
 from optics.validation import as_number, needs_gradient
 
-_SEARCH_CALLS, _SEARCH_PASSES = 80.0, 1200.0
-"""Time of the search for a band and a grid, in calls and in passes over the samples at the sensor;
-fitted to 50 random chains."""
+_SEARCH_CALLS = 240.0
+"""Time of the search for a band and a grid, in calls; fitted to 170 random chains."""
 
 
-def search_seconds(request: PSFRequest, speed: MachineSpeed) -> float:
+def search_seconds(speed: MachineSpeed) -> float:
     """Predict the time of the search for the light that a chain's method may neglect, seconds."""
-    rows, columns = request.samples.shape
-    return _SEARCH_CALLS * speed.call + _SEARCH_PASSES * rows * columns * speed.touch
+    return _SEARCH_CALLS * speed.call
 
 
 class ChainEngine(PSFEngine):
@@ -58,11 +52,14 @@ class ChainEngine(PSFEngine):
         camera: Camera,
         search: LensGridSearch,
         promised_tol: float | None = None,
+        kinds: Sequence[type[ChainEngine]] = (),
     ) -> None:
         self._request, self._camera = request, numeric_camera(camera)
+        self._kinds = tuple(kinds) or (type(self),)
         self._promised_tol = promised_tol or request.tol
         self._search, self._edge_scatter = search, search.edge_scatter
         self._stricter_engine: ChainEngine | None = None
+        self._used_engine: PSFEngine = self
         self._plan(request.numeric)
         self._planned_error = self.error
 
@@ -77,7 +74,7 @@ class ChainEngine(PSFEngine):
         return self._camera.panel.plane.mesh()
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        return search_seconds(self._request, speed)
+        return search_seconds(speed)
 
     def panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
@@ -194,14 +191,19 @@ class ChainEngine(PSFEngine):
         ).error_divisor(self._passing_error_share)
         error = (self._planned_error.value + self.arithmetic) / ratio - self.arithmetic
         self.error = ErrorEstimate(error, "estimate for the light in the window")
+        self._used_engine = self
         if self.error.value + self.arithmetic <= self._promised_tol:
             return light
         tol = 0.7 * ratio * self._promised_tol
         if self._stricter_engine is None or self._stricter_engine.planned_error > tol:
             self._stricter_engine = self._plan_stricter_engine(tol)
         light = self._stricter_engine.intensity(phase, amplitude)
-        self.error = self._stricter_engine.error
+        self._used_engine = self._stricter_engine.used_engine
         return light
+
+    @property
+    def used_engine(self) -> PSFEngine:
+        return self._used_engine
 
     @property
     def planned_error(self) -> float:
@@ -209,18 +211,17 @@ class ChainEngine(PSFEngine):
         return self._planned_error.value
 
     def _plan_stricter_engine(self, tol: float) -> ChainEngine:
-        """Plan the chain's engine anew for a smaller tolerance, which a dark window needs."""
-        promised, budget = self._promised_tol, self._request.budget
-        try:
-            if not tol < 0.9 * self._request.tol:
-                raise unreachable_tolerance_error(promised, promised)
+        """Plan the cheapest of the chain's engines for a smaller tol, which a dark window needs."""
+        promised = self._promised_tol
+        if tol < 0.9 * self._request.tol:
             request = replace(self._request, tol=tol)
-            twin = type(self)(request, self._camera, self._search, promised)
-            if twin.bytes <= budget.memory:
-                twin.prepare()
-                return twin
-        except ToleranceError:
-            pass
+            makers = [
+                partial(kind, request, self._camera, self._search, promised, self._kinds)
+                for kind in self._kinds
+            ]
+            choice = MethodChoice(makers, request.budget, "a PSF")
+            for engine in choice.prepared_candidates():
+                return engine
         raise ToleranceError(
             f"tol {promised:g} can't be kept: the window gets so little of the light that what the "
             "stop's edge scatters there counts; ask for a window that is nearer to the light"

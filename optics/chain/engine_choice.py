@@ -9,6 +9,7 @@ from optics.accuracy import select_methods
 from optics.camera import Camera
 from optics.chain.collapsed import CollapsedEngine
 from optics.chain.edge_scatter import StopEdgeScatter
+from optics.chain.engine import ChainEngine
 from optics.chain.grid import GridEngine
 from optics.chain.lens_grid import LensGridSearch
 from optics.chain.quadrature_engine import QuadratureEngine
@@ -51,9 +52,12 @@ def chain_engines(
     edge = StopEdgeScatter(request, numeric_camera(camera))
     search = functools.cache(lambda: LensGridSearch(edge))
     transform = method if method in PANEL_METHODS else None
+    # One of these may stand in for another that a dark window needs to be stricter.
+    kinds: list[type[ChainEngine]] = [GridEngine, QuadratureEngine]
+    kinds = [kind for kind in kinds if method in (None, kind.name)]
     makers: dict[str, Callable[[], PSFEngine]] = {
-        GridEngine.name: lambda: GridEngine(request, camera, search()),
-        QuadratureEngine.name: lambda: QuadratureEngine(request, camera, search()),
+        GridEngine.name: lambda: GridEngine(request, camera, search(), kinds=kinds),
+        QuadratureEngine.name: lambda: QuadratureEngine(request, camera, search(), kinds=kinds),
         CollapsedEngine.name: lambda: CollapsedEngine(request, camera, search(), transform),
     }
     wanted = select_methods(makers, CollapsedEngine.name if transform else method)

@@ -90,12 +90,12 @@ class PropagatorAxis:
         """The pitch in metres of the chain's samples at the lens, in the panel's coordinates."""
         return self.period / self.folded_length
 
-    @property
+    @cached_property
     def first_frequency_number(self) -> int:
         """The number of the first frequency in the chain's band, in steps of 1 / period."""
         return math.ceil(self.band.outer_limits[0] * self.period)
 
-    @property
+    @cached_property
     def frequency_count(self) -> int:
         return math.floor(self.band.outer_limits[1] * self.period) - self.first_frequency_number + 1
 
@@ -107,7 +107,7 @@ class PropagatorAxis:
             self.first_frequency_number + self.frequency_count - 1,
         )
 
-    @property
+    @cached_property
     def spectrum_length(self) -> int:
         """The number of values in the spectrum of the chain's panel, at most one period."""
         first, last = self.spectrum_range

@@ -134,7 +134,11 @@ class PanelToSensorMap:
         return self.propagator.dtype.itemsize * (2 * between + spectrum + block)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        return self.propagator.cpu_seconds(speed) + self.sensor_transform.cpu_seconds(speed)
+        # Each block of rows takes about as long as a call, whatever its size.
+        blocks = len(self._stop_mask.row_blocks) * speed.call
+        return (
+            blocks + self.propagator.cpu_seconds(speed) + self.sensor_transform.cpu_seconds(speed)
+        )
 
 
 def panel_spectrum(propagator: PanelToLensPropagator, field: torch.Tensor) -> torch.Tensor:

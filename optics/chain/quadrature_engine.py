@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ from optics.stop.quadrature import (
     PhaseSlopeBound,
     QuadratureNodes,
     count_nodes,
+    rule_seconds,
     stop_rule,
     stop_rule_blocks,
 )
@@ -60,9 +62,18 @@ class ChainQuadratureSettings:
     coarsest_inner_tol : float
         Largest tolerance for which the quadrature, the transforms and the band's ends are planned.
         Chosen, so that the error that is told stays below 1e-4.
+    fixed_calls : float
+        Time of a PSF that doesn't depend on any size, in calls. Fitted to 60 random chains, like
+        the next four.
+    passes_per_frequency : float
+        Time for each frequency of the panel's spectrum, in passes.
+    planning_calls : float
+        Time of planning that doesn't depend on any size, in calls.
     points_per_planned_node : float
-        Time to compute a node and its place in a transform, over that of MachineSpeed.point.
-        Fitted to 30 random chains.
+        Time to sort a node for the transforms and to compute the lens' wave there, over that of
+        MachineSpeed.point.
+    planning_rules : float
+        Time to find the nodes, over what `rule_seconds` predicts for those of a lens alone.
     bytes_per_node : int
         Memory for each node, bytes.
     max_nodes : int
@@ -74,7 +85,11 @@ class ChainQuadratureSettings:
     transform_tol_share: float = 0.02
     taper_tol_share: float = 1e-2
     coarsest_inner_tol: float = 2e-4
-    points_per_planned_node: float = 5.0
+    fixed_calls: float = 18.0
+    passes_per_frequency: float = 95.0
+    planning_calls: float = 20.0
+    points_per_planned_node: float = 10.0
+    planning_rules: float = 2.0
     bytes_per_node: int = 400
     max_nodes: int = 200_000_000
 
@@ -177,11 +192,21 @@ class QuadratureEngine(ChainEngine):
             self._node_count, self._frequency_plane, self._transform_tol, speed
         )
         on = nonuniform_seconds(self._node_count, self._request.samples, self._transform_tol, speed)
-        return (there + on) * (1.0 if self._nodes_in_memory else 3.0)
+        rows, columns = self._frequency_plane.shape
+        spectrum = _SETTINGS.passes_per_frequency * rows * columns * speed.touch * speed.double
+        nodes = (there + on) * (1.0 if self._nodes_in_memory else 3.0)
+        return _SETTINGS.fixed_calls * speed.call + spectrum + nodes
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        nodes = _SETTINGS.points_per_planned_node * self._node_count * speed.point
-        return super().planning_seconds(speed) + nodes
+        settings = _SETTINGS
+        seconds = super().planning_seconds(speed) + settings.planning_calls * speed.call
+        if not self._nodes_in_memory:
+            return seconds
+        seconds += settings.points_per_planned_node * self._node_count * speed.point
+        stop, slope = self._request.numeric.lens.stop, self._slope_bound
+        return seconds + settings.planning_rules * rule_seconds(
+            stop, slope, self._quadrature_tol, speed
+        )
 
     def prepare(self) -> None:
         n = self._request.numeric
@@ -303,12 +328,19 @@ class _StopNodeBlock:
         moved, onward = self._engine._propagator_variables(), q.transform_variables
         numbers = (moved.stretch, *moved.shift) if moved is not None else (None, None, None)
         arriving = _field_at_nodes(self._to_lens, light, *numbers)
-        phase = pupil_phase(
-            q.lens, q.object_to_lens_distance, q.wavelength, self._nodes.y, self._nodes.x
-        )
-        phase = wrap_phase(phase)
-        wave = torch.polar(torch.ones_like(phase), phase) * self._nodes.weight
+        wave = self._lens_wave() if q.differentiable else self._kept_lens_wave
         return self._to_sensor(arriving * wave.to(arriving.device), onward.stretch, onward.shift)
+
+    @cached_property
+    def _kept_lens_wave(self) -> torch.Tensor:
+        return self._lens_wave()
+
+    def _lens_wave(self) -> torch.Tensor:
+        """Return the chain's lens wave at the nodes, times their weights."""
+        q, nodes = self._engine._request, self._nodes
+        phase = pupil_phase(q.lens, q.object_to_lens_distance, q.wavelength, nodes.y, nodes.x)
+        phase = wrap_phase(phase)
+        return torch.polar(torch.ones_like(phase), phase) * nodes.weight
 
 
 def _field_at_nodes(

@@ -263,6 +263,8 @@ class PSFOperator:
         """
         request, tol, rest = self._request, self._tol, self._integration_error
         engine, speed = self._last_engine, request.budget.speed
+        # Where another engine stood in for the first one, both were planned and called.
+        tried = [self.engine] if engine is self.engine else [self.engine, engine]
         rows, columns = request.samples.shape
         integral = self._pixel_integration.cpu_seconds(speed) if self._pixel_integration else 0.0
         sampling = ErrorEstimate(engine.error.value + rest, engine.error.how)
@@ -275,10 +277,12 @@ class PSFOperator:
             model=self._model_error_estimate,
             sampling_error=sampling,
             arithmetic=ErrorEstimate(engine.arithmetic, "estimate, from tests"),
-            cpu_predicted=engine.cpu_seconds(speed) + integral,
+            cpu_predicted=sum(one.cpu_seconds(speed) for one in tried) + integral,
             gradient_error=self._gradient_error,
-            planning_predicted=engine.planning_seconds(speed) + self._straight_seconds(speed),
-            bytes=engine.bytes + (self._pixel_integration.bytes if self._pixel_integration else 0),
+            planning_predicted=sum(one.planning_seconds(speed) for one in tried)
+            + self._straight_seconds(speed),
+            bytes=sum(one.bytes for one in tried)
+            + (self._pixel_integration.bytes if self._pixel_integration else 0),
         )
 
     @property
@@ -295,7 +299,7 @@ class PSFOperator:
 
     def _straight_seconds(self, speed: MachineSpeed) -> float:
         """Predict the time of the PSF of unmodulated light, which is computed once, in seconds."""
-        engine = self._last_engine
+        engine = self.engine
         if not self.unmodulated:
             return 0.0
         if isinstance(engine, PanelEngine):
@@ -539,19 +543,22 @@ class PSFOperator:
         self._last_engine = self.engine
         try:
             if spectrum is not None and isinstance(self.engine, GridEngine):
-                return self.engine.intensity_from_spectrum(spectrum, phase, amplitude)
-            if isinstance(self.engine, PanelEngine):
-                return self.engine.intensity(phase, amplitude, added)
-            return self.engine.intensity(phase, amplitude)
+                light = self.engine.intensity_from_spectrum(spectrum, phase, amplitude)
+            elif isinstance(self.engine, PanelEngine):
+                light = self.engine.intensity(phase, amplitude, added)
+            else:
+                light = self.engine.intensity(phase, amplitude)
         except ToleranceError:
             for other in self._fallback_engines():
                 try:
                     light = other.intensity(phase, amplitude)
                 except ToleranceError:
                     continue
-                self._fallback_engine = self._last_engine = other
+                self._fallback_engine, self._last_engine = other, other.used_engine
                 return light
             raise
+        self._last_engine = self.engine.used_engine
+        return light
 
     def _fallback_engines(self) -> Iterator[PSFEngine]:
         """Yield the engines that may compute the PSF in place of the first one.

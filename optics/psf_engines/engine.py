@@ -78,6 +78,12 @@ class PSFEngine(CandidateMethod):
     precision: str
     error: ErrorEstimate
     arithmetic: float
+
+    @property
+    def used_engine(self) -> PSFEngine:
+        """The engine that computed the light of the last call: itself, or one that stood in."""
+        return self
+
     _dtype: torch.dtype
     _request: PSFRequest
     _neighbour_pairs: NeighbourPairs | None = None

@@ -215,7 +215,7 @@ class Stop:
         if self.area <= NEGLIGIBLE:
             raise ValueError("the obscurations close the stop: no light passes")
 
-    @property
+    @functools.cached_property
     def loops(self) -> tuple[Loop, ...]:
         """The stop's boundary: the opening, less each obscuration, plus overlaps of pairs.
 
