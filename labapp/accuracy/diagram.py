@@ -20,6 +20,7 @@ from labapp.accuracy.reading import (
     cheapest_row,
     cheapest_sentence,
     chosen_rows,
+    curve_name,
     curves,
     failure_sentences,
     format_error,
@@ -157,7 +158,7 @@ def _draw_all(
         )
     _set_scales(axes, rows, kind)
     _draw_front(axes, rows, kind)
-    _draw_choice(axes, rows, kind)
+    _draw_choice(axes, rows, kind, look)
     _draw_star(axes, rows, kind)
     axes.set_xlabel(f"{kind.name}, processor time")
     axes.set_ylabel(f"measured {error_name}")
@@ -183,12 +184,17 @@ def _draw_front(axes: Axes, rows: Sequence[Row], kind: TimeKind) -> None:
     )  # fmt: skip
 
 
-def _draw_choice(axes: Axes, rows: Sequence[Row], kind: TimeKind) -> None:
+def _draw_choice(axes: Axes, rows: Sequence[Row], kind: TimeKind, look: _Look) -> None:
     """Ring the automatic choice at each tolerance, with a line up to what was asked of it."""
     chosen = chosen_rows(rows, kind)
     if not chosen:
         return
     seconds, errors = _points(chosen, kind)
+    # Where several methods lie in one place, the chosen one is on top.
+    for second, error, row in zip(seconds, errors, chosen, strict=True):
+        name = curve_name(row)
+        if name in look.marker:
+            axes.plot(second, error, look.marker[name], ms=5, color=look.colour[name], zorder=5)
     axes.plot(
         seconds, errors, "o", ms=11, mfc="none", mec="black", mew=1.3, ls="none",
         label="automatic choice",
@@ -266,6 +272,8 @@ def _draw_one(axes: Axes, rows: Sequence[Row], kind: TimeKind, look: _Look, name
     _set_scales(axes, rows, kind, (1, 3))
     _label_settings(axes, own, seconds, errors)
     axes.tick_params(labelsize=7)
+    axes.set_xlabel(kind.name, fontsize=7.5)
+    axes.set_xlim(right=2 * axes.get_xlim()[1])  # room for the last point's label
     title = textwrap.shorten(name, 40, placeholder=" …")
     axes.set_title(title, fontsize=9, color=look.colour[name], loc="left")
 

@@ -189,7 +189,7 @@ def test_front_cheapest_and_choice_are_what_they_say():
             named = one["rows"][one["cheapest"][kind]["row"]]
             least = min(r[time] for r in rows if r["error_achieved"] <= 1e-3)
             assert named["error_achieved"] <= 1e-3
-            assert named[time] <= 1.03 * least
+            assert named[time] <= 1.1 * least
             assert named["method"] in one["cheapest"][kind]["words"] or named["engine"]
         for tol in {r["tol"] for r in rows}:
             for calls in (1, 100):
@@ -227,12 +227,19 @@ def test_times_that_differ_by_scatter_only_are_the_automatic_choices():
         [row("a", 1e-2, 1e-5, 1.00, 1), row("b", 1e-3, 1e-5, 1.02, 1, chosen_for=(100,))]
     )
     assert cheapest_row(rows, EACH_CALL) is rows[1]
-    slower = [rows[0], replace(rows[1], cpu_s=1.05)]
+    slower = [rows[0], replace(rows[1], cpu_s=1.15)]
     assert cheapest_row(slower, EACH_CALL) is slower[0]
 
 
+def test_of_settings_as_quick_the_largest_tolerance_is_the_cheapest():
+    rows = mark_front([row("a", 1e-4, 1e-5, 1.00, 1), row("a", 1e-2, 1e-5, 1.05, 1)])
+    assert cheapest_row(rows, EACH_CALL) is rows[1]
+
+
 def test_failures_of_one_reason_are_one_sentence():
-    assert failure_sentences(ROWS) == ["shy refuses (tol 1e-3 to 1e-4): tol 0.001 can't be kept."]
+    assert failure_sentences(ROWS) == [
+        "shy gives no answer (tol 1e-3 to 1e-4): tol 0.001 can't be kept."
+    ]
     cut = [replace(ROWS[0], failure=CUT), replace(ROWS[3], failure=CUT)]
     assert failure_sentences(cut)[0].startswith("quick and exact are not measured: the time")
 

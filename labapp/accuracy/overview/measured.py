@@ -87,7 +87,7 @@ class MeasuredOperation:
             words += ["automatic choice"] if row.chosen_for else []
         elif row.chosen_for:
             counts = " or ".join(str(count) for count in row.chosen_for)
-            words.append(f"chosen for {counts} call{'' if counts == '1' else 's'}")
+            words.append(f"automatic choice for {counts} call{'' if counts == '1' else 's'}")
         return "; ".join(words)
 
     def as_data(self) -> dict[str, Any]:

@@ -36,23 +36,28 @@ section { break-before: page; margin-top: 2.5rem }
 .cheapest { color: #c1121f; font-weight: 600; margin: .2rem 0 }
 .case { color: #555; margin-top: 0 }
 table { font-size: .9rem } td:not(:last-child) { white-space: nowrap }
+td:last-child { min-width: 11rem }
 details { margin: .6rem 0 } h2 { margin-bottom: .2rem }
 @media print { nav, details { display: none } table, svg { break-inside: avoid } }
 </style>"""
 
 _INTRODUCTION = """<p>Every computation of labapp that has one right answer takes a tolerance: the
 relative error that you accept. This page shows what it costs on this machine. Each point of a
-diagram is one setting of one method: further left is faster, further down is more exact. Small
-diagrams show each method alone, with what was asked beside its points. The
-<b style="color:#c1121f">red star</b> is the cheapest setting whose measured error is at most 1e-3,
-and the diagram's title names it. <b>Rings</b> are what labapp chooses by itself if you name only a
-tolerance; the bar above a ring is the tolerance that was asked for, so that the line between them
-is what it was better than asked. The <b>grey line</b> is the front: nothing measured is both faster
-and more exact than it. Times are processor time on one thread.</p>"""
+diagram is one setting of one method: further left is faster, further down is more exact. A first
+answer takes planning and one call; a further call takes the plan that is there. The small diagrams
+show each method alone; the tolerance that was asked for, or the number of iterations, is written
+beside its points. The <b style="color:#c1121f">red star</b> is the cheapest setting whose measured
+error is at most 1e-3 in this case, and the diagram's title names it. A larger tolerance that
+happens to reach 1e-3 here may not reach it elsewhere: only a tolerance of 1e-3 promises it.
+<b>Rings</b> are what labapp chooses by itself if you name only a tolerance, which is the bar above
+the ring. The <b>dark line</b> is the front: nothing measured is both faster and more exact than it.
+Phase retrieval and restoration have no right answer; they take iterations instead of a tolerance.
+Times are processor time on one thread; times that differ by less than a tenth count as the
+same.</p>"""
 
 _ALL_COLUMNS = (
     "method", "asked ", "reached ", "predicted error ", "first answer ", "predicted first ",
-    "each call ", "predicted call ", "memory ", "",
+    "each call ", "predicted call ", "memory ", "remark",
 )  # fmt: skip
 
 
