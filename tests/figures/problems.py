@@ -4,17 +4,15 @@ of a method costs."""
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
-from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from figures import Figure
-from figures.regret import median_and_high, regret
-from figures.stopwatch import processor_seconds
+from figures.regret import choice_figures, psf_choices
 from labapp.accuracy.references.lens_integral import node_count
 from labapp.accuracy.references.psf_problem import PSFProblem, PSFReference, window_corner_distance
 from labapp.common.speed import machine_speed
@@ -34,6 +32,9 @@ _JUDGED_TERMS = 6e7
 
 _TIMED_TERMS = 2e6
 """Nodes of the judge beyond which methods take minutes to plan."""
+
+_TIMED, _TIMED_SECONDS = 50, 0.2
+"""Problems whose choice is measured, and seconds of a call beyond which one isn't."""
 
 
 def problems(seed: int = _SEED) -> Iterator[PSFProblem]:
@@ -190,65 +191,25 @@ def floor_is_real(problem: PSFProblem, refusal: ToleranceError, budget: Budget) 
 def regret_figure(folder: Path) -> list[Figure]:
     """Every method that meets tol, timed beside the chosen one, where that takes no minutes."""
     budget = Budget(1 << 29, machine_speed())
-    regrets: list[float] = []
-    source = problems(_SEED + 1)
-    while len(regrets) < 100:
-        problem = next(source)
-        if problem.tol < 1e-6:
-            continue
-        times = dict(_times(problem, budget))
-        if times and min(times.values()) > 0.005:
-            regrets.append(regret(times))
-    median, high = median_and_high(regrets)
-    return [
-        Figure(
-            "time of the chosen method over the fastest that meets tol, 100 PSFs over 5 ms",
-            "≤ 1.3 median, ≤ 2 at the 95th percentile",
-            f"{median:.2f} and {high:.2f}",
-            median <= 1.3 and high <= 2.0,
+    figures: list[Figure] = []
+    for what, behind_panel in (("PSFs of a lens", False), ("PSFs behind a panel", True)):
+        source = (
+            one
+            for one in problems(_SEED + 1)
+            if one.tol >= 1e-6
+            and isinstance(one.optics, Camera) == behind_panel
+            and _is_timed_soon(one)
         )
-    ]
+        choices = psf_choices(source, budget, _TIMED_SECONDS)
+        figures += choice_figures(what, list(islice(choices, _TIMED)))
+    return figures
 
 
-def _times(problem: PSFProblem, budget: Budget) -> Iterator[tuple[str, float]]:
-    """times_of(), where the judge takes no minutes."""
-    if (
-        node_count(
-            problem.lens, problem.distance, problem.wavelength, window_corner_distance(problem)
-        )
-        > _TIMED_TERMS
-    ):
-        return
-    yield from times_of(problem, budget)
-
-
-def times_of(
-    problem: PSFProblem, budget: Budget, predicted: tuple[float, float] = (0.003, 0.2)
-) -> Iterator[tuple[str, float]]:
-    """Seconds of every way that meets tol, the one that is chosen by itself first.
-
-    None where the chosen one is predicted to take less or more seconds than that.
-    """
-    try:
-        chosen = problem.operator(problem.tol, budget=budget)
-        if not predicted[0] <= chosen.account.cpu_predicted <= predicted[1]:
-            return
-        started = time.process_time()
-        problem.light(chosen)
-    except ToleranceError:
-        return
-    found = {chosen.account.method: chosen}
-    longest = 4 * max(chosen.account.cpu_predicted, time.process_time() - started)
-    for method in problem.methods:
-        try:
-            other = problem.operator(problem.tol, budget=budget, method=method)
-            if method not in found and other.account.cpu_predicted < longest:
-                problem.light(other)
-                found.setdefault(other.account.method, other)
-        except ValueError:
-            continue
-    jobs = {name: partial(problem.light, operator) for name, operator in found.items()}
-    yield from processor_seconds(jobs, 3).items()
+def _is_timed_soon(problem: PSFProblem) -> bool:
+    """Whether a problem is one whose methods take no minutes to plan."""
+    corner = window_corner_distance(problem)
+    count = node_count(problem.lens, problem.distance, problem.wavelength, corner)
+    return count <= _TIMED_TERMS
 
 
 MEASUREMENTS = {"tolerance": tolerance_figure, "regret": regret_figure}
