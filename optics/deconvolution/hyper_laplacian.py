@@ -16,7 +16,6 @@ from optics.deconvolution.priors import (
 )
 from optics.deconvolution.restored_image import RestoredImage, relative_change
 from optics.deconvolution.shrinkage import require_power, shrinkage_factor
-from optics.deconvolution.splitting import MIN_EXPLAINED_SHARE
 from optics.deconvolution.total_variation import initial_weight
 from optics.fourier import rfft2
 from optics.progress import Progress
@@ -133,9 +132,9 @@ def _estimate_weight(
 
     See weight_by_evidence().
     """
-    freedom = max(1 - residual**2, MIN_EXPLAINED_SHARE)
+    freedom = observation.explained_share(residual**2)
     return weight_by_evidence(
-        mean_gradient(picture, power), power, observation.scene_noise, freedom
+        mean_gradient(picture, power), power, observation.disturbance, freedom
     )
 
 

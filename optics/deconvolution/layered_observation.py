@@ -70,9 +70,11 @@ class LayeredObservation(Observation):
         region = _interior_window(self.shares[dullest])
         if float(region.mean()) < 0.02:
             return law
+        dull = fit_power_law_with_mtf(image, powers[dullest], region)
         return replace(
             law,
-            noise_variance=fit_power_law_with_mtf(image, powers[dullest], region).noise_variance,
+            noise_variance=dull.noise_variance,
+            model_error_variance=dull.model_error_variance,
         )
 
     def as_single_layer(self, number: int) -> Observation:

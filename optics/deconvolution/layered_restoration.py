@@ -13,7 +13,7 @@ from optics.deconvolution.observation import Observation
 from optics.deconvolution.priors import NonNegativity, Prior, TotalVariation
 from optics.deconvolution.restored_image import RestoredImage, relative_change
 from optics.deconvolution.shrinkage import require_power
-from optics.deconvolution.splitting import MIN_EXPLAINED_SHARE, damped_weight
+from optics.deconvolution.splitting import damped_weight
 from optics.deconvolution.total_variation import GRADIENT_THRESHOLD, initial_weight
 from optics.deconvolution.wiener import penalty_of
 from optics.fourier import irfft2, rfft2, rfft_column_weights
@@ -114,9 +114,9 @@ def restore_layers(
         for one, picture in zip(priors, pictures, strict=True):
             one.update(picture)
         if weight is None and number >= weight_delay:
-            freedom = max(1 - equations.mean_squared_residual, MIN_EXPLAINED_SHARE)
+            freedom = observation.explained_share(equations.mean_squared_residual)
             each = (
-                one.gradients.estimate_weight(observation.scene_noise, freedom) for one in priors
+                one.gradients.estimate_weight(observation.disturbance, freedom) for one in priors
             )
             used = damped_weight(1 / sum(1 / w for w in each), used, first, max_weight_factor)
         change.append(

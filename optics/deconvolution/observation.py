@@ -18,6 +18,9 @@ from optics.validation import require_finite, require_same_shape
 LEAST_NOISE = 1e-6
 """Standard deviation of the rounding in single precision, relative to that of the photograph."""
 
+MIN_EXPLAINED_SHARE = 3e-3
+"""Smallest share of the data that a picture is taken to explain: its mean and coarsest features."""
+
 
 @dataclass(frozen=True, eq=False)
 class Observation:
@@ -139,7 +142,12 @@ class Observation:
         """
         rows, columns = self._centre_shape
         middle = centred_crop(self.inpainted_image, (rows, columns)) * self.psf_sum
-        return fit_power_law(middle, self.psf / self.psf_sum)
+        trust = self.effective_weights
+        return fit_power_law(
+            middle,
+            self.psf / self.psf_sum,
+            finds_model_error=trust is None or bool((trust > 0).all()),
+        )
 
     @property
     def wiener_prediction(self) -> WienerPrediction:
@@ -183,6 +191,25 @@ class Observation:
         The result isn't below the rounding error.
         """
         return max(self.noise / self.psf_sum, LEAST_NOISE * self.scale)
+
+    @cached_property
+    def disturbance(self) -> float:
+        """The noise against which a deconvolution weighs its prior, on the scale of the scene.
+
+        If the noise is estimated, the disturbance includes what the PSF's error does: see
+        `PowerLaw.model_error_variance`. A residual is relative to `scene_noise` instead.
+        """
+        if self.given_noise is not None:
+            return self.scene_noise
+        return max(math.sqrt(self.power_law.total_variance) / self.psf_sum, self.scene_noise)
+
+    def explained_share(self, mean_squared_residual: float) -> float:
+        """Return the share of the data that a restored picture explains, at least a small one.
+
+        mean_squared_residual: of the picture, relative to `scene_noise`.
+        """
+        left = mean_squared_residual * (self.scene_noise / self.disturbance) ** 2
+        return max(1 - left, MIN_EXPLAINED_SHARE)
 
     @cached_property
     def normalised_image(self) -> torch.Tensor:

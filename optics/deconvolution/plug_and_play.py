@@ -169,7 +169,7 @@ class _RemainingNoise:
             observation.squared_mtf[::every, ::every].shape
         )
         return cls(
-            observation.scene_noise / white,
+            observation.disturbance / white,
             observation.squared_mtf[::every, ::every].double(),
             count.double(),
         )

@@ -16,9 +16,10 @@ def weight_by_evidence(penalty: float, power: float, noise: float, explained_sha
     mean penalty of a pixel, and `explained_share` is the share of the data that the picture
     explains.
     """
-    # 0.78 of the weight by the evidence restores best. Of the two components of the gradient, the
-    # one along an edge is nearly free, so that not all of the gradient's freedom counts.
-    return 0.78 * explained_share * noise**2 / max(power * penalty, 1e-30)
+    # 0.9 of the weight by the evidence restores best: measured for 72 photographs, between 0.78
+    # and 1.1, where it hardly matters. Of the two components of the gradient, the one along an
+    # edge is nearly free, so that not all of the gradient's freedom counts.
+    return 0.9 * explained_share * noise**2 / max(power * penalty, 1e-30)
 
 
 class Prior(ABC):

@@ -5,12 +5,11 @@ from __future__ import annotations
 import torch
 
 from optics.deconvolution.method import SETUP_COST, RestorationMethod, splitting_cost
-from optics.deconvolution.observation import Observation
+from optics.deconvolution.observation import MIN_EXPLAINED_SHARE, Observation
 from optics.deconvolution.priors import NonNegativity, TotalVariation, weight_by_evidence
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.shrinkage import require_power
 from optics.deconvolution.splitting import (
-    MIN_EXPLAINED_SHARE,
     DataProx,
     Splitting,
     SplittingSettings,
@@ -115,7 +114,7 @@ def initial_weight(observation: Observation, power: float = 1.0) -> float:
     # The mean length of photographs' gradients is 0.32 of the rms length.
     length = (0.32 * explained.gradient / observation.psf_sum) ** power
     return weight_by_evidence(
-        length, power, observation.scene_noise, max(explained.explained_share, MIN_EXPLAINED_SHARE)
+        length, power, observation.disturbance, max(explained.explained_share, MIN_EXPLAINED_SHARE)
     )
 
 

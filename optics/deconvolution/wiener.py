@@ -118,7 +118,7 @@ def _noise_to_signal(observation: Observation, squares: torch.Tensor) -> torch.T
     Frequencies below the lowest one of the period get the ratio of the lowest one.
     """
     law, at = observation.power_law, squares.clamp(min=max(observation.period_shape) ** -2)
-    noise = (observation.scene_noise * observation.psf_sum) ** 2
+    noise = (observation.disturbance * observation.psf_sum) ** 2
     return noise / (max(law.strength, 1e-30) * at ** (-law.slope / 2))
 
 
