@@ -137,7 +137,9 @@ def measure_deconvolution(
         row = _row(case, name, count, solve)
         if name in METHODS:
             predicted = METHODS[name].seconds(case.problem, count, speed)
-            usual = name == DEFAULT_METHOD and count == METHODS[name].default_count
+            usual = name == DEFAULT_METHOD and count == METHODS[name].default_iterations(
+                case.problem
+            )
             row = replace(row, cpu_predicted_s=predicted, chosen_for=CALLS[-1:] if usual else ())
         rows.append(row)
     return mark_front(rows)

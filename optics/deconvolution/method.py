@@ -92,6 +92,9 @@ class RestorationMethod:
         Cost of each iteration, for an observation.
     needs_denoiser : bool
         Whether `solve` needs the argument `denoise` as well.
+    slow_if_wide : bool
+        Whether twice the default number is needed where a wide PSF brings much light from beyond
+        the frame.
     """
 
     description: str
@@ -101,6 +104,12 @@ class RestorationMethod:
     setup_cost: RestorationCost
     iteration_cost: Callable[[Observation], RestorationCost]
     needs_denoiser: bool = False
+    slow_if_wide: bool = False
+
+    def default_iterations(self, observation: Observation) -> int:
+        """Return the number of iterations of a deconvolution for which nothing was asked."""
+        twice = self.slow_if_wide and observation.is_wide_beyond_frame
+        return self.default_count * (2 if twice else 1)
 
     def seconds(self, observation: Observation, count: int, speed: MachineSpeed) -> float:
         """Predict the processor time in seconds of a deconvolution with `count` iterations."""

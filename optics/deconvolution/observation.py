@@ -15,6 +15,10 @@ from optics.operators.blur import Border, blur_shape, require_border, transfer_f
 from optics.plane import centred_crop, centred_pad
 from optics.validation import require_finite, require_same_shape
 
+_WIDE = 4.0
+"""Root mean square radius of a wide PSF in pixels. Measured with six PSFs: from here on, twice the
+iterations add 0.1 to 0.7 dB where there is little noise."""
+
 LEAST_NOISE = 1e-6
 """Standard deviation of the rounding in single precision, relative to that of the photograph."""
 
@@ -99,6 +103,19 @@ class Observation:
     def is_fully_measured(self) -> bool:
         """Whether the photograph to be deconvolved is a whole period, all with weight 1."""
         return self.border == "periodic" and self.effective_weights is None
+
+    @cached_property
+    def is_wide_beyond_frame(self) -> bool:
+        """Whether the PSF is so wide that the scene beyond the frame is restored slowly."""
+        if self.border == "periodic":
+            return False
+        psf = self.psf.detach().to(torch.float64).clamp(min=0)
+        share, radius = psf / psf.sum(), 0.0
+        for axis in (0, 1):
+            line = share.sum(1 - axis)
+            place = torch.arange(line.numel(), dtype=torch.float64, device=line.device)
+            radius += float((line * (place - (line * place).sum()) ** 2).sum())
+        return math.sqrt(radius) > _WIDE
 
     @cached_property
     def period_shape(self) -> tuple[int, int]:

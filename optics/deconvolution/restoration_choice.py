@@ -107,7 +107,7 @@ def _choose_method(
     """Return the deconvolution method with the largest gain in the budget, and its iterations."""
     if budget is None:
         name = method or DEFAULT_METHOD
-        return name, METHODS[name].default_count if count is None else count
+        return name, METHODS[name].default_iterations(observation) if count is None else count
     best = best_within(
         budget,
         [
