@@ -7,13 +7,15 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from figures import Figure
 from figures.stopwatch import processor_seconds
-from labapp.accuracy.references.psf_problem import PSFProblem
 from optics.accuracy import Budget
+from optics.psf import PSFOperator
 
 CALLS = (1, 100)
 """How often a PSF is asked for: the choice is made for planning and all calls together."""
@@ -24,6 +26,20 @@ _LEAST_SECONDS = 0.005
 
 _TRIED = 4.0
 """Methods are tried whose first answer is predicted to take so many times that of the chosen."""
+
+
+class Problem(Protocol):
+    """A PSF that is asked for, and the names of the methods that may compute it."""
+
+    @property
+    def tol(self) -> float: ...
+
+    @property
+    def methods(self) -> tuple[str, ...]: ...
+
+    def operator(self, tol: float, **settings: Any) -> PSFOperator: ...
+
+    def light(self, operator: PSFOperator) -> NDArray[np.float64]: ...
 
 
 @dataclass(frozen=True)
@@ -45,7 +61,7 @@ def median_and_high(regrets: Sequence[float]) -> tuple[float, float]:
     return statistics.median(regrets), float(np.quantile(regrets, 0.95))
 
 
-def psf_choices(source: Iterator[PSFProblem], budget: Budget, most: float) -> Iterator[Choice]:
+def psf_choices(source: Iterator[Problem], budget: Budget, most: float) -> Iterator[Choice]:
     """Without end: every method that keeps tol is timed beside the chosen one, planning included.
 
     most: seconds of a call, predicted, beyond which a problem is left out.
@@ -65,12 +81,12 @@ def psf_choices(source: Iterator[PSFProblem], budget: Budget, most: float) -> It
         yield Choice(regrets, 1 - min(same[0] / first, 1.0))
 
 
-def _method_of(problem: PSFProblem, budget: Budget, calls: int) -> str:
+def _method_of(problem: Problem, budget: Budget, calls: int) -> str:
     return str(problem.operator(problem.tol, budget=budget, calls=calls).engine.name)
 
 
 def _costs(
-    problem: PSFProblem, budget: Budget, calls: int, most: float
+    problem: Problem, budget: Budget, calls: int, most: float
 ) -> dict[str, tuple[float, float]]:
     """Seconds of the first answer and of a further call, by every way that keeps tol; the chosen
     one comes first. Empty for a problem that is refused or takes too long."""
