@@ -38,8 +38,8 @@ _JUDGED_TERMS = 5e9
 _MOST_SECONDS = 4.0
 """Of planning and a call, predicted, beyond which a problem isn't asked."""
 
-_FINE = 0.03
-"""Largest error of the finer light over that of the light which it judges."""
+_FINE, _FINE_SECONDS = 0.03, 0.5
+"""Largest error of the finer light over that of the light which it judges, and its longest time."""
 
 _SMALL, _TOLD_SMALL = 1e-5, 1e-4
 """True errors up to the first are small; then no more than the second shall be told."""
@@ -88,7 +88,7 @@ def _finer_light(problem: PSFProblem, budget: Budget) -> NDArray[Any] | None:
     """
     try:
         operator = problem.operator(max(1e-3 * problem.tol, 1e-9), calls=1, budget=budget)
-        return problem.light(operator) if _seconds(operator.account) <= _MOST_SECONDS else None
+        return problem.light(operator) if _seconds(operator.account) <= _FINE_SECONDS else None
     except ValueError:
         return None
 
