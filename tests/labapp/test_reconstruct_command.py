@@ -217,7 +217,7 @@ def test_a_budget_chooses_the_method(labapp, grey, tmp_path):
     patient = said(labapp, tmp_path, "--budget", "60", "--method", "tv", "--force")
     assert hurried["method"].startswith("Wiener")
     assert patient["method"] == "total variation"
-    assert patient["iterations"] == [30]
+    assert patient["iterations"] == [60]
 
 
 def test_a_picture_of_several_pages_asks_which(labapp, grey, tmp_path):
