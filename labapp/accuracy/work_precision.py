@@ -326,9 +326,11 @@ def _first_answer_seconds(candidate: Candidate, first: float, deadline: Deadline
     first: seconds of the one that was computed already. Each is planned anew.
     """
     found = [first]
-    while len(found) < _TIMING.repeats and sum(found) < _TIMING.first_answers_s:
-        if deadline.is_over:
-            break
+    while (
+        len(found) < _TIMING.repeats
+        and sum(found) < _TIMING.first_answers_s
+        and not deadline.is_over
+    ):
         began = time.process_time()
         candidate.plan().call()
         found.append(time.process_time() - began)

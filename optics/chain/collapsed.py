@@ -50,7 +50,6 @@ class CollapsedEngine(PSFEngine):
         transform: str | None = None,
     ) -> None:
         self._request, self._camera, self._search = request, camera, search
-        self._used_engine: PSFEngine = self
         n = request.numeric
         plain = numeric_camera(camera)
         if not can_collapse(plain):
@@ -141,16 +140,11 @@ class CollapsedEngine(PSFEngine):
         )
         lost += self._panel_engine.used_engine.error.value
         self.error = ErrorEstimate(lost, "estimate for the light in the window")
-        self._used_engine = self
+        self._stand_in = None
         if lost + self._panel_engine.used_engine.arithmetic <= self._request.tol:
             return light
-        light = self._fallback_engine.intensity(phase, amplitude)
-        self._used_engine = self._fallback_engine.used_engine
-        return light
-
-    @property
-    def used_engine(self) -> PSFEngine:
-        return self._used_engine
+        self._stand_in = self._fallback_engine
+        return self._stand_in.intensity(phase, amplitude)
 
     def _panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None

@@ -59,7 +59,6 @@ class ChainEngine(PSFEngine):
         self._promised_tol = promised_tol or request.tol
         self._search, self._edge_scatter = search, search.edge_scatter
         self._stricter_engine: ChainEngine | None = None
-        self._used_engine: PSFEngine = self
         self._plan(request.numeric)
         self._planned_error = self.error
 
@@ -191,19 +190,14 @@ class ChainEngine(PSFEngine):
         ).error_divisor(self._passing_error_share)
         error = (self._planned_error.value + self.arithmetic) / ratio - self.arithmetic
         self.error = ErrorEstimate(error, "estimate for the light in the window")
-        self._used_engine = self
+        self._stand_in = None
         if self.error.value + self.arithmetic <= self._promised_tol:
             return light
         tol = 0.7 * ratio * self._promised_tol
         if self._stricter_engine is None or self._stricter_engine.planned_error > tol:
             self._stricter_engine = self._plan_stricter_engine(tol)
-        light = self._stricter_engine.intensity(phase, amplitude)
-        self._used_engine = self._stricter_engine.used_engine
-        return light
-
-    @property
-    def used_engine(self) -> PSFEngine:
-        return self._used_engine
+        self._stand_in = self._stricter_engine
+        return self._stand_in.intensity(phase, amplitude)
 
     @property
     def planned_error(self) -> float:

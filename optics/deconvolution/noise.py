@@ -312,7 +312,7 @@ class _SpectrumLaw:
     error: float = 0.0
     error_slope: float = 2.0
 
-    def moved(self, step: Sequence[float]) -> _SpectrumLaw:
+    def add_step(self, step: Sequence[float]) -> _SpectrumLaw:
         """Return the law after a step of its parameters, of which powers are logarithms."""
         first = (
             self.strength * math.exp(step[0]),
@@ -385,7 +385,7 @@ class _SpectrumBins:
 
     def with_model_error(self, law: _SpectrumLaw, slope: float) -> _SpectrumLaw:
         """Return a law with a first error of the PSF: a sixth of the noise at half a cycle."""
-        error = law.noise / 6 * math.exp(slope * math.log(0.5))
+        error = law.noise / 6 * 0.5**slope
         return _SpectrumLaw(law.strength, law.slope, law.noise, error, slope)
 
     def harmful_variance(self, law: _SpectrumLaw) -> float:
@@ -408,7 +408,7 @@ class _SpectrumBins:
         """
         now, best, damping = start, self.negative_log_likelihood(start), 1e-3
         for _ in range(_SETTINGS.steps):
-            tried = now.moved(self._scoring_step(now, damping))
+            tried = now.add_step(self._scoring_step(now, damping))
             score = self.negative_log_likelihood(tried)
             if score < best:
                 settled = best - score < 1e-9

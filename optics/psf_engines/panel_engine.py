@@ -205,7 +205,6 @@ class PanelEngine(PSFEngine):
         self.light_norm = torch.zeros(())
         self._cached_terms: tuple[list[WaveTerm], list[WaveTerm]] | None = None
         self._finer_engine: PanelEngine | None = None
-        self._used_engine = self
 
     def _largest_pixel_phase_step(self) -> float:
         """Return the largest phase change of the PSF's wave across a panel pixel, in radians."""
@@ -448,7 +447,7 @@ class PanelEngine(PSFEngine):
         with torch.no_grad():
             relative = None if added is None else added.relative_to(peak)
             self._measure_error(field.detach(), light.detach(), power, missing, relative)
-        self._used_engine = self
+        self._stand_in = None
         if self.error.value + self.arithmetic > self._request.tol and not self._is_dark(
             light, power
         ):
@@ -596,13 +595,8 @@ class PanelEngine(PSFEngine):
             self._finer_engine = PanelEngine(
                 self._request, self._camera, transform=self._transform_name, light_tol=finer
             )
-        light = self._finer_engine.intensity(phase, amplitude, added)
-        self._used_engine = self._finer_engine.used_engine
-        return light
-
-    @property
-    def used_engine(self) -> PanelEngine:
-        return self._used_engine
+        self._stand_in = self._finer_engine
+        return self._finer_engine.intensity(phase, amplitude, added)
 
 
 @dataclass(frozen=True)
