@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 
 from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
-from optics.deconvolution.normal_equations import NormalEquations
+from optics.deconvolution.normal_equations import NormalEquations, least_weight
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.priors import (
     add_gradient,
@@ -21,6 +23,9 @@ from optics.fourier import rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_positive
+
+_STEPS = 3
+"""Steps of conjugate gradients in a round, which starts from the last one's picture."""
 
 
 @single_threaded
@@ -82,9 +87,10 @@ def hyper_laplacian(
     used = initial_weight(observation, power) if weight is None else weight
     for number, coupling in enumerate(_couplings(observation.scale, power, rounds)):
         progress.report(number / rounds, f"hyper-Laplacian {number + 1}/{rounds}")
+        least = least_weight(observation, _low_frequency_laplacian, _STEPS * (number + 1))
+        coupling = max(coupling, least / used)
         near = _fit_shrunk_gradient(picture, power, coupling, square)
-        # Three steps of conjugate gradients are enough, since each round starts from the last one.
-        spectrum, _ = equations.solve(square * (used * coupling), spectrum, 3, near)
+        spectrum, _ = equations.solve(square * (used * coupling), spectrum, _STEPS, near)
         before, picture = picture, equations.picture(spectrum)
         if observation.support is not None:
             picture.mul_(observation.support)
@@ -101,6 +107,11 @@ def hyper_laplacian(
         change,
         period_image=picture,
     )
+
+
+def _low_frequency_laplacian(squares: torch.Tensor) -> torch.Tensor:
+    """Return the negative Laplacian at low squared frequencies, for a deconvolution's coupling."""
+    return 4 * math.pi**2 * squares
 
 
 def _couplings(scale: float, power: float, rounds: int) -> list[float]:

@@ -153,7 +153,7 @@ def restore_layers_linearly(
     The filter penalises the squared gradient, as wiener() does with "gradient", for PSFs that
     differ with depth. If `weight` is None, it is the one with the least predicted error.
     """
-    penalty, used = penalty_of(observation, weight, "gradient")
+    penalty, used = penalty_of(observation, weight, "gradient", steps)
     equations = _LayerEquations(observation, occlusion)
     pictures = observation.extended_image.expand(equations.picture_count, *observation.period_shape)
     # Without this lower limit, nothing would determine the mean of a layer that the frame doesn't

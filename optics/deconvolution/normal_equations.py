@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property, partial
+from typing import Any
 
 import torch
 
@@ -15,6 +16,31 @@ from optics.deconvolution.conjugate_gradients import conjugate_gradients
 from optics.deconvolution.observation import Observation
 from optics.fourier import irfft2, rfft2, rfft_column_weights
 from optics.plane import centred_pad
+
+_LEAST_PENALTY = 0.03
+"""Least K at the PSF's own frequency, times the squared number of steps. The number of
+conjugate-gradient steps grows as the square root of the condition number. Measured with 11 PSFs and
+three noises: the best of 0.007, 0.03 and 0.14."""
+
+_PERIODS_PER_RADIUS = 2.7
+"""Period of the PSF's own frequency over its root mean square radius."""
+
+
+def least_weight(
+    observation: Observation, shape: Callable[[torch.Tensor], torch.Tensor], steps: int
+) -> float:
+    """Return the least weight of a deconvolution's penalty K that so many steps can solve.
+
+    `shape` is K for a weight of 1, by the squared frequency in (cycles/pixel)². With a smaller
+    weight, the light from beyond the frame isn't found yet after these steps, and its errors are
+    amplified; they are worst at frequencies of about the PSF's size.
+    """
+    if observation.is_fully_measured:
+        return 0.0
+    frequency = 1 / (_PERIODS_PER_RADIUS * max(observation.psf_radius, 0.1))
+    there = float(shape(torch.tensor([frequency**2], dtype=torch.float64)))
+    # The smooth continuation of the photograph is worth two steps.
+    return _LEAST_PENALTY / max(steps, 2) ** 2 / max(there, 1e-30)
 
 
 class NormalEquations:
@@ -39,12 +65,17 @@ class NormalEquations:
             )
         )
 
+    def extended_spectrum(self) -> torch.Tensor:
+        """Return the spectrum of the photograph's smooth extension, less its mean.
+
+        It is the best start of conjugate gradients where the PSF is wide.
+        """
+        return rfft2(self._observation.extended_image - self.mean)
+
     def initial_spectrum(self, penalty: torch.Tensor) -> torch.Tensor:
         """Solve the deconvolution as if the photograph's smooth extension had been measured."""
-        spectrum = rfft2(self._observation.extended_image - self.mean).mul_(
-            self._observation.conjugate_otf
-        )
-        return spectrum.mul_(self._denominator(penalty).reciprocal_())
+        spectrum = self.extended_spectrum() * self._observation.conjugate_otf
+        return spectrum / self._denominator(penalty)
 
     def solve(
         self,
@@ -68,9 +99,35 @@ class NormalEquations:
             lambda x: self._apply_normal(x, penalty), wanted, spectrum, inverse, self._count, steps
         )
 
+    def picture_with_gradients(
+        self, penalty: torch.Tensor, spectrum: torch.Tensor, steps: int
+    ) -> torch.Tensor:
+        """Return the solution's picture with its derivatives, on the whole period.
+
+        `spectrum` is the solution of the deconvolution. The derivatives are those of the normal
+        equations' exact solution, by the photograph and the PSF. They take the memory of one
+        application of the equations, whatever the number of steps was.
+        """
+        found = spectrum.detach()
+        left = self._data - self._apply_normal(found, penalty)
+        shape = self._observation.period_shape
+
+        def solve(picture: torch.Tensor) -> torch.Tensor:
+            inverse = self._denominator(penalty.detach()).reciprocal_().detach()
+            wanted = rfft2(picture)
+            answer, _ = solve_on_frequencies(
+                lambda x: self._apply_normal(x, penalty),
+                wanted, torch.zeros_like(wanted), inverse, self._count, steps,
+            )  # fmt: skip
+            return irfft2(answer, shape)
+
+        step = _SymmetricSolution.apply(irfft2(left, shape), solve)  # type: ignore[no-untyped-call]
+        picture: torch.Tensor = self.picture(found) + step
+        return picture
+
     def picture(self, spectrum: torch.Tensor) -> torch.Tensor:
         """Convert a spectrum to the deconvolved picture on the whole period, with its mean."""
-        return irfft2(spectrum, self._observation.period_shape).add_(self.mean)
+        return irfft2(spectrum, self._observation.period_shape) + self.mean
 
     def residual(self, spectrum: torch.Tensor) -> float:
         """Return the deconvolution's rms residual of trusted pixels, relative to the noise."""
@@ -81,20 +138,40 @@ class NormalEquations:
 
     def _denominator(self, penalty: torch.Tensor) -> torch.Tensor:
         """Return the deconvolution's denominator ``|H|² + K``, kept above 0 for its inversion."""
-        return (self._observation.squared_mtf + penalty).clamp_(min=1e-12)
+        return (self._observation.squared_mtf + penalty).clamp(min=1e-12)
 
     def _apply_normal(self, x: torch.Tensor, penalty: torch.Tensor) -> torch.Tensor:
         """Apply the deconvolution's normal matrix H* M H + K to a spectrum."""
         light = irfft2(x * self._observation.otf, self._observation.period_shape)
-        return self._apply_adjoint(light).add_(x * penalty)
+        return self._apply_adjoint(light) + x * penalty
 
     def _apply_adjoint(self, light: torch.Tensor) -> torch.Tensor:
         """Apply a deconvolution's adjoint blur H* M to light on the period; return the spectrum."""
         inside, trust = self._observation.crop_to_frame(light), self._observation.effective_weights
         kept = inside if trust is None else inside * trust
-        return rfft2(centred_pad(kept, self._observation.period_shape)).mul_(
-            self._observation.conjugate_otf
-        )
+        spectrum = rfft2(centred_pad(kept, self._observation.period_shape))
+        return spectrum * self._observation.conjugate_otf
+
+
+class _SymmetricSolution(torch.autograd.Function):
+    """The solution of a deconvolution's symmetric linear equations, by their right-hand side.
+
+    The matrix is symmetric, so that the derivative's adjoint is the same solution.
+    """
+
+    @staticmethod
+    def forward(
+        ctx: Any, picture: torch.Tensor, solve: Callable[[torch.Tensor], torch.Tensor]
+    ) -> torch.Tensor:
+        """Solve the deconvolution's equations for one right-hand side, a picture."""
+        ctx.solve = solve
+        return solve(picture)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None]:
+        """Solve the deconvolution's equations for the gradient by the solution."""
+        with torch.no_grad():
+            return ctx.solve(gradients[0]), None
 
 
 def solve_on_frequencies(

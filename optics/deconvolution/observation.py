@@ -91,6 +91,11 @@ class Observation:
         """The PSF's sum in a deconvolution: the share of the scene's light on the sensor."""
         return float(self.psf.sum(dtype=torch.float64))
 
+    @property
+    def _psf_light(self) -> float | torch.Tensor:
+        """The PSF's sum, with its derivatives where the PSF's are recorded."""
+        return self.psf.sum() if self.psf.requires_grad else self.psf_sum
+
     @cached_property
     def effective_weights(self) -> torch.Tensor | None:
         """The pixel weights for deconvolution, 0 for clipped pixels; None if all are 1."""
@@ -102,20 +107,23 @@ class Observation:
     @property
     def is_fully_measured(self) -> bool:
         """Whether the photograph to be deconvolved is a whole period, all with weight 1."""
-        return self.border == "periodic" and self.effective_weights is None
+        return self.period_shape == tuple(self.image.shape) and self.effective_weights is None
 
-    @cached_property
+    @property
     def is_wide_beyond_frame(self) -> bool:
         """Whether the PSF is so wide that the scene beyond the frame is restored slowly."""
-        if self.border == "periodic":
-            return False
+        return self.border != "periodic" and self.psf_radius > _WIDE
+
+    @cached_property
+    def psf_radius(self) -> float:
+        """The root mean square radius of the PSF about its centroid, in pixels."""
         psf = self.psf.detach().to(torch.float64).clamp(min=0)
         share, radius = psf / psf.sum(), 0.0
         for axis in (0, 1):
             line = share.sum(1 - axis)
             place = torch.arange(line.numel(), dtype=torch.float64, device=line.device)
             radius += float((line * (place - (line * place).sum()) ** 2).sum())
-        return math.sqrt(radius) > _WIDE
+        return math.sqrt(radius)
 
     @cached_property
     def period_shape(self) -> tuple[int, int]:
@@ -127,7 +135,7 @@ class Observation:
     @cached_property
     def otf(self) -> torch.Tensor:
         """The OTF of the normalised PSF on the period of the deconvolution, complex."""
-        return transfer_function(self.psf / self.psf_sum, self.period_shape)
+        return transfer_function(self.psf / self._psf_light, self.period_shape)
 
     @cached_property
     def scale(self) -> float:
@@ -234,7 +242,7 @@ class Observation:
 
         The photograph is divided by the sum of the PSF.
         """
-        return self.image / self.psf_sum
+        return self.image / self._psf_light
 
     @cached_property
     def inpainted_image(self) -> torch.Tensor:

@@ -11,6 +11,7 @@ from optics.deconvolution.method import SETUP_COST, Denoise, RestorationCost, Re
 from optics.deconvolution.normal_equations import NormalEquations
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.restored_image import RestoredImage, relative_change
+from optics.deconvolution.total_variation import METHOD as TOTAL_VARIATION
 from optics.deconvolution.total_variation import total_variation
 from optics.fourier import rfft2, rfft_column_weights
 from optics.progress import Progress
@@ -37,11 +38,10 @@ class PlugAndPlaySettings:
         frequencies and of the noise at the worst frequency. Some frequencies have far more noise
         than others, and a denoiser that gets the rms takes them for texture.
     min_penalty : float
-        Smallest penalty of the first round, relative to |H|² of a frequency without blur.
+        Smallest penalty of the first round, relative to |H|² of a frequency without blur. Conjugate
+        gradients take many steps with smaller ones where the PSF is wide and the border unknown.
     cg_steps : int
         Steps of conjugate gradients in each round, which starts from the result of the last one.
-    start_iterations : int
-        Iterations of the total variation that gives the first picture.
     white_quantile : float
         Quantile of a picture's light that counts as white.
     """
@@ -50,9 +50,8 @@ class PlugAndPlaySettings:
     min_level: float = 0.002
     level_factor: float = 1.3
     worst_frequency_share: float = 0.6
-    min_penalty: float = 1e-7
+    min_penalty: float = 1e-4
     cg_steps: int = 6
-    start_iterations: int = 15
     white_quantile: float = 0.999
 
 
@@ -106,8 +105,10 @@ def plug_and_play(
     require_positive("strength", strength, "")
     require_count("rounds", rounds)
     progress = progress or Progress()
+    # The scene beyond the frame has to be good from the start: the rounds hardly mend it.
+    iterations = TOTAL_VARIATION.default_iterations(observation)
     start = total_variation(
-        observation, iterations=_SETTINGS.start_iterations, progress=progress.part(0, 0.1)
+        observation, iterations=iterations, progress=progress.part(0, 0.1)
     ).period_image
     assert start is not None
     white = max(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Literal
 
 import torch
 
 from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
 from optics.deconvolution.noise import squared_frequencies
-from optics.deconvolution.normal_equations import NormalEquations
+from optics.deconvolution.normal_equations import NormalEquations, least_weight
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.restored_image import RestoredImage
 from optics.progress import Progress
@@ -42,8 +43,10 @@ def wiener(
     differentiable. The mean of the photograph isn't changed by K.
 
     If part of the period wasn't measured, the filter for the measured pixels is the solution of
-    (H* M H + K) x = H* M y. Conjugate gradients on frequencies find it, starting from the filtered
-    smooth continuation of the photograph.
+    (H* M H + K) x = H* M y. Conjugate gradients on frequencies find it, starting from the smooth
+    continuation of the photograph, which is filtered if the PSF is narrow. K isn't chosen smaller
+    than what `steps` can solve. Derivatives by photograph and PSF are those of the solution, not of
+    its steps.
 
     Parameters
     ----------
@@ -78,12 +81,27 @@ def wiener(
         require_positive("weight", weight, "")
     if steps < 0:
         raise ValueError(f"steps is {steps}; it can't be negative")
-    equations = NormalEquations(observation)
-    penalty, used = penalty_of(observation, weight, penalty_kind)
-    spectrum, taken = equations.solve(penalty, equations.initial_spectrum(penalty), steps)
+    penalty, used = penalty_of(observation, weight, penalty_kind, steps)
+    # A fresh observation has computed nothing yet whose derivatives weren't recorded.
+    recorded = _records_derivatives(observation)
+    equations = NormalEquations(replace(observation) if recorded else observation)
+    if steps == 0 or observation.is_fully_measured:
+        spectrum, taken = equations.initial_spectrum(penalty), 0
+        picture = equations.picture(spectrum)
+    else:
+        with torch.no_grad():
+            plain = NormalEquations(observation)
+            wide = observation.is_wide_beyond_frame
+            start = plain.extended_spectrum() if wide else plain.initial_spectrum(penalty)
+            spectrum, taken = plain.solve(penalty, start, steps)
+        picture = (
+            equations.picture_with_gradients(penalty, spectrum, steps)
+            if recorded
+            else equations.picture(spectrum)
+        )
     found = spectrum.detach()
     return RestoredImage(
-        observation.crop_to_frame(equations.picture(spectrum)),
+        observation.crop_to_frame(picture),
         f"Wiener, {penalty_kind}",
         observation.noise,
         # The residual takes a third of the other time. Therefore it is computed only if needed.
@@ -93,23 +111,46 @@ def wiener(
     )
 
 
+def _records_derivatives(observation: Observation) -> bool:
+    """Whether the derivatives of a deconvolution by its photograph, PSF or weights are recorded."""
+    given = (observation.image, observation.psf, observation.weights)
+    return torch.is_grad_enabled() and any(one is not None and one.requires_grad for one in given)
+
+
 def penalty_of(
-    observation: Observation, weight: float | None, penalty_kind: PenaltyKind
+    observation: Observation, weight: float | None, penalty_kind: PenaltyKind, steps: int
 ) -> tuple[torch.Tensor, float]:
-    """Return Wiener deconvolution's penalty K of each frequency of the period, and its weight."""
-    squares = squared_frequencies(observation.period_shape)
-    if penalty_kind == "spectrum":
-        shape, best = _noise_to_signal(observation, squares), 1.0
-    else:
-        shape, best = torch.ones_like(squares) if penalty_kind == "flat" else squares, 0.0
-        if weight is None:
-            power = observation.squared_mtf.to(torch.float64, copy=True)
-            power.clamp_(min=1e-30)
-            best = least_error_weight(
-                observation, lambda k, at: power[at] / (power[at] + k * shape[at])
-            )
-    used = best if weight is None else weight
+    """Return Wiener deconvolution's penalty K of each frequency of the period, and its weight.
+
+    If `weight` is None, it has the least predicted error of those that `steps` of conjugate
+    gradients can solve.
+    """
+    shape = _penalty_shape(observation, penalty_kind, squared_frequencies(observation.period_shape))
+    used = weight
+    if used is None:
+        least = least_weight(
+            observation, lambda squares: _penalty_shape(observation, penalty_kind, squares), steps
+        )
+        used = max(_best_weight(observation, penalty_kind, shape), least)
     return (used * shape).to(observation.squared_mtf), used
+
+
+def _penalty_shape(
+    observation: Observation, penalty_kind: PenaltyKind, squares: torch.Tensor
+) -> torch.Tensor:
+    """Return Wiener deconvolution's penalty K for a weight of 1, by squared frequency."""
+    if penalty_kind == "spectrum":
+        return _noise_to_signal(observation, squares)
+    return torch.ones_like(squares) if penalty_kind == "flat" else squares
+
+
+def _best_weight(observation: Observation, penalty_kind: PenaltyKind, shape: torch.Tensor) -> float:
+    """Return the weight of Wiener deconvolution's K with the least predicted error."""
+    if penalty_kind == "spectrum":
+        return 1.0
+    power = observation.squared_mtf.detach().to(torch.float64, copy=True)
+    power.clamp_(min=1e-30)
+    return least_error_weight(observation, lambda k, at: power[at] / (power[at] + k * shape[at]))
 
 
 def _noise_to_signal(observation: Observation, squares: torch.Tensor) -> torch.Tensor:
