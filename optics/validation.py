@@ -66,8 +66,12 @@ def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def as_floating_point(value: torch.Tensor) -> torch.Tensor:
-    """Return an optical floating-point tensor unchanged, and an integer tensor as float32."""
-    return value if value.is_floating_point() else value.to(torch.float32)
+    """Return an optical tensor in single or double precision; half precision becomes single.
+
+    Integer tensors become float32.
+    """
+    kept = value.dtype in (torch.float32, torch.float64)
+    return value if kept else value.to(torch.float32)
 
 
 def as_number(value: Any) -> float:

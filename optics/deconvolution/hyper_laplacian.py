@@ -16,7 +16,7 @@ from optics.deconvolution.priors import (
     mean_gradient,
     weight_by_evidence,
 )
-from optics.deconvolution.restored_image import RestoredImage, relative_change
+from optics.deconvolution.restored_image import CONVERGED_CHANGE, RestoredImage, relative_change
 from optics.deconvolution.shrinkage import require_power, shrinkage_factor
 from optics.deconvolution.total_variation import initial_weight
 from optics.fourier import rfft2
@@ -105,7 +105,9 @@ def hyper_laplacian(
         used,
         rounds,
         change,
-        period_image=picture,
+        # The last round's coupling is the one whose solution is wanted.
+        change[-1] <= CONVERGED_CHANGE,
+        picture,
     )
 
 

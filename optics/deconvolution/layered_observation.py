@@ -162,8 +162,8 @@ def build_layered_observation(
         border,
         weights if weights is None else weights.to(image),
         clipped if clipped is None else clipped.to(torch.bool),
-        stacked,
-        shares,
+        psfs=stacked,
+        shares=shares,
     )
 
 

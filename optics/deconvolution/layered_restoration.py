@@ -11,7 +11,7 @@ from optics.deconvolution.noise import squared_modulus
 from optics.deconvolution.normal_equations import solve_on_frequencies
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.priors import NonNegativity, Prior, TotalVariation
-from optics.deconvolution.restored_image import RestoredImage, relative_change
+from optics.deconvolution.restored_image import RestoredImage, has_converged, relative_change
 from optics.deconvolution.shrinkage import require_power
 from optics.deconvolution.splitting import damped_weight
 from optics.deconvolution.total_variation import GRADIENT_THRESHOLD, initial_weight
@@ -95,7 +95,7 @@ def restore_layers(
     progress, equations = progress or Progress(), _LayerEquations(observation, occlusion)
     priors = [_PicturePriors(observation, power, positive) for _ in range(equations.picture_count)]
     first = initial_weight(observation, power)
-    used, change, converged = first if weight is None else weight, list[float](), tol == 0
+    used, change, ended = first if weight is None else weight, list[float](), False
     pictures = observation.extended_image.expand(
         equations.picture_count, *observation.period_shape
     ).clone()
@@ -118,12 +118,14 @@ def restore_layers(
             each = (
                 one.gradients.estimate_weight(observation.disturbance, freedom) for one in priors
             )
-            used = damped_weight(1 / sum(1 / w for w in each), used, first, max_weight_factor)
+            used = damped_weight(
+                1 / sum(1 / w for w in each), used, first, max_weight_factor, 1 / max_weight_factor
+            )
         change.append(
             relative_change(equations.visible_picture(pictures), equations.visible_picture(before))
         )
         if tol and change[-1] <= tol:
-            converged = True
+            ended = True
             break
     whole = equations.visible_picture(pictures)
     return RestoredImage(
@@ -134,7 +136,7 @@ def restore_layers(
         used,
         len(change),
         change,
-        converged,
+        ended if tol else has_converged(change),
         whole,
     )
 

@@ -39,8 +39,9 @@ def least_weight(
         return 0.0
     frequency = 1 / (_PERIODS_PER_RADIUS * max(observation.psf_radius, 0.1))
     there = float(shape(torch.tensor([frequency**2], dtype=torch.float64)))
-    # The smooth continuation of the photograph is worth two steps.
-    return _LEAST_PENALTY / max(steps, 2) ** 2 / max(there, 1e-30)
+    # The smooth continuation of the photograph is worth two steps if the PSF is narrow.
+    continued = 1 if observation.is_wide_beyond_frame else 2
+    return _LEAST_PENALTY / max(steps, continued) ** 2 / max(there, 1e-30)
 
 
 class NormalEquations:

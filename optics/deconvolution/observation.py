@@ -10,7 +10,13 @@ from functools import cached_property
 import torch
 
 from optics.deconvolution.border import extend_periodically
-from optics.deconvolution.noise import PowerLaw, WienerPrediction, fit_power_law, squared_modulus
+from optics.deconvolution.noise import (
+    PhotographSpectrum,
+    PowerLaw,
+    WienerPrediction,
+    fit_power_law,
+    squared_modulus,
+)
 from optics.operators.blur import Border, blur_shape, require_border, transfer_function
 from optics.plane import centred_crop, centred_pad
 from optics.validation import require_finite, require_same_shape
@@ -18,6 +24,9 @@ from optics.validation import require_finite, require_same_shape
 _WIDE = 4.0
 """Root mean square radius of a wide PSF in pixels. Measured with six PSFs: from here on, twice the
 iterations add 0.1 to 0.7 dB where there is little noise."""
+
+_ROUNDED_SUM = 0.01
+"""How far the sum of a PSF may exceed 1, for interpolation and rounding."""
 
 LEAST_NOISE = 1e-6
 """Standard deviation of the rounding in single precision, relative to that of the photograph."""
@@ -51,13 +60,15 @@ class Observation:
         dead. All 1 if None.
     clipped : torch.Tensor of bool, (rows, columns), optional
         True where the well was full: there the light is at least what was measured.
+    is_numpy : bool, default False
+        Whether the photograph was a numpy array, so that restore() returns one.
 
     Raises
     ------
     ValueError
-        If shapes don't fit, if a value isn't finite, if the noise or a weight is negative, if the
-        PSF has no light, if `border` is another word, or if all pixels are clipped or have no
-        weight.
+        If shapes don't fit or are empty, if a value isn't finite, if the noise or a weight is
+        negative, if the noise is larger than the photograph, if the PSF has no light or more than
+        the scene, if `border` is another word, or if all pixels are clipped or have no weight.
     """
 
     image: torch.Tensor
@@ -66,13 +77,14 @@ class Observation:
     border: Border = "unknown"
     weights: torch.Tensor | None = None
     clipped: torch.Tensor | None = None
+    is_numpy: bool = False
 
     def __post_init__(self) -> None:
+        shapes = f"image is {tuple(self.image.shape)} and psf {tuple(self.psf.shape)}"
         if self.image.ndim != 2 or self.psf.ndim != 2:
-            raise ValueError(
-                f"image is {tuple(self.image.shape)} and psf {tuple(self.psf.shape)}; both are "
-                "(rows, columns)"
-            )
+            raise ValueError(f"{shapes}; both are (rows, columns)")
+        if not self.image.numel() or not self.psf.numel():
+            raise ValueError(f"{shapes}; both need at least one pixel")
         require_psf(self.psf)
         require_border(self.border)
         if self.given_noise is not None and not (
@@ -83,6 +95,7 @@ class Observation:
         if self.weights is not None:
             require_weights(self.weights)
         require_finite("image", self.image)
+        _require_less_noise(self.image, self.given_noise)
         if self.effective_weights is not None and not bool(self.effective_weights.any()):
             raise ValueError("every pixel is clipped or has no weight; nothing was measured")
 
@@ -165,14 +178,22 @@ class Observation:
 
         Only the middle of the photograph is used. The power law is on the photograph's own scale.
         """
-        rows, columns = self._centre_shape
-        middle = centred_crop(self.inpainted_image, (rows, columns)) * self.psf_sum
         trust = self.effective_weights
         return fit_power_law(
-            middle,
+            self._centre,
             self.psf / self.psf_sum,
             finds_model_error=trust is None or bool((trust > 0).all()),
         )
+
+    @property
+    def _centre(self) -> torch.Tensor:
+        """The middle of the photograph, whose spectrum is fitted for the deconvolution."""
+        return centred_crop(self.inpainted_image.detach(), self._centre_shape) * self.psf_sum
+
+    @property
+    def centre_spectrum(self) -> PhotographSpectrum | None:
+        """The spectrum of the middle of the photograph to deconvolve; None without structure."""
+        return PhotographSpectrum.of(self._centre)
 
     @property
     def wiener_prediction(self) -> WienerPrediction:
@@ -221,19 +242,21 @@ class Observation:
     def disturbance(self) -> float:
         """The noise against which a deconvolution weighs its prior, on the scale of the scene.
 
-        If the noise is estimated, the disturbance includes what the PSF's error does: see
+        It includes what the PSF's error does, whether the noise is told or estimated: see
         `PowerLaw.model_error_variance`. A residual is relative to `scene_noise` instead.
         """
-        if self.given_noise is not None:
-            return self.scene_noise
-        return max(math.sqrt(self.power_law.total_variance) / self.psf_sum, self.scene_noise)
+        error = self.power_law.model_error_variance / self.psf_sum**2
+        return math.hypot(self.scene_noise, math.sqrt(error))
 
     def explained_share(self, mean_squared_residual: float) -> float:
         """Return the share of the data that a restored picture explains, at least a small one.
 
-        mean_squared_residual: of the picture, relative to `scene_noise`.
+        mean_squared_residual: of the picture, relative to `scene_noise`. The share is of what
+        exceeds the larger of told and estimated noise: noise that is told a little too small
+        would leave nothing explained.
         """
-        left = mean_squared_residual * (self.scene_noise / self.disturbance) ** 2
+        estimated = self.power_law.total_variance / self.psf_sum**2
+        left = mean_squared_residual * self.scene_noise**2 / max(self.disturbance**2, estimated)
         return max(1 - left, MIN_EXPLAINED_SHARE)
 
     @cached_property
@@ -299,6 +322,16 @@ class Observation:
         return mean / self.scene_noise**2
 
 
+def _require_less_noise(image: torch.Tensor, noise: float | None) -> None:
+    """Raise ValueError for a told noise beside which the photograph to deconvolve is nothing."""
+    brightest = float(image.detach().abs().max())
+    if noise is not None and brightest > 0 and noise > brightest:
+        raise ValueError(
+            f"noise is {noise:g}, and the photograph's largest pixel {brightest:g}; give the "
+            "standard deviation of a pixel in the photograph's unit, or leave it out"
+        )
+
+
 def require_weights(weights: torch.Tensor) -> None:
     """Raise ValueError for deconvolution weights that are negative, all zero or not finite."""
     require_finite("weights", weights)
@@ -307,11 +340,17 @@ def require_weights(weights: torch.Tensor) -> None:
 
 
 def require_psf(psf: torch.Tensor) -> None:
-    """Raise ValueError for a PSF that can't be deconvolved: not finite, or no positive sum."""
+    """Raise ValueError for a PSF that can't be deconvolved: not finite, or of a wrong sum."""
     if not torch.isfinite(psf).all():
         raise ValueError("psf has NaN or infinite values; measure or compute it again")
-    if not float(psf.sum()) > 0:
-        raise ValueError(f"psf sums to {float(psf.sum()):g}; it must send light somewhere")
+    light = float(psf.detach().sum())
+    if not light > 0:
+        raise ValueError(f"psf sums to {light:g}; it must send light somewhere")
+    if light > 1 + _ROUNDED_SUM:
+        raise ValueError(
+            f"psf sums to {light:g}; the sum is the share of the scene's light that arrives, at "
+            "most 1: divide the PSF by its sum"
+        )
 
 
 def _inpaint(image: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:

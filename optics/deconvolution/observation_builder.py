@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
 import torch
 
 from optics.deconvolution.observation import Observation
 from optics.operators.blur import Border
-from optics.validation import accepts_numpy, as_floating_point
+from optics.validation import accepts_numpy, as_floating_point, require_number, require_tensor
 
 
-@accepts_numpy
 def build_observation(
-    image: torch.Tensor,
-    psf: torch.Tensor,
+    image: Any,
+    psf: Any,
     noise: float | None = None,
     border: Border = "unknown",
-    weights: torch.Tensor | None = None,
-    clipped: torch.Tensor | None = None,
+    weights: Any = None,
+    clipped: Any = None,
 ) -> Observation:
     """Gather what a deconvolution needs: the blurred photograph, PSF, noise and weights.
 
@@ -26,10 +29,11 @@ def build_observation(
     Parameters
     ----------
     image : torch.Tensor or numpy.ndarray, (rows, columns)
-        The photograph, light per pixel. Whole numbers become float32.
+        The photograph, light per pixel. Whole numbers and half precision become float32. `restore`
+        returns an array of the same kind.
     psf : torch.Tensor or numpy.ndarray, (rows, columns)
         Point spread function, origin at n // 2. Its sum is the share of the scene's light that
-        reaches the sensor.
+        reaches the sensor, at most 1.
     noise : float, optional
         Standard deviation of a pixel, in the unit of `image`. Estimated from the photograph if
         None.
@@ -47,9 +51,32 @@ def build_observation(
 
     Raises
     ------
+    TypeError
+        If an argument is no array, or not of real numbers.
     ValueError
         If `Observation` raises it.
     """
+    if noise is not None:
+        require_number("noise", noise)
+    built: Observation = _build_observation(image, psf, noise, border, weights, clipped)
+    return replace(built, is_numpy=isinstance(image, np.ndarray))
+
+
+@accepts_numpy
+def _build_observation(
+    image: torch.Tensor,
+    psf: torch.Tensor,
+    noise: float | None,
+    border: Border,
+    weights: torch.Tensor | None,
+    clipped: torch.Tensor | None,
+) -> Observation:
+    """Build a deconvolution's observation from tensors or arrays of any real numbers."""
+    given = {"image": image, "psf": psf, "weights": weights, "clipped": clipped}
+    for name, value in given.items():
+        require_tensor(name, value)
+        if value is not None and value.is_complex():
+            raise TypeError(f"{name} is of {value.dtype}; give real numbers")
     image = as_floating_point(image)
     weights = weights if weights is None else weights.to(image)
     clipped = clipped if clipped is None else clipped.to(torch.bool)

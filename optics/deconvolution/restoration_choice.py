@@ -62,7 +62,8 @@ def restore(
     Returns
     -------
     RestoredImage
-        The picture in the photograph's frame, with method, residual and weight.
+        The picture in the photograph's frame, with method, residual and weight. Its arrays are
+        numpy's where the photograph's is.
 
     Raises
     ------
@@ -78,7 +79,7 @@ def restore(
     own = {"denoise": denoise} if chosen.needs_denoiser else {}
     restored = chosen.solve(observation, weight, iterations=number, progress=progress, **own)
     progress.report(1, restored.method)
-    return restored
+    return restored.to_numpy() if observation.is_numpy else restored
 
 
 def _require(

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import torch
+
+CONVERGED_CHANGE = 0.015
+"""Largest remaining relative change of a converged picture. Of 240 restorations by total variation
+with 10 PSFs, those within it lost 0.5 dB at most against 300 iterations, and 0.3 dB in 19 of 20."""
+
+_FORETOLD_CHANGES = 8
+"""Number of changes from which the remaining change is foretold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,9 +23,9 @@ class RestoredImage:
 
     Parameters
     ----------
-    image : torch.Tensor, (rows, columns)
-        Light per pixel of the scene in the photograph's frame. Only linear filters make it
-        negative.
+    image : torch.Tensor or numpy.ndarray, (rows, columns)
+        Light per pixel of the scene in the photograph's frame, an array of the photograph's kind.
+        Only linear filters make it negative.
     method : str
         Name of the method, in words.
     noise : float
@@ -30,13 +39,14 @@ class RestoredImage:
     relative_changes : list of float, optional
         Relative change of the picture in each iteration.
     converged : bool, default True
-        Whether the last change fell below the tolerance asked for.
-    period_image : torch.Tensor, optional
+        Whether the method ended by itself, or further iterations would change the picture by
+        little: see has_converged().
+    period_image : torch.Tensor or numpy.ndarray, optional
         The restored scene on the whole period, which includes the surroundings whose light reaches
         the frame. A later restoration can start from it.
     """
 
-    image: torch.Tensor
+    image: Any
     method: str
     noise: float
     residual_source: float | Callable[[], float]
@@ -44,7 +54,7 @@ class RestoredImage:
     iterations: int = 1
     relative_changes: list[float] = field(default_factory=list)
     converged: bool = True
-    period_image: torch.Tensor | None = None
+    period_image: Any = None
 
     @property
     def residual(self) -> float:
@@ -59,6 +69,35 @@ class RestoredImage:
         # This releases the function, which may hold large arrays.
         object.__setattr__(self, "residual_source", residual)
         return residual
+
+    def to_numpy(self) -> RestoredImage:
+        """Return the same restoration with numpy arrays in the place of tensors."""
+        whole = self.period_image
+        return replace(
+            self,
+            image=self.image.detach().numpy(),
+            period_image=None if whole is None else whole.detach().numpy(),
+        )
+
+
+def remaining_change(changes: Sequence[float]) -> float:
+    """Extrapolate the relative change that is left of a deconvolution's iterations.
+
+    The last changes are taken for a geometric series. `changes` are those of all iterations; the
+    result of fewer than two is infinite.
+    """
+    last = changes[-1 - _FORETOLD_CHANGES :]
+    if len(last) < 2:
+        return math.inf
+    if last[-1] == 0:
+        return 0.0
+    ratio = (last[-1] / max(last[0], last[-1] * 1e-30)) ** (1 / (len(last) - 1))
+    return last[-1] * ratio / (1 - ratio) if ratio < 1 else math.inf
+
+
+def has_converged(changes: Sequence[float]) -> bool:
+    """Tell whether more iterations of a deconvolution would change its picture by little."""
+    return remaining_change(changes) <= CONVERGED_CHANGE
 
 
 @torch.no_grad()

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from labapp.files.photograph_file import Light
@@ -77,7 +78,7 @@ class RestorationProblem:
         light, clipped = self.light[number], self.clipped[number]
         sound = np.isfinite(light)
         band = build_observation(
-            np.where(sound, light, 0),
+            torch.from_numpy(np.where(sound, light, 0)),
             self.psf[min(number, len(self.psf) - 1)],
             self.noise,
             self.border,
