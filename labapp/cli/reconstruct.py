@@ -56,6 +56,10 @@ def reconstruct(
             show_default="chosen from the picture",
         ),
     ] = None,
+    refine_psf: Annotated[
+        bool,
+        typer.Option("--refine-psf", help="Scale the PSF to the size that the picture shows."),
+    ] = False,
     border: Annotated[
         str, typer.Option(help="What lies beyond the frame: unknown, dark or periodic.")
     ] = "unknown",
@@ -131,9 +135,11 @@ def reconstruct(
     """Restore a photograph that was blurred by a PSF (--psf), and show before and after.
 
     Colours are restored band by band. Without options the noise is estimated and the weight chosen.
-    The scene beyond the frame, clipped pixels and dead ones (NaN) count as unknown. A residual of
-    about 1 is good: the rest of the photograph is noise. Above 1.2, model, PSF or noise doesn't
-    fit. The restoration of a record is compared with the neutral photograph of the run, unless
+    The scene beyond the frame, clipped pixels and dead ones (NaN) count as unknown. The verdict
+    says whether photograph, PSF and noise fit together, and what doesn't: a PSF of a wrong
+    scale (**--refine-psf** mends it), a noise that was told wrongly, clipped pixels that weren't
+    marked. It can't see a common shift of the PSF, which only moves the picture. The
+    restoration of a record is compared with the neutral photograph of the run, unless
     --truth is given. **--blind SIZE** estimates an unknown PSF from sharp edges in the picture,
     writes it beside the result, and says how far to trust it; this takes about a minute. A PSF is
     scaled to a sum of 1, except for the star of the same run, which is measured relative to the
@@ -158,4 +164,6 @@ def reconstruct(
     told: dict[str, Any] = {"noise": noise, "border": border, "clip": clip, "dark": dark}
     told |= {"blind": blind, "truth": truth}
     asked = RestorationRequest(source, psf, chosen, linear, **told)
-    restore(asked, MethodChoice(method, budget, weight), OutputFiles(*places), as_json=json)
+    restore(
+        asked, MethodChoice(method, budget, weight, refine_psf), OutputFiles(*places), as_json=json
+    )

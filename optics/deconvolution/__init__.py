@@ -14,14 +14,18 @@ if TYPE_CHECKING:
     from optics.deconvolution.layered_observation import build_layered_observation
     from optics.deconvolution.observation import Observation
     from optics.deconvolution.observation_builder import build_observation
+    from optics.deconvolution.psf_scale import find_psf_scale
     from optics.deconvolution.restoration_choice import restore
     from optics.deconvolution.restored_image import RestoredImage
+    from optics.deconvolution.verdict import judge_restoration
 
 __all__ = [
     "Observation",
     "RestoredImage",
     "build_layered_observation",
     "build_observation",
+    "find_psf_scale",
+    "judge_restoration",
     "restore",
     "restore_within_bounds",
 ]
@@ -31,6 +35,8 @@ _MODULES = {
     "RestoredImage": "restored_image",
     "build_layered_observation": "layered_observation",
     "build_observation": "observation_builder",
+    "find_psf_scale": "psf_scale",
+    "judge_restoration": "verdict",
     "restore": "restoration_choice",
     "restore_within_bounds": "bounded",
 }

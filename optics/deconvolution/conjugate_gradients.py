@@ -17,7 +17,7 @@ def conjugate_gradients(
     inner_product: InnerProduct,
     tolerance: float,
     steps: int,
-) -> tuple[torch.Tensor, int]:
+) -> tuple[torch.Tensor, int, float]:
     """Solve a deconvolution's linear system normal(x) = b by preconditioned conjugate gradients.
 
     The method is that of Hestenes and Stiefel (1952, doi 10.6028/jres.049.044).
@@ -42,8 +42,8 @@ def conjugate_gradients(
 
     Returns
     -------
-    tuple of torch.Tensor and int
-        x, and the number of steps done.
+    tuple of torch.Tensor, int and float
+        x, the number of steps done, and the inner product that is left.
     """
     turned = residual * preconditioner
     way, length = turned.clone(), inner_product(residual, turned)
@@ -57,4 +57,4 @@ def conjugate_gradients(
         before, length = length, inner_product(residual, turned)
         way = way.mul_(length / before).add_(turned)
         taken += 1
-    return x, taken
+    return x, taken, length

@@ -90,7 +90,7 @@ def hyper_laplacian(
         least = least_weight(observation, _low_frequency_laplacian, _STEPS * (number + 1))
         coupling = max(coupling, least / used)
         near = _fit_shrunk_gradient(picture, power, coupling, square)
-        spectrum, _ = equations.solve(square * (used * coupling), spectrum, _STEPS, near)
+        spectrum, *_ = equations.solve(square * (used * coupling), spectrum, _STEPS, near)
         before, picture = picture, equations.picture(spectrum)
         if observation.support is not None:
             picture.mul_(observation.support)

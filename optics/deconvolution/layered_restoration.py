@@ -279,7 +279,7 @@ class _LayerEquations:
             kept = light if self._weights is None else light * self._weights
             return rfft2(self._blur_adjoint(kept)).add_(denominators * x)
 
-        found, _ = solve_on_frequencies(normal, right, spectra, inverse, self._count, steps)
+        found, *_ = solve_on_frequencies(normal, right, spectra, inverse, self._count, steps)
         return found
 
     def update_residual(self, pictures: torch.Tensor) -> None:

@@ -11,6 +11,7 @@ import torch
 
 from optics.accuracy import MachineSpeed
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.fourier.fft import fft_operations
 from optics.progress import Progress
@@ -82,8 +83,9 @@ class RestorationMethod:
         The method in a few words.
     solve : Solve
         The function that restores a photograph.
-    gains : mapping of int to float
-        Gain in PSNR over the blurred photograph in dB, by the number of iterations or rounds.
+    gains : mapping of int to float or Gain
+        Gain in PSNR over the blurred photograph in dB, by the number of iterations or rounds: a
+        number, or one that depends on the case.
     default_count : int
         Default number of iterations or rounds.
     setup_cost : RestorationCost
@@ -99,7 +101,7 @@ class RestorationMethod:
 
     description: str
     solve: Solve
-    gains: Mapping[int, float]
+    gains: Mapping[int, float | Gain]
     default_count: int
     setup_cost: RestorationCost
     iteration_cost: Callable[[Observation], RestorationCost]

@@ -212,7 +212,8 @@ class PhotographSpectrum:
         `region`: as for fit_power_law_with_mtf().
         """
         shape = int(image.shape[0]), int(image.shape[1])
-        if min(shape) < 2 * _SETTINGS.min_periods + 2 or float(image.std()) == 0:
+        rounding = 1e-7 * float(image.abs().max()) if image.numel() else 0.0
+        if min(shape) < 2 * _SETTINGS.min_periods + 2 or float(image.std()) <= rounding:
             return None
         power, squares = _windowed_periodogram(image, region), squared_frequencies(shape).to(image)
         used = (squares > (_SETTINGS.min_periods / min(shape)) ** 2).flatten().nonzero()[:, 0]

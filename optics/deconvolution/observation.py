@@ -62,6 +62,8 @@ class Observation:
         True where the well was full: there the light is at least what was measured.
     is_numpy : bool, default False
         Whether the photograph was a numpy array, so that restore() returns one.
+    least_noise : float, default 0
+        Noise that is known to be there, for example of photons; an estimate isn't below it.
 
     Raises
     ------
@@ -78,6 +80,7 @@ class Observation:
     weights: torch.Tensor | None = None
     clipped: torch.Tensor | None = None
     is_numpy: bool = False
+    least_noise: float = 0.0
 
     def __post_init__(self) -> None:
         shapes = f"image is {tuple(self.image.shape)} and psf {tuple(self.psf.shape)}"
@@ -224,11 +227,9 @@ class Observation:
         The deviation is for a pixel of weight 1. It is given or estimated, in the unit of the
         image.
         """
-        return (
-            math.sqrt(self.power_law.noise_variance)
-            if self.given_noise is None
-            else self.given_noise
-        )
+        if self.given_noise is not None:
+            return self.given_noise
+        return max(math.sqrt(self.power_law.noise_variance), self.least_noise)
 
     @property
     def scene_noise(self) -> float:

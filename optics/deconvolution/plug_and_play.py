@@ -136,7 +136,7 @@ def plug_and_play(
             wanted.mul_(observation.support)
         near = rfft2(wanted - equations.mean)
         everywhere = torch.full_like(observation.squared_mtf, penalty)
-        spectrum, _ = equations.solve(everywhere, spectrum, _SETTINGS.cg_steps, near)
+        spectrum, *_ = equations.solve(everywhere, spectrum, _SETTINGS.cg_steps, near)
         before, picture = picture, equations.picture(spectrum)
         change.append(relative_change(picture, before))
     share = _SETTINGS.first_share
@@ -238,6 +238,6 @@ def _round_cost(observation: Observation) -> RestorationCost:
 
 METHOD = RestorationMethod(
     "a learned denoiser for a prior",
-    _solve, {8: 4.6, 12: 5.0}, 12, SETUP_COST.plus(RestorationCost(60, 800)), _round_cost,
+    _solve, {12: 7.5}, 12, SETUP_COST.plus(RestorationCost(60, 800)), _round_cost,
     needs_denoiser=True,
 )  # fmt: skip

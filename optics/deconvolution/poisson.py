@@ -106,6 +106,6 @@ def poisson_data_prox(observation: Observation) -> DataProx:
 
 METHOD = RestorationMethod(
     "likeliest under photon noise, few edges",
-    poisson_total_variation, {8: 3.8, 20: 3.9, 30: 4.0}, 30, SETUP_COST,
+    poisson_total_variation, {12: 6.0, 20: 6.3, 30: 6.5}, 30, SETUP_COST,
     lambda _: RestorationCost(4, 75),
 )  # fmt: skip

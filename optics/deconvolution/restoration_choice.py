@@ -8,6 +8,7 @@ from optics.accuracy import IterationOption, MachineSpeed, best_within, select_m
 from optics.deconvolution.method import Denoise, RestorationMethod
 from optics.deconvolution.method_names import RESTORATIONS
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.restoration_case import RestorationCase, predicted_gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.progress import Progress
 from optics.validation import require_count, require_positive
@@ -15,8 +16,8 @@ from optics.validation import require_count, require_positive
 DEFAULT_METHOD = "total-variation"
 """Name of the default restoration method."""
 
-# The gains of the methods are medians over 12 photographs, each blurred by one of 6 PSFs, with
-# noise of 0.005 to 0.02. `make figures ONLY=budget` measures them.
+# `python -m figures.fit_gains` fits the gains of the methods, on photographs that `make figures
+# ONLY=budget`, which checks the choice, doesn't see.
 METHODS: dict[str, RestorationMethod] = {
     name: import_module(one.module).METHOD for name, one in RESTORATIONS.items()
 }
@@ -109,10 +110,16 @@ def _choose_method(
     if budget is None:
         name = method or DEFAULT_METHOD
         return name, METHODS[name].default_iterations(observation) if count is None else count
+    case = RestorationCase.of(observation)
     best = best_within(
         budget,
         [
-            IterationOption(name, number, METHODS[name].seconds(observation, number, speed), gain)
+            IterationOption(
+                name,
+                number,
+                METHODS[name].seconds(observation, number, speed),
+                predicted_gain(gain, case),
+            )
             for name in select_methods(METHODS, method)
             if method or denoise is not None or not METHODS[name].needs_denoiser
             for number, gain in METHODS[name].gains.items()

@@ -121,7 +121,7 @@ def initial_weight(observation: Observation, power: float = 1.0) -> float:
 # With a PSF of a hundred pixels that has a central peak, total variation takes 20 to 30 iterations.
 METHOD = RestorationMethod(
     "few edges, sharp ones (Eq. 2.27)",
-    total_variation, {6: 4.0, 8: 4.1, 12: 4.4, 20: 4.6, 30: 4.7, 60: 4.8}, 30, SETUP_COST,
+    total_variation, {12: 6.1, 20: 6.4, 30: 6.6, 60: 6.8}, 30, SETUP_COST,
     splitting_cost,
     slow_if_wide=True,
 )  # fmt: skip

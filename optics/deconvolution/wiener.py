@@ -25,6 +25,10 @@ PENALTY_KINDS: tuple[PenaltyKind, ...] = ("gradient", "spectrum", "flat")
 Frequencies = tuple[slice, slice]
 """Rows and columns of an rfft2 grid."""
 
+_CONVERGED_RESIDUAL = 1e-4
+"""Relative residual of the equations from which more steps change the picture by little. Of 160
+restorations with 10 PSFs, those within it were within 1.5 % and 0.15 dB of the solution."""
+
 _TRIAL_WEIGHTS = torch.logspace(-8, 2, 61, dtype=torch.float64)
 """Weights among which the best one is chosen: K at a frequency of one cycle per pixel."""
 
@@ -82,18 +86,15 @@ def wiener(
     if steps < 0:
         raise ValueError(f"steps is {steps}; it can't be negative")
     penalty, used = penalty_of(observation, weight, penalty_kind, steps)
-    # A fresh observation has computed nothing yet whose derivatives weren't recorded.
     recorded = _records_derivatives(observation)
+    # A fresh observation has computed nothing yet without recording its derivatives.
     equations = NormalEquations(replace(observation) if recorded else observation)
     if steps == 0 or observation.is_fully_measured:
         spectrum, taken = equations.initial_spectrum(penalty), 0
-        picture = equations.picture(spectrum)
+        picture, converged = equations.picture(spectrum), observation.is_fully_measured
     else:
-        with torch.no_grad():
-            plain = NormalEquations(observation)
-            wide = observation.is_wide_beyond_frame
-            start = plain.extended_spectrum() if wide else plain.initial_spectrum(penalty)
-            spectrum, taken = plain.solve(penalty, start, steps)
+        spectrum, taken, left = _solve_equations(observation, penalty, steps)
+        converged = left <= _CONVERGED_RESIDUAL
         picture = (
             equations.picture_with_gradients(penalty, spectrum, steps)
             if recorded
@@ -108,7 +109,19 @@ def wiener(
         lambda: equations.residual(found),
         used,
         1 + taken,
+        converged=converged,
     )
+
+
+@torch.no_grad()
+def _solve_equations(
+    observation: Observation, penalty: torch.Tensor, steps: int
+) -> tuple[torch.Tensor, int, float]:
+    """Solve the equations of Wiener deconvolution, from the start that suits the PSF's size."""
+    equations = NormalEquations(observation)
+    wide = observation.is_wide_beyond_frame
+    start = equations.extended_spectrum() if wide else equations.initial_spectrum(penalty)
+    return equations.solve(penalty, start, steps)
 
 
 def _records_derivatives(observation: Observation) -> bool:
@@ -201,8 +214,8 @@ def _iteration_cost(observation: Observation) -> RestorationCost:
     return RestorationCost(0, 0) if observation.is_fully_measured else RestorationCost(2, 24)
 
 
-# A count of 1 means no step of conjugate gradients: the photograph is only continued smoothly.
+# Fewer steps, with wide PSFs and beyond the frame, may end below the blurred picture.
 METHOD = RestorationMethod(
     "linear filter, gradients' power known (Eq. 2.28)",
-    _solve, {1: 1.7, 11: 3.3, 31: 3.4}, 31, SETUP_COST, _iteration_cost,
+    _solve, {6: 4.5, 11: 4.9, 31: 5.2}, 31, SETUP_COST, _iteration_cost,
 )  # fmt: skip

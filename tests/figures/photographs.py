@@ -54,6 +54,18 @@ def squares(count: int, side: int) -> tuple[list[Array], str]:
     return found[:count], "of scikit-image's pictures"
 
 
+def grey_pictures(names: tuple[str, ...]) -> list[Array]:
+    """Grey pictures of these collections, white at 1, where they lie beside the checkout; the
+    project's own and scikit-image's otherwise."""
+    files = [file for name in names for file in sorted((_BESIDE / name).glob("*.*"))]
+    if not files:
+        folder = _scikit_image()
+        files = [_ROOT / "labapp/data" / name for name in _PACKAGED]
+        files += [] if folder is None else [folder / name for name in _OWN]
+    found = [picture for file in files if (picture := _grey(file)) is not None]
+    return [_averaged_down(picture) for picture in found]
+
+
 def colour_photographs() -> list[Array]:
     """(3, rows, columns), red, green, blue, 0 to 1: Kodak's without loss, where they lie beside
     the checkout."""
@@ -85,16 +97,22 @@ def _grey(file: Path) -> Array | None:
     return None if stored is None else np.asarray(stored, dtype=np.float64) / 255
 
 
+def _averaged_down(picture: Array) -> Array:
+    """The picture with at most _LARGEST samples along its longer side."""
+    shrunk = _LARGEST / max(picture.shape)
+    if shrunk >= 1:
+        return picture
+    size = [round(n * shrunk) for n in picture.shape[::-1]]
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+
+
 def _cut(files: list[Path], side: int, each: int) -> Iterator[Array]:
     """The first and the last square along the longer side, or that in the middle."""
     for file in files:
         picture = _grey(file)
         if picture is None:
             continue
-        shrunk = _LARGEST / max(picture.shape)
-        if shrunk < 1:
-            size = [round(n * shrunk) for n in picture.shape[::-1]]
-            picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+        picture = _averaged_down(picture)
         if min(picture.shape) < side:
             continue
         for share in (0.5,) if each == 1 else np.linspace(0, 1, each):

@@ -18,7 +18,6 @@ from small_bench.files import write_small
 from labapp.bench.opening import open_bench
 from labapp.files.photograph_file import read_photograph
 from labapp.files.plan_file import PlanFile
-from labapp.pictures.reconstructing.restoration import describe_residual
 from labapp.runs.acquisition.runner import run_plan
 
 SIDE = 120
@@ -106,16 +105,46 @@ def test_the_table_says_how_far_to_trust_it(labapp, grey, tmp_path):
     assert code == 0
     for words in ("total variation", "estimated", "weight", "iterations", "good: what", "wrote"):
         assert words in printed
-    assert "good" in describe_residual(1.0)
-    assert "doesn't fit" in describe_residual(1.5)
-    assert "below 0.8" in describe_residual(0.5)
 
 
-def test_a_noise_that_is_told_wrongly_shows_in_the_residual(labapp, grey, tmp_path):
-    told = said(labapp, tmp_path, "--noise", "0.0005", "--method", "tv", "--weight", "1e-4")
-    assert told["noise"] == [0.0005]
-    assert told["residual"] > 1.2
-    assert "doesn't fit" in told["verdict"]
+def test_a_noise_that_is_told_wrongly_is_named(labapp, grey, tmp_path):
+    told = said(labapp, tmp_path, "--noise", "0.0015", "--method", "tv")
+    assert told["noise"] == [0.0015]
+    assert told["causes"] == ["noise"]
+    assert "told as 0.0015, and the photograph shows 0.00" in told["verdict"]
+    told = said(labapp, tmp_path, "--noise", "0.015", "--method", "tv", "--force")
+    assert told["causes"] == ["noise"]
+    assert "told as 0.015" in told["verdict"]
+
+
+def test_clipped_pixels_that_nobody_marked_are_named(labapp, grey, tmp_path):
+    frame = np.load(tmp_path / "frame.npy")
+    level = float(np.quantile(frame, 0.98))
+    np.save(tmp_path / "frame.npy", frame.clip(max=level))
+    assert "clipping" in said(labapp, tmp_path, "--clip", "2")["causes"]
+    assert "clipping" not in said(labapp, tmp_path, "--force")["causes"]
+
+
+def test_a_psf_of_a_wrong_scale_is_named_with_its_sign_and_refined(labapp, grey, tmp_path):
+    for size, words in ((4.25, "too large"), (3.75, "too small")):
+        np.save(tmp_path / "psf.npy", disk(size))
+        told = said(labapp, tmp_path, "--truth", tmp_path / "truth.npy", "--force")
+        assert told["causes"][0] == "psf-scale"
+        assert words in told["verdict"]
+        assert told["psf_scale"][0] == pytest.approx(4 / size, abs=0.02)
+        mended = said(
+            labapp, tmp_path, "--refine-psf", "--truth", tmp_path / "truth.npy", "--force"
+        )
+        assert mended["psf_refined"]
+        assert "psf-scale" not in mended["causes"]
+        assert mended["score"]["psnr_db"][1] > told["score"]["psnr_db"][1] + 0.5
+
+
+def test_a_right_psf_isnt_refined(labapp, grey, tmp_path):
+    told = said(labapp, tmp_path, "--refine-psf")
+    assert told["psf_scale"] == [1.0]
+    assert not told["psf_refined"]
+    assert told["causes"] == []
 
 
 def test_an_8_bit_colour_photograph_is_restored_as_light_band_by_band(labapp, tmp_path):

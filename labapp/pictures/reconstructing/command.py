@@ -32,6 +32,15 @@ class OutputFiles:
     estimated_psf: Path | None = None
 
 
+_OPTIONS = {
+    "psf-scale": "--refine-psf",
+    "clipping": "--clip LEVEL",
+    "noise": "--noise",
+    "iterations": "--budget S",
+}
+"""Options of the command that remedy a cause of a bad restoration."""
+
+
 def reconstruct_photograph(
     request: RestorationRequest, choice: MethodChoice, files: OutputFiles, *, as_json: bool
 ) -> None:
@@ -79,13 +88,14 @@ def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[st
     told = problem.noise_source(bands[0].noise)
     weights = [band.weight for band in bands if band.weight is not None]
     rows = [
-        ["PSF", problem.psf_source],
+        ["PSF", problem.psf_source + _refined_scale(outcome)],
         ["method", outcome.method],
         ["noise", f"{_join_values([b.noise for b in bands])} {problem.unit}, {told}"],
         ["weight", _join_values(weights) if weights else "none"],
         ["iterations", " / ".join(dict.fromkeys(str(b.iterations) for b in bands))],
         ["clipped or dead pixels", f"{masked:.2%}, left out".replace("%", " %")],
-        ["residual over noise", f"{outcome.residual:.2f}; {outcome.verdict}"],
+        ["residual over noise", f"{outcome.residual:.2f}"],
+        ["verdict", _verdict_with_options(outcome)],
         ["processor time", f"{outcome.cpu_seconds:.2f} s"],
     ]
     if (known := problem.reference) is not None and outcome.scores is not None:
@@ -96,6 +106,20 @@ def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[st
             rows.append(["SSIM", f"{before.ssim:.3f} to {after.ssim:.3f}"])
         rows.append(["against", known.source])
     return rows
+
+
+def _verdict_with_options(outcome: RestoredPicture) -> str:
+    """Return the verdict on the restored picture, with the options that help."""
+    options = [_OPTIONS[cause] for cause in outcome.causes if cause in _OPTIONS]
+    return outcome.verdict + (f" ({', '.join(options)})" if options else "")
+
+
+def _refined_scale(outcome: RestoredPicture) -> str:
+    """Say by how much the PSF of the restored picture was scaled, if it was."""
+    if not outcome.refined:
+        return ""
+    scales = [one.scale if one.is_wrong else 1.0 for one in outcome.psf_scales]
+    return f", scaled by {_join_values(scales)}"
 
 
 def _join_values(values: list[float]) -> str:
@@ -118,6 +142,9 @@ def _as_data(
         "converged": [band.converged for band in bands],
         "residual": outcome.residual,
         "verdict": outcome.verdict,
+        "causes": outcome.causes,
+        "psf_scale": [one.scale if one.is_wrong else 1.0 for one in outcome.psf_scales] or None,
+        "psf_refined": outcome.refined,
         "clipped_share": float(problem.clipped.mean()),
         "dead_share": float((~np.isfinite(problem.light)).mean()),
         "cpu_s": outcome.cpu_seconds,

@@ -27,6 +27,8 @@ class MethodChoice:
         Processor time for the whole picture, in seconds.
     weight : float or None
         Regularisation weight in the method's own unit; None to choose it from the picture.
+    refine_psf : bool
+        Whether a PSF is scaled to the size that the picture shows.
     speed : MachineSpeed
         Speed of the machine, by which times are predicted.
     """
@@ -34,6 +36,7 @@ class MethodChoice:
     method: str = AUTO
     budget: float | None = None
     weight: float | None = None
+    refine_psf: bool = False
     speed: MachineSpeed = field(default_factory=MachineSpeed)
 
     def __post_init__(self) -> None:

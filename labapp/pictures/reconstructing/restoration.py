@@ -13,10 +13,16 @@ from labapp.pictures.analysis.score import Score
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.psf_scale import PSFScale, refine_psf_scale
 from optics.deconvolution.restored_image import RestoredImage
+from optics.deconvolution.verdict import Verdict, judge_restoration
 from optics.fourier import irfft2, rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
+
+_SCALE_BUDGET, _RESTORING_SHARE = 2.0, 0.8
+"""Seconds of a band's budget from which the scale of its PSF is looked for, and the share of the
+budget that is then left for the restoration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +41,12 @@ class RestoredPicture:
         Residual of all bands, rms over the noise.
     cpu_seconds : float
         Processor time of the process in seconds.
+    verdicts : tuple of Verdict
+        What was found in each band.
+    psf_scales : tuple of PSFScale
+        Scale of the PSF that each band shows; empty where there was no time to look for it.
+    refined : bool
+        Whether PSFs of a wrong scale were replaced by scaled ones.
     scores : tuple of Score or None
         Scores before and after; None without a reference picture.
     """
@@ -44,6 +56,9 @@ class RestoredPicture:
     bands: tuple[RestoredImage, ...]
     residual: float
     cpu_seconds: float
+    verdicts: tuple[Verdict, ...]
+    psf_scales: tuple[PSFScale, ...] = ()
+    refined: bool = False
     scores: tuple[Score, Score] | None = None
 
     @property
@@ -53,8 +68,16 @@ class RestoredPicture:
 
     @property
     def verdict(self) -> str:
-        """Say in words what the residual of the restored picture means."""
-        return describe_residual(self.residual)
+        """Say in words what was found in the restored picture, each cause once."""
+        found = {one.cause: one for verdict in self.verdicts for one in verdict.findings}
+        return str(Verdict(tuple(found.values())))
+
+    @property
+    def causes(self) -> list[str]:
+        """Return the causes of what was found in the restored picture, each once."""
+        return list(
+            dict.fromkeys(one.cause for verdict in self.verdicts for one in verdict.findings)
+        )
 
 
 @single_threaded
@@ -63,20 +86,33 @@ def restore_picture(
 ) -> RestoredPicture:
     """Restore each band of a picture; ValueError for one that can't be restored.
 
-    The restoration runs in one thread, so that the same problem always gives the same bits.
+    Unless the budget is small, the scale of the PSF is looked for first. The restoration runs in
+    one thread, so that the same problem always gives the same bits.
     """
-    seen, started = problem.observations(), time.process_time()
+    started, seen = time.process_time(), problem.observations()
     share = 1 / len(seen)
+    looks = wish.refine_psf or wish.budget is None or wish.budget * share >= _SCALE_BUDGET
+    scales = problem.find_psf_scales(progress.part(0, 0.3)) if looks else ()
+    refined = wish.refine_psf and any(one.is_wrong for one in scales)
+    if refined:
+        pairs = zip(seen, scales, strict=True)
+        seen = [refine_psf_scale(band, one) if one.is_wrong else band for band, one in pairs]
+    rest = progress.part(0.3, 1)
     found = tuple(
         wish.restore(
             band,
-            share,
-            progress.part(number * share, (number + 1) * share),
+            share * (_RESTORING_SHARE if looks else 1),
+            rest.part(number * share, (number + 1) * share),
             problem.planned_iterations,
         )
         for number, band in enumerate(seen)
     )
     residual = float(np.sqrt(np.mean([band.residual**2 for band in found])))
+    told = () if refined else scales
+    verdicts = tuple(
+        judge_restoration(band, one, told[number] if told else None)
+        for number, (band, one) in enumerate(zip(seen, found, strict=True))
+    )
     spent = time.process_time() - started
     progress.report(1, "restored")
     light = np.stack([band.image.numpy().astype(np.float32) for band in found])
@@ -85,18 +121,7 @@ def restore_picture(
     )
     known = problem.reference
     scores = None if known is None else (known.score(problem.light), known.score(light))
-    return RestoredPicture(light, left, found, residual, spent, scores)
-
-
-def describe_residual(residual: float) -> str:
-    """Say in words what the residual of a restored picture, rms over the noise, means."""
-    # Between these limits the remainder of the photograph looks like its noise.
-    lower, upper = 0.8, 1.2
-    if residual > upper:
-        return "above 1.2: model, PSF or noise doesn't fit"
-    if residual < lower:
-        return "below 0.8: the noise is less than it was taken for, or some was made detail"
-    return "good: what is left looks like noise"
+    return RestoredPicture(light, left, found, residual, spent, verdicts, scales, refined, scores)
 
 
 @torch.no_grad()

@@ -100,7 +100,7 @@ class LatentImageSampler:
         # Conjugate gradients start from the last picture, reduce the squared residual by 1e-5, and
         # do at most 25 steps.
         enough = 1e-5 * _inner_product(left, left * inverse)
-        picture, _ = conjugate_gradients(
+        picture, *_ = conjugate_gradients(
             normal, left, self.picture, inverse, _inner_product, enough, 25
         )
         return picture

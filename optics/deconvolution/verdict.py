@@ -1,0 +1,182 @@
+"""The verdict on a restoration: whether photograph, PSF and noise fit together, and what doesn't.
+
+A good restoration is within 1 dB of the one that the right PSF, noise and mask would give by the
+same method. The limits were set on photographs of one collection and checked on others; `make
+figures ONLY=verdicts` measures them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+
+from optics.deconvolution.observation import Observation
+from optics.deconvolution.psf_scale import PSFScale
+from optics.deconvolution.restored_image import RestoredImage
+
+LEAST_RESIDUAL, MOST_RESIDUAL = 0.55, 1.25
+"""Residuals, relative to the noise, between which the rest of the photograph looks like noise."""
+
+_NOISE_RATIO = 1.6
+"""Told noise over estimated noise, or the inverse, from which the told noise is doubted."""
+
+_CLIPPED_PIXELS, _CLIPPED_RATIO = 10, 2.0
+"""Number of pixels that share the highest level, and their number over that of the next lower
+level, from which they count as clipped."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that doesn't fit in a restoration, with the remedy.
+
+    Attributes
+    ----------
+    cause : {"psf-scale", "noise", "clipping", "psf", "fit", "smoothing", "iterations"}
+        What is wrong, in a word.
+    words : str
+        What the photograph shows.
+    remedy : str
+        What to do about it.
+    """
+
+    cause: str
+    words: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The verdict on a restoration; it is good if nothing was found."""
+
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def is_good(self) -> bool:
+        """Whether nothing was found that makes the restoration worse than it could be."""
+        return not self.findings
+
+    def __str__(self) -> str:
+        """Return the verdict on a restoration in words, the gravest finding first."""
+        if self.is_good:
+            return "good: what is left looks like noise"
+        return "; ".join(f"{one.words}: {one.remedy}" for one in self.findings)
+
+
+@torch.no_grad()
+def judge_restoration(
+    observation: Observation, restored: RestoredImage, scale: PSFScale | None = None
+) -> Verdict:
+    """Judge a restored photograph by its residual, its spectrum and its brightest pixels.
+
+    A common shift of the PSF isn't seen: it only moves the restored picture.
+
+    Parameters
+    ----------
+    observation : Observation
+        What was restored.
+    restored : RestoredImage
+        The restoration.
+    scale : PSFScale, optional
+        The PSF's scale from find_psf_scale(); not judged if None.
+
+    Returns
+    -------
+    Verdict
+        What was found, the causes that explain most first.
+    """
+    causes = [
+        one
+        for one in (
+            _scale_finding(scale),
+            _clipping_finding(observation),
+            _noise_finding(observation, restored.residual),
+            _psf_finding(observation),
+        )
+        if one is not None
+    ]
+    if not causes and (rest := _residual_finding(restored)) is not None:
+        causes.append(rest)
+    return Verdict(tuple(causes))
+
+
+def _scale_finding(scale: PSFScale | None) -> Finding | None:
+    """Return what a restoration's photograph shows of the PSF's scale."""
+    if scale is None or not scale.is_wrong:
+        return None
+    size = "too small" if scale.scale > 1 else "too large"
+    return Finding(
+        "psf-scale",
+        f"the PSF is {abs(1 - 1 / scale.scale):.1%} {size} for this photograph",
+        "let its scale be refined, or measure or compute it again",
+    )
+
+
+def _clipping_finding(observation: Observation) -> Finding | None:
+    """Return what the brightest pixels of a photograph to be restored show of clipping."""
+    image, trust = observation.image, observation.effective_weights
+    known = image.flatten() if trust is None else image[trust > 0]
+    top = known.max()
+    count, below = int((known == top).sum()), known[known < top]
+    if count < _CLIPPED_PIXELS or not below.numel():
+        return None
+    if count < _CLIPPED_RATIO * int((below == below.max()).sum()):
+        return None
+    return Finding(
+        "clipping",
+        f"{count} pixels share the highest level, {float(top):.4g}",
+        "if they are clipped, give that level, so that they are left out",
+    )
+
+
+def _noise_finding(observation: Observation, residual: float) -> Finding | None:
+    """Return what a photograph's spectrum and a restoration's residual show of the told noise."""
+    told, shown = observation.given_noise, math.sqrt(observation.power_law.noise_variance)
+    if told is None or shown <= 0:
+        return None
+    ratio = told / shown
+    too_large = ratio > _NOISE_RATIO and residual < 1
+    too_small = ratio < 1 / _NOISE_RATIO and residual > 1
+    if not (too_large or too_small):
+        return None
+    return Finding(
+        "noise",
+        f"the noise was told as {told:.3g}, and the photograph shows {shown:.3g}",
+        "leave it out, or give its standard deviation in the photograph's unit",
+    )
+
+
+def _psf_finding(observation: Observation) -> Finding | None:
+    """Return what the spectrum of a photograph to be restored shows of the PSF's error."""
+    ratio = observation.disturbance / observation.scene_noise
+    if ratio <= 1.05:
+        return None
+    return Finding(
+        "psf",
+        f"the PSF's error harms {math.sqrt(ratio**2 - 1):.1f} times as much as the noise",
+        "measure the PSF again, or with more light; the prior was strengthened meanwhile",
+    )
+
+
+def _residual_finding(restored: RestoredImage) -> Finding | None:
+    """Return what a restoration's residual shows where no cause is known."""
+    if restored.residual > MOST_RESIDUAL:
+        if not restored.converged:
+            return Finding(
+                "iterations",
+                f"the residual is {restored.residual:.2f} times the noise, and still falling",
+                "allow more iterations or time, or take another method",
+            )
+        return Finding(
+            "fit",
+            f"the residual is {restored.residual:.2f} times the noise",
+            "PSF, noise or model doesn't fit; measure the PSF again",
+        )
+    if restored.residual < LEAST_RESIDUAL:
+        return Finding(
+            "smoothing",
+            f"the residual is only {restored.residual:.2f} times the noise",
+            "the noise is less than it was taken for, or some became detail; give the noise",
+        )
+    return None
