@@ -13,6 +13,7 @@ from scipy.optimize import Bounds, OptimizeResult, minimize
 from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
 from optics.deconvolution.objectives import SMOOTH_PRIORS, Misfit, Smoothness, SmoothPrior
 from optics.deconvolution.observation import Observation, require_weights
+from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
@@ -375,7 +376,11 @@ def _residual(observation: Observation, spread: torch.Tensor) -> float:
     return math.sqrt(float(squares.mean())) / observation.scene_noise
 
 
+# In 30 cases it gained 0.6 and 0.4 dB less than total variation of 30 and 60 iterations.
 METHOD = RestorationMethod(
     "few edges, light never negative, by a general minimiser (Eq. 2.32)",
-    restore_within_bounds, {50: 4.4, 100: 4.4}, 100, SETUP_COST, lambda _: RestorationCost(8, 300),
+    restore_within_bounds, {
+        50: Gain(7.96, -1.03, 1.29, 1.26, 0.40, -0.74),
+        100: Gain(8.11, -1.10, 1.32, 1.35, 0.33, -0.64),
+    }, 100, SETUP_COST, lambda _: RestorationCost(8, 300),
 )  # fmt: skip

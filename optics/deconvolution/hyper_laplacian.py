@@ -16,6 +16,7 @@ from optics.deconvolution.priors import (
     mean_gradient,
     weight_by_evidence,
 )
+from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import CONVERGED_CHANGE, RestoredImage, relative_change
 from optics.deconvolution.shrinkage import require_power, shrinkage_factor
 from optics.deconvolution.total_variation import initial_weight
@@ -23,6 +24,9 @@ from optics.fourier import rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_positive
+
+_LEAST_SHARE = 0.7
+"""Least weight over the first one, which the photograph's spectrum predicts."""
 
 _STEPS = 3
 """Steps of conjugate gradients in a round, which starts from the last one's picture."""
@@ -84,7 +88,8 @@ def hyper_laplacian(
     square = laplacian_spectrum(observation.period_shape).to(observation.squared_mtf)
     picture, change = observation.extended_image, list[float]()
     spectrum = rfft2(picture - equations.mean)
-    used = initial_weight(observation, power) if weight is None else weight
+    first = initial_weight(observation, power) if weight is None else weight
+    used = first
     for number, coupling in enumerate(_couplings(observation.scale, power, rounds)):
         progress.report(number / rounds, f"hyper-Laplacian {number + 1}/{rounds}")
         least = least_weight(observation, _low_frequency_laplacian, _STEPS * (number + 1))
@@ -96,7 +101,9 @@ def hyper_laplacian(
             picture.mul_(observation.support)
         change.append(relative_change(picture, before))
         if weight is None:
-            used = _estimate_weight(observation, picture, power, equations.residual(spectrum))
+            wanted = _estimate_weight(observation, picture, power, equations.residual(spectrum))
+            # Without a limit, noise that became detail would ask for less and less weight.
+            used = max(wanted, _LEAST_SHARE * first)
     return RestoredImage(
         observation.crop_to_frame(picture).clamp(min=0),
         f"hyper-Laplacian, power {power:.3g}",
@@ -165,5 +172,8 @@ def _round_cost(observation: Observation) -> RestorationCost:
 
 METHOD = RestorationMethod(
     "gradients with the heavy tails of natural pictures",
-    _solve, {5: 3.0, 10: 4.3}, 10, SETUP_COST, _round_cost,
+    _solve, {
+        5: Gain(7.38, -0.60, 0.61, 1.30, 0.24, -1.21),
+        10: Gain(8.17, -0.81, 0.84, 1.21, 0.44, -0.96),
+    }, 10, SETUP_COST, _round_cost,
 )  # fmt: skip

@@ -10,6 +10,7 @@ import torch
 from optics.deconvolution.method import SETUP_COST, Denoise, RestorationCost, RestorationMethod
 from optics.deconvolution.normal_equations import NormalEquations
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import CONVERGED_CHANGE, RestoredImage, relative_change
 from optics.deconvolution.total_variation import METHOD as TOTAL_VARIATION
 from optics.deconvolution.total_variation import total_variation
@@ -238,6 +239,8 @@ def _round_cost(observation: Observation) -> RestorationCost:
 
 METHOD = RestorationMethod(
     "a learned denoiser for a prior",
-    _solve, {12: 7.5}, 12, SETUP_COST.plus(RestorationCost(60, 800)), _round_cost,
+    _solve, {
+        12: Gain(9.58, -1.25, 1.33, 1.36, 0.40, -0.64),
+    }, 12, SETUP_COST.plus(RestorationCost(60, 800)), _round_cost,
     needs_denoiser=True,
 )  # fmt: skip

@@ -8,6 +8,7 @@ import torch
 
 from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.splitting import DataProx
 from optics.deconvolution.total_variation import total_variation
@@ -106,6 +107,10 @@ def poisson_data_prox(observation: Observation) -> DataProx:
 
 METHOD = RestorationMethod(
     "likeliest under photon noise, few edges",
-    poisson_total_variation, {12: 6.0, 20: 6.3, 30: 6.5}, 30, SETUP_COST,
+    poisson_total_variation, {
+        12: Gain(7.97, -0.89, 1.10, 1.07, 0.37, -0.86),
+        20: Gain(8.27, -1.03, 1.23, 1.17, 0.38, -0.75),
+        30: Gain(8.36, -1.10, 1.31, 1.23, 0.36, -0.69),
+    }, 30, SETUP_COST,
     lambda _: RestorationCost(4, 75),
 )  # fmt: skip

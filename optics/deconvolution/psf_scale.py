@@ -19,12 +19,14 @@ from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_positive
 
-RANGE, _STEP, _REFINEMENTS = 0.1, 0.025, 3
+RANGE, _STEP, _REFINEMENTS = 0.15, 0.025, 3
 """Largest deviation of the scale from 1 that is looked for, the step of the first scales, and the
 number of halvings of that step."""
 
-LEAST_EVIDENCE = 50.0
-"""Logarithm of the likelihood ratio from which a scale is believed to be wrong."""
+LEAST_EVIDENCE, EVIDENCE_SHARE, LEAST_DEVIATION = 20.0, 0.002, 0.01
+"""Logarithm of the likelihood ratio, alone and added per frequency, and deviation from 1, from
+which a scale is believed to be wrong. Pictures depart from a power law, which looks like evidence
+and grows with their number of frequencies."""
 
 
 @dataclass(frozen=True)
@@ -34,18 +36,26 @@ class PSFScale:
     Attributes
     ----------
     scale : float
-        The true PSF's size over that of the given one, 0.9 to 1.1.
+        The true PSF's size over that of the given one, 0.85 to 1.15.
     evidence : float
         Logarithm of the likelihood of this scale over that of 1, not negative.
+    frequencies : int
+        Number of frequencies of the photograph's spectrum.
     """
 
     scale: float
     evidence: float
+    frequencies: int
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the photograph shows that the PSF to deconvolve with has another scale."""
-        return self.evidence >= LEAST_EVIDENCE
+        """Whether the photograph shows that the PSF to deconvolve with has another scale.
+
+        A likelihood that still grows at the end of the range doesn't show it: what grows is then
+        the picture's departure from a power law.
+        """
+        least = LEAST_EVIDENCE + EVIDENCE_SHARE * self.frequencies
+        return self.evidence >= least and LEAST_DEVIATION <= abs(self.scale - 1) < RANGE - 1e-9
 
 
 @single_threaded
@@ -71,7 +81,7 @@ def find_psf_scale(observation: Observation, progress: Progress | None = None) -
     progress = progress or Progress()
     spectrum = observation.centre_spectrum
     if spectrum is None or observation.psf_radius == 0:
-        return PSFScale(1.0, 0.0)
+        return PSFScale(1.0, 0.0, 0)
     likelihoods = dict[float, float]()
 
     def look_at(scale: float) -> None:
@@ -90,7 +100,8 @@ def find_psf_scale(observation: Observation, progress: Progress | None = None) -
         look_at(best - step)
         look_at(best + step)
     best = max(likelihoods, key=likelihoods.__getitem__)
-    return PSFScale(best, likelihoods[best] - likelihoods[1.0])
+    evidence = likelihoods[best] - likelihoods[1.0]
+    return PSFScale(best, evidence, len(spectrum.power))
 
 
 def scaled_psf(psf: torch.Tensor, scale: float) -> torch.Tensor:

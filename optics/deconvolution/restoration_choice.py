@@ -74,7 +74,11 @@ def restore(
     """
     speed, progress = speed or MachineSpeed(), progress or Progress()
     _require(budget, method, weight, count)
-    name, number = _choose_method(observation, budget, method, count, denoise, speed)
+    if budget is not None:
+        name, number = choose_method(observation, budget, method, denoise=denoise, speed=speed)
+    else:
+        name = method or DEFAULT_METHOD
+        number = METHODS[name].default_iterations(observation) if count is None else count
     chosen = METHODS[name]
     progress.report(0, chosen.description)
     own = {"denoise": denoise} if chosen.needs_denoiser else {}
@@ -98,19 +102,40 @@ def _require(
         require_count("count", count)
 
 
-def _choose_method(
+def choose_method(
     observation: Observation,
-    budget: float | None,
-    method: str | None,
-    count: int | None,
-    denoise: Denoise | None,
-    speed: MachineSpeed,
+    budget: float,
+    method: str | None = None,
+    *,
+    denoise: Denoise | None = None,
+    speed: MachineSpeed | None = None,
 ) -> tuple[str, int]:
-    """Return the deconvolution method with the largest gain in the budget, and its iterations."""
-    if budget is None:
-        name = method or DEFAULT_METHOD
-        return name, METHODS[name].default_iterations(observation) if count is None else count
-    case = RestorationCase.of(observation)
+    """Choose the deconvolution with the largest gain in a budget, as predicted for the photograph.
+
+    Parameters
+    ----------
+    observation : Observation
+        Photograph and PSF. Noise, size of the PSF, its spectrum, the picture and the border decide.
+    budget : float
+        Seconds of processor time.
+    method : str, optional
+        The only method that is considered.
+    denoise : callable, optional
+        Denoiser; methods that need one aren't considered without it, unless named.
+    speed : MachineSpeed, optional
+        Speed of the machine, by which times are predicted.
+
+    Returns
+    -------
+    tuple of str and int
+        The name of the method, and its number of iterations.
+
+    Raises
+    ------
+    ValueError
+        If no method fits in the budget.
+    """
+    speed, case = speed or MachineSpeed(), RestorationCase.of(observation)
     best = best_within(
         budget,
         [

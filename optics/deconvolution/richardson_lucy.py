@@ -9,6 +9,7 @@ import torch
 from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.priors import divergence_of_direction, laplacian_of
+from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage, relative_change
 from optics.fourier import irfft2, rfft2
 from optics.operators.blur import transfer_function
@@ -218,5 +219,9 @@ def _solve(
 
 METHOD = RestorationMethod(
     "likeliest under photon noise (Eq. 2.30), accelerated; stops at the noise",
-    _solve, {10: 2.3, 20: 2.5, 30: 2.5}, 30, SETUP_COST, lambda _: RestorationCost(4, 60),
+    _solve, {
+        10: Gain(3.51, -0.01, 0.37, 0.71, 0.03, -0.23),
+        20: Gain(4.40, -0.33, 0.30, 1.24, -0.36, -0.55),
+        30: Gain(4.65, -0.49, 0.22, 1.46, -0.56, -0.68),
+    }, 30, SETUP_COST, lambda _: RestorationCost(4, 60),
 )  # fmt: skip

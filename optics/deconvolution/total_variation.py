@@ -7,6 +7,7 @@ import torch
 from optics.deconvolution.method import SETUP_COST, RestorationMethod, splitting_cost
 from optics.deconvolution.observation import MIN_EXPLAINED_SHARE, Observation
 from optics.deconvolution.priors import NonNegativity, TotalVariation, weight_by_evidence
+from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.shrinkage import require_power
 from optics.deconvolution.splitting import (
@@ -121,7 +122,12 @@ def initial_weight(observation: Observation, power: float = 1.0) -> float:
 # With a PSF of a hundred pixels that has a central peak, total variation takes 20 to 30 iterations.
 METHOD = RestorationMethod(
     "few edges, sharp ones (Eq. 2.27)",
-    total_variation, {12: 6.1, 20: 6.4, 30: 6.6, 60: 6.8}, 30, SETUP_COST,
+    total_variation, {
+        12: Gain(8.25, -0.84, 1.09, 1.10, 0.41, -1.00),
+        20: Gain(8.49, -0.97, 1.21, 1.20, 0.42, -0.83),
+        30: Gain(8.56, -1.03, 1.29, 1.26, 0.40, -0.74),
+        60: Gain(8.54, -1.10, 1.32, 1.35, 0.33, -0.64),
+    }, 30, SETUP_COST,
     splitting_cost,
     slow_if_wide=True,
 )  # fmt: skip

@@ -14,6 +14,7 @@ import torch
 
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.psf_scale import PSFScale
+from optics.deconvolution.residual_map import residual_map
 from optics.deconvolution.restored_image import RestoredImage
 
 LEAST_RESIDUAL, MOST_RESIDUAL = 0.55, 1.25
@@ -21,6 +22,13 @@ LEAST_RESIDUAL, MOST_RESIDUAL = 0.55, 1.25
 
 _NOISE_RATIO = 1.6
 """Told noise over estimated noise, or the inverse, from which the told noise is doubted."""
+
+_GRAVE_SCALE, _GRAVE_EVIDENCE = 0.03, 0.05
+"""Deviation of the PSF's scale from 1, or evidence per frequency, that is likely to cost more than
+1 dB."""
+
+_GRAVE_CLIPPING = 1.3
+"""Residual around clipped pixels, over that of all, that is likely to cost more than 1 dB."""
 
 _CLIPPED_PIXELS, _CLIPPED_RATIO = 10, 2.0
 """Number of pixels that share the highest level, and their number over that of the next lower
@@ -39,29 +47,33 @@ class Finding:
         What the photograph shows.
     remedy : str
         What to do about it.
+    is_grave : bool
+        Whether it is likely to cost more than 1 dB.
     """
 
     cause: str
     words: str
     remedy: str
+    is_grave: bool = True
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a restoration; it is good if nothing was found."""
+    """The verdict on a restoration; it is good if nothing grave was found."""
 
     findings: tuple[Finding, ...] = ()
 
     @property
     def is_good(self) -> bool:
-        """Whether nothing was found that makes the restoration worse than it could be."""
-        return not self.findings
+        """Whether nothing was found that makes the restoration much worse than it could be."""
+        return not any(one.is_grave for one in self.findings)
 
     def __str__(self) -> str:
-        """Return the verdict on a restoration in words, the gravest finding first."""
+        """Return the verdict on a restoration in words, with what was found."""
+        found = [f"{one.words}: {one.remedy}" for one in self.findings]
         if self.is_good:
-            return "good: what is left looks like noise"
-        return "; ".join(f"{one.words}: {one.remedy}" for one in self.findings)
+            found = ["good: what is left looks like noise", *found]
+        return "; ".join(found)
 
 
 @torch.no_grad()
@@ -90,13 +102,16 @@ def judge_restoration(
         one
         for one in (
             _scale_finding(scale),
-            _clipping_finding(observation),
-            _noise_finding(observation, restored.residual),
+            _clipping_finding(observation, restored),
+            _noise_finding(observation, restored),
             _psf_finding(observation),
         )
         if one is not None
     ]
-    if not causes and (rest := _residual_finding(restored)) is not None:
+    if (
+        not any(one.is_grave for one in causes)
+        and (rest := _residual_finding(restored)) is not None
+    ):
         causes.append(rest)
     return Verdict(tuple(causes))
 
@@ -106,14 +121,16 @@ def _scale_finding(scale: PSFScale | None) -> Finding | None:
     if scale is None or not scale.is_wrong:
         return None
     size = "too small" if scale.scale > 1 else "too large"
+    far = abs(scale.scale - 1) >= _GRAVE_SCALE
     return Finding(
         "psf-scale",
         f"the PSF is {abs(1 - 1 / scale.scale):.1%} {size} for this photograph",
         "let its scale be refined, or measure or compute it again",
+        far or scale.evidence >= _GRAVE_EVIDENCE * scale.frequencies,
     )
 
 
-def _clipping_finding(observation: Observation) -> Finding | None:
+def _clipping_finding(observation: Observation, restored: RestoredImage) -> Finding | None:
     """Return what the brightest pixels of a photograph to be restored show of clipping."""
     image, trust = observation.image, observation.effective_weights
     known = image.flatten() if trust is None else image[trust > 0]
@@ -127,16 +144,27 @@ def _clipping_finding(observation: Observation) -> Finding | None:
         "clipping",
         f"{count} pixels share the highest level, {float(top):.4g}",
         "if they are clipped, give that level, so that they are left out",
+        _residual_around(image == top, observation, restored) > _GRAVE_CLIPPING,
     )
 
 
-def _noise_finding(observation: Observation, residual: float) -> Finding | None:
+def _residual_around(
+    pixels: torch.Tensor, observation: Observation, restored: RestoredImage
+) -> float:
+    """Return the rms residual of a restoration near some pixels, over that of all pixels."""
+    left = residual_map(observation, restored).square()
+    near = torch.nn.functional.max_pool2d(pixels[None, None].float(), 5, 1, 2)[0, 0] > 0
+    everywhere, there = float(left.nanmean()), float(left[near].nanmean())
+    return math.sqrt(there / everywhere) if everywhere > 0 and there > 0 else 0.0
+
+
+def _noise_finding(observation: Observation, restored: RestoredImage) -> Finding | None:
     """Return what a photograph's spectrum and a restoration's residual show of the told noise."""
     told, shown = observation.given_noise, math.sqrt(observation.power_law.noise_variance)
     if told is None or shown <= 0:
         return None
-    ratio = told / shown
-    too_large = ratio > _NOISE_RATIO and residual < 1
+    ratio, residual = told / shown, restored.residual
+    too_large = ratio > _NOISE_RATIO and residual < MOST_RESIDUAL
     too_small = ratio < 1 / _NOISE_RATIO and residual > 1
     if not (too_large or too_small):
         return None
@@ -144,6 +172,8 @@ def _noise_finding(observation: Observation, residual: float) -> Finding | None:
         "noise",
         f"the noise was told as {told:.3g}, and the photograph shows {shown:.3g}",
         "leave it out, or give its standard deviation in the photograph's unit",
+        # Without a weight, less noise only means more iterations.
+        is_grave=too_large or restored.weight is not None,
     )
 
 

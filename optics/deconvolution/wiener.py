@@ -13,6 +13,7 @@ from optics.deconvolution.method import SETUP_COST, RestorationCost, Restoration
 from optics.deconvolution.noise import squared_frequencies
 from optics.deconvolution.normal_equations import NormalEquations, least_weight
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -217,5 +218,9 @@ def _iteration_cost(observation: Observation) -> RestorationCost:
 # Fewer steps, with wide PSFs and beyond the frame, may end below the blurred picture.
 METHOD = RestorationMethod(
     "linear filter, gradients' power known (Eq. 2.28)",
-    _solve, {6: 4.5, 11: 4.9, 31: 5.2}, 31, SETUP_COST, _iteration_cost,
+    _solve, {
+        6: Gain(6.06, -0.41, 0.07, 1.29, -0.18, -1.58),
+        11: Gain(6.64, -0.56, 0.46, 1.31, 0.07, -1.26),
+        31: Gain(7.04, -0.73, 0.78, 1.40, 0.18, -0.93),
+    }, 31, SETUP_COST, _iteration_cost,
 )  # fmt: skip

@@ -28,6 +28,9 @@ _OWN = (
 )  # fmt: skip
 """Of scikit-image's: two squares each."""
 
+_FIVE = ("astronaut.png", "camera.png", "chelsea.png", "coffee.png", "rocket.jpg")
+"""Of scikit-image's: photographs of people, an animal, things and a landscape."""
+
 _LARGEST = 640
 """Samples of a picture's longer side; larger ones are averaged down."""
 
@@ -52,6 +55,20 @@ def squares(count: int, side: int) -> tuple[list[Array], str]:
         return [], "not measured: scikit-image isn't installed"
     found = list(_cut([folder / name for name in _OWN if (folder / name).is_file()], side, 2))
     return found[:count], "of scikit-image's pictures"
+
+
+def five_squares(side: int) -> list[Array]:
+    """The middle squares of five of scikit-image's photographs, white at 1; none without it."""
+    folder = _scikit_image()
+    if folder is None:
+        return []
+    found = [_grey(folder / name) for name in _FIVE]
+    return [_middle(one, side) for one in found if one is not None]
+
+
+def _middle(picture: Array, side: int) -> Array:
+    y, x = (max((n - side) // 2, 0) for n in picture.shape)
+    return picture[y : y + side, x : x + side]
 
 
 def grey_pictures(names: tuple[str, ...]) -> list[Array]:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from scipy.signal import fftconvolve
 from test_plug_and_play import chambolle
 
 from optics.accuracy import MachineSpeed
 from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.restoration_choice import METHODS, restore
+from optics.deconvolution.restoration_case import RestorationCase, predicted_gain
+from optics.deconvolution.restoration_choice import METHODS, choose_method, restore
 
 
 @pytest.fixture(scope="module")
@@ -41,22 +44,32 @@ def test_every_method_undoes_some_of_the_blur(blurred, method):
 
 
 def test_more_time_gives_a_method_that_gains_more(blurred):
+    """By the gains that are predicted for this photograph."""
     *_, seen = blurred
-    speed = MachineSpeed()
-    names, gains = [], []
-    for budget in (0.04, 0.2, 100.0):
-        found = restore(seen, budget, denoise=chambolle, speed=speed)
-        names.append(found.method)
-        fitting = [
-            gain
-            for method in METHODS.values()
-            for count, gain in method.gains.items()
-            if method.seconds(seen, count, speed) <= budget
-        ]
-        gains.append(max(fitting))
+    speed, case, chosen, gains = MachineSpeed(), RestorationCase.of(seen), [], []
+    for budget in (0.01, 0.02, 0.05, 0.2, 1.0, 100.0):
+        name, count = choose_method(seen, budget, denoise=chambolle, speed=speed)
+        chosen.append(name)
+        gains.append(predicted_gain(METHODS[name].gains[count], case))
+        assert METHODS[name].seconds(seen, count, speed) <= budget
     assert gains == sorted(gains)
-    assert names[-1] == "plug-and-play"
-    assert names[0] != names[-1]
+    assert chosen[0] != chosen[-1]
+    assert chosen[-1] == "plug-and-play"
+
+
+def test_the_choice_sees_the_case(blurred):
+    """What a method gains depends on noise, PSF and border; a number is for every case."""
+    *_, seen = blurred
+    rough = build_observation(seen.image + 0.1 * torch.randn(seen.image.shape), seen.psf)
+    wide = build_observation(seen.image, torch.full((21, 21), 1 / 441))
+    cases = [RestorationCase.of(one) for one in (seen, rough, wide)]
+    assert cases[1].noise > cases[0].noise
+    assert cases[2].size > cases[0].size
+    assert cases[0].border == 1
+    assert RestorationCase.of(replace(seen, border="periodic")).border == 0
+    gain = METHODS["total-variation"].gains[30]
+    assert predicted_gain(gain, cases[0]) != predicted_gain(gain, cases[1])
+    assert predicted_gain(4.0, cases[0]) == predicted_gain(4.0, cases[2]) == 4.0
 
 
 def test_what_needs_a_denoiser_is_left_out_without_one(blurred):

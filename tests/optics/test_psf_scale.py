@@ -89,5 +89,5 @@ def test_without_structure_there_is_no_evidence():
         (rng.random((5, 5)), np.ones((3, 3)) / 9),
     ):
         found = find_psf_scale(build_observation(image, psf))
-        assert (found.scale, found.evidence) == (1.0, 0.0)
+        assert (found.scale, found.evidence, found.frequencies) == (1.0, 0.0, 0)
         assert not found.is_wrong

@@ -6,17 +6,15 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from labapp.files.photograph_file import Light
 from labapp.pictures.analysis.score import Score
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem
-from optics.deconvolution.observation import Observation
 from optics.deconvolution.psf_scale import PSFScale, refine_psf_scale
+from optics.deconvolution.residual_map import residual_map
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.verdict import Verdict, judge_restoration
-from optics.fourier import irfft2, rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
 
@@ -117,37 +115,11 @@ def restore_picture(
     progress.report(1, "restored")
     light = np.stack([band.image.numpy().astype(np.float32) for band in found])
     left = np.stack(
-        [_normalised_residual(one, band) for one, band in zip(seen, found, strict=True)]
+        [
+            residual_map(one, band).numpy().astype(np.float32)
+            for one, band in zip(seen, found, strict=True)
+        ]
     )
     known = problem.reference
     scores = None if known is None else (known.score(problem.light), known.score(light))
     return RestoredPicture(light, left, found, residual, spent, verdicts, scales, refined, scores)
-
-
-@torch.no_grad()
-def _normalised_residual(observation: Observation, restored: RestoredImage) -> Light:
-    """Return the picture minus the blurred restored picture, divided by the picture's noise."""
-    whole = (
-        observation.extended_image * 0 if restored.period_image is None else restored.period_image
-    )
-    if restored.period_image is None:
-        observation.crop_to_frame(whole).copy_(restored.image)
-    light = irfft2(rfft2(whole) * observation.otf, observation.period_shape)
-    left = (
-        (
-            (observation.normalised_image - observation.crop_to_frame(light))
-            / observation.scene_noise
-        )
-        .numpy()
-        .astype(np.float32)
-    )
-    if observation.effective_weights is not None:
-        left[(observation.effective_weights <= 0).numpy()] = np.nan
-    if restored.period_image is None and not observation.is_fully_measured:
-        # Near the border the residual is unknown, because light from outside the frame, which isn't
-        # restored, contributes there.
-        top, side = (n // 2 for n in observation.psf.shape)
-        inside = np.zeros(left.shape, dtype=bool)
-        inside[top : left.shape[0] - top, side : left.shape[1] - side] = True
-        left[~inside] = np.nan
-    return left

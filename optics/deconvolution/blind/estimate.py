@@ -163,7 +163,9 @@ def find_kernel(
     10.1109/CVPR.2011.5995308.
     """
     psf, deviation, level, score = _find_kernel(image, size, noise, clipped, progress or Progress())
-    return KernelEstimate(psf, deviation, level, score)
+    seen = build_observation(image, psf, clipped=clipped)
+    ratio = seen.disturbance / seen.scene_noise
+    return KernelEstimate(psf, deviation, level, score, ratio)
 
 
 @accepts_numpy
