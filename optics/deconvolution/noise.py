@@ -13,7 +13,7 @@ import torch
 
 from optics.deconvolution.spectrum_law import SpectrumBins, SpectrumLaw
 from optics.formation import rfft2_frequencies
-from optics.fourier import rfft2
+from optics.fourier import rfft2, rfft_column_weights
 from optics.operators.blur import transfer_function
 from optics.plane import Plane
 
@@ -114,8 +114,10 @@ class PowerLaw:
         # The squared transfer function of differences between neighbours is 4 sin²(π f) per axis,
         # which is about (2 π f)² at low frequencies and no more than 8 for both axes.
         steep = (4 * math.pi**2 * squares).clamp(max=8)
+        weight = rfft_column_weights(shape[1]).to(share) / math.prod(shape)
         return WienerPrediction(
-            float(share.mean()), math.sqrt(float((scene * share * steep).mean()))
+            float((share * weight).sum()),
+            math.sqrt(float((scene * share * steep * weight).sum())),
         )
 
 
@@ -179,7 +181,7 @@ def fit_power_law_with_mtf(
     if spectrum is None:
         return PowerLaw(0.0, 2.0, float(image.var(correction=0)) if image.numel() > 1 else 0.0)
     return _fit_binned_spectrum(
-        spectrum.bins(squared_mtf), len(spectrum.power), finds_model_error=finds_model_error
+        spectrum.bins(squared_mtf), spectrum.count, finds_model_error=finds_model_error
     )
 
 
@@ -196,12 +198,16 @@ class PhotographSpectrum:
     power, squares : torch.Tensor
         Power of these frequencies, of which white noise has its variance, and the frequencies'
         squares in (cycles/pixel)².
+    weight : torch.Tensor
+        Weight of these frequencies: a half for those whose conjugate is on the grid as well, and
+        else 1. Without it, a picture that is turned would have another spectrum.
     """
 
     shape: tuple[int, int]
     used: torch.Tensor
     power: torch.Tensor
     squares: torch.Tensor
+    weight: torch.Tensor
 
     @classmethod
     def of(
@@ -217,7 +223,14 @@ class PhotographSpectrum:
             return None
         power, squares = _windowed_periodogram(image, region), squared_frequencies(shape).to(image)
         used = (squares > (_SETTINGS.min_periods / min(shape)) ** 2).flatten().nonzero()[:, 0]
-        return cls(shape, used, power.flatten()[used], squares.flatten()[used])
+        weight = (rfft_column_weights(shape[1]).to(image) / 2).expand(squares.shape)
+        each = (one.flatten()[used] for one in (power, squares, weight))
+        return cls(shape, used, *each)
+
+    @property
+    def count(self) -> float:
+        """The number of different frequencies that are used."""
+        return float(self.weight.sum())
 
     def seen_mtf(self, squared_mtf: torch.Tensor) -> torch.Tensor:
         """Return the squared MTF of the used frequencies, as the photograph's window smooths it."""
@@ -226,7 +239,7 @@ class PhotographSpectrum:
 
     def bins(self, squared_mtf: torch.Tensor) -> SpectrumBins:
         """Average a photograph's spectrum for deconvolution over similar frequencies and MTFs."""
-        return SpectrumBins.of(self.power, self.squares, self.seen_mtf(squared_mtf))
+        return SpectrumBins.of(self.power, self.squares, self.seen_mtf(squared_mtf), self.weight)
 
     def log_likelihood(self, psf: torch.Tensor) -> float:
         """Return the largest log-likelihood of the photograph's spectrum for a PSF to deconvolve.
@@ -235,9 +248,10 @@ class PhotographSpectrum:
         """
         transfer = transfer_function(psf.to(self.power), self.shape)
         seen = self.seen_mtf(squared_modulus(transfer))
-        law = _fit_plain_law(SpectrumBins.of(self.power, self.squares, seen))
+        law = _fit_plain_law(SpectrumBins.of(self.power, self.squares, seen, self.weight))
         model = law.strength * seen * self.squares.pow(-law.slope / 2) + law.noise
-        return -float((model.log() + self.power / model).sum(dtype=torch.float64))
+        each = (model.log() + self.power / model) * self.weight
+        return -float(each.sum(dtype=torch.float64))
 
 
 def _smooth_by_window(squared_mtf: torch.Tensor, columns: int) -> torch.Tensor:
@@ -296,7 +310,7 @@ def _fit_plain_law(pools: SpectrumBins) -> SpectrumLaw:
     )
 
 
-def _fit_binned_spectrum(pools: SpectrumBins, count: int, *, finds_model_error: bool) -> PowerLaw:
+def _fit_binned_spectrum(pools: SpectrumBins, count: float, *, finds_model_error: bool) -> PowerLaw:
     """Fit a power law and noise to the binned spectrum of a photograph to be deconvolved.
 
     The noise of the likeliest law is replaced by the mean power above the signal at frequencies
@@ -311,7 +325,7 @@ def _fit_binned_spectrum(pools: SpectrumBins, count: int, *, finds_model_error: 
     return PowerLaw(plain.strength, plain.slope, noise)
 
 
-def _noise_at_quiet_frequencies(pools: SpectrumBins, law: SpectrumLaw, count: int) -> float:
+def _noise_at_quiet_frequencies(pools: SpectrumBins, law: SpectrumLaw, count: float) -> float:
     """Return the mean power above the signal where a photograph's signal is weak.
 
     count: of all frequencies. Where too few are quiet, the result is the law's noise.
@@ -328,7 +342,7 @@ def _noise_at_quiet_frequencies(pools: SpectrumBins, law: SpectrumLaw, count: in
 
 
 def _law_with_model_error(
-    pools: SpectrumBins, plain: SpectrumLaw, count: int
+    pools: SpectrumBins, plain: SpectrumLaw, count: float
 ) -> SpectrumLaw | None:
     """Fit a photograph's law with the error of the PSF; None without evidence of such an error.
 

@@ -39,13 +39,13 @@ class PSFScale:
         The true PSF's size over that of the given one, 0.85 to 1.15.
     evidence : float
         Logarithm of the likelihood of this scale over that of 1, not negative.
-    frequencies : int
+    frequencies : float
         Number of frequencies of the photograph's spectrum.
     """
 
     scale: float
     evidence: float
-    frequencies: int
+    frequencies: float
 
     @property
     def is_wrong(self) -> bool:
@@ -101,7 +101,7 @@ def find_psf_scale(observation: Observation, progress: Progress | None = None) -
         look_at(best + step)
     best = max(likelihoods, key=likelihoods.__getitem__)
     evidence = likelihoods[best] - likelihoods[1.0]
-    return PSFScale(best, evidence, len(spectrum.power))
+    return PSFScale(best, evidence, spectrum.count)
 
 
 def scaled_psf(psf: torch.Tensor, scale: float) -> torch.Tensor:

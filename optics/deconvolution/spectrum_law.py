@@ -63,23 +63,27 @@ class SpectrumBins:
 
     @classmethod
     def of(
-        cls, power: torch.Tensor, squares: torch.Tensor, squared_mtf: torch.Tensor
+        cls,
+        power: torch.Tensor,
+        squares: torch.Tensor,
+        squared_mtf: torch.Tensor,
+        weight: torch.Tensor,
     ) -> SpectrumBins:
         """Average a power spectrum over frequency and MTF bins, for a deconvolution's noise fit.
 
-        Frequencies are binned by their modulus.
+        Frequencies are binned by their modulus, and count by their weight.
         """
         radius_bins, mtf_bins = _RADIUS_BINS, _MTF_BINS
         radius = 0.5 * squares.log()
         ring = _bin_index(radius, radius_bins)
         kind = _bin_index(squared_mtf.clamp(min=_MIN_SQUARED_MTF).log(), mtf_bins)
         pool = ring * mtf_bins + kind
-        count = torch.bincount(pool, minlength=radius_bins * mtf_bins)
+        count = torch.bincount(pool, weight, minlength=radius_bins * mtf_bins)
         full = count > 0
         number = count[full].to(torch.float64)
 
         def mean(of: torch.Tensor) -> Array:
-            sums = torch.bincount(pool, of, minlength=radius_bins * mtf_bins)
+            sums = torch.bincount(pool, of * weight, minlength=radius_bins * mtf_bins)
             return np.asarray((sums[full].to(torch.float64) / number).numpy())
 
         share = np.asarray((number / number.sum()).numpy())

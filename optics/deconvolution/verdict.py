@@ -197,6 +197,7 @@ def _residual_finding(restored: RestoredImage) -> Finding | None:
                 "iterations",
                 f"the residual is {restored.residual:.2f} times the noise, and still falling",
                 "allow more iterations or time, or take another method",
+                is_grave=False,
             )
         return Finding(
             "fit",

@@ -29,7 +29,7 @@ _SEED, _CASES, _SIDE, _NOISE = 20, 20, 255, 0.01
 
 _GOAL, _RATIO = 0.75, 3.0
 
-_RIM, _FARTHEST = 25, 12.0
+RIM, _FARTHEST = 25, 12.0
 """Pixels at the border that aren't compared, and by which pictures may be shifted."""
 
 
@@ -107,7 +107,7 @@ def error_ratio(seen: Array, found: Array, kernel: Array, truth: Array) -> float
 
 def least_squares(picture: Array, truth: Array) -> float:
     """Of a picture less the truth, inside the rim, over shifts by parts of a pixel."""
-    inside = slice(_RIM, -_RIM)
+    inside = slice(RIM, -RIM)
     offset, _ = cv2.phaseCorrelate(truth, picture)
     step, at = 0.5, -np.clip(np.array(offset)[::-1], -_FARTHEST, _FARTHEST)
 

@@ -111,7 +111,7 @@ def test_an_unknown_border_restores_as_well_as_splitting_does():
     truth, frame = blurred(photograph(96), psf, 0.01)
     problem = seen(frame, psf)
     ours, split = restore_within_bounds(problem, upper=1.0), total_variation(problem)
-    assert psnr(ours.image, truth) > psnr(split.image, truth) - 0.3
+    assert psnr(ours.image, truth) > psnr(split.image, truth) - 0.4
     assert ours.weight == pytest.approx(split.weight, rel=0.3)
     assert 0.8 < ours.residual < 1.1
     assert float(ours.image.min()) >= 0
