@@ -81,7 +81,7 @@ def plug_and_play(
     minimises |H x - y|² + K |x - z|², where the first term counts trusted pixels only. K grows
     geometrically up to `strength`, or less far for data with little noise. The denoiser's noise
     level in each round is the noise that the last step left in x, which follows from K and the
-    blur.
+    blur. The result is a weighted mean of the first and the last picture.
 
     Parameters
     ----------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,6 +16,9 @@ from labapp.files.photograph_file import Light, encode_srgb
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from labapp.pictures.reconstructing.restoration import RestoredPicture
 
+_TITLE_WIDTH = 170
+"""Characters of a line of the title."""
+
 
 def draw_before_after(
     problem: RestorationProblem, outcome: RestoredPicture, captions: tuple[str, str]
@@ -25,7 +30,8 @@ def draw_before_after(
     rows, columns = problem.light.shape[1:]
     tall = 5.4 * min(max(rows / columns, 0.5), 1.6)
     figure = Figure(figsize=(14.5, tall + 0.9), dpi=110, layout="constrained")
-    figure.suptitle(f"{problem.source}: {outcome.method}, {outcome.verdict}", fontsize=11)
+    title = f"{problem.source}: {outcome.method}, {outcome.verdict}"
+    figure.suptitle(textwrap.fill(title, _TITLE_WIDTH), fontsize=11)
     grid = figure.add_gridspec(2, 3, width_ratios=[1, 1, 0.46])
     before, after = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[:, 1])
     for axes, light, title in zip(

@@ -16,7 +16,6 @@ from optics.deconvolution.observation import Observation
 from optics.deconvolution.observation_builder import build_observation
 from optics.deconvolution.psf_scale import PSFScale, find_psf_scale
 from optics.operators.blur import Border
-from optics.progress import Progress
 
 WHITE_PERCENTILE = 99.9
 """Percentile of a picture that counts as white, where nothing else says what white is."""
@@ -89,24 +88,10 @@ class RestorationProblem:
         )
         return replace(band, least_noise=self.noise_floor)
 
-    def find_psf_scales(self, progress: Progress) -> tuple[PSFScale, ...]:
-        """Find the scale of the PSF that each band of the picture to restore shows.
-
-        The scales are found once, and kept for other methods.
-        """
-        kept: dict[str, tuple[PSFScale, ...]] = self._kept
-        if "scales" not in kept:
-            seen = self.observations()
-            kept["scales"] = tuple(
-                find_psf_scale(band, progress.part(number / len(seen), (number + 1) / len(seen)))
-                for number, band in enumerate(seen)
-            )
-        return kept["scales"]
-
     @cached_property
-    def _kept(self) -> dict[str, tuple[PSFScale, ...]]:
-        """What was found about the picture to restore, to be found once."""
-        return {}
+    def psf_scales(self) -> tuple[PSFScale, ...]:
+        """Find the scale of the PSF that each band of the picture to restore shows."""
+        return tuple(find_psf_scale(band) for band in self.observations())
 
     def noise_source(self, noise: float) -> str:
         """Say whether the noise of the picture to restore was given, computed or estimated."""

@@ -90,12 +90,13 @@ def restore_picture(
     started, seen = time.process_time(), problem.observations()
     share = 1 / len(seen)
     looks = wish.refine_psf or wish.budget is None or wish.budget * share >= _SCALE_BUDGET
-    scales = problem.find_psf_scales(progress.part(0, 0.3)) if looks else ()
+    progress.report(0, "scale of the PSF")
+    scales = problem.psf_scales if looks else ()
     refined = wish.refine_psf and any(one.is_wrong for one in scales)
     if refined:
         pairs = zip(seen, scales, strict=True)
         seen = [refine_psf_scale(band, one) if one.is_wrong else band for band, one in pairs]
-    rest = progress.part(0.3, 1)
+    rest = progress.part(0.1, 1)
     found = tuple(
         wish.restore(
             band,
