@@ -25,8 +25,9 @@ _WIDE = 4.0
 """Root mean square radius of a wide PSF in pixels. Measured with six PSFs: from here on, twice the
 iterations add 0.1 to 0.7 dB where there is little noise."""
 
-_ROUNDED_SUM = 0.01
-"""How far the sum of a PSF may exceed 1, for interpolation and rounding."""
+_MOST_LIGHT = 1.25
+"""Largest sum of a PSF. That of a star which is measured relative to another exceeds 1 by noise and
+by errors of the exposures."""
 
 LEAST_NOISE = 1e-6
 """Standard deviation of the rounding in single precision, relative to that of the photograph."""
@@ -89,6 +90,7 @@ class Observation:
         if not self.image.numel() or not self.psf.numel():
             raise ValueError(f"{shapes}; both need at least one pixel")
         require_psf(self.psf)
+        _require_share(self.psf)
         require_border(self.border)
         if self.given_noise is not None and not (
             self.given_noise >= 0 and math.isfinite(self.given_noise)
@@ -341,13 +343,18 @@ def require_weights(weights: torch.Tensor) -> None:
 
 
 def require_psf(psf: torch.Tensor) -> None:
-    """Raise ValueError for a PSF that can't be deconvolved: not finite, or of a wrong sum."""
+    """Raise ValueError for a PSF that can't be deconvolved: not finite, or no positive sum."""
     if not torch.isfinite(psf).all():
         raise ValueError("psf has NaN or infinite values; measure or compute it again")
     light = float(psf.detach().sum())
     if not light > 0:
         raise ValueError(f"psf sums to {light:g}; it must send light somewhere")
-    if light > 1 + _ROUNDED_SUM:
+
+
+def _require_share(psf: torch.Tensor) -> None:
+    """Raise ValueError for a PSF that sends more light than there is to deconvolve."""
+    light = float(psf.detach().sum())
+    if light > _MOST_LIGHT:
         raise ValueError(
             f"psf sums to {light:g}; the sum is the share of the scene's light that arrives, at "
             "most 1: divide the PSF by its sum"
