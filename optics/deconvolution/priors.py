@@ -162,6 +162,8 @@ def mean_gradient(x: torch.Tensor, power: float) -> float:
     Of large pictures, the mean is taken over every n-th row.
     """
     every = max(1, x.numel() >> 18)
+    # A picture of one row or column has no gradient across it.
+    x = x.repeat(2 if x.shape[0] == 1 else 1, 2 if x.shape[1] == 1 else 1)
     rows = x[:-1:every]
     down, along = (x[1::every] - rows)[:, :-1], rows[:, 1:] - rows[:, :-1]
     length = torch.addcmul(along * along, down, down).sqrt_()

@@ -58,6 +58,17 @@ def test_what_is_no_array_of_numbers_is_named(frame, name):
         build_observation(**given | {name: np.array([["a"]])})
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 30), (30, 1), (3, 4)])
+@pytest.mark.parametrize("border", ["unknown", "dark", "periodic"])
+def test_the_smallest_frames_end_finite(shape, border):
+    image = np.random.default_rng(2).random(shape)
+    for method in METHODS:
+        seen = build_observation(image, np.ones((1, 1)), 0.01, border)
+        found = restore(seen, method=method, count=3, denoise=chambolle)
+        assert np.isfinite(found.image).all()
+        assert found.image.shape == shape
+
+
 def test_what_can_not_be_restored_is_refused_with_a_remedy(frame):
     for image, psf, words in (
         (np.zeros((0, 5)), PSF, r"image is \(0, 5\) and psf \(5, 5\); both need at least one"),
