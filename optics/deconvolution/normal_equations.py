@@ -41,9 +41,8 @@ def least_weight(
         return 0.0
     frequency = 1 / (_PERIODS_PER_RADIUS * max(observation.psf_radius, 0.1))
     there = float(shape(torch.tensor([frequency**2], dtype=torch.float64)))
-    # The smooth continuation of the photograph is worth two steps if the PSF is narrow.
-    continued = 1 if observation.is_wide_beyond_frame else 2
-    least = _LEAST_PENALTY * (observation.psf_radius / max(steps, continued)) ** 2
+    # The smooth continuation of the photograph is worth two steps.
+    least = _LEAST_PENALTY * (observation.psf_radius / max(steps, 2)) ** 2
     return least / max(there, 1e-30)
 
 
@@ -79,7 +78,7 @@ class NormalEquations:
     def initial_spectrum(self, penalty: torch.Tensor) -> torch.Tensor:
         """Solve the deconvolution as if the photograph's smooth extension had been measured."""
         spectrum = self.extended_spectrum() * self._observation.conjugate_otf
-        return spectrum / self._denominator(penalty)
+        return spectrum * self._denominator(penalty).reciprocal()
 
     def solve(
         self,
@@ -131,7 +130,8 @@ class NormalEquations:
 
     def picture(self, spectrum: torch.Tensor) -> torch.Tensor:
         """Convert a spectrum to the deconvolved picture on the whole period, with its mean."""
-        return irfft2(spectrum, self._observation.period_shape) + self.mean
+        # Adding in place is differentiable, since no derivative needs the sum.
+        return irfft2(spectrum, self._observation.period_shape).add_(self.mean)
 
     def residual(self, spectrum: torch.Tensor) -> float:
         """Return the deconvolution's rms residual of trusted pixels, relative to the noise."""
@@ -147,7 +147,7 @@ class NormalEquations:
     def _apply_normal(self, x: torch.Tensor, penalty: torch.Tensor) -> torch.Tensor:
         """Apply the deconvolution's normal matrix H* M H + K to a spectrum."""
         light = irfft2(x * self._observation.otf, self._observation.period_shape)
-        return self._apply_adjoint(light) + x * penalty
+        return self._apply_adjoint(light).add_(x * penalty)
 
     def _apply_adjoint(self, light: torch.Tensor) -> torch.Tensor:
         """Apply a deconvolution's adjoint blur H* M to light on the period; return the spectrum."""
