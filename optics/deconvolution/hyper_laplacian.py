@@ -10,6 +10,7 @@ from optics.deconvolution.method import SETUP_COST, RestorationCost, Restoration
 from optics.deconvolution.normal_equations import NormalEquations, least_weight
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.priors import (
+    LEAST_WEIGHT_SHARE,
     add_gradient,
     gradient_adjoint,
     laplacian_spectrum,
@@ -24,9 +25,6 @@ from optics.fourier import rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_positive
-
-_LEAST_SHARE = 0.7
-"""Least weight over the first one, which the photograph's spectrum predicts."""
 
 _STEPS = 3
 """Steps of conjugate gradients in a round, which starts from the last one's picture."""
@@ -103,7 +101,7 @@ def hyper_laplacian(
         if weight is None:
             wanted = _estimate_weight(observation, picture, power, equations.residual(spectrum))
             # Without a limit, noise that became detail would ask for less and less weight.
-            used = max(wanted, _LEAST_SHARE * first)
+            used = max(wanted, LEAST_WEIGHT_SHARE * first)
     return RestoredImage(
         observation.crop_to_frame(picture).clamp(min=0),
         f"hyper-Laplacian, power {power:.3g}",

@@ -7,6 +7,9 @@ from abc import ABC, abstractmethod
 
 import torch
 
+LEAST_WEIGHT_SHARE = 0.7
+"""Least weight by the evidence over the first one, which the photograph's spectrum predicts."""
+
 
 def weight_by_evidence(penalty: float, power: float, noise: float, explained_share: float) -> float:
     """Estimate the weight of a deconvolution's prior from the evidence of a picture.

@@ -10,7 +10,7 @@ import torch
 
 from optics.deconvolution.noise import squared_modulus
 from optics.deconvolution.observation import Observation
-from optics.deconvolution.priors import Penalty, Prior
+from optics.deconvolution.priors import LEAST_WEIGHT_SHARE, Penalty, Prior
 from optics.deconvolution.restored_image import RestoredImage, has_converged, relative_change
 from optics.fourier import irfft2, rfft2, rfft_column_weights
 from optics.progress import Progress
@@ -65,7 +65,7 @@ def damped_weight(
     weight: float,
     initial: float,
     max_factor: float = 2.5,
-    min_factor: float = 0.7,
+    min_factor: float = LEAST_WEIGHT_SHARE,
 ) -> float:
     """Move the weight of a deconvolution's prior 30 % of the way to its target, in logarithms.
 

@@ -17,7 +17,7 @@ from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.progress import Progress
 from optics.threads import single_threaded
-from optics.validation import require_positive
+from optics.validation import needs_gradient, require_positive
 
 PenaltyKind = Literal["spectrum", "gradient", "flat"]
 
@@ -128,7 +128,7 @@ def _solve_equations(
 def _records_derivatives(observation: Observation) -> bool:
     """Whether the derivatives of a deconvolution by its photograph, PSF or weights are recorded."""
     given = (observation.image, observation.psf, observation.weights)
-    return torch.is_grad_enabled() and any(one is not None and one.requires_grad for one in given)
+    return torch.is_grad_enabled() and any(needs_gradient(one) for one in given)
 
 
 def penalty_of(

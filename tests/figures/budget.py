@@ -41,7 +41,7 @@ def budget_figure(folder: Path) -> list[Figure]:
     """Random cases that didn't fit the gains, nine budgets from 0.02 to 5 s."""
     speed, lost, regret, longer = machine_speed(Progress()), [], [], []
     for case in islice(random_cases(_SEED, CHECKED), _CASES):
-        rows = _measured(case, speed)
+        rows = _measure_methods(case, speed)
         before: float | None = None
         for budget in _BUDGETS:
             fitting = [row.gain for row in rows.values() if row.predicted <= budget]
@@ -82,7 +82,7 @@ def budget_figure(folder: Path) -> list[Figure]:
 _DENOISE = bundled_denoiser()
 
 
-def _measured(case: SimulatedPhotograph, speed: MachineSpeed) -> dict[tuple[str, int], _Row]:
+def _measure_methods(case: SimulatedPhotograph, speed: MachineSpeed) -> dict[tuple[str, int], _Row]:
     """Every method that isn't far dearer than the others, after each number of iterations."""
     found, before = {}, case.quality(case.observation)[0]
     for name, method in METHODS.items():

@@ -31,7 +31,7 @@ _RIGHT = 1.0
 
 
 @dataclass(frozen=True)
-class _Judged:
+class _JudgedRestoration:
     """A restoration of a condition: what it lost in dB, its causes, and what refining leaves."""
 
     condition: str
@@ -52,7 +52,7 @@ def verdict_figures(folder: Path) -> list[Figure]:
     judged = [
         one
         for number, case in enumerate(islice(random_cases(_SEED, CHECKED), _CASES))
-        for one in _judged(case, _METHODS[number % len(_METHODS)])
+        for one in _judge_conditions(case, _METHODS[number % len(_METHODS)])
     ]
     good = [one for one in judged if one.is_good]
     right = [one for one in judged if one.is_right]
@@ -72,7 +72,7 @@ def verdict_figures(folder: Path) -> list[Figure]:
     ]
 
 
-def _by_condition(judged: list[_Judged]) -> Iterator[str]:
+def _by_condition(judged: list[_JudgedRestoration]) -> Iterator[str]:
     for condition in dict.fromkeys(one.condition for one in judged):
         own = [one for one in judged if one.condition == condition]
         right = [one for one in own if one.is_right]
@@ -81,7 +81,7 @@ def _by_condition(judged: list[_Judged]) -> Iterator[str]:
         yield f"{condition} {called}/{len(right)} (and {wrong} of {len(own) - len(right)} wrong)"
 
 
-def _scale_figure(judged: list[_Judged]) -> Figure:
+def _scale_figure(judged: list[_JudgedRestoration]) -> Figure:
     """PSFs that are a twentieth too large or small, where that costs a decibel."""
     costly = [one for one in judged if one.scale in (0.95, 1.05) and one.lost >= 1]
     named = [
@@ -101,7 +101,7 @@ def _scale_figure(judged: list[_Judged]) -> Figure:
     )
 
 
-def _judged(case: SimulatedPhotograph, method: str) -> Iterator[_Judged]:
+def _judge_conditions(case: SimulatedPhotograph, method: str) -> Iterator[_JudgedRestoration]:
     """All conditions of a case by one method; the noise is told in some."""
 
     def problem(psf: Array, noise: float | None = None, image: Array | None = None) -> Observation:
@@ -118,9 +118,7 @@ def _judged(case: SimulatedPhotograph, method: str) -> Iterator[_Judged]:
     yield _one("noise / 3", case, problem(case.psf, case.noise / 3), method, best)
     for scale in _SCALES:
         given = scaled_psf(torch.from_numpy(case.psf), 1 / scale).numpy()
-        wrong = problem(given)
-        mended = best - level(refine_psf_scale(wrong, find_psf_scale(wrong)))
-        yield _one(f"scale {scale:g}", case, wrong, method, best, scale, mended)
+        yield _one(f"scale {scale:g}", case, problem(given), method, best, scale)
     full = float(np.quantile(case.observation, _CLIPPED))
     clipped = case.observation.clip(max=full)
     marked = build_observation(
@@ -137,16 +135,18 @@ def _one(
     method: str,
     best: float,
     scale: float = 1.0,
-    refined_lost: float = 0.0,
-) -> _Judged:
+) -> _JudgedRestoration:
     restored, found = restore(observation, method=method), find_psf_scale(observation)
     verdict = judge_restoration(observation, restored, found)
     sign = "+" if found.scale > 1 else "-"
     causes = tuple(
         f"{one.cause} {sign}" if one.cause == "psf-scale" else one.cause for one in verdict.findings
     )
-    lost = best - case.quality(restored.image)[0]
-    return _Judged(condition, lost, causes, verdict.is_good, scale, refined_lost)
+    lost, refined_lost = best - case.quality(restored.image)[0], 0.0
+    if scale != 1:
+        refined = restore(refine_psf_scale(observation, found), method=method)
+        refined_lost = best - case.quality(refined.image)[0]
+    return _JudgedRestoration(condition, lost, causes, verdict.is_good, scale, refined_lost)
 
 
 MEASUREMENTS = {"verdicts": verdict_figures}

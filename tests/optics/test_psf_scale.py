@@ -19,7 +19,7 @@ def scenes():
     return [one[60:330, 90:390] / 255.0 for one in pictures]
 
 
-def seen(scene, true, given, noise=0.004):
+def observe(scene, true, given, noise=0.004):
     frame = fftconvolve(scene, true, mode="valid")
     noisy = frame + np.random.default_rng(3).normal(0, noise, frame.shape)
     return build_observation(noisy, given)
@@ -53,7 +53,7 @@ def test_a_scale_that_isnt_positive_is_refused(scale):
 def test_a_wrong_scale_is_found_with_its_sign_and_size(scenes, shape, size, true):
     """The photographs are blurred by a PSF that is drawn anew in its true size."""
     for scene in scenes:
-        found = find_psf_scale(seen(scene, shape(size * true), shape(size)))
+        found = find_psf_scale(observe(scene, shape(size * true), shape(size)))
         assert found.is_wrong
         assert found.scale == pytest.approx(true, abs=0.015)
 
@@ -61,14 +61,14 @@ def test_a_wrong_scale_is_found_with_its_sign_and_size(scenes, shape, size, true
 @pytest.mark.parametrize("psf", [disk(4.0), circle(15.0, 0.1), gaussian(2.0)])
 def test_a_right_scale_is_left_alone(scenes, psf):
     for scene in scenes:
-        found = find_psf_scale(seen(scene, psf, psf))
+        found = find_psf_scale(observe(scene, psf, psf))
         assert not found.is_wrong
         assert found.evidence >= 0
 
 
 def test_a_refined_psf_restores_as_well_as_the_right_one(scenes):
     true, given, scene = disk(6.6), disk(7.0), scenes[0]
-    observation = seen(scene, true, given)
+    observation = observe(scene, true, given)
     refined = refine_psf_scale(observation, find_psf_scale(observation))
     rows, columns = observation.image.shape
     top, left = ((n - 1) - n // 2 for n in true.shape)
@@ -77,7 +77,7 @@ def test_a_refined_psf_restores_as_well_as_the_right_one(scenes):
     def left_over(one):
         return float(np.sqrt(np.mean((np.asarray(restore(one).image) - truth) ** 2)))
 
-    assert left_over(refined) < 1.06 * left_over(seen(scene, true, true))
+    assert left_over(refined) < 1.06 * left_over(observe(scene, true, true))
     assert left_over(refined) < 0.9 * left_over(observation)
 
 
