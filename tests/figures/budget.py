@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from figures import Figure
+from figures.photographs import collection_words
 from figures.restoration_cases import CHECKED, random_cases
 from labapp.accuracy.blurs import SimulatedPhotograph
 from labapp.common.speed import machine_speed
@@ -53,7 +54,7 @@ def budget_figure(folder: Path) -> list[Figure]:
             if before is not None:
                 lost.append(before - row.gain)
             before = row.gain
-    where = f"{len(regret)} choices in {_CASES} cases of Set12, McMaster and CBSD68"
+    where = f"{len(regret)} choices in {_CASES} cases {collection_words(CHECKED)}"
     ninth, median, worst = (float(np.quantile(regret, share)) for share in (0.9, 0.5, 1.0))
     most, few = max(lost), float(np.mean(np.array(lost) > _LOST))
     late = float(np.quantile(longer, 0.9))

@@ -45,7 +45,7 @@ def camera() -> Array | None:
 def squares(count: int, side: int) -> tuple[list[Array], str]:
     """So many squares of grey pictures that no network of ours has learned from, white at 1, and
     where they are from; none where there is nothing."""
-    files = [file for name in _SETS for file in sorted((_BESIDE / name).glob("*.*"))]
+    files = _files_beside(_SETS)
     found = list(_cut(files, side, 1))
     if len(found) >= count:
         chosen = np.linspace(0, len(found) - 1, count).round().astype(int)
@@ -71,10 +71,21 @@ def _middle(picture: Array, side: int) -> Array:
     return picture[y : y + side, x : x + side]
 
 
+def collection_words(names: tuple[str, ...]) -> str:
+    """Where grey_pictures() takes these collections' pictures from, in words."""
+    if _files_beside(names):
+        return f"of {', '.join(names)}"
+    return "of scikit-image's and our own pictures"
+
+
+def _files_beside(names: tuple[str, ...]) -> list[Path]:
+    return [file for name in names for file in sorted((_BESIDE / name).glob("*.*"))]
+
+
 def grey_pictures(names: tuple[str, ...]) -> list[Array]:
     """Grey pictures of these collections, white at 1, where they lie beside the checkout; the
     project's own and scikit-image's otherwise."""
-    files = [file for name in names for file in sorted((_BESIDE / name).glob("*.*"))]
+    files = _files_beside(names)
     if not files:
         folder = _scikit_image()
         files = [_ROOT / "labapp/data" / name for name in _PACKAGED]

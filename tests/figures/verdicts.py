@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from figures import Figure
+from figures.photographs import collection_words
 from figures.restoration_cases import CHECKED, random_cases
 from labapp.accuracy.blurs import Array, SimulatedPhotograph
 from optics.deconvolution.observation import Observation
@@ -64,7 +65,7 @@ def verdict_figures(folder: Path) -> list[Figure]:
             "verdicts: of those called good, right; of the right, called good",
             "≥ 90 %; ≥ 70 %",
             f"{sound:.0%} of {len(good)}; {found:.0%} of {len(right)}; called good of right by "
-            f"condition: {kinds}; {_CASES} cases of Set12, McMaster and CBSD68 by "
+            f"condition: {kinds}; {_CASES} cases {collection_words(CHECKED)} by "
             f"{', '.join(_METHODS)}",
             sound >= 0.9 and found >= 0.7,
         ),
