@@ -8,6 +8,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from optics.deconvolution.band_coupling import transform_bands
+
 MULTIPLE = 8
 """The sides of the network's pictures must be multiples of this number of samples."""
 
@@ -65,10 +67,14 @@ class Denoiser(nn.Module):
         """Denoise a batch of pictures; plug-and-play deconvolution does this in each iteration.
 
         The batch is (pictures, 1, rows, columns), with rows and columns that are multiples of 8.
-        `level` is the standard deviation of the noise of each picture, (pictures,).
+        `level` is the standard deviation of the noise: of each picture, (pictures,), or of each
+        pixel.
         """
         folded = functional.pixel_unshuffle(pictures, 2)
-        told = level[:, None, None, None].expand(-1, 1, *folded.shape[-2:])
+        if level.ndim == 4:
+            told = functional.avg_pool2d(level, 2)
+        else:
+            told = level[:, None, None, None].expand(-1, 1, *folded.shape[-2:])
         whole = torch.cat([folded, told], dim=1).contiguous(memory_format=torch.channels_last)
         head = self.head(whole)
         fine = self.fine_in(head)
@@ -79,17 +85,36 @@ class Denoiser(nn.Module):
         return pictures - functional.pixel_shuffle(self.tail(fine + head), 2)
 
     @torch.no_grad()
-    def denoise(self, picture: torch.Tensor, level: float) -> torch.Tensor:
-        """Denoise one picture with noise of the given level, for plug-and-play deconvolution.
+    def denoise(
+        self,
+        picture: torch.Tensor,
+        noise: float | torch.Tensor,
+        axes: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """Denoise the components of a picture, for plug-and-play deconvolution: see Denoise.
 
-        The picture is (rows, columns) and may have any size.
+        The picture may have any size. Components of several bands are shifted and scaled to the
+        range from 0 to 1, on which the network was trained.
         """
-        rows, columns = picture.shape
+        rows, columns = picture.shape[-2:]
+        bands = picture.reshape(-1, rows, columns)
+        components = bands if axes is None else transform_bands(axes, bands)
+        low, unit = torch.zeros(()), torch.ones(())
+        if axes is not None:
+            low = components.amin((-2, -1), keepdim=True).clamp_(max=0)
+            unit = (components.amax((-2, -1), keepdim=True) - low).clamp_(min=1e-6)
+        levels = (torch.as_tensor(noise).to(picture) / unit).expand_as(components)
         more = (0, -columns % MULTIPLE, 0, -rows % MULTIPLE)
-        single = picture[None, None].to(torch.float32)
-        filled = functional.pad(single, more, mode="replicate")
-        answer: torch.Tensor = self(filled, torch.tensor([level]))
-        return answer[0, 0, :rows, :columns].to(picture)
+        filled, told = (
+            functional.pad(one[:, None].float(), more, mode="replicate")
+            for one in ((components - low) / unit, levels)
+        )
+        # One component after the other takes less memory, and no more time.
+        answer = torch.cat(
+            [self(one[None], level[None]) for one, level in zip(filled, told, strict=True)]
+        )
+        found = answer[:, 0, :rows, :columns].to(picture) * unit + low
+        return (found if axes is None else transform_bands(axes.mT, found)).reshape(picture.shape)
 
 
 def load_denoiser(weights: Mapping[str, torch.Tensor]) -> Denoiser:

@@ -6,22 +6,25 @@ import math
 
 import torch
 
+from optics.deconvolution.derivatives import add_gradient, gradient_adjoint, laplacian_spectrum
 from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
-from optics.deconvolution.normal_equations import NormalEquations, least_weight
+from optics.deconvolution.normal_equations import (
+    ConjugateGradientStep,
+    NormalEquations,
+    least_weight,
+)
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.priors import (
     LEAST_WEIGHT_SHARE,
-    add_gradient,
-    gradient_adjoint,
-    laplacian_spectrum,
+    Prior,
     mean_gradient,
     weight_by_evidence,
 )
 from optics.deconvolution.restoration_case import Gain
-from optics.deconvolution.restored_image import CONVERGED_CHANGE, RestoredImage, relative_change
+from optics.deconvolution.restored_image import CONVERGED_CHANGE, RestoredImage
 from optics.deconvolution.shrinkage import require_power, shrinkage_factor
+from optics.deconvolution.splitting import SplittingSettings, restored_image, solve_by_splitting
 from optics.deconvolution.total_variation import initial_weight
-from optics.fourier import rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_positive
@@ -81,39 +84,50 @@ def hyper_laplacian(
         require_positive("weight", weight, "")
     if rounds < 2:
         raise ValueError(f"rounds is {rounds}; at least 2 are needed, a loose and a tight one")
-    progress = progress or Progress()
-    equations = NormalEquations(observation)
-    square = laplacian_spectrum(observation.period_shape).to(observation.squared_mtf)
-    picture, change = observation.extended_image, list[float]()
-    spectrum = rfft2(picture - equations.mean)
+    name = f"hyper-Laplacian, power {power:.3g}"
     first = initial_weight(observation, power) if weight is None else weight
-    used = first
-    for number, coupling in enumerate(_couplings(observation.scale, power, rounds)):
-        progress.report(number / rounds, f"hyper-Laplacian {number + 1}/{rounds}")
-        least = least_weight(observation, _low_frequency_laplacian, _STEPS * (number + 1))
-        coupling = max(coupling, least / used)
-        near = _fit_shrunk_gradient(picture, power, coupling, square)
-        spectrum, *_ = equations.solve(square * (used * coupling), spectrum, _STEPS, near)
-        before, picture = picture, equations.picture(spectrum)
-        if observation.support is not None:
-            picture.mul_(observation.support)
-        change.append(relative_change(picture, before))
-        if weight is None:
-            wanted = _estimate_weight(observation, picture, power, equations.residual(spectrum))
-            # Without a limit, noise that became detail would ask for less and less weight.
-            used = max(wanted, LEAST_WEIGHT_SHARE * first)
-    return RestoredImage(
-        observation.crop_to_frame(picture).clamp(min=0),
-        f"hyper-Laplacian, power {power:.3g}",
-        observation.noise,
-        equations.residual(spectrum),
-        used,
-        rounds,
-        change,
-        # The last round's coupling is the one whose solution is wanted.
-        change[-1] <= CONVERGED_CHANGE,
-        picture,
+
+    def estimate(picture: torch.Tensor, used: float, residual: float) -> float:
+        freedom = observation.explained_share(residual)
+        mean = mean_gradient(picture[0], power)
+        wanted = weight_by_evidence(mean, power, observation.disturbance, freedom)
+        # Without a limit, noise that became detail would ask for less and less weight.
+        return max(wanted, LEAST_WEIGHT_SHARE * first)
+
+    settings = SplittingSettings(
+        rounds, first, estimate if weight is None else None, starts_from_picture=True
     )
+    step = ConjugateGradientStep(NormalEquations(observation, keeps_mean=True), _STEPS)
+    prior = _ShrunkGradient(observation, power, rounds)
+    solution = solve_by_splitting(step, [prior], settings, name, progress or Progress())
+    # The last round's coupling is the one whose solution is wanted.
+    converged = solution.relative_changes[-1] <= CONVERGED_CHANGE
+    return restored_image(step, solution, name, converged)
+
+
+class _ShrunkGradient(Prior):
+    """The split gradient of hyper-Laplacian deconvolution, with a coupling that grows."""
+
+    def __init__(self, observation: Observation, power: float, rounds: int) -> None:
+        self._observation, self._power, self._round = observation, power, 0
+        self._couplings = _couplings(observation.scale, power, rounds)
+        shape = observation.period_shape
+        self.gram_spectrum = laplacian_spectrum(shape).to(observation.squared_mtf)
+
+    def coupling(self, weight: float, data: float) -> float:
+        return weight * self._coupling
+
+    def update(self, x: torch.Tensor, weight: float) -> None:
+        seen = self._observation
+        x = x if seen.support is None else x * seen.support
+        least = least_weight(seen, _low_frequency_laplacian, _STEPS * (self._round + 1))
+        self._coupling = max(self._couplings[self._round], least / weight)
+        self._round += 1
+        down, along = torch.zeros_like(x), torch.zeros_like(x)
+        add_gradient(x, down, along)
+        squares = torch.addcmul(down * down, along, along)
+        share = shrinkage_factor(squares, self._power, self._coupling)
+        self.adjoint_target = gradient_adjoint(down.mul_(share), along.mul_(share), share)
 
 
 def _low_frequency_laplacian(squares: torch.Tensor) -> torch.Tensor:
@@ -128,32 +142,6 @@ def _couplings(scale: float, power: float, rounds: int) -> list[float]:
     """
     ways = torch.logspace(0, 1, rounds, base=1e3, dtype=torch.float64)
     return (ways / scale ** (2 - power)).tolist()
-
-
-def _fit_shrunk_gradient(
-    picture: torch.Tensor, power: float, coupling: float, square: torch.Tensor
-) -> torch.Tensor:
-    """Return the spectrum of the deconvolved picture whose gradient is nearest to a shrunk one."""
-    down, along = torch.zeros_like(picture), torch.zeros_like(picture)
-    add_gradient(picture, down, along)
-    share = shrinkage_factor(torch.addcmul(down * down, along, along), power, coupling)
-    wanted = rfft2(gradient_adjoint(down.mul_(share), along.mul_(share), share))
-    wanted.div_(square.clamp(min=1e-12))
-    wanted[0, 0] = 0
-    return wanted
-
-
-def _estimate_weight(
-    observation: Observation, picture: torch.Tensor, power: float, residual: float
-) -> float:
-    """Estimate the weight of deconvolution's hyper-Laplacian prior from the restored picture.
-
-    See weight_by_evidence().
-    """
-    freedom = observation.explained_share(residual**2)
-    return weight_by_evidence(
-        mean_gradient(picture, power), power, observation.disturbance, freedom
-    )
 
 
 def _solve(

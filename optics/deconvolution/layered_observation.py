@@ -10,9 +10,10 @@ import numpy as np
 import torch
 from scipy.ndimage import distance_transform_edt
 
-from optics.deconvolution.noise import PowerLaw, fit_power_law_with_mtf, squared_modulus
+from optics.deconvolution.noise import PowerLaw, fit_power_law_with_mtf
 from optics.deconvolution.observation import Observation, require_psf
 from optics.operators.blur import Border, transfer_function
+from optics.operators.gram import squared_modulus
 from optics.operators.varying import layer_weights
 from optics.plane import centred_pad
 from optics.validation import accepts_numpy, as_floating_point, require_finite

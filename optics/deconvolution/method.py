@@ -16,9 +16,19 @@ from optics.deconvolution.restored_image import RestoredImage
 from optics.fourier.fft import fft_operations
 from optics.progress import Progress
 
-Denoise = Callable[[torch.Tensor, float], torch.Tensor]
-"""A function that denoises a picture, (rows, columns) with white at about 1; its second argument is
-the standard deviation of the noise."""
+
+class Denoise(Protocol):
+    """A function that removes white noise from a picture.
+
+    The picture is (bands, rows, columns) with white at about 1, or (rows, columns). `axes` is an
+    orthonormal matrix from the bands to components, (bands, bands), on which it is denoised; the
+    bands themselves if None. `noise` is the standard deviation of the components' noise, a number
+    or a map that broadcasts to them.
+    """
+
+    def __call__(
+        self, picture: torch.Tensor, noise: float | torch.Tensor, axes: torch.Tensor | None = None
+    ) -> torch.Tensor: ...
 
 
 @dataclass(frozen=True)

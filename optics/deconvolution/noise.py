@@ -15,6 +15,7 @@ from optics.deconvolution.spectrum_law import SpectrumBins, SpectrumLaw
 from optics.formation import rfft2_frequencies
 from optics.fourier import rfft2, rfft_column_weights
 from optics.operators.blur import transfer_function
+from optics.operators.gram import squared_modulus
 from optics.plane import Plane
 
 
@@ -291,11 +292,6 @@ def squared_frequencies(shape: tuple[int, int]) -> torch.Tensor:
     """
     fy, fx = rfft2_frequencies(Plane(shape, (1.0, 1.0)))
     return fy.square() + fx.square()
-
-
-def squared_modulus(spectrum: torch.Tensor) -> torch.Tensor:
-    """Return the squared modulus of a complex spectrum or OTF in a deconvolution."""
-    return spectrum.real.square().addcmul_(spectrum.imag, spectrum.imag)
 
 
 def _fit_plain_law(pools: SpectrumBins) -> SpectrumLaw:

@@ -7,7 +7,8 @@ the penalty K of each frequency, and the picture z to which the penalty pulls x.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from typing import Any
 
@@ -15,6 +16,8 @@ import torch
 
 from optics.deconvolution.conjugate_gradients import conjugate_gradients
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.priors import Prior
+from optics.deconvolution.splitting import PictureStep
 from optics.fourier import irfft2, rfft2, rfft_column_weights
 from optics.plane import centred_pad
 
@@ -46,61 +49,99 @@ def least_weight(
     return least / max(there, 1e-30)
 
 
-class NormalEquations:
-    """The normal equations of a photograph's restoration, for the photograph less its mean.
+class LinearEquations(ABC):
+    """Base class of a restoration's normal equations (B* M B + K) x = B* M y + K z.
 
-    The mean is added to the solution, so that the penalty K doesn't darken it. If the whole period
-    was measured, the solution has a closed form. Otherwise it is found by conjugate gradients,
-    preconditioned by that closed form.
+    B is any blur, and x holds the spectra of one or more pictures on the observation's period.
+    Conjugate gradients solve the equations, preconditioned as if the whole period were measured.
     """
 
     def __init__(self, observation: Observation) -> None:
-        self._observation = observation
-        self.mean = observation.inpainted_image.mean()
+        self.observation = observation
         self._count = rfft_column_weights(observation.period_shape[1])
 
+    @property
+    @abstractmethod
+    def data_spectrum(self) -> torch.Tensor:
+        """The spectrum of B* M y, the photograph's part of a deconvolution's right-hand side."""
+
+    @property
+    def squared_response(self) -> torch.Tensor:
+        """The diagonal of B* M B on frequencies, as the deconvolution's preconditioner takes it."""
+        return self.observation.squared_response
+
+    @abstractmethod
+    def apply_data_gram(self, x: torch.Tensor) -> torch.Tensor:
+        """Apply B* M B to deconvolved pictures' spectra."""
+
+    @abstractmethod
+    def mean_squared_residual(self, spectrum: torch.Tensor) -> float:
+        """Return the deconvolution's mean squared residual, relative to the noise variance."""
+
+    def solve(
+        self,
+        penalty: torch.Tensor,
+        start: torch.Tensor,
+        steps: int,
+        pull: torch.Tensor | None = None,
+    ) -> tuple[torch.Tensor, int, float]:
+        """Solve the normal equations of the deconvolution: see solve_on_frequencies().
+
+        The solver starts from the spectra `start`. `penalty` is K of each frequency, and `pull` is
+        the spectrum of K z; 0 if None.
+        """
+        wanted = self.data_spectrum if pull is None else self.data_spectrum + pull
+        inverse = self._denominator(penalty).reciprocal_()
+        return solve_on_frequencies(
+            lambda x: self.apply_data_gram(x).add_(x * penalty),
+            wanted, start, inverse, self._count, steps,
+        )  # fmt: skip
+
+    def _denominator(self, penalty: torch.Tensor) -> torch.Tensor:
+        """Return the deconvolution's denominator ``|H|² + K``, kept above 0 for its inversion."""
+        return (self.squared_response + penalty).clamp(min=1e-12)
+
+
+class NormalEquations(LinearEquations):
+    """The normal equations of a photograph's restoration, for the photograph less its mean.
+
+    The mean is added to the solution, so that the penalty K doesn't darken it; with `keeps_mean`
+    it isn't subtracted. If the whole period was measured, the solution has a closed form.
+    """
+
+    def __init__(self, observation: Observation, *, keeps_mean: bool = False) -> None:
+        super().__init__(observation)
+        mean = observation.inpainted_image.mean()
+        self.mean = torch.zeros_like(mean) if keeps_mean else mean
+
     @cached_property
-    def _data(self) -> torch.Tensor:
+    def data_spectrum(self) -> torch.Tensor:
         """The spectrum of H* M y, the photograph's part of a deconvolution's right-hand side."""
-        return self._apply_adjoint(
-            centred_pad(
-                self._observation.inpainted_image - self.mean, self._observation.period_shape
-            )
-        )
+        return self._apply_adjoint(self.observation.inpainted_image - self.mean)
 
     def extended_spectrum(self) -> torch.Tensor:
         """Return the spectrum of the photograph's smooth extension, less its mean.
 
         It is the best start of conjugate gradients where the PSF is wide.
         """
-        return rfft2(self._observation.extended_image - self.mean)
+        return rfft2(self.observation.extended_image - self.mean)
 
     def initial_spectrum(self, penalty: torch.Tensor) -> torch.Tensor:
         """Solve the deconvolution as if the photograph's smooth extension had been measured."""
-        spectrum = self.extended_spectrum() * self._observation.conjugate_otf
+        spectrum = self.extended_spectrum() * self.observation.conjugate_otf
         return spectrum * self._denominator(penalty).reciprocal()
 
     def solve(
         self,
         penalty: torch.Tensor,
-        spectrum: torch.Tensor,
+        start: torch.Tensor,
         steps: int,
-        target_spectrum: torch.Tensor | None = None,
+        pull: torch.Tensor | None = None,
     ) -> tuple[torch.Tensor, int, float]:
-        """Solve the normal equations of the deconvolution: see solve_on_frequencies().
-
-        The solver starts from `spectrum`. `penalty` is K of each frequency. `target_spectrum` is
-        the spectrum of z less the mean, or 0 if None.
-        """
-        if steps == 0 or (self._observation.is_fully_measured and target_spectrum is None):
-            return spectrum, 0, 0.0
-        inverse = self._denominator(penalty).reciprocal_()
-        wanted = self._data if target_spectrum is None else self._data + target_spectrum * penalty
-        if self._observation.is_fully_measured:
-            return wanted * inverse, 1, 0.0
-        return solve_on_frequencies(
-            lambda x: self._apply_normal(x, penalty), wanted, spectrum, inverse, self._count, steps
-        )
+        if not self.observation.is_fully_measured:
+            return super().solve(penalty, start, steps, pull)
+        wanted = self.data_spectrum if pull is None else self.data_spectrum + pull
+        return wanted * self._denominator(penalty).reciprocal_(), 0, 0.0
 
     def picture_with_gradients(
         self, penalty: torch.Tensor, spectrum: torch.Tensor, steps: int
@@ -112,14 +153,14 @@ class NormalEquations:
         application of the equations, whatever the number of steps was.
         """
         found = spectrum.detach()
-        left = self._data - self._apply_normal(found, penalty)
-        shape = self._observation.period_shape
+        left = self.data_spectrum - self.apply_data_gram(found).add_(found * penalty)
+        shape = self.observation.period_shape
 
         def solve(picture: torch.Tensor) -> torch.Tensor:
             inverse = self._denominator(penalty.detach()).reciprocal_().detach()
             wanted = rfft2(picture)
             answer, *_ = solve_on_frequencies(
-                lambda x: self._apply_normal(x, penalty),
+                lambda x: self.apply_data_gram(x).add_(x * penalty),
                 wanted, torch.zeros_like(wanted), inverse, self._count, steps,
             )  # fmt: skip
             return irfft2(answer, shape)
@@ -131,30 +172,59 @@ class NormalEquations:
     def picture(self, spectrum: torch.Tensor) -> torch.Tensor:
         """Convert a spectrum to the deconvolved picture on the whole period, with its mean."""
         # Adding in place is differentiable, since no derivative needs the sum.
-        return irfft2(spectrum, self._observation.period_shape).add_(self.mean)
+        return irfft2(spectrum, self.observation.period_shape).add_(self.mean)
 
-    def residual(self, spectrum: torch.Tensor) -> float:
-        """Return the deconvolution's rms residual of trusted pixels, relative to the noise."""
-        return (
-            self._observation.mean_squared_residual(self.picture(spectrum * self._observation.otf))
-            ** 0.5
-        )
+    def mean_squared_residual(self, spectrum: torch.Tensor) -> float:
+        light = self.picture(spectrum * self.observation.otf)
+        return self.observation.mean_squared_residual(light)
 
-    def _denominator(self, penalty: torch.Tensor) -> torch.Tensor:
-        """Return the deconvolution's denominator ``|H|² + K``, kept above 0 for its inversion."""
-        return (self._observation.squared_mtf + penalty).clamp(min=1e-12)
+    def apply_data_gram(self, x: torch.Tensor) -> torch.Tensor:
+        """Apply the deconvolution's H* M H to a spectrum."""
+        seen = self.observation
+        light = seen.crop_to_frame(irfft2(x * seen.otf, seen.period_shape))
+        return self._apply_adjoint(seen.sum_bands(light))
 
-    def _apply_normal(self, x: torch.Tensor, penalty: torch.Tensor) -> torch.Tensor:
-        """Apply the deconvolution's normal matrix H* M H + K to a spectrum."""
-        light = irfft2(x * self._observation.otf, self._observation.period_shape)
-        return self._apply_adjoint(light).add_(x * penalty)
+    def _apply_adjoint(self, frame: torch.Tensor) -> torch.Tensor:
+        """Apply a deconvolution's adjoint blur H* M to what was measured; return the spectrum."""
+        seen, trust = self.observation, self.observation.effective_weights
+        kept = seen.spread_to_bands(frame if trust is None else frame * trust)
+        return rfft2(centred_pad(kept, seen.period_shape)) * seen.conjugate_otf
 
-    def _apply_adjoint(self, light: torch.Tensor) -> torch.Tensor:
-        """Apply a deconvolution's adjoint blur H* M to light on the period; return the spectrum."""
-        inside, trust = self._observation.crop_to_frame(light), self._observation.effective_weights
-        kept = inside if trust is None else inside * trust
-        spectrum = rfft2(centred_pad(kept, self._observation.period_shape))
-        return spectrum * self._observation.conjugate_otf
+
+class ConjugateGradientStep(PictureStep):
+    """The picture's step of a restoration by splitting, by a few steps of conjugate gradients.
+
+    They start from the last picture, the first time from `start`, which is the photograph if None.
+    `steps` is their number.
+    """
+
+    def __init__(
+        self, equations: LinearEquations, steps: int, start: torch.Tensor | None = None
+    ) -> None:
+        self._equations, self._steps = equations, steps
+        super().__init__(equations.observation)
+        self._spectrum = rfft2(self.start() if start is None else start)
+
+    def next_picture(self, priors: Sequence[Prior], weight: float) -> torch.Tensor:
+        penalty, target = torch.zeros(()).to(self.observation.image), None
+        for prior in priors:
+            coupling = prior.coupling(weight, 1.0)
+            penalty = penalty + prior.gram_spectrum * coupling
+            if prior.adjoint_target is not None:
+                pulled = prior.adjoint_target * coupling
+                target = pulled if target is None else target.add_(pulled)
+        pull = None if target is None else rfft2(target)
+        self._spectrum, *_ = self._equations.solve(penalty, self._spectrum, self._steps, pull)
+        return irfft2(self._spectrum, self.observation.period_shape)
+
+    def blend_with(self, picture: torch.Tensor, share: float) -> torch.Tensor:
+        """Blend the last deconvolved picture with another one, of which `share` is taken."""
+        self._spectrum = self._spectrum.lerp(rfft2(picture), share)
+        return irfft2(self._spectrum, self.observation.period_shape)
+
+    @property
+    def mean_squared_residual(self) -> float:
+        return self._equations.mean_squared_residual(self._spectrum)
 
 
 class _SymmetricSolution(torch.autograd.Function):

@@ -15,9 +15,9 @@ from optics.deconvolution.noise import (
     PowerLaw,
     WienerPrediction,
     fit_power_law,
-    squared_modulus,
 )
 from optics.operators.blur import Border, blur_shape, require_border, transfer_function
+from optics.operators.gram import squared_modulus
 from optics.plane import centred_crop, centred_pad
 from optics.validation import require_finite, require_same_shape
 
@@ -162,8 +162,9 @@ class Observation:
         It is the photograph's standard deviation over the sum of the PSF, but at least 1e-3 of the
         mean; 1 for a dark photograph.
         """
-        # Statistics of every n-th row are enough, as long as there are at least 128 rows.
-        image = self.image.detach()[:: max(1, len(self.image) >> 7)].to(torch.float64)
+        # Statistics of every n-th row are enough, as long as there are at least 128 rows. An odd n
+        # sees all rows of a mosaic.
+        image = self.image.detach()[:: max(1, len(self.image) >> 7) | 1].to(torch.float64)
         spread = max(float(image.std(correction=0)), 1e-3 * float(image.abs().mean()))
         return spread / self.psf_sum if spread > 0 else 1.0
 
@@ -308,6 +309,36 @@ class Observation:
         """Crop a deconvolved picture on the whole period to the photograph's frame, as a view."""
         return centred_crop(period_image, self.image.shape)
 
+    @property
+    def bands(self) -> int:
+        """The number of the scene's bands that a deconvolution restores."""
+        return 1
+
+    @property
+    def squared_response(self) -> torch.Tensor:
+        """The squared response of blur and filters to each frequency, to be deconvolved.
+
+        It is a mean over the pixels.
+        """
+        return self.squared_mtf
+
+    @property
+    def filter_power(self) -> float | torch.Tensor:
+        """The squared transmission of the sensor's filters, summed over the bands to deconvolve."""
+        return 1.0
+
+    def sum_bands(self, light: torch.Tensor) -> torch.Tensor:
+        """Return what the sensor measures of the deconvolved bands' light in the frame.
+
+        `light` is (bands, rows, columns), and the result is (1, rows, columns), on the scale of
+        `normalised_image`.
+        """
+        return light
+
+    def spread_to_bands(self, frame: torch.Tensor) -> torch.Tensor:
+        """Apply the adjoint of sum_bands() to a picture in the deconvolution's frame."""
+        return frame
+
     @torch.no_grad()
     def mean_squared_residual(self, light: torch.Tensor) -> float:
         """Compute a deconvolution's mean squared residual, relative to the noise variance.
@@ -315,7 +346,7 @@ class Observation:
         The residual is the normalised photograph less `light`, the blurred picture on the whole
         period. The mean is over pixels with a weight.
         """
-        squares = (self.crop_to_frame(light) - self.normalised_image).square_()
+        squares = (self.sum_bands(self.crop_to_frame(light)) - self.normalised_image).square_()
         if self.effective_weights is None:
             mean = float(squares.mean())
         else:

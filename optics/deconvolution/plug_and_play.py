@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
+from optics.deconvolution.band_coupling import helmert_matrix
 from optics.deconvolution.method import SETUP_COST, Denoise, RestorationCost, RestorationMethod
-from optics.deconvolution.normal_equations import NormalEquations
+from optics.deconvolution.normal_equations import ConjugateGradientStep, NormalEquations
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.priors import Prior
 from optics.deconvolution.restoration_case import Gain
-from optics.deconvolution.restored_image import CONVERGED_CHANGE, RestoredImage, relative_change
+from optics.deconvolution.restored_image import CONVERGED_CHANGE, RestoredImage
+from optics.deconvolution.splitting import SplittingSettings, restored_image, solve_by_splitting
 from optics.deconvolution.total_variation import METHOD as TOTAL_VARIATION
 from optics.deconvolution.total_variation import total_variation
-from optics.fourier import rfft2, rfft_column_weights
+from optics.fourier import rfft_column_weights
 from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_count, require_positive
@@ -87,9 +90,8 @@ def plug_and_play(
     ----------
     observation : Observation
         Photograph and PSF.
-    denoise : callable
-        Denoiser of a picture, (rows, columns) with white at about 1; its second argument is the
-        standard deviation of the noise.
+    denoise : Denoise
+        Denoiser of a picture with white at about 1.
     strength : float, optional
         Largest K, relative to |H|² of a frequency without blur.
     rounds : int, optional
@@ -112,49 +114,62 @@ def plug_and_play(
     progress = progress or Progress()
     # The scene beyond the frame has to be good from the start: the rounds hardly mend it.
     iterations = TOTAL_VARIATION.default_iterations(observation)
-    start = total_variation(
+    first = total_variation(
         observation, iterations=iterations, progress=progress.part(0, 0.1)
     ).period_image
-    assert start is not None
-    white = max(
-        float(
-            torch.quantile(_subsample(observation.crop_to_frame(start)), _SETTINGS.white_quantile)
-        ),
-        observation.scale,
+    start = first.reshape(-1, *observation.period_shape)
+    step = ConjugateGradientStep(
+        NormalEquations(observation, keeps_mean=True), _SETTINGS.cg_steps, start
     )
-    left = _RemainingNoise.of(observation, white)
-    # For data with hardly any noise, K stays small: the denoiser isn't needed.
-    tightest = min(left.penalty_for(_SETTINGS.min_level), strength)
-    loosest = min(left.penalty_for(_SETTINGS.first_level), tightest)
-    penalties = torch.logspace(math.log10(loosest), math.log10(tightest), rounds).tolist()
-    equations = NormalEquations(observation)
-    picture, spectrum, change = start, rfft2(start - equations.mean), list[float]()
-    for number, penalty in enumerate(penalties):
-        progress.report(0.1 + 0.9 * number / rounds, f"plug-and-play {number + 1}/{rounds}")
-        level = max(left.denoiser_level(penalty), _SETTINGS.min_level)
-        wanted = denoise(picture / white, level).mul_(white).clamp_(min=0)
-        if observation.support is not None:
-            wanted.mul_(observation.support)
-        near = rfft2(wanted - equations.mean)
-        everywhere = torch.full_like(observation.squared_mtf, penalty)
-        spectrum, *_ = equations.solve(everywhere, spectrum, _SETTINGS.cg_steps, near)
-        before, picture = picture, equations.picture(spectrum)
-        change.append(relative_change(picture, before))
-    share = _SETTINGS.first_share
-    picture = picture.lerp(start, share)
-    spectrum = spectrum.lerp(rfft2(start - equations.mean), share)
-    return RestoredImage(
-        observation.crop_to_frame(picture).clamp(min=0),
-        "plug-and-play",
-        observation.noise,
-        equations.residual(spectrum),
-        strength,
-        rounds,
-        change,
-        # The last round's coupling is the one whose solution is wanted.
-        change[-1] <= CONVERGED_CHANGE,
-        picture,
-    )
+    prior = _DenoisedPicture(observation, denoise, start, strength, rounds)
+    solution = solve_by_splitting(
+        step, [prior], SplittingSettings(rounds, strength, starts_from_picture=True),
+        "plug-and-play", progress.part(0.1, 1), start,
+    )  # fmt: skip
+    blend = step.blend_with(start, _SETTINGS.first_share)
+    # The last round's coupling is the one whose solution is wanted.
+    converged = solution.relative_changes[-1] <= CONVERGED_CHANGE
+    return restored_image(step, replace(solution, picture=blend), "plug-and-play", converged)
+
+
+class _DenoisedPicture(Prior):
+    """The split picture of plug-and-play deconvolution, which a denoiser takes from the last one.
+
+    The coupling K grows from round to round, and the denoiser's noise level falls with it.
+    """
+
+    def __init__(
+        self,
+        observation: Observation,
+        denoise: Denoise,
+        start: torch.Tensor,
+        strength: float,
+        rounds: int,
+    ) -> None:
+        light = _subsample(observation.crop_to_frame(start))
+        quantile = float(torch.quantile(light, _SETTINGS.white_quantile))
+        self._white = max(quantile, observation.scale)
+        self._left = _RemainingNoise.of(observation, self._white)
+        # For data with hardly any noise, K stays small: the denoiser isn't needed.
+        tightest = min(self._left.penalty_for(_SETTINGS.min_level), strength)
+        loosest = min(self._left.penalty_for(_SETTINGS.first_level), tightest)
+        self._penalties = iter(
+            torch.logspace(math.log10(loosest), math.log10(tightest), rounds).tolist()
+        )
+        self._observation, self._denoise = observation, denoise
+        self.gram_spectrum = torch.ones(()).to(observation.image)
+
+    def coupling(self, weight: float, data: float) -> float:
+        return self._penalty
+
+    def update(self, x: torch.Tensor, weight: float) -> None:
+        self._penalty = next(self._penalties)
+        level = max(self._left.denoiser_level(self._penalty), _SETTINGS.min_level)
+        noise = torch.full((len(x), 1, 1), level).to(x)
+        axes = None if len(x) == 1 else helmert_matrix(len(x)).to(x)
+        wanted = self._denoise(x / self._white, noise, axes).mul_(self._white).clamp_(min=0)
+        support = self._observation.support
+        self.adjoint_target = wanted if support is None else wanted.mul_(support)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,15 +190,11 @@ class _RemainingNoise:
 
         About 16,000 frequencies are sampled.
         """
-        every = max(1, math.isqrt(observation.squared_mtf.numel() // (1 << 14)))
-        count = rfft_column_weights(observation.period_shape[1])[::every].expand(
-            observation.squared_mtf[::every, ::every].shape
-        )
-        return cls(
-            observation.disturbance / white,
-            observation.squared_mtf[::every, ::every].double(),
-            count.double(),
-        )
+        response = observation.squared_response
+        every = max(1, math.isqrt(response.numel() // (1 << 14)))
+        power = response[..., ::every, ::every].double()
+        count = rfft_column_weights(observation.period_shape[1])[::every]
+        return cls(observation.disturbance / white, power, count.double().expand(power.shape))
 
     def denoiser_level(self, penalty: float) -> float:
         """Return the noise level of plug-and-play deconvolution's denoiser for a penalty K."""

@@ -6,11 +6,11 @@ from typing import Any
 
 import torch
 
+from optics.deconvolution.light_split import DataProx
 from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
-from optics.deconvolution.splitting import DataProx
 from optics.deconvolution.total_variation import total_variation
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -40,7 +40,7 @@ def poisson_total_variation(
     the same meaning and is estimated in the same way.
 
     The problem is convex (Figueiredo and Bioucas-Dias 2010, doi 10.1109/TIP.2010.2053941; Chambolle
-    and Pock 2011, doi 10.1007/s10851-010-0251-1, solve it too). It is split as in Splitting, with
+    and Pock 2011, doi 10.1007/s10851-010-0251-1, solve it too). It is split, with
     v = H x split off, and the step for v is the root of a quadratic.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Priors of pictures for a restoration by ADMM; each prior is one split of the problem."""
+"""Priors of pictures for a restoration by splitting; each prior is one split of the problem."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import math
 from abc import ABC, abstractmethod
 
 import torch
+
+from optics.deconvolution.band_coupling import BandCoupling, Shrinkage
+from optics.deconvolution.derivatives import GRADIENT, Derivative, add_gradient, gradient_adjoint
 
 LEAST_WEIGHT_SHARE = 0.7
 """Least weight by the evidence over the first one, which the photograph's spectrum predicts."""
@@ -25,8 +28,15 @@ def weight_by_evidence(penalty: float, power: float, noise: float, explained_sha
     return 0.9 * explained_share * noise**2 / max(power * penalty, 1e-30)
 
 
+RELAXATION = 1.8
+"""Over-relaxation of the splits: 1 is none, below 2 converges (Eckstein and Bertsekas 1992, doi
+10.1007/BF01581204). It saves about a third of the iterations."""
+
+
 class Prior(ABC):
-    """Base class of priors on D x in a restoration by ADMM, where D is linear and D x is split off.
+    """Base class of priors on D x in a restoration by splitting, where D x is split off.
+
+    Pictures are (bands, rows, columns), on a whole period.
 
     Attributes
     ----------
@@ -42,135 +52,116 @@ class Prior(ABC):
     adjoint_target: torch.Tensor | None = None
 
     @abstractmethod
-    def update(self, x: torch.Tensor) -> None:
-        """Update a deconvolution prior's split and dual variable for the next picture.
-
-        The picture `x` is (rows, columns).
-        """
+    def update(self, x: torch.Tensor, weight: float) -> None:
+        """Update a deconvolution prior's split and dual variable for the next picture `x`."""
 
     @abstractmethod
     def coupling(self, weight: float, data: float) -> float:
         """Return the coupling of a deconvolution prior's split, for a weight and data coupling."""
 
 
-class Penalty(Prior):
-    """Base class of priors that add a weight times the sum of a penalty of D x."""
+class DerivativePenalty(Prior):
+    """The prior that penalises the joint length of derivatives to a power.
 
-    @abstractmethod
-    def estimate_weight(self, noise: float, explained_share: float) -> float:
-        """Estimate a deconvolution prior's weight from the last picture by weight_by_evidence()."""
-
-
-class TotalVariation(Penalty):
-    """The prior that penalises the length of the gradient to a power.
-
-    A power of 1 is total variation (Rudin, Osher and Fatemi 1992, doi
-    10.1016/0167-2789(92)90242-F). A lower power suits the heavier tails of natural pictures
-    (Krishnan and Fergus 2009); it uses the shrinkage of Chartrand (2009, doi
-    10.1109/ISBI.2009.5192999). The penalty doesn't depend on the gradient's direction. `threshold`
-    is the length, in light per pixel, below which a first iteration sets gradients to 0.
+    With gradients and a power of 1 it is total variation (Rudin, Osher and Fatemi 1992, doi
+    10.1016/0167-2789(92)90242-F), and with curvatures second-order total variation (Lefkimmiatis,
+    Bourquard and Unser 2012, doi 10.1109/TIP.2011.2168232). A lower power suits the heavier tails
+    of natural pictures (Krishnan and Fergus 2009). The penalty doesn't depend on the direction.
+    `threshold` is the length, in light per pixel, below which a first iteration sets derivatives to
+    0. `bands` says how the bands of pictures of `shape` are coupled.
     """
 
     def __init__(
-        self, shape: tuple[int, int], threshold: float, power: float, dtype: torch.dtype
+        self,
+        bands: BandCoupling,
+        shape: tuple[int, int],
+        threshold: float,
+        dtype: torch.dtype,
+        *,
+        power: float = 1.0,
+        derivative: Derivative = GRADIENT,
+        relaxation: float = RELAXATION,
     ) -> None:
-        self._threshold, self._power = threshold, power
-        self.gram_spectrum = laplacian_spectrum(shape).to(dtype)
-        self._down, self._along = (torch.zeros(shape, dtype=dtype) for _ in range(2))
-        self._size, self._kept = (torch.empty(shape, dtype=dtype) for _ in range(2))
-        self._last: torch.Tensor | None = None
+        self._bands, self._threshold, self._power = bands, threshold, power
+        self._derivative, self._relaxation = derivative, relaxation
+        self._shrinkage = Shrinkage(bands, threshold, power)
+        self.gram_spectrum = derivative.gram_spectrum(shape).to(dtype)
+        whole = (bands.bands, *shape)
+        self._parts = [torch.zeros(whole, dtype=dtype) for _ in range(derivative.parts)]
+        self._size, self._out = (torch.empty(whole, dtype=dtype) for _ in range(2))
 
     def coupling(self, weight: float, data: float) -> float:
         return self._power * weight / self._threshold ** (2 - self._power)
 
-    def estimate_weight(self, noise: float, explained_share: float) -> float:
-        mean = 0.0 if self._last is None else mean_gradient(self._last, self._power)
+    def estimate_weight(self, x: torch.Tensor, noise: float, explained_share: float) -> float:
+        """Estimate the weight of a deconvolution's gradient penalty by weight_by_evidence()."""
+        mean = mean_gradient(x, self._power, self._bands)
         return weight_by_evidence(mean, self._power, noise, explained_share)
 
-    def update(self, x: torch.Tensor) -> None:
-        self._last = x
-        down, along, size, kept = self._down, self._along, self._size, self._kept
-        add_gradient(x, down, along)
-        torch.mul(down, down, out=size).addcmul_(along, along)
-        # `size` becomes the share that the shrinkage removes; it is 1 below the threshold.
-        size.rsqrt_().mul_(self._threshold)
-        if self._power != 1:
-            size.pow_(2 - self._power)
-        size.clamp_(max=1)
-        # The new b is the removed part, and d - b is the gradient less twice that part.
-        torch.mul(size, -2, out=kept).add_(1)
-        wanted = down * kept, along * kept
-        down.mul_(size)
-        along.mul_(size)
-        self.adjoint_target = gradient_adjoint(*wanted, out=kept)
+    def update(self, x: torch.Tensor, weight: float) -> None:
+        first, *others = self._parts
+        self._derivative.add(self._bands.components(x * self._relaxation), self._parts)
+        torch.mul(first, first, out=self._size)
+        for part in others:
+            self._size.addcmul_(part, part)
+        removed = self._shrinkage.removed_share(self._size)
+        # The new b is the removed part, and d - b is the derivative less twice that part. What is
+        # kept of both is b and, for the over-relaxation, a share of d.
+        kept = torch.mul(removed, -2).add_(1)
+        wanted = [part * kept for part in self._parts]
+        removed.mul_(self._relaxation).add_(1 - self._relaxation)
+        for part in self._parts:
+            part.mul_(removed)
+        target = self._derivative.adjoint(wanted, self._out)
+        self.adjoint_target = self._bands.from_components(target)
 
 
-class NonNegativity(Prior):
-    """The prior that light isn't negative, and is 0 outside a known support of the scene."""
+BOX_COUPLING = 0.3
+"""Coupling of the split of Box, relative to that of the data. Measured with four PSFs, two noises, 12
+and 30 iterations, 0.3 is up to 2.3 dB better than 1."""
 
-    def __init__(
-        self, shape: tuple[int, int], support: torch.Tensor | None, dtype: torch.dtype
-    ) -> None:
-        self.gram_spectrum = torch.ones((), dtype=dtype)
-        self._support = support
-        self._dual = torch.zeros(shape, dtype=dtype)
+
+class Box(Prior):
+    """The prior that light is within bounds, and is 0 outside a known support of the scene."""
+
+    def __init__(self, support: torch.Tensor | None = None, upper: float = math.inf) -> None:
+        self.gram_spectrum = torch.ones(())
+        self._support, self._upper = support, upper
+        self._kept: torch.Tensor | None = None
 
     def coupling(self, weight: float, data: float) -> float:
-        return data
+        return data * BOX_COUPLING
 
-    def update(self, x: torch.Tensor) -> None:
-        moved = self._dual.add_(x)
-        allowed = moved.clamp(min=0)
+    def update(self, x: torch.Tensor, weight: float) -> None:
+        moved = x * RELAXATION
+        if self._kept is not None:
+            moved.add_(self._kept)
+        allowed = moved.clamp(min=0, max=self._upper)
         if self._support is not None:
             allowed.mul_(self._support)
-        self._dual = moved - allowed
-        self.adjoint_target = allowed.sub_(self._dual)
+        dual = moved.sub_(allowed)
+        self._kept = torch.add(dual, allowed, alpha=1 - RELAXATION)
+        self.adjoint_target = allowed.sub_(dual)
 
 
-def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
-    """Return the spectrum of the negative Laplacian, as a deconvolution's prior uses it.
-
-    The negative Laplacian is the gradient's adjoint times the gradient. The spectrum is on the
-    rfft2 grid of a period, (rows, columns // 2 + 1), in double precision.
-    """
-    y = 2 - 2 * torch.cos(2 * math.pi * torch.fft.fftfreq(shape[0], dtype=torch.float64))
-    x = 2 - 2 * torch.cos(2 * math.pi * torch.fft.rfftfreq(shape[1], dtype=torch.float64))
-    return y[:, None] + x[None, :]
-
-
-def add_gradient(x: torch.Tensor, down: torch.Tensor, along: torch.Tensor) -> None:
-    """Add a picture's periodic gradient, for a deconvolution prior, to `down` and `along` in place.
-
-    The gradient consists of forward differences.
-    """
-    down[:-1].add_(x[1:]).sub_(x[:-1])
-    down[-1].add_(x[0]).sub_(x[-1])
-    along[:, :-1].add_(x[:, 1:]).sub_(x[:, :-1])
-    along[:, -1].add_(x[:, 0]).sub_(x[:, -1])
-
-
-def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
-    """Apply the adjoint of a deconvolution prior's periodic gradient; write the result to `out`."""
-    torch.add(down, along, out=out).neg_()
-    out[1:].add_(down[:-1])
-    out[0].add_(down[-1])
-    out[:, 1:].add_(along[:, :-1])
-    out[:, 0].add_(along[:, -1])
-    return out
-
-
-def mean_gradient(x: torch.Tensor, power: float) -> float:
+def mean_gradient(x: torch.Tensor, power: float, bands: BandCoupling | None = None) -> float:
     """Compute a deconvolved picture's mean gradient length to a power, for the prior's weight.
 
-    Of large pictures, the mean is taken over every n-th row.
+    Of large pictures, the mean is taken over every n-th row. With several bands, it is the mean
+    over the pixels of the penalty of all groups of components.
     """
-    every = max(1, x.numel() >> 18)
+    every = max(1, x.shape[-2] * x.shape[-1] >> 18)
     # A picture of one row or column has no gradient across it.
-    x = x.repeat(2 if x.shape[0] == 1 else 1, 2 if x.shape[1] == 1 else 1)
-    rows = x[:-1:every]
-    down, along = (x[1::every] - rows)[:, :-1], rows[:, 1:] - rows[:, :-1]
-    length = torch.addcmul(along * along, down, down).sqrt_()
-    return float((length if power == 1 else length.pow_(power)).mean())
+    single = [2 if n == 1 else 1 for n in x.shape[-2:]]
+    x = x.repeat(*(1,) * (x.ndim - 2), *single)
+    rows = x[..., :-1:every, :]
+    down, along = (x[..., 1::every, :] - rows)[..., :-1], rows[..., 1:] - rows[..., :-1]
+    if bands is not None and bands.axes is not None:
+        down, along = bands.components(down), bands.components(along)
+    squares = torch.addcmul(along * along, down, down)
+    length = squares.sqrt_() if bands is None else bands.lengths(squares)
+    mean = float((length if power == 1 else length.pow_(power)).mean())
+    return mean if bands is None else mean * len(bands.groups)
 
 
 def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:

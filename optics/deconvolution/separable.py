@@ -28,11 +28,11 @@ from typing import Literal
 import torch
 from scipy.optimize import minimize_scalar
 
-from optics.deconvolution.noise import squared_modulus
 from optics.deconvolution.observation import Observation, require_psf
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.wiener import Frequencies, least_error_weight
 from optics.operators.blur import Border, require_border
+from optics.operators.gram import squared_modulus
 from optics.threads import single_threaded
 from optics.validation import accepts_numpy, require_finite, require_positive
 

@@ -107,7 +107,7 @@ def wiener(
         f"Wiener, {penalty_kind}",
         observation.noise,
         # The residual takes a third of the other time. Therefore it is computed only if needed.
-        lambda: equations.residual(found),
+        lambda: equations.mean_squared_residual(found) ** 0.5,
         used,
         1 + taken,
         converged=converged,

@@ -9,7 +9,6 @@ import torch
 
 from optics.demosaicing.joint_demosaicing import demosaic_with_prior
 from optics.demosaicing.mosaic_observation import MosaicObservation
-from optics.demosaicing.noise import estimate_mosaic_noise
 from optics.demosaicing.opencv_interpolation import INTERPOLATIONS, interpolate_bayer
 from optics.operators.spectral_mosaic import filter_weights
 from optics.progress import Progress
@@ -19,7 +18,6 @@ from optics.validation import (
     require_count,
     require_finite,
     require_positive,
-    require_same_shape,
 )
 
 Method = Literal["prior", "bilinear", "edge-aware", "vng"]
@@ -46,7 +44,7 @@ def demosaic(
     """Demosaic a raw picture: estimate all colours of each pixel of a mosaic of colour filters.
 
     The method "prior" solves Eq. 4.7 of the thesis with a prior that penalises the curvature of
-    the brightness, and that of colour differences more: see CurvaturePrior. The other methods are
+    the brightness, and that of colour differences more. The other methods are
     those of OpenCV, for the Bayer pattern only; of the optional arguments they accept only
     `channels`. The prior assumes that all bands of a white surface are equal: for channels that
     aren't balanced, give ``diag(gains)`` as `response`.
@@ -105,16 +103,39 @@ def demosaic(
     if weight is not None:
         require_positive("weight", weight, "")
     require_count("iterations", iterations)
-    period = len(rows), len(rows[0])
-    seen = MosaicObservation(
-        raw,
-        filter_weights(rows, _validate_response(response, channels).to(raw), channels, raw.shape),
-        estimate_mosaic_noise(raw, period) if noise is None else float(noise),
-        None if psf is None else psf.to(raw),
-        _effective_weights(raw, weights, clipped),
-        None if clipped is None else clipped.to(torch.bool),
+    seen = mosaic_observation(
+        raw, rows, channels, response, noise=noise, psf=psf, weights=weights, clipped=clipped
     )
-    return demosaic_with_prior(seen, period, weight, iterations=iterations, progress=progress)
+    found = demosaic_with_prior(seen, weight, iterations=iterations, progress=progress)
+    # The restored image is cut at 0, which would brighten what is dark on the mean.
+    return seen.crop_to_frame(found.period_image).clone()
+
+
+def mosaic_observation(
+    raw: torch.Tensor,
+    rows: tuple[str, ...],
+    channels: str,
+    response: torch.Tensor | None,
+    *,
+    noise: float | None,
+    psf: torch.Tensor | None,
+    weights: torch.Tensor | None,
+    clipped: torch.Tensor | None,
+) -> MosaicObservation:
+    """Build the observation of a raw mosaic for demosaicing: see demosaic()."""
+    shares = _validate_response(response, channels).to(raw)
+    psfs = torch.ones(1, 1, 1).to(raw) if psf is None else psf.to(raw)
+    psfs = psfs[None] if psfs.ndim == 2 else psfs
+    return MosaicObservation(
+        raw,
+        psfs.mean(0),
+        noise if noise is None else float(noise),
+        weights=weights if weights is None else weights.to(raw),
+        clipped=clipped if clipped is None else clipped.to(torch.bool),
+        psfs=psfs,
+        filters=filter_weights(rows, shares, channels, raw.shape),
+        filter_period=(len(rows), len(rows[0])),
+    )
 
 
 def _validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
@@ -153,15 +174,3 @@ def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Te
             f"channels {channels!r}"
         )
     return response
-
-
-def _effective_weights(
-    raw: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
-) -> torch.Tensor | None:
-    """Return the mosaic's pixel weights with 0 for clipped pixels, or None if all are 1."""
-    require_same_shape("raw", raw, weights=weights, clipped=clipped)
-    trust = weights if weights is None else weights.to(raw)
-    if clipped is None:
-        return trust
-    sound = (~clipped.to(torch.bool)).to(raw)
-    return sound if trust is None else trust * sound

@@ -3,40 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import torch
 
-from optics.deconvolution.observation import require_psf
+from optics.deconvolution.border import extend_periodically
+from optics.deconvolution.noise import PowerLaw
+from optics.deconvolution.observation import Observation, require_psf
+from optics.demosaicing.noise import estimate_mosaic_noise
 from optics.operators.blur import blur_shape, transfer_function
-from optics.plane import centred_crop
+from optics.plane import centred_pad
 from optics.validation import require_finite
+
+_MARGIN = 8
+"""Least number of pixels that keep opposite edges of the frame apart on the period."""
 
 
 @dataclass(frozen=True, eq=False)
-class MosaicObservation:
-    """The raw picture of a mosaic of colour filters, (rows, columns), with filters and noise.
+class MosaicObservation(Observation):
+    """The raw picture of a mosaic of colour filters, whose scene has several bands.
 
-    The scene beyond the frame is unknown.
+    `image` is the light of each pixel, y = sum_n S_n (h_n * x_n) with the filters S_n and PSFs h_n.
+    `psf` is the mean of all PSFs.
 
     Attributes
     ----------
-    raw : torch.Tensor
-        Light of each pixel, (rows, columns).
+    psfs : torch.Tensor
+        PSF of each band, (bands, rows, columns), or one for all, (1, rows, columns).
     filters : torch.Tensor
         Share of each band that each pixel's filter transmits, (bands, rows, columns).
-    noise : float
-        Standard deviation of a pixel, in the unit of `raw`.
-    psf : torch.Tensor, optional
-        PSF with its origin at n // 2: (rows, columns) for all bands, or (bands, rows, columns).
-        None for a picture without blur.
-    pixel_weights : torch.Tensor, optional
-        Weight of each pixel in the data term, (rows, columns); 0 where a pixel isn't used. All 1 if
-        None.
-    clipped : torch.Tensor, optional
-        True where the light is at least what was measured. The weight is 0 there.
+    filter_period : tuple of int
+        Period of the filter pattern in (rows, columns).
 
     Raises
     ------
@@ -44,104 +42,121 @@ class MosaicObservation:
         If an argument has the wrong shape or isn't finite, or if no pixel sees one of the bands.
     """
 
-    raw: torch.Tensor
-    filters: torch.Tensor
-    noise: float
-    psf: torch.Tensor | None = None
-    pixel_weights: torch.Tensor | None = None
-    clipped: torch.Tensor | None = None
+    psfs: torch.Tensor = field(default_factory=lambda: torch.empty(0))
+    filters: torch.Tensor = field(default_factory=lambda: torch.empty(0))
+    filter_period: tuple[int, int] = (2, 2)
 
     def __post_init__(self) -> None:
         require_finite("filters", self.filters)
-        if self.filters.ndim != 3 or self.filters.shape[1:] != self.raw.shape:
+        if self.filters.ndim != 3 or self.filters.shape[1:] != self.image.shape:
             raise ValueError(
-                f"filters are {tuple(self.filters.shape)} and raw is {tuple(self.raw.shape)}; give "
-                "(bands, rows, columns) for (rows, columns)"
+                f"filters are {tuple(self.filters.shape)} and raw is {tuple(self.image.shape)}; "
+                "give (bands, rows, columns) for (rows, columns)"
             )
-        if not (self.noise >= 0 and math.isfinite(self.noise)):
-            raise ValueError(f"noise is {self.noise:g}; it must be finite, and not negative")
-        if self.psf is not None:
-            self._require_psf(self.psf)
-        if self.pixel_weights is not None:
-            require_finite("pixel_weights", self.pixel_weights)
-            if float(self.pixel_weights.min()) < 0:
-                raise ValueError("pixel_weights must be negative nowhere")
-        self._require_bands()
-
-    def _require_psf(self, psf: torch.Tensor) -> None:
-        if psf.ndim not in (2, 3) or (psf.ndim == 3 and len(psf) != len(self.filters)):
+        if self.psfs.ndim != 3 or len(self.psfs) not in (1, self.bands):
             raise ValueError(
-                f"psf is {tuple(psf.shape)}; give (rows, columns), or that for each of "
-                f"{len(self.filters)} bands"
+                f"psf is {tuple(self.psfs.shape)}; give (rows, columns), or that for each of "
+                f"{self.bands} bands"
             )
-        for one in psf.reshape(-1, *psf.shape[-2:]):
+        for one in self.psfs:
             require_psf(one)
-
-    def _require_bands(self) -> None:
-        trusted = 1.0 if self.pixel_weights is None else self.pixel_weights
-        for number, band in enumerate(self.filters.square() * trusted):
+        super().__post_init__()
+        trust = 1.0 if self.effective_weights is None else self.effective_weights
+        for number, band in enumerate(self.filters.square() * trust):
             if not float(band.max()) > 0:
                 raise ValueError(
                     f"no trusted pixel sees band {number}; the frame must hold the whole pattern"
                 )
 
     @property
-    def frame_shape(self) -> tuple[int, int]:
-        """The (rows, columns) of the mosaic's frame."""
-        return self.raw.shape[0], self.raw.shape[1]
+    def bands(self) -> int:
+        return len(self.filters)
 
-    @cached_property
-    def period_shape(self) -> tuple[int, int]:
-        """The (rows, columns) of the period on which the demosaiced scene is estimated."""
-        # Without a PSF, a margin of 8 pixels keeps opposite edges of the frame apart.
-        return blur_shape(self.frame_shape, (8, 8) if self.psf is None else self.psf.shape[-2:])
+    @property
+    def is_fully_measured(self) -> bool:
+        return False
 
     @cached_property
     def filter_gain(self) -> float:
         """The gain of the mosaic's filters: the norm over the bands, as an rms over the pixels."""
         return math.sqrt(float(self.filters.square().sum(0).mean()))
 
-    @cached_property
-    def scale(self) -> float:
-        """The scale of the scene's light, which sets the weights of the demosaicing prior.
+    @property
+    def psf_sum(self) -> float:
+        """The mean share of the scene's light that PSFs and filters of the mosaic let through."""
+        return super().psf_sum * self.filter_gain
 
-        It is the standard deviation of the raw picture over the gain of the filters, but at least
-        1e-3 of the mean; 1 for a dark picture.
-        """
-        raw = self.raw.to(torch.float64)
-        spread = max(float(raw.std(correction=0)), 1e-3 * float(raw.abs().mean()))
-        return spread / self.filter_gain if spread > 0 else 1.0
+    @property
+    def _psf_light(self) -> float | torch.Tensor:
+        return super()._psf_light * self.filter_gain
 
     @cached_property
-    def otf(self) -> torch.Tensor | None:
-        """The OTF on the period of the demosaicing, or None without a PSF.
+    def period_shape(self) -> tuple[int, int]:
+        return blur_shape(self.image.shape, [max(n, _MARGIN) for n in self.psfs.shape[-2:]])
 
-        The OTF is (1 or bands, rows, columns // 2 + 1).
+    @cached_property
+    def otf(self) -> torch.Tensor:
+        """The OTF of each band on the period of the demosaicing, (1 or bands, rows, columns)."""
+        light = self._psf_light / self.filter_gain
+        return transfer_function(self.psfs / light, self.period_shape)
+
+    @cached_property
+    def _relative_filters(self) -> torch.Tensor:
+        """The mosaic's filters over their gain."""
+        return self.filters / self.filter_gain
+
+    @cached_property
+    def filter_power(self) -> torch.Tensor:
+        return self._relative_filters.square().sum(0)
+
+    @cached_property
+    def squared_response(self) -> torch.Tensor:
+        return self.squared_mtf * self._relative_filters.square().mean((-2, -1), keepdim=True)
+
+    def sum_bands(self, light: torch.Tensor) -> torch.Tensor:
+        return (self._relative_filters * light).sum(0, keepdim=True)
+
+    def spread_to_bands(self, frame: torch.Tensor) -> torch.Tensor:
+        return self._relative_filters * frame
+
+    @cached_property
+    def power_law(self) -> PowerLaw:
+        """The noise of the mosaic; its spectrum isn't modelled."""
+        return PowerLaw(0.0, 2.0, estimate_mosaic_noise(self.image, self.filter_period) ** 2)
+
+    @property
+    def inpainted_image(self) -> torch.Tensor:
+        """The normalised mosaic as it is: neighbouring pixels have other filters."""
+        return self.normalised_image
+
+    @cached_property
+    def extended_image(self) -> torch.Tensor:
+        """The interpolated bands of the mosaic, extended to the period of the demosaicing.
+
+        The result is (bands, rows, columns).
         """
-        if self.psf is None:
-            return None
-        psf = self.psf if self.psf.ndim == 3 else self.psf[None]
-        return transfer_function(psf.to(self.raw), self.period_shape)
+        if self.border == "dark":
+            return centred_pad(self._interpolated_bands(), self.period_shape)
+        bands = self._interpolated_bands()
+        return torch.stack([extend_periodically(one, self.period_shape) for one in bands])
 
-    def crop_to_frame(self, period_image: torch.Tensor) -> torch.Tensor:
-        """Crop a picture on the whole period to the mosaic's frame; the result is a view."""
-        return centred_crop(period_image, self.frame_shape)
-
-    def initial_bands(self, period: Sequence[int]) -> torch.Tensor:
+    def _interpolated_bands(self) -> torch.Tensor:
         """Interpolate each band of the mosaic from the pixels around that see it.
 
         This is the start of the demosaicing, (bands, rows, columns). It is exact where the scene is
-        even and grey. `period` is the period of the filter pattern.
+        even and grey.
         """
-        trust = torch.ones_like(self.raw) if self.pixel_weights is None else self.pixel_weights
-        told = _tent_filter(self.filters * (self.raw * trust), period)
-        share = _tent_filter(self.filters * self.filters.sum(0) * trust, period)
+        trust = torch.ones_like(self.image)
+        trust = trust if self.effective_weights is None else self.effective_weights
+        filters, period = self._relative_filters, self.filter_period
+        told = _tent_filter(filters * (self.normalised_image * trust), period)
+        share = _tent_filter(filters * filters.sum(0) * trust, period)
         known = share.abs() > 1e-6 * float(share.abs().max())
         mean = told.sum((-2, -1), keepdim=True) / share.sum((-2, -1), keepdim=True)
         return torch.where(known, told / torch.where(known, share, 1.0), mean)
 
 
-def _tent_filter(pictures: torch.Tensor, period: Sequence[int]) -> torch.Tensor:
+def _tent_filter(pictures: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
     """Interpolate a mosaic's samples by convolution with a tent-shaped kernel.
 
     The kernel falls linearly from its middle to 0 at a distance of the filter pattern's period.

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 
 import torch
 
-from optics.operators.gram import GramOperator
+from optics.operators.gram import Domain, GramOperator, squared_modulus
 from optics.validation import accepts_numpy
 
 Shape = tuple[int, ...]
@@ -43,12 +43,31 @@ class Operator(ABC):
         """The memory in bytes that one call of the operator needs besides input and output."""
 
     @property
+    def diagonal(self) -> tuple[Domain, torch.Tensor] | None:
+        """The factors of a forward operator that only multiplies pixels or frequencies, else None.
+
+        They stand behind the domain's name.
+        """
+        return None
+
+    @property
     def gram(self) -> GramOperator | None:
         """The forward operator's A^T A if it has a simple closed form, else None.
 
         See GramOperator.
         """
-        return None
+        if self.diagonal is None:
+            return None
+        domain, values = self.diagonal
+        shape = int(self.domain[-2]), int(self.domain[-1])
+        return GramOperator(domain, squared_modulus(values), shape)
+
+    def gram_with(self, then: GramOperator) -> GramOperator | None:
+        """Return the Gram operator of B A if it has a closed form, for the `then` of B, else None.
+
+        A is this forward operator.
+        """
+        return None if self.diagonal is None else then.after_diagonal(*self.diagonal)
 
     @accepts_numpy
     def __call__(self, x: torch.Tensor) -> torch.Tensor:

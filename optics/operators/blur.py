@@ -10,7 +10,7 @@ import torch
 from optics.fourier import fast_fft_length, fft, irfft2, rfft, rfft2
 from optics.operators.base import Operator
 from optics.operators.crop_and_mask import CentredCrop
-from optics.operators.gram import GramOperator
+from optics.operators.gram import Domain
 from optics.validation import accepts_numpy, as_floating_point, require_finite
 
 Border = Literal["unknown", "dark", "periodic"]
@@ -67,10 +67,9 @@ class Blur(Operator):
         return 3 * self.transfer.nelement() * self.transfer.element_size()
 
     @property
-    def gram(self) -> GramOperator:
-        """The blur operator's A^T A, which is diagonal in spatial frequency."""
-        power = self.transfer.real.square() + self.transfer.imag.square()
-        return GramOperator("frequencies", power, self.shape)
+    def diagonal(self) -> tuple[Domain, torch.Tensor]:
+        """The blur operator's transfer function, by which it multiplies the frequencies."""
+        return "frequencies", self.transfer
 
 
 @accepts_numpy

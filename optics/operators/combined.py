@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Sequence
+from functools import reduce
 
 import torch
 
 from optics.operators.base import Operator
+from optics.operators.gram import Domain, GramOperator
 
 
 class OperatorProduct(Operator):
@@ -46,6 +49,20 @@ class OperatorProduct(Operator):
         return y
 
     @property
+    def diagonal(self) -> tuple[Domain, torch.Tensor] | None:
+        """The product of the operators' factors, if all act on pixels, or all on frequencies."""
+        return _common_diagonal(self.steps, torch.mul)
+
+    @property
+    def gram(self) -> GramOperator | None:
+        """The operator product's A^T A where it has a closed form, else None."""
+        *first, last = self.steps
+        found = last.gram
+        for step in reversed(first):
+            found = None if found is None else step.gram_with(found)
+        return found
+
+    @property
     def bytes(self) -> int:
         """The memory in bytes of the operator in the product that needs most."""
         return max(step.bytes for step in self.steps)
@@ -81,6 +98,22 @@ class OperatorSum(Operator):
         return sum((part._adjoint(y) for part in self.parts[1:]), self.parts[0]._adjoint(y))
 
     @property
+    def diagonal(self) -> tuple[Domain, torch.Tensor] | None:
+        """The sum of the operators' factors, if all act on pixels, or all on frequencies."""
+        return _common_diagonal(self.parts, torch.add)
+
+    @property
     def bytes(self) -> int:
         """The memory in bytes of the operator in the sum that needs most."""
         return max(part.bytes for part in self.parts)
+
+
+def _common_diagonal(
+    operators: Sequence[Operator], combine: Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
+) -> tuple[Domain, torch.Tensor] | None:
+    """Combine the factors of operators that are diagonal in the same domain; None for others."""
+    each = [one.diagonal for one in operators]
+    known = [one for one in each if one is not None]
+    if len(known) < len(each) or len({domain for domain, _ in known}) > 1:
+        return None
+    return known[0][0], reduce(combine, [values for _, values in known])

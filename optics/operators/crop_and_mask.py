@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import torch
 
 from optics.operators.base import Operator
-from optics.operators.gram import GramOperator
+from optics.operators.gram import Domain, GramOperator
 from optics.plane import centred_crop, centred_pad
 from optics.validation import accepts_numpy, require_finite
 
@@ -61,6 +61,13 @@ class CentredCrop(Operator):
         inside = centred_pad(torch.ones(self._shape), self._whole)
         return GramOperator("pixels", inside, (self._whole[0], self._whole[1]))
 
+    def gram_with(self, then: GramOperator) -> GramOperator | None:
+        """Return the Gram operator of B A with this crop operator A, where B acts on pixels."""
+        if then.domain == "frequencies":
+            return None
+        shape = self._whole[0], self._whole[1]
+        return GramOperator(then.domain, centred_pad(then.weights, self._whole), shape)
+
 
 class Mask(Operator):
     """Multiplies each pixel of a picture by a weight.
@@ -98,6 +105,6 @@ class Mask(Operator):
         return 0
 
     @property
-    def gram(self) -> GramOperator:
-        """The mask operator's A^T A, which is diagonal in pixels."""
-        return GramOperator("pixels", self.weights.square(), (self.domain[-2], self.domain[-1]))
+    def diagonal(self) -> tuple[Domain, torch.Tensor]:
+        """The mask operator's weights, by which it multiplies the pixels."""
+        return "pixels", self.weights

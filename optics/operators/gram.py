@@ -1,4 +1,4 @@
-"""The operator A^T A of a forward operator A, in the cases that have a closed form."""
+"""The operator A^T A of a forward operator A, and its inverses, where they have a closed form."""
 
 from __future__ import annotations
 
@@ -27,22 +27,21 @@ class GramOperator:
         "frequencies", (bands, rows, columns) for "bands".
     shape : tuple of int
         The picture's (rows, columns).
+    diagonal : torch.Tensor, optional
+        Only for "bands", where it makes the operator an inverse: the factor of each value, from
+        which the outer product is subtracted. The outer product alone if None.
     """
 
     domain: Domain
     weights: torch.Tensor
     shape: tuple[int, int]
+    diagonal: torch.Tensor | None = None
 
     @property
     def largest_eigenvalue(self) -> float:
         """The largest eigenvalue of the operator A^T A."""
-        weights = self._squares if self.domain == "bands" else self.weights
-        return float(weights.max())
-
-    @property
-    def _squares(self) -> torch.Tensor:
-        """The squared weights of the operator A^T A at each pixel, summed over the bands."""
-        return self.weights.square().sum(-3)
+        each = self.weights.square().sum(-3) if self.domain == "bands" else self.weights
+        return float(each.max())
 
     def __call__(self, x: torch.Tensor) -> torch.Tensor:
         """Apply the operator A^T A to `x`."""
@@ -50,34 +49,53 @@ class GramOperator:
             return irfft2(rfft2(x) * self.weights, self.shape)
         if self.domain == "pixels":
             return x * self.weights
-        return self.weights * (self.weights * x).sum(-3, keepdim=True)
+        product = self.weights * (self.weights * x).sum(-3, keepdim=True)
+        return product if self.diagonal is None else self.diagonal * x - product
 
-    def solve_shifted(self, y: torch.Tensor, shift: float) -> torch.Tensor:
-        """Solve (A^T A + shift) x = y for x, with A a forward operator.
+    def inverse(self, penalty: float | torch.Tensor) -> GramOperator:
+        """Compute the inverse of A^T A + penalty, with A a forward operator.
 
         Parameters
         ----------
-        y : torch.Tensor
-            The right-hand side, of the shape of x.
-        shift : float
-            A positive number.
+        penalty : float or torch.Tensor
+            Positive; one number, or one for each band, pixel or frequency, of a shape that
+            broadcasts to that of `weights`.
 
         Returns
         -------
-        torch.Tensor
-            The solution x.
+        GramOperator
+            The inverse, which needs no more memory than A^T A.
 
         Raises
         ------
         ValueError
-            If `shift` isn't positive.
+            If `penalty` isn't positive everywhere.
         """
-        if not shift > 0:
-            raise ValueError(f"shift is {shift:g}; it must be positive for an inverse to exist")
-        if self.domain == "frequencies":
-            return irfft2(rfft2(y) / (self.weights + shift), self.shape)
-        if self.domain == "pixels":
-            return y / (self.weights + shift)
-        # The Sherman-Morrison formula inverts an outer product plus a multiple of the identity.
-        along = (self.weights * y).sum(-3, keepdim=True)
-        return (y - self.weights * along / (self._squares + shift)[..., None, :, :]) / shift
+        added = torch.as_tensor(penalty, dtype=self.weights.dtype)
+        if not bool((added > 0).all()):
+            least = float(added.min())
+            raise ValueError(f"penalty is {least:g}; it must be positive for an inverse to exist")
+        if self.domain != "bands":
+            return GramOperator(self.domain, (self.weights + added).reciprocal_(), self.shape)
+        # The Sherman-Morrison formula inverts an outer product plus a diagonal matrix.
+        along = self.weights / added
+        along = along * (1 + (self.weights * along).sum(-3, keepdim=True)).rsqrt_()
+        return GramOperator("bands", along, self.shape, added.reciprocal())
+
+    def after_diagonal(self, domain: Domain, values: torch.Tensor) -> GramOperator | None:
+        """Return the Gram operator of A D, where D is diagonal in pixels or in frequencies.
+
+        `values` are D's diagonal. The result is None where it has no closed form.
+        """
+        if domain == self.domain:
+            return GramOperator(domain, self.weights * squared_modulus(values), self.shape)
+        if (domain, self.domain) == ("pixels", "bands"):
+            return GramOperator("bands", self.weights * values, self.shape)
+        return None
+
+
+def squared_modulus(values: torch.Tensor) -> torch.Tensor:
+    """Return the squared modulus of an operator's real diagonal, or of a complex spectrum."""
+    if not values.is_complex():
+        return values.square()
+    return values.real.square().addcmul_(values.imag, values.imag)

@@ -51,6 +51,13 @@ def operators(shape, dtype=torch.float64):
         "field": VaryingBlur(bands, weights),
         "mosaic": SpectralMosaic(weights),
         "bands blurred, then through a mosaic": SpectralMosaic(weights) @ Blur(bands, shape),
+        "two blurs": Blur(spread(4, 3).to(dtype), shape) @ blur,
+        "sum of blurs": blur + Blur(spread(4, 3).to(dtype), shape),
+        "two masks": Mask(weights[0]) @ Mask(weights[1]),
+        "masked bands through a mosaic": SpectralMosaic(weights) @ Mask(weights.flip(0)),
+        "window on bands, then a mosaic": (
+            SpectralMosaic(weights) @ CentredCrop((rows + 3, columns + 2), shape, (3,))
+        ),
         "sum": blur + Mask(weights[0]),
         "transpose": (Mask(weights[1]) @ blur).T,
         "dead pixels of a sum": Mask(weights[0] > 0.3) @ (blur + VaryingBlur(bands, weights)),
@@ -125,9 +132,36 @@ def test_norm_and_gram_are_those_of_the_matrix(name, shape):
     dense = (m.T @ m).reshape(math.prod(a.domain), -1)
     assert torch.allclose(a.gram(x).flatten(), dense @ x.flatten(), atol=1e-5)
     solved = torch.linalg.solve(dense + 0.3 * torch.eye(len(dense)).double(), x.flatten())
-    assert torch.allclose(a.gram.solve_shifted(x, 0.3).flatten(), solved, atol=1e-4)
-    with pytest.raises(ValueError, match="shift is 0"):
-        a.gram.solve_shifted(x, 0.0)
+    assert torch.allclose(a.gram.inverse(0.3)(x).flatten(), solved, atol=1e-4)
+    with pytest.raises(ValueError, match="penalty is 0"):
+        a.gram.inverse(0.0)
+
+
+@pytest.mark.parametrize("name", [
+    "two blurs", "sum of blurs", "two masks", "masked bands through a mosaic",
+    "window on bands, then a mosaic",
+])  # fmt: skip
+def test_products_and_sums_have_a_gram_where_there_is_one(name):
+    assert operators((8, 8))[name].gram is not None
+
+
+@pytest.mark.parametrize("shape", SIZES)
+@pytest.mark.parametrize("name", ["a PSF for each band", "mosaic"])
+def test_a_gram_is_inverted_with_a_penalty_for_each_band_and_frequency(name, shape):
+    """The solution times the matrix, written out, is the right-hand side again."""
+    a = operators(shape)[name]
+    x = numbers(*a.domain, seed=12)
+    each = 0.2 + numbers(3, 1, 1, seed=13).abs()
+    found = a.gram.inverse(each)(x)
+    assert torch.allclose(a.adjoint(a(found)) + each * found, x, atol=1e-5)
+    if name == "mosaic":
+        return
+    steep = 0.2 + numbers(3, shape[0], shape[1] // 2 + 1, seed=14).abs()
+    # Conjugate frequencies of a real picture have the same penalty.
+    steep[:, 1:, [0, -1]] = (steep + steep.roll(-1, 1).flip(1))[:, 1:, [0, -1]] / 2
+    found = a.gram.inverse(steep)(x)
+    penalty = torch.fft.irfft2(torch.fft.rfft2(found) * steep, s=shape)
+    assert torch.allclose(a.adjoint(a(found)) + penalty, x, atol=1e-5)
 
 
 @pytest.mark.parametrize("border", ["unknown", "dark", "periodic"])

@@ -12,10 +12,10 @@ from optics.deconvolution.blind.quadratic import (
     padded_spectrum,
 )
 from optics.deconvolution.border import extend_periodically
-from optics.deconvolution.noise import squared_modulus
-from optics.deconvolution.priors import laplacian_spectrum
+from optics.deconvolution.derivatives import laplacian_spectrum
 from optics.fourier import irfft2, rfft2
 from optics.operators.blur import transfer_function
+from optics.operators.gram import squared_modulus
 from optics.plane import centred_crop
 
 
