@@ -64,8 +64,8 @@ class BandCoupling:
         """Return the coupling of a deconvolution's prior that knows grey from colour.
 
         The luminance, with the weight `luminance`, is penalised on its own, and all colour
-        differences, with the weight 1, jointly. A single band has the weight 1 (Condat and Mosaddegh 2012, doi
-        10.1109/ICIP.2012.6467476).
+        differences, with the weight 1, jointly (Condat and Mosaddegh 2012, doi
+        10.1109/ICIP.2012.6467476). A single band has the weight 1.
         """
         if bands == 1:
             return cls.separate(1)
@@ -128,6 +128,11 @@ class BandCoupling:
             return squares.sqrt() * float(self.weights[0])
         scaled = squares * _column(self.weights.square(), squares)
         return torch.stack([part.sum(0) for part in _split(scaled, self.groups)]).sqrt_()
+
+    def group_totals(self, values: torch.Tensor) -> torch.Tensor:
+        """Return for each component of a deconvolved picture the sum of its group's values."""
+        each = [part.sum(0, keepdim=True).expand_as(part) for part in _split(values, self.groups)]
+        return torch.cat(each)
 
 
 def helmert_matrix(bands: int) -> torch.Tensor:

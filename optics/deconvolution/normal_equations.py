@@ -144,30 +144,45 @@ class NormalEquations(LinearEquations):
         return wanted * self._denominator(penalty).reciprocal_(), 0, 0.0
 
     def picture_with_gradients(
-        self, penalty: torch.Tensor, spectrum: torch.Tensor, steps: int
+        self,
+        spectrum: torch.Tensor,
+        slope: Callable[[torch.Tensor], torch.Tensor],
+        solve: Callable[[torch.Tensor], torch.Tensor],
     ) -> torch.Tensor:
-        """Return the solution's picture with its derivatives, on the whole period.
+        """Return the picture of a restoration's solution with its derivatives, on the whole period.
 
-        `spectrum` is the solution of the deconvolution. The derivatives are those of the normal
-        equations' exact solution, by the photograph and the PSF. They take the memory of one
-        application of the equations, whatever the number of steps was.
+        `spectrum` is the solution, where the pull of the data, H* M (y - H x), and the prior's
+        slope cancel. The derivatives are those of the exact solution (implicit function theorem),
+        by all that photograph, PSF and slope depend on. They take the memory of one application of
+        the equations, whatever the number of iterations was.
+
+        `slope` returns the spectrum of the prior's slope for that of the pull. `solve` returns the
+        picture's change for a change of the difference.
         """
         found = spectrum.detach()
-        left = self.data_spectrum - self.apply_data_gram(found).add_(found * penalty)
-        shape = self.observation.period_shape
+        pull = self.data_spectrum - self.apply_data_gram(found)
+        left = irfft2(pull - slope(pull), self.observation.period_shape)
+        step = _SymmetricSolution.apply(left, solve)  # type: ignore[no-untyped-call]
+        picture: torch.Tensor = self.picture(found) + step
+        return picture
+
+    def linear_response(
+        self, penalty: torch.Tensor, steps: int
+    ) -> Callable[[torch.Tensor], torch.Tensor]:
+        """Return the solution of the deconvolution's equations for any right-hand side.
+
+        `penalty` is K of each frequency. Conjugate gradients do `steps` steps.
+        """
 
         def solve(picture: torch.Tensor) -> torch.Tensor:
-            inverse = self._denominator(penalty.detach()).reciprocal_().detach()
-            wanted = rfft2(picture)
+            wanted, inverse = rfft2(picture), self._denominator(penalty).reciprocal_().detach()
             answer, *_ = solve_on_frequencies(
                 lambda x: self.apply_data_gram(x).add_(x * penalty),
                 wanted, torch.zeros_like(wanted), inverse, self._count, steps,
             )  # fmt: skip
-            return irfft2(answer, shape)
+            return irfft2(answer, self.observation.period_shape)
 
-        step = _SymmetricSolution.apply(irfft2(left, shape), solve)  # type: ignore[no-untyped-call]
-        picture: torch.Tensor = self.picture(found) + step
-        return picture
+        return solve
 
     def picture(self, spectrum: torch.Tensor) -> torch.Tensor:
         """Convert a spectrum to the deconvolved picture on the whole period, with its mean."""
@@ -189,6 +204,27 @@ class NormalEquations(LinearEquations):
         seen, trust = self.observation, self.observation.effective_weights
         kept = seen.spread_to_bands(frame if trust is None else frame * trust)
         return rfft2(centred_pad(kept, seen.period_shape)) * seen.conjugate_otf
+
+
+class _SymmetricSolution(torch.autograd.Function):
+    """The solution of a deconvolution's symmetric linear equations, by their right-hand side.
+
+    The matrix is symmetric, so that the derivative's adjoint is the same solution.
+    """
+
+    @staticmethod
+    def forward(
+        ctx: Any, picture: torch.Tensor, solve: Callable[[torch.Tensor], torch.Tensor]
+    ) -> torch.Tensor:
+        """Solve the deconvolution's equations for one right-hand side, a picture."""
+        ctx.solve = solve
+        return solve(picture)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None]:
+        """Solve the deconvolution's equations for the gradient by the solution."""
+        with torch.no_grad():
+            return ctx.solve(gradients[0]), None
 
 
 class ConjugateGradientStep(PictureStep):
@@ -225,27 +261,6 @@ class ConjugateGradientStep(PictureStep):
     @property
     def mean_squared_residual(self) -> float:
         return self._equations.mean_squared_residual(self._spectrum)
-
-
-class _SymmetricSolution(torch.autograd.Function):
-    """The solution of a deconvolution's symmetric linear equations, by their right-hand side.
-
-    The matrix is symmetric, so that the derivative's adjoint is the same solution.
-    """
-
-    @staticmethod
-    def forward(
-        ctx: Any, picture: torch.Tensor, solve: Callable[[torch.Tensor], torch.Tensor]
-    ) -> torch.Tensor:
-        """Solve the deconvolution's equations for one right-hand side, a picture."""
-        ctx.solve = solve
-        return solve(picture)
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None]:
-        """Solve the deconvolution's equations for the gradient by the solution."""
-        with torch.no_grad():
-            return ctx.solve(gradients[0]), None
 
 
 def solve_on_frequencies(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
@@ -19,7 +19,7 @@ from optics.deconvolution.noise import (
 from optics.operators.blur import Border, blur_shape, require_border, transfer_function
 from optics.operators.gram import squared_modulus
 from optics.plane import centred_crop, centred_pad
-from optics.validation import require_finite, require_same_shape
+from optics.validation import needs_gradient, require_finite, require_same_shape
 
 _WIDE = 4.0
 """Root mean square radius of a wide PSF in pixels. Measured with six PSFs: from here on, twice the
@@ -107,12 +107,29 @@ class Observation:
     @property
     def psf_sum(self) -> float:
         """The PSF's sum in a deconvolution: the share of the scene's light on the sensor."""
-        return float(self.psf.sum(dtype=torch.float64))
+        return float(self.psf.detach().sum(dtype=torch.float64))
 
     @property
     def _psf_light(self) -> float | torch.Tensor:
         """The PSF's sum, with its derivatives where the PSF's are recorded."""
         return self.psf.sum() if self.psf.requires_grad else self.psf_sum
+
+    @property
+    def records_derivatives(self) -> bool:
+        """Whether derivatives by the photograph to deconvolve, its PSF or weights are recorded."""
+        given = (self.image, self.psf, self.weights)
+        return torch.is_grad_enabled() and any(needs_gradient(one) for one in given)
+
+    def without_light(self) -> Observation:
+        """Return the same problem of deconvolution for a dark photograph, on the same scale.
+
+        Clipped pixels have no weight in it.
+        """
+        dark = replace(
+            self, image=torch.zeros_like(self.image), weights=self.effective_weights, clipped=None
+        )
+        dark.__dict__["scale"] = self.scale
+        return dark
 
     @cached_property
     def effective_weights(self) -> torch.Tensor | None:

@@ -140,6 +140,8 @@ def restored_image(
     `method` is its name. Whether it has converged follows from the changes if `converged` is None.
     A picture of one band is (rows, columns).
     """
+    with torch.no_grad():
+        residual = step.mean_squared_residual**0.5
     whole = step.visible_picture(solution.picture)
     whole = whole[0] if len(whole) == 1 else whole
     changes = solution.relative_changes
@@ -147,7 +149,7 @@ def restored_image(
         step.observation.crop_to_frame(whole).clamp(min=0),
         method,
         step.observation.noise,
-        step.mean_squared_residual**0.5,
+        residual,
         solution.weight,
         len(changes),
         changes,

@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import torch
 
 from optics.deconvolution.band_coupling import BandCoupling
 from optics.deconvolution.light_split import DataProx, frequency_step
+from optics.deconvolution.linearised_priors import LinearisedBox, LinearisedPenalty, LinearTerm
 from optics.deconvolution.method import SETUP_COST, RestorationMethod, splitting_cost
+from optics.deconvolution.normal_equations import NormalEquations
 from optics.deconvolution.observation import MIN_EXPLAINED_SHARE, Observation
 from optics.deconvolution.priors import (
     LEAST_WEIGHT_SHARE,
     RELAXATION,
     Box,
     DerivativePenalty,
+    Prior,
     weight_by_evidence,
 )
 from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.shrinkage import require_power
 from optics.deconvolution.splitting import (
+    SplitSolution,
     SplittingSettings,
     damped_weight,
     restored_image,
     solve_by_splitting,
 )
+from optics.fourier import rfft2
 from optics.progress import Progress
 from optics.threads import single_threaded
-from optics.validation import require_count, require_positive
+from optics.validation import needs_gradient, require_count, require_positive
 
 GRADIENT_THRESHOLD = 0.2
 """Length of the gradients that a first iteration sets to 0, relative to the picture's standard
@@ -43,10 +51,9 @@ neither filters nor PSFs determine needs a prior also where there is no noise.""
 
 
 @single_threaded
-@torch.no_grad()
 def total_variation(
     observation: Observation,
-    weight: float | None = None,
+    weight: float | torch.Tensor | None = None,
     *,
     power: float = 1.0,
     bands: BandCoupling | None = None,
@@ -64,7 +71,7 @@ def total_variation(
     ----------
     observation : Observation
         Photograph and PSF.
-    weight : float, optional
+    weight : float or torch.Tensor, optional
         Regularisation weight of the sum of the gradients' lengths, in light per pixel. If None, the
         photograph's spectrum predicts a first value, and the evidence of the picture refines it.
     power : float, optional
@@ -87,15 +94,20 @@ def total_variation(
     Returns
     -------
     RestoredImage
-        The picture in the photograph's frame, never negative.
+        The picture in the photograph's frame, never negative. It has derivatives by the photograph,
+        the PSFs, the pixel weights and `weight` where these record them: those of the exact
+        solution, which the iterations must have reached about. What is flat in it stays flat, and
+        clipped pixels have none.
 
     Raises
     ------
     ValueError
         For a weight that isn't positive, or a power outside 0 to 1.
     """
+    number = None
     if weight is not None:
-        require_positive("weight", weight, "")
+        number = float(torch.as_tensor(weight).detach())
+        require_positive("weight", number, "")
     require_power(power)
     require_count("iterations", iterations)
     name = "total variation" if power == 1 else f"gradients to the power {power:g}"
@@ -108,10 +120,49 @@ def total_variation(
     )  # fmt: skip
     bounds = [Box(observation.support)] if positive or observation.border == "dark" else []
     is_grey = observation.bands == 1
-    settings = weight_settings(observation, penalty, weight, iterations, tol, power, is_grey)
-    step = frequency_step(observation, iterations, data_prox)
-    solution = solve_by_splitting(step, [penalty, *bounds], settings, name, progress or Progress())
+    with torch.no_grad():
+        settings = weight_settings(observation, penalty, number, iterations, tol, power, is_grey)
+        step = frequency_step(observation, iterations, data_prox)
+        priors = [penalty, *bounds]
+        solution = solve_by_splitting(step, priors, settings, name, progress or Progress())
+    if observation.records_derivatives or (weight is not None and needs_gradient(weight)):
+        if power != 1 or data_prox is not None:
+            raise ValueError(f"{name} has no derivatives; take a power of 1 and least squares")
+        weight = solution.weight if weight is None else weight
+        settings = SplittingSettings(iterations, solution.weight, tol=tol, starts_from_picture=True)
+        picture = _picture_with_gradients(observation, penalty, bounds, solution, weight, settings)
+        solution = replace(solution, picture=picture)
     return restored_image(step, solution, name)
+
+
+def _picture_with_gradients(
+    observation: Observation,
+    penalty: DerivativePenalty,
+    bounds: Sequence[Box],
+    solution: SplitSolution,
+    weight: float | torch.Tensor,
+    settings: SplittingSettings,
+) -> torch.Tensor:
+    """Return the picture of total-variation deconvolution with its derivatives.
+
+    They take as many iterations as the picture.
+    """
+    # A fresh observation has computed nothing yet without recording its derivatives.
+    equations = NormalEquations(replace(observation), keeps_mean=True)
+    found = solution.picture.detach()
+
+    def solve(change: torch.Tensor) -> torch.Tensor:
+        priors: list[Prior] = [LinearisedPenalty(penalty, found)]
+        priors += [LinearisedBox(box, found) for box in bounds]
+        step = frequency_step(observation.without_light(), settings.iterations)
+        linear = [*priors, LinearTerm(change)]
+        return solve_by_splitting(
+            step, linear, settings, "derivatives", Progress(), torch.zeros_like(found)
+        ).picture
+
+    return equations.picture_with_gradients(
+        rfft2(found), lambda pull: pull.detach() * (weight / settings.weight), solve
+    )
 
 
 def weight_settings(

@@ -17,7 +17,7 @@ from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.progress import Progress
 from optics.threads import single_threaded
-from optics.validation import needs_gradient, require_positive
+from optics.validation import require_positive
 
 PenaltyKind = Literal["spectrum", "gradient", "flat"]
 
@@ -87,7 +87,7 @@ def wiener(
     if steps < 0:
         raise ValueError(f"steps is {steps}; it can't be negative")
     penalty, used = penalty_of(observation, weight, penalty_kind, steps)
-    recorded = _records_derivatives(observation)
+    recorded = observation.records_derivatives
     # A fresh observation has computed nothing yet without recording its derivatives.
     equations = NormalEquations(replace(observation) if recorded else observation)
     if steps == 0 or observation.is_fully_measured:
@@ -97,7 +97,9 @@ def wiener(
         spectrum, taken, left = _solve_equations(observation, penalty, steps)
         converged = left <= _CONVERGED_RESIDUAL
         picture = (
-            equations.picture_with_gradients(penalty, spectrum, steps)
+            equations.picture_with_gradients(
+                spectrum, lambda _: spectrum * penalty, equations.linear_response(penalty, steps)
+            )
             if recorded
             else equations.picture(spectrum)
         )
@@ -123,12 +125,6 @@ def _solve_equations(
     wide = observation.is_wide_beyond_frame
     start = equations.extended_spectrum() if wide else equations.initial_spectrum(penalty)
     return equations.solve(penalty, start, steps)
-
-
-def _records_derivatives(observation: Observation) -> bool:
-    """Whether the derivatives of a deconvolution by its photograph, PSF or weights are recorded."""
-    given = (observation.image, observation.psf, observation.weights)
-    return torch.is_grad_enabled() and any(needs_gradient(one) for one in given)
 
 
 def penalty_of(

@@ -38,7 +38,7 @@ class DemosaicingSettings:
     brightness: float = 0.4
     curvature_threshold: float = 1.0
     noiseless_weight: float = 1e-3
-    noise_weight: float = 2.2
+    noise_weight: float = 1.8
 
 
 _SETTINGS = DemosaicingSettings()

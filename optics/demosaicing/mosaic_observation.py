@@ -14,7 +14,7 @@ from optics.deconvolution.observation import Observation, require_psf
 from optics.demosaicing.noise import estimate_mosaic_noise
 from optics.operators.blur import blur_shape, transfer_function
 from optics.plane import centred_pad
-from optics.validation import require_finite
+from optics.validation import needs_gradient, require_finite
 
 _MARGIN = 8
 """Least number of pixels that keep opposite edges of the frame apart on the period."""
@@ -75,6 +75,11 @@ class MosaicObservation(Observation):
     @property
     def is_fully_measured(self) -> bool:
         return False
+
+    @property
+    def records_derivatives(self) -> bool:
+        recorded = torch.is_grad_enabled() and needs_gradient(self.psfs)
+        return recorded or super().records_derivatives
 
     @cached_property
     def filter_gain(self) -> float:
