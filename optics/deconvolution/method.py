@@ -54,7 +54,7 @@ class RestorationCost:
 
     def seconds(self, observation: Observation, speed: MachineSpeed) -> float:
         """Predict the seconds of a deconvolution in one thread, for a photograph and a machine."""
-        pixels = math.prod(observation.period_shape)
+        pixels = math.prod(observation.period_shape) * observation.bands
         number = 0.5 * fft_operations(pixels) * self.transforms * speed.fft
         number += pixels * (self.passes * speed.touch + self.multiply_adds * speed.multiply_add)
         if observation.image.dtype == torch.float64:
@@ -104,6 +104,8 @@ class RestorationMethod:
         Cost of each iteration, for an observation.
     needs_denoiser : bool
         Whether `solve` needs the argument `denoise` as well.
+    restores_bands : bool
+        Whether scenes of several bands, seen through a mosaic of filters, are restored too.
     slow_if_wide : bool
         Whether twice the default number is needed where a wide PSF brings much light from beyond
         the frame.
@@ -117,6 +119,7 @@ class RestorationMethod:
     iteration_cost: Callable[[Observation], RestorationCost]
     needs_denoiser: bool = False
     slow_if_wide: bool = False
+    restores_bands: bool = False
 
     def default_iterations(self, observation: Observation) -> int:
         """Return the number of iterations of a deconvolution for which nothing was asked."""

@@ -332,6 +332,11 @@ class Observation:
         return 1
 
     @property
+    def needs_filters(self) -> bool:
+        """Whether the photograph to deconvolve was taken through a mosaic of filters."""
+        return False
+
+    @property
     def squared_response(self) -> torch.Tensor:
         """The squared response of blur and filters to each frequency, to be deconvolved.
 

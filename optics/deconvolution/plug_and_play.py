@@ -254,4 +254,5 @@ METHOD = RestorationMethod(
         12: Gain(9.58, -1.25, 1.33, 1.36, 0.40, -0.64),
     }, 12, SETUP_COST.plus(RestorationCost(60, 800)), _round_cost,
     needs_denoiser=True,
+    restores_bands=True,
 )  # fmt: skip

@@ -33,7 +33,8 @@ def residual_map(observation: Observation, restored: RestoredImage) -> torch.Ten
     else:
         whole = torch.as_tensor(known)
     light = irfft2(rfft2(whole) * observation.otf, observation.period_shape)
-    left = observation.normalised_image - observation.crop_to_frame(light)
+    light = observation.sum_bands(observation.crop_to_frame(light))
+    left = observation.normalised_image - light.reshape(observation.image.shape)
     left = left / observation.scene_noise
     if observation.effective_weights is not None:
         left[observation.effective_weights <= 0] = torch.nan

@@ -80,6 +80,11 @@ def restore(
         name = method or DEFAULT_METHOD
         number = METHODS[name].default_iterations(observation) if count is None else count
     chosen = METHODS[name]
+    if not chosen.restores_bands and observation.needs_filters:
+        able = [one for one, method in METHODS.items() if method.restores_bands]
+        raise ValueError(
+            f"method is {name}, which knows no colour filters; take {' or '.join(able)}"
+        )
     progress.report(0, chosen.description)
     own = {"denoise": denoise} if chosen.needs_denoiser else {}
     restored = chosen.solve(observation, weight, iterations=number, progress=progress, **own)
@@ -146,6 +151,7 @@ def choose_method(
                 predicted_gain(gain, case),
             )
             for name in select_methods(METHODS, method)
+            if method or METHODS[name].restores_bands or not observation.needs_filters
             if method or denoise is not None or not METHODS[name].needs_denoiser
             for number, gain in METHODS[name].gains.items()
         ],

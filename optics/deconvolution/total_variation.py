@@ -119,7 +119,7 @@ def total_variation(
         relaxation=RELAXATION if power == 1 and data_prox is None else 1.0,
     )  # fmt: skip
     bounds = [Box(observation.support)] if positive or observation.border == "dark" else []
-    is_grey = observation.bands == 1
+    is_grey = not observation.needs_filters
     with torch.no_grad():
         settings = weight_settings(observation, penalty, number, iterations, tol, power, is_grey)
         step = frequency_step(observation, iterations, data_prox)
@@ -183,7 +183,7 @@ def weight_settings(
         return SplittingSettings(iterations, weight, tol=tol)
     delay, limits = (5, (LEAST_WEIGHT_SHARE, 2.5)) if is_predictable else (3, (1 / 8, 8.0))
     least = 0.0
-    if observation.bands == 1:
+    if not observation.needs_filters:
         first = initial_weight(observation, power)
     else:
         # Blur and interpolation make the first picture smoother than the scene.
@@ -235,4 +235,5 @@ METHOD = RestorationMethod(
     }, 30, SETUP_COST,
     splitting_cost,
     slow_if_wide=True,
+    restores_bands=True,
 )  # fmt: skip

@@ -1,5 +1,11 @@
-"""Demosaicing, which estimates all colours of each pixel of a sensor with colour filters."""
+"""Demosaicing, which estimates all colours of each pixel of a sensor with colour filters.
+
+`build_mosaic_observation` states the problem of demosaicing and deconvolution together, which
+`optics.deconvolution.restore` solves.
+"""
 
 from optics.demosaicing.demosaic import METHODS, Method, demosaic
+from optics.demosaicing.mosaic_builder import build_mosaic_observation
+from optics.demosaicing.mosaic_observation import MosaicObservation
 
-__all__ = ["METHODS", "Method", "demosaic"]
+__all__ = ["METHODS", "Method", "MosaicObservation", "build_mosaic_observation", "demosaic"]

@@ -8,15 +8,16 @@ from typing import Literal
 import torch
 
 from optics.demosaicing.joint_demosaicing import demosaic_with_prior
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.demosaicing.mosaic_builder import (
+    build_mosaic_observation,
+    validate_pattern,
+    validate_raw,
+)
 from optics.demosaicing.opencv_interpolation import INTERPOLATIONS, interpolate_bayer
-from optics.operators.spectral_mosaic import filter_weights
 from optics.progress import Progress
 from optics.validation import (
     accepts_numpy,
-    as_floating_point,
     require_count,
-    require_finite,
     require_positive,
 )
 
@@ -89,8 +90,7 @@ def demosaic(
         If an argument has the wrong shape or isn't finite, if the method doesn't accept it, or if
         no pixel sees one of the bands.
     """
-    rows = _validate_pattern(pattern, channels)
-    raw = _validate_raw(raw)
+    rows, raw = validate_pattern(pattern, channels), validate_raw(raw)
     if method not in METHODS:
         raise ValueError(f"method is {method!r}; take one of {', '.join(METHODS)}")
     if method != "prior":
@@ -103,74 +103,10 @@ def demosaic(
     if weight is not None:
         require_positive("weight", weight, "")
     require_count("iterations", iterations)
-    seen = mosaic_observation(
-        raw, rows, channels, response, noise=noise, psf=psf, weights=weights, clipped=clipped
-    )
+    seen = build_mosaic_observation(
+        raw, rows, psf, channels=channels, response=response, noise=noise,
+        weights=weights, clipped=clipped,
+    )  # fmt: skip
     found = demosaic_with_prior(seen, weight, iterations=iterations, progress=progress)
     # The restored image is cut at 0, which would brighten what is dark on the mean.
     return seen.crop_to_frame(found.period_image).clone()
-
-
-def mosaic_observation(
-    raw: torch.Tensor,
-    rows: tuple[str, ...],
-    channels: str,
-    response: torch.Tensor | None,
-    *,
-    noise: float | None,
-    psf: torch.Tensor | None,
-    weights: torch.Tensor | None,
-    clipped: torch.Tensor | None,
-) -> MosaicObservation:
-    """Build the observation of a raw mosaic for demosaicing: see demosaic()."""
-    shares = _validate_response(response, channels).to(raw)
-    psfs = torch.ones(1, 1, 1).to(raw) if psf is None else psf.to(raw)
-    psfs = psfs[None] if psfs.ndim == 2 else psfs
-    return MosaicObservation(
-        raw,
-        psfs.mean(0),
-        noise if noise is None else float(noise),
-        weights=weights if weights is None else weights.to(raw),
-        clipped=clipped if clipped is None else clipped.to(torch.bool),
-        psfs=psfs,
-        filters=filter_weights(rows, shares, channels, raw.shape),
-        filter_period=(len(rows), len(rows[0])),
-    )
-
-
-def _validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
-    """Return the rows of a mosaic's filter pattern; raise ValueError if they are malformed."""
-    rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
-    if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
-        raise ValueError(
-            f"pattern is {pattern!r}; give rows of one letter a pixel, all as long, as in "
-            "('RG', 'GB')"
-        )
-    missing = sorted({letter for row in rows for letter in row} - set(channels))
-    if missing:
-        raise ValueError(f"pattern has {', '.join(missing)}; channels {channels!r} don't")
-    return rows
-
-
-def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
-    """Return a raw mosaic for demosaicing in floating point; raise ValueError if it's unusable."""
-    if raw.ndim != 2:
-        raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
-    require_finite("raw", raw)
-    return as_floating_point(raw)
-
-
-def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
-    """Return the response of a mosaic's colour filters, by default the identity.
-
-    Raises ValueError for a response that isn't finite or has the wrong shape.
-    """
-    if response is None:
-        return torch.eye(len(channels))
-    require_finite("response", response)
-    if response.ndim != 2 or len(response) != len(channels):
-        raise ValueError(
-            f"response is {tuple(response.shape)}; give (channels, bands), of {len(channels)} "
-            f"channels {channels!r}"
-        )
-    return response

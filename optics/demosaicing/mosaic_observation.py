@@ -73,6 +73,10 @@ class MosaicObservation(Observation):
         return len(self.filters)
 
     @property
+    def needs_filters(self) -> bool:
+        return True
+
+    @property
     def is_fully_measured(self) -> bool:
         return False
 
@@ -97,6 +101,8 @@ class MosaicObservation(Observation):
 
     @cached_property
     def period_shape(self) -> tuple[int, int]:
+        if self.border == "periodic":
+            return super().period_shape
         return blur_shape(self.image.shape, [max(n, _MARGIN) for n in self.psfs.shape[-2:]])
 
     @cached_property
