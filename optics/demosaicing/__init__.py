@@ -6,6 +6,5 @@
 
 from optics.demosaicing.demosaic import METHODS, Method, demosaic
 from optics.demosaicing.mosaic_builder import build_mosaic_observation
-from optics.demosaicing.mosaic_observation import MosaicObservation
 
-__all__ = ["METHODS", "Method", "MosaicObservation", "build_mosaic_observation", "demosaic"]
+__all__ = ["METHODS", "Method", "build_mosaic_observation", "demosaic"]
