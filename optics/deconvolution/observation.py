@@ -112,7 +112,8 @@ class Observation:
     @property
     def _psf_light(self) -> float | torch.Tensor:
         """The PSF's sum, with its derivatives where the PSF's are recorded."""
-        return self.psf.sum() if self.psf.requires_grad else self.psf_sum
+        light = self.psf.detach().sum(dtype=torch.float64)
+        return self.psf.sum() / light * self.psf_sum if self.psf.requires_grad else self.psf_sum
 
     @property
     def records_derivatives(self) -> bool:

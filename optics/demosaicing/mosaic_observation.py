@@ -95,10 +95,6 @@ class MosaicObservation(Observation):
         """The mean share of the scene's light that PSFs and filters of the mosaic let through."""
         return super().psf_sum * self.filter_gain
 
-    @property
-    def _psf_light(self) -> float | torch.Tensor:
-        return super()._psf_light * self.filter_gain
-
     @cached_property
     def period_shape(self) -> tuple[int, int]:
         if self.border == "periodic":

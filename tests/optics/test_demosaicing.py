@@ -163,7 +163,7 @@ def test_splitting_ends_at_the_least_of_its_objective(blurs):
     raw, weight = torch.from_numpy(rng.random(shape)), 0.02
     psfs = torch.ones(1, 1, 1, dtype=torch.float64) if psf is None else psf.reshape(-1, 3, 3)
     problem = MosaicObservation(raw, psfs.mean(0), 0.1, psfs=psfs, filters=filters)
-    x = demosaic_with_prior(problem, weight, iterations=800).period_image
+    x = demosaic_with_prior(problem, weight, iterations=500).period_image
     point = torch.ones(1, 1, dtype=torch.float64)
     spread = Blur((point if psf is None else psf).expand(3, -1, -1), problem.period_shape)
     camera = SpectralMosaic(filters / problem.filter_gain)
