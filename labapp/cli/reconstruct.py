@@ -105,6 +105,13 @@ def reconstruct(
             help="Target of a record that is the star.", show_default="the plan's, or star"
         ),
     ] = None,
+    grey: Annotated[
+        bool,
+        typer.Option(
+            "--grey",
+            help="Restore one band of a record with colour filters, for light of one colour.",
+        ),
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -134,7 +141,10 @@ def reconstruct(
 ) -> None:
     """Restore a photograph that was blurred by a PSF (--psf), and show before and after.
 
-    Colours are restored band by band. Without options the noise is estimated and the weight chosen.
+    Colours of a picture are restored band by band; those of a record whose sensor has colour
+    filters are restored together from the bare pixels, with the PSF of the star in each colour. Its
+    .tiff and .npy hold the filters' bands, in which white is equal, and a .png holds sRGB.
+    Without options the noise is estimated and the weight chosen.
     The scene beyond the frame, clipped pixels and dead ones (NaN) count as unknown. The verdict
     says whether photograph, PSF and noise fit together, and what doesn't: a PSF of a wrong
     scale (**--refine-psf** mends it), a noise that was told wrongly, clipped pixels that weren't
@@ -160,7 +170,7 @@ def reconstruct(
     from labapp.pictures.reconstructing.restoration_request import RestorationRequest
 
     wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
-    chosen = RecordSelection(target, pattern, wavelength, frame, star)
+    chosen = RecordSelection(target, pattern, wavelength, frame, star, grey)
     told: dict[str, Any] = {"noise": noise, "border": border, "clip": clip, "dark": dark}
     told |= {"blind": blind, "truth": truth}
     asked = RestorationRequest(source, psf, chosen, linear, **told)

@@ -145,7 +145,8 @@ class Reconstruction(FileModel):
 
     dark, star and photograph are targets; neutral and coded are patterns. wavelength_nm is needed
     only if the plan has several. iterations is the largest number of Richardson-Lucy iterations,
-    which end earlier when the residual is down to the noise.
+    which end earlier when the residual is down to the noise. grey is for light of one colour on a
+    sensor with colour filters: its photograph is restored as one band.
     """
 
     @property
@@ -164,6 +165,7 @@ class Reconstruction(FileModel):
     wavelength_nm: Positive | None = None
     psf_window_px: Annotated[int, Field(ge=15, le=4096)] = 128
     iterations: Annotated[int, Field(ge=1, le=10_000)] = 120
+    grey: bool = False
 
 
 class PlanFile(FileModel):

@@ -27,6 +27,7 @@ from labapp.studies.study_lookup import (
     settings_from_record,
     with_study_metadata,
 )
+from optics.camera import Sensor
 from optics.progress import Progress
 
 
@@ -79,6 +80,7 @@ def carry_out_study(
     # The acquisition is shown as 70 % of the study's progress.
     acquiring, evaluating = progress.part(0, 0.7), progress.part(0.7, 1)
     with open_bench(files, speed=manner.speed) as bench:
+        _require_grey_sensor(bench.description.sensor, request.name)
         plan = with_study_metadata(
             found.plan(settings, bench.description), request.name, settings, request.seed
         )
@@ -121,6 +123,7 @@ def _evaluate_and_write(
     progress: Progress,
 ) -> CompletedStudy:
     with Record(path) as record:
+        _require_grey_sensor(record.bench.build_camera().sensor, name)
         if record.state is not State.COMPLETE:
             raise UserError(
                 f"{path}: the run is {record.state}, and the study needs all of its frames. "
@@ -133,6 +136,16 @@ def _evaluate_and_write(
     account = CompletedStudy(name, found, settings, seed, path, simulated, results, watch.seconds)
     write_study_files(account, folder)
     return account
+
+
+def _require_grey_sensor(sensor: Sensor, name: str) -> None:
+    """Raise UserError for a study on a sensor with colour filters."""
+    if sensor.colour is not None:
+        raise UserError(
+            f"study {name}: it measures light of one wavelength, and the bench's sensor has "
+            f"colour filters, {' '.join(sensor.colour.pattern)}. Take a bench with a monochrome "
+            "sensor; labapp reconstruct and labapp report restore records in colour."
+        )
 
 
 def _print_results(

@@ -38,7 +38,7 @@ class BeforeAfterView(PictureView):
     def show_before_after(self, before: NDArray[np.uint8], after: NDArray[np.uint8]) -> None:
         """Show two pictures of one shape in the window, with a divider in the middle.
 
-        The pictures are (rows, columns) uint8.
+        The pictures are (rows, columns) uint8, or (rows, columns, 3) in colour.
         """
         columns = before.shape[1]
         self._before, self._after = before, after

@@ -134,12 +134,14 @@ class ReconnectDevice(Command):
 class ReconstructRun(Command):
     """Restore the blurred photograph of a record.
 
-    `budget` is the processor time in seconds; with None, the method takes its usual time.
+    `budget` is the processor time in seconds; with None, the method takes its usual time. `grey`
+    asks for one band of a sensor with colour filters.
     """
 
     path: Path
     method: str
     budget: float | None
+    grey: bool = False
 
 
 @dataclass(frozen=True)
@@ -478,9 +480,9 @@ class ReconstructionResult:
         The record that the photograph is from.
     source : str
         The photograph's name within the record.
-    before, after : ndarray of uint8, shape (rows, columns)
-        The photograph and the restored picture, with the grey values of a screen.
-    neutral : ndarray of uint8, shape (rows, columns), or None
+    before, after : ndarray of uint8, shape (rows, columns) or (rows, columns, 3)
+        The photograph and the restored picture, with the values of a screen: grey, or sRGB.
+    neutral : ndarray of uint8, of the same shape, or None
         The photograph taken with the neutral pattern, if the record has it.
     psf : ndarray of float32, shape (rows, columns)
         The PSF that the restoration used.

@@ -43,10 +43,11 @@ class PictureView(QWidget):
     def show_indices(self, indices: NDArray[np.uint8], palette: NDArray[np.uint8]) -> None:
         """Show a picture of palette indices, (rows, columns) uint8, in the window.
 
-        The palette is (256, 3) colours.
+        The palette is (256, 3) colours. A picture of (rows, columns, 3) has colours of its own.
         """
-        self._item.setImage(indices, levels=(0, 255), lut=palette, autoLevels=False)
-        if indices.shape != self._shape:
+        lut = palette if indices.ndim == 2 else None
+        self._item.setImage(indices, levels=(0, 255), lut=lut, autoLevels=False)
+        if indices.shape[:2] != self._shape:
             self._shape = (indices.shape[0], indices.shape[1])
             self.fit()
 

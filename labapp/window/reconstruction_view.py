@@ -5,6 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
+    QCheckBox,
     QComboBox,
     QDoubleSpinBox,
     QHBoxLayout,
@@ -46,6 +47,10 @@ class ReconstructionView(QWidget):
         self.budget.setSuffix(" s")
         self.budget.setSpecialValueText("as usual")
         self.budget.setToolTip("Processor seconds that it may take")
+        self.grey = QCheckBox("Grey", self)
+        self.grey.setToolTip(
+            "Of a sensor with colour filters, restore one grey band: for light of one colour"
+        )
         self.start = make_tool_button(self, reconstruct)
         self.before = QPushButton("Hold for before", self)
         self.before.setToolTip("While you hold it, the photograph before is all that is seen")
@@ -60,9 +65,13 @@ class ReconstructionView(QWidget):
         self._arrange()
 
     @property
-    def method_and_budget(self) -> tuple[str, float | None]:
-        """Return method and processor seconds chosen in the window; None for the usual time."""
-        return METHODS[self.method.currentText()], self.budget.value() or None
+    def choices(self) -> tuple[str, float | None, bool]:
+        """Return method, processor seconds and whether grey is chosen in the window.
+
+        The seconds are None for the usual time.
+        """
+        method = METHODS[self.method.currentText()]
+        return method, self.budget.value() or None, self.grey.isChecked()
 
     def show_result(self, result: ReconstructionResult) -> None:
         self.picture.show_before_after(result.before, result.after)
@@ -72,7 +81,7 @@ class ReconstructionView(QWidget):
             button.setEnabled(True)
 
     def _arrange(self) -> None:
-        choices = self.method, make_label(self, "Time"), self.budget, self.start
+        choices = self.method, make_label(self, "Time"), self.budget, self.grey, self.start
         bar = fill_layout(QHBoxLayout(), *choices, 1, self.before, self.save, spacing=6)
         parts = bar, (self.picture, 1), self.note
         fill_layout(QVBoxLayout(self), *parts, margins=(0, 4, 0, 0), spacing=4)

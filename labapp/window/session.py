@@ -224,7 +224,7 @@ class Session(QObject):
         self._window.run.show_start("reconstructing …")
         self._window.show_reconstruction()
         self._allow()
-        self._connection.send(ReconstructRun(path, *self._window.reconstruction.method_and_budget))
+        self._connection.send(ReconstructRun(path, *self._window.reconstruction.choices))
 
     def _cancel(self) -> None:
         self._window.run.message.setText("cancelling …")

@@ -109,4 +109,4 @@ def demosaic(
     )  # fmt: skip
     found = demosaic_with_prior(seen, weight, iterations=iterations, progress=progress)
     # The restored image is cut at 0, which would brighten what is dark on the mean.
-    return seen.crop_to_frame(found.period_image).clone()
+    return seen.crop_to_frame(found.period_image).reshape(seen.bands, *raw.shape).clone()

@@ -14,8 +14,6 @@ ROOT = Path(__file__).parents[2]
 ROOMS = ("optics", "drivers", "simulator", "labapp")
 
 FOR_CALLERS = {
-    "labapp.pictures.colour_matrix": "the matrix from a sensor to sRGB, for Python",
-    "optics.demosaicing": "a library's function: no command demosaics yet",
     "optics.focal_plane": "the field near a focus, for Python",
     "optics.psf.over_field": "PSFs between field positions, for Python; the guide has an example",
     "optics.sensor.emva1288": "photon transfer as EMVA 1288 measures it, for Python",

@@ -135,7 +135,7 @@ def test_a_time_in_which_nothing_fits_is_an_error_in_words(bench, person):
     assert "the quickest, wiener, takes about" in window.message.text
     person.waits(window.actions_["reconstruct"].isEnabled)
     person.types(view.budget, "0")
-    assert view.method_and_budget == ("auto", None)
+    assert view.choices == ("auto", None, False)
 
 
 def test_every_restoration_there_is_can_be_chosen():

@@ -17,6 +17,7 @@ from labapp.files.plan_file import Reconstruction
 from labapp.files.scene_file import StarTable
 from labapp.files.target_table import LogoTarget
 from labapp.pictures.analysis.brackets import Bracket, Picture, find_bracket
+from labapp.pictures.analysis.colour_filters import ColourFilters, star_filters
 from labapp.prediction.pattern_psf import mean_psf
 from labapp.runs.record.reader import Record
 from optics import metrics
@@ -41,12 +42,20 @@ class StarImage:
         reconstructions.
     wavelength : float
         Metres.
+    bands : Picture
+        (bands, rows, columns): `measured` of each band that is restored; the mean of the bands is
+        `measured`. Of a sensor with colour filters, each band sums to 1: its neutral star is too
+        small for all filters to see it alike.
+    filters : ColourFilters or None
+        Colour filters of the sensor, with the star's light as white.
     """
 
     measured: Picture
     neutral: Picture
     share_in_window: float
     wavelength: float
+    bands: Picture
+    filters: ColourFilters | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,15 +126,28 @@ def crop_star(record: Record, brackets: list[Bracket], roles: Reconstruction) ->
         find_bracket(brackets, roles.star, pattern, roles.wavelength, record.path)
         for pattern in (roles.neutral, roles.coded)
     )
-    centre = bright_centroid(neutral.rate)
+    filters = star_filters(record, coded, roles.grey)
+    straight, seen = (_separate_bands(one, filters) for one in (neutral, coded))
+    centre = bright_centroid(straight.mean(0))
     window = min(roles.psf_window_px, *neutral.rate.shape)
-    total = float(crop_centred(neutral.rate, centre, window).sum())
-    if not total > 0:
+    straight = crop_centred(straight.mean(0), centre, window)
+    if not straight.sum() > 0:
         raise UserError(f"{record.path}: the neutral star frames are dark. Expose them longer.")
-    measured = crop_centred(coded.rate, centre, window) / total
-    inside = float(measured.sum()) * total / max(float(coded.rate.sum()), total)
-    straight = crop_centred(neutral.rate, centre, window) / total
-    return StarImage(measured, straight, inside, coded.wavelength)
+    cut = np.stack([crop_centred(band, centre, window) for band in seen])
+    total = float(straight.sum())
+    inside = float(cut.mean(0).sum()) / max(float(seen.mean(0).sum()), total)
+    sums = total if filters is None else cut.sum((1, 2), keepdims=True)
+    bands = cut / sums
+    return StarImage(bands.mean(0), straight / total, inside, coded.wavelength, bands, filters)
+
+
+def _separate_bands(bracket: Bracket, filters: ColourFilters | None) -> Picture:
+    """Return the bands of a star's merged picture, (bands, rows, columns)."""
+    if filters is None:
+        return bracket.rate[None]
+    clipped = ~np.isfinite(bracket.variance)
+    noise = float(np.sqrt(bracket.variance[~clipped].mean())) if not clipped.all() else 0.0
+    return filters.separate(bracket.rate, noise, clipped).astype(np.float64)
 
 
 def _contrast(shape: Picture, target: Picture) -> float | None:

@@ -35,9 +35,10 @@ def draw_before_after(
     grid = figure.add_gridspec(2, 3, width_ratios=[1, 1, 0.46])
     before, after = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[:, 1])
     for axes, light, title in zip(
-        (before, after), (problem.light, outcome.light), captions, strict=True
+        (before, after), (problem.blurred_bands, outcome.light), captions, strict=True
     ):
-        axes.imshow(screen_levels(light, problem.white), cmap="gray", vmin=0, vmax=255)
+        shown = screen_levels(problem.to_screen(light), problem.white)
+        axes.imshow(shown, cmap="gray", vmin=0, vmax=255)
         _strip_ticks(axes, title)
     _draw_psf(figure.add_subplot(grid[0, 2]), problem.psf)
     _draw_residual(figure.add_subplot(grid[1, 2]), outcome.residual_map)

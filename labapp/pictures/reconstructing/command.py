@@ -12,6 +12,7 @@ from labapp.common.console import out, print_json, print_message, print_table, t
 from labapp.common.speed import machine_speed
 from labapp.files.photograph_file import encode_photograph
 from labapp.files.writing import encode_image, write_atomically
+from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.reconstructing.before_after import draw_before_after
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem
@@ -56,7 +57,9 @@ def reconstruct_photograph(
         progress.report(0.9, "drawing")
         drawn = draw_before_after(problem, outcome, _captions(outcome))
         full = problem.full_scale if problem.full_scale is not None else problem.white
-        data = encode_photograph(files.data, outcome.light, problem.is_srgb, full)
+        is_screen = files.data.suffix.lower() == ".png"
+        light = problem.to_screen(outcome.light) if is_screen else outcome.light
+        data = encode_photograph(files.data, light, problem.is_srgb, full)
         progress.report(1, "writing")
     write_atomically(files.data, data)
     write_atomically(files.picture, drawn)
@@ -87,7 +90,9 @@ def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[st
     masked = float((problem.clipped | ~np.isfinite(problem.light)).mean())
     told = problem.noise_source(bands[0].noise)
     weights = [band.weight for band in bands if band.weight is not None]
+    colours = [] if problem.filters is None else [["colours", _describe_colours(problem.filters)]]
     rows = [
+        *colours,
         ["PSF", problem.psf_source + _refined_scale(outcome)],
         ["method", outcome.method],
         ["noise", f"{_join_values([b.noise for b in bands])} {problem.unit}, {told}"],
@@ -106,6 +111,18 @@ def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[st
             rows.append(["SSIM", f"{before.ssim:.3f} to {after.ssim:.3f}"])
         rows.append(["against", known.source])
     return rows
+
+
+def _describe_colours(filters: ColourFilters) -> str:
+    """Say how the colours of a picture are restored, and what the files hold."""
+    gains = zip(filters.channels, filters.gains, strict=True)
+    told = ", ".join(f"{name} {gain:.2f}" for name, gain in gains)
+    if filters.is_grey:
+        return f"one grey band; white gives {told}"
+    return (
+        f"bands {', '.join(filters.channels)} restored together; white gives {told}, and is equal "
+        "in the bands written; sRGB in .png"
+    )
 
 
 def _verdict_with_options(outcome: RestoredPicture) -> str:
@@ -147,12 +164,26 @@ def _as_data(
         "psf_refined": outcome.refined,
         "clipped_share": float(problem.clipped.mean()),
         "dead_share": float((~np.isfinite(problem.light)).mean()),
+        "colours": _colours_as_data(problem.filters),
         "cpu_s": outcome.cpu_seconds,
         "score": _score(problem, outcome),
         "notes": list(problem.notes),
         "file": str(files.data),
         "picture": str(files.picture),
         "psf_file": files.estimated_psf and str(files.estimated_psf),
+    }
+
+
+def _colours_as_data(filters: ColourFilters | None) -> dict[str, Any] | None:
+    """Return how a picture's colours were restored for JSON; None without colour filters."""
+    if filters is None:
+        return None
+    return {
+        "channels": list(filters.channels),
+        "gains": filters.gains.tolist(),
+        "grey": filters.is_grey,
+        "passband_nm": filters.passband and [1e9 * one for one in filters.passband],
+        "matrix_to_linear_srgb": None if filters.matrix is None else filters.matrix.tolist(),
     }
 
 

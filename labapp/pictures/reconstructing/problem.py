@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.files.photograph_file import Light
+from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.analysis.score import ReferencePicture
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.observation_builder import build_observation
@@ -28,7 +29,8 @@ class RestorationProblem:
     Attributes
     ----------
     light : Light
-        (bands, rows, columns); NaN where a pixel is dead.
+        (bands, rows, columns); NaN where a pixel is dead. With colour filters, the light behind
+        them, (1, rows, columns).
     psf : Light
         (1 or bands, rows, columns), origin at n // 2; its sum is the share of light that arrives.
     clipped : NDArray of bool
@@ -54,6 +56,8 @@ class RestorationProblem:
         What a perfect restoration would give, if known.
     planned_iterations : mapping
         Iterations by the name of a method, where the plan states them.
+    filters : ColourFilters or None
+        Colour filters of the sensor, through which all bands are restored together.
     """
 
     light: Light
@@ -70,10 +74,34 @@ class RestorationProblem:
     noise_floor: float = 0.0
     reference: ReferencePicture | None = None
     planned_iterations: Mapping[str, int] = field(default_factory=dict)
+    filters: ColourFilters | None = None
 
     def observations(self) -> list[Observation]:
-        """Return what each band of the picture to restore shows: light, PSF and noise."""
+        """Return what each band of the picture to restore shows: light, PSF and noise.
+
+        With colour filters, all bands are in one observation.
+        """
+        if self.filters is not None:
+            seen = self.filters.observation(
+                self.light[0], self.psf, self.noise, self.border, self.clipped[0]
+            )
+            return [replace(seen, is_numpy=False, least_noise=self.noise_floor)]
         return [self._observation(number) for number in range(len(self.light))]
+
+    @cached_property
+    def blurred_bands(self) -> Light:
+        """Return the bands of the picture before its restoration, (bands, rows, columns).
+
+        Behind colour filters they are estimated.
+        """
+        if self.filters is None:
+            return self.light
+        noise = self.noise_floor if self.noise is None else self.noise
+        return self.filters.separate(self.light[0], noise, self.clipped[0])
+
+    def to_screen(self, light: Light) -> Light:
+        """Convert bands of the picture to those of a screen: linear sRGB, or grey."""
+        return light if self.filters is None else self.filters.to_screen(light)
 
     def _observation(self, number: int) -> Observation:
         light, clipped = self.light[number], self.clipped[number]
@@ -91,6 +119,8 @@ class RestorationProblem:
     @cached_property
     def psf_scales(self) -> tuple[PSFScale, ...]:
         """Find the scale of the PSF that each band of the picture to restore shows."""
+        if self.filters is not None:
+            return ()
         return tuple(find_psf_scale(band) for band in self.observations())
 
     def noise_source(self, noise: float) -> str:
@@ -106,5 +136,5 @@ class RestorationProblem:
             return self.reference.white
         if self.full_scale is not None and self.is_srgb:
             return self.full_scale
-        bright = float(np.nanpercentile(self.light, WHITE_PERCENTILE))
+        bright = float(np.nanpercentile(self.blurred_bands, WHITE_PERCENTILE))
         return bright if bright > 0 else 1.0

@@ -34,8 +34,10 @@ def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Ligh
         For a file that isn't a PSF.
     """
     if is_record(path):
-        psf = read_star_psf(path, choice)[None].astype(np.float32)
-        return psf / psf.sum(), []
+        psf = read_star_psf(path, choice).astype(np.float32)
+        if len(psf) not in (1, bands):
+            psf = psf.mean(0, keepdims=True)
+        return psf / psf.sum((1, 2), keepdims=True), []
     # Files of PSFs hold light whatever their depth, and not levels for a screen.
     psf = read_photograph(path, linear=True).light
     if not np.isfinite(psf).all():

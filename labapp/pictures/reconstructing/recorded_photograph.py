@@ -20,8 +20,10 @@ from labapp.pictures.analysis.brackets import (
     merge_all,
     merge_frame,
 )
+from labapp.pictures.analysis.colour_filters import ColourFilters, described_filters
+from labapp.pictures.analysis.dead_pixels import find_dead_pixels
 from labapp.pictures.analysis.score import CENTRAL_SHARE, ReferencePicture
-from labapp.pictures.analysis.star_psf import crop_star
+from labapp.pictures.analysis.star_psf import StarImage, crop_star
 from labapp.pictures.reconstructing.problem import WHITE_PERCENTILE, RestorationProblem
 from labapp.runs.record.reader import Record
 from optics.operators.blur import Border
@@ -35,7 +37,7 @@ class RecordSelection:
     """Selection of a photograph in a record; None where its plan or its frames decide.
 
     `wavelength` is in metres. `frame` selects one frame instead of the merged exposures. `star` is
-    the target that gives the PSF.
+    the target that gives the PSF. `grey` asks for one band of a sensor with colour filters.
     """
 
     target: str | None = None
@@ -43,6 +45,7 @@ class RecordSelection:
     wavelength: float | None = None
     frame: int | None = None
     star: str | None = None
+    grey: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +59,11 @@ class RecordedPhotograph:
     photograph : Bracket
         Merged exposures with the coded pattern.
     psf : Picture or None
-        PSF of the star, (rows, columns); None without a star.
+        PSF of the star in each band, (bands, rows, columns); None without a star.
+    filters : ColourFilters or None
+        Colour filters of the sensor; None if it has none.
+    dead_pixels : NDArray of bool, (rows, columns)
+        Pixels of the sensor that give no light of their own.
     neutral : Bracket or None
         The same target with the neutral pattern, against which restorations are scored.
     roles : Reconstruction
@@ -70,6 +77,8 @@ class RecordedPhotograph:
     psf: Picture | None
     neutral: Bracket | None
     roles: Reconstruction
+    filters: ColourFilters | None
+    dead_pixels: NDArray[np.bool_]
     frame: int | None = None
 
     @property
@@ -78,18 +87,30 @@ class RecordedPhotograph:
         frame = "" if self.frame is None else f", frame {self.frame}"
         return f"{self.path}, {self.photograph.name}{frame}"
 
+    @property
+    def band_count(self) -> int:
+        """Return the number of bands of the recorded picture that are restored."""
+        return 1 if self.filters is None else self.filters.response.shape[1]
+
     @cached_property
     def clipped_pixels(self) -> NDArray[np.bool_]:
         """Return a mask of the recorded picture's clipped pixels, (1, rows, columns).
 
         The measured light of a clipped pixel is only a lower bound.
         """
-        return ~np.isfinite(self.photograph.variance)[None]
+        return ~np.isfinite(self.photograph.variance)[None] & ~self.dead_pixels
 
     @property
     def light(self) -> Picture:
-        """Return the light of the recorded picture, (1, rows, columns); 0 in clipped pixels."""
-        return np.where(self.clipped_pixels, 0, self.photograph.rate[None])
+        """Return the light of the recorded picture, (1, rows, columns); NaN in dead pixels.
+
+        It is the light on each pixel, behind its colour filter if there is one. In clipped pixels
+        it is the least that it can be with colour filters, and otherwise 0.
+        """
+        rate = self.photograph.rate[None]
+        if self.filters is None:
+            rate = np.where(self.clipped_pixels, 0, rate)
+        return np.where(self.dead_pixels, np.nan, rate)
 
     def build_problem(
         self,
@@ -111,7 +132,9 @@ class RecordedPhotograph:
                     f"{self.photograph.pattern!r}. Give the PSF: --psf FILE, or name the target "
                     "that is a star: --star NAME."
                 )
-            psf, psf_source = self.psf[None], f"star {self.roles.star!r} of the same run"
+            psf, psf_source = self.psf, f"star {self.roles.star!r} of the same run"
+            if self.filters is not None and not self.filters.is_grey:
+                psf_source += ", in each colour"
         return RestorationProblem(
             self.light.astype(np.float32),
             psf.astype(np.float32),
@@ -125,6 +148,7 @@ class RecordedPhotograph:
             noise_floor=self._least_noise,
             reference=self._reference,
             planned_iterations={"richardson-lucy": self.roles.iterations},
+            filters=self.filters,
         )
 
     @property
@@ -133,20 +157,21 @@ class RecordedPhotograph:
 
         Returns 0 if all pixels are clipped.
         """
-        known = self.photograph.variance[~self.clipped_pixels[0]]
+        known = self.photograph.variance[~(self.clipped_pixels[0] | self.dead_pixels)]
         return float(np.sqrt(known.mean())) if known.size else 0.0
 
     @property
     def _reference(self) -> ReferencePicture | None:
         if self.neutral is None:
             return None
-        white = float(np.percentile(self.neutral.rate, WHITE_PERCENTILE))
+        light = self.neutral.rate[None]
+        if self.filters is not None:
+            rate = np.where(self.dead_pixels, np.nan, self.neutral.rate)
+            clipped = ~np.isfinite(self.neutral.variance)
+            light = self.filters.separate(rate, self._least_noise, clipped).astype(np.float64)
+        white = float(np.percentile(light, WHITE_PERCENTILE))
         source = f"the neutral photograph of the same run, {self.neutral.name}"
-        return (
-            ReferencePicture(self.neutral.rate[None], white, CENTRAL_SHARE, source)
-            if white > 0
-            else None
-        )
+        return ReferencePicture(light, white, CENTRAL_SHARE, source) if white > 0 else None
 
 
 def is_record(path: Path) -> bool:
@@ -195,25 +220,34 @@ def find_photograph(
     ]
     if frame is not None:
         photograph = merge_frame(record, frame)
-    psf = _star_psf(record, brackets, roles) if star else None
-    return RecordedPhotograph(path, photograph, psf, sharp[0] if sharp else None, roles, frame)
+    shown = _crop_recorded_star(record, brackets, roles) if star else None
+    if shown is None:
+        filters, psf = described_filters(record, photograph, roles.grey), None
+    else:
+        filters, psf = shown.filters, shown.bands
+    dead = find_dead_pixels([photograph, *sharp], (1, 1) if filters is None else filters.period)
+    neutral = sharp[0] if sharp else None
+    return RecordedPhotograph(path, photograph, psf, neutral, roles, filters, dead, frame)
 
 
 def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
-    """Read the PSF, (rows, columns), from a star's recorded pictures; UserError without any."""
+    """Read the PSF from a star's recorded pictures, (bands, rows, columns).
+
+    Raises UserError if the record has no such star.
+    """
     with Record(path) as record:
         plan = record.plan.reconstruct
         star = choice.star or (plan.star if plan else "star")
         pattern = choice.pattern or (plan.coded if plan else _last_stored_frame(record, (star,))[1])
         wavelength = choice.wavelength or (plan.wavelength if plan else None)
-        roles = _build_roles(record, star, pattern, star, wavelength)
-        psf = _star_psf(record, merge_all(record, Progress(), {star}), roles)
-        if psf is None:
+        roles = _build_roles(record, star, pattern, star, wavelength, choice.grey)
+        shown = _crop_recorded_star(record, merge_all(record, Progress(), {star}), roles)
+        if shown is None:
             raise UserError(
                 f"{path}: has no star named {star!r} with pattern {pattern!r}; its targets are "
                 f"{', '.join(record.target_names)}. Name the one that is a star: --star."
             )
-    return psf
+    return shown.bands
 
 
 def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
@@ -247,11 +281,11 @@ def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
         listed = ", ".join(f"{one * 1e9:g}" for one in seen)
         but = f", and not at {wavelength * 1e9:g}" if wavelength is not None else ""
         raise UserError(f"{path}: has {target!r} at {listed} nm{but}. Choose one: --wavelength-nm.")
-    return _build_roles(record, target, pattern, star, wavelength)
+    return _build_roles(record, target, pattern, star, wavelength, choice.grey)
 
 
 def _build_roles(
-    record: Record, target: str, pattern: str, star: str, wavelength: float | None
+    record: Record, target: str, pattern: str, star: str, wavelength: float | None, grey: bool
 ) -> Reconstruction:
     plan = record.plan.reconstruct or Reconstruction(coded=pattern)
     # Without frames of the star with the neutral pattern, the star with the coded pattern gives
@@ -264,14 +298,18 @@ def _build_roles(
             "star": star,
             "neutral": plan.neutral if seen else pattern,
             "wavelength_nm": None if wavelength is None else wavelength * 1e9,
+            "grey": grey or plan.grey,
         }
     )
 
 
-def _star_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) -> Picture | None:
+def _crop_recorded_star(
+    record: Record, brackets: list[Bracket], roles: Reconstruction
+) -> StarImage | None:
+    """Cut the star out of the recorded pictures; None if the record has none."""
     if not record.select(target=roles.star, pattern=roles.coded):
         return None
-    return crop_star(record, brackets, roles).measured
+    return crop_star(record, brackets, roles)
 
 
 def _last_stored_frame(record: Record, names: tuple[str, ...]) -> tuple[str, str]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labapp.common.errors import UserError
 from labapp.files.photograph_file import Light
 from labapp.pictures.analysis.score import Score
 from labapp.pictures.reconstructing.method_choice import MethodChoice
@@ -34,7 +35,7 @@ class RestoredPicture:
     residual_map : Light
         The photograph less the blurred restoration, over the noise; NaN where it isn't known.
     bands : tuple of RestoredImage
-        Result of the method for each band.
+        Result of the method for each band; with colour filters, one result for all bands.
     residual : float
         Residual of all bands, rms over the noise.
     cpu_seconds : float
@@ -87,6 +88,8 @@ def restore_picture(
     Unless the budget is small, the scale of the PSF is looked for first. The restoration runs in
     one thread, so that the same problem always gives the same bits.
     """
+    if wish.refine_psf and problem.filters is not None:
+        raise UserError("--refine-psf: needs a picture without colour filters. Leave it out.")
     started, seen = time.process_time(), problem.observations()
     share = 1 / len(seen)
     looks = wish.refine_psf or wish.budget is None or wish.budget * share >= _SCALE_BUDGET
@@ -114,7 +117,9 @@ def restore_picture(
     )
     spent = time.process_time() - started
     progress.report(1, "restored")
-    light = np.stack([band.image.numpy().astype(np.float32) for band in found])
+    shape = problem.light.shape[1:]
+    light = np.concatenate([band.image.numpy().reshape(-1, *shape) for band in found])
+    light = light.astype(np.float32)
     left = np.stack(
         [
             residual_map(one, band).numpy().astype(np.float32)
@@ -122,5 +127,5 @@ def restore_picture(
         ]
     )
     known = problem.reference
-    scores = None if known is None else (known.score(problem.light), known.score(light))
+    scores = None if known is None else (known.score(problem.blurred_bands), known.score(light))
     return RestoredPicture(light, left, found, residual, spent, verdicts, scales, refined, scores)

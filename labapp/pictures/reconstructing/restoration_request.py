@@ -103,14 +103,14 @@ class RestorationRequest:
             raise UserError(f"--truth {path}: is dark. Give the picture that was blurred.")
         return ReferencePicture(light, 1.0 if brightest <= 1 else brightest, 1.0, str(path))
 
-    def _require_reference_shape(self, light: NDArray[np.floating]) -> None:
+    def _require_reference_shape(self, shape: tuple[int, ...]) -> None:
         """Raise UserError if the true picture has another shape than the photograph to restore.
 
         The shape is checked before an unknown PSF is estimated, which takes long.
         """
-        if self.reference is None or self.reference.light.shape == light.shape:
+        if self.reference is None or self.reference.light.shape == shape:
             return
-        is_, wanted = (" x ".join(map(str, one.shape)) for one in (self.reference.light, light))
+        is_, wanted = (" x ".join(map(str, one)) for one in (self.reference.light.shape, shape))
         raise UserError(
             f"--truth {self.truth}: is {is_} (bands, rows, columns); it must be {wanted}."
         )
@@ -127,7 +127,7 @@ class RestorationRequest:
         progress.report(0, f"reading {self.source.name}")
         read = read_photograph(self.source, linear=self.linear, frame=choice.frame)
         light, clipped = read.light - self._dark_level(read), self._clipped_pixels(read)
-        self._require_reference_shape(light)
+        self._require_reference_shape(light.shape)
         if self.psf is None:
             psf, told, notes = self._estimate_psf(light, clipped, progress)
         else:
@@ -156,14 +156,21 @@ class RestorationRequest:
                 )
         unknown = self.psf is None and self.blind is None
         found = read_recorded_photograph(self.source, self.choice, progress, star=unknown)
-        self._require_reference_shape(found.light)
+        self._require_reference_shape((found.band_count, *found.light.shape[1:]))
         psf, told, notes = None, "", list[str]()
         if self.blind is not None:
+            if found.filters is not None:
+                raise UserError(
+                    f"--blind: {self.source} is of a sensor with colour filters. Record a star, or "
+                    "give the PSF: --psf FILE."
+                )
             psf, told, notes = self._estimate_psf(found.light, found.clipped_pixels, progress)
         elif self.psf is not None:
             told, seen = str(self.psf), found.photograph
-            choice = RecordSelection(None, seen.pattern, seen.wavelength, None, self.choice.star)
-            psf, notes = read_psf_file(self.psf, 1, choice)
+            choice = RecordSelection(
+                None, seen.pattern, seen.wavelength, None, self.choice.star, self.choice.grey
+            )
+            psf, notes = read_psf_file(self.psf, found.band_count, choice)
         posed = found.build_problem(psf, told, self.noise, self.border, tuple(notes))
         return posed if self.reference is None else replace(posed, reference=self.reference)
 

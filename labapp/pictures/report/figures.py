@@ -8,11 +8,10 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure, FigureBase
 from numpy.typing import NDArray
 
+from labapp.files.photograph_file import encode_srgb
 from labapp.pictures.analysis.brackets import Bracket, Picture
 from labapp.pictures.report.record_analysis import RecordAnalysis
 from labapp.pictures.report.tables import PICTURE_NAMES
-
-_GAMMA = 1 / 2.2
 
 _DETAIL = "detail"
 
@@ -50,7 +49,7 @@ def gallery(analysis: RecordAnalysis) -> Figure:
     for one, bracket in zip(axes, shown, strict=False):
         low, high = np.percentile(bracket.rate, [1, 99.99])
         span = max(high - low, np.finfo(float).tiny)
-        one.imshow(gamma_encode((bracket.rate - low) / span), cmap="gray", vmin=0, vmax=255)
+        one.imshow(encode_srgb((bracket.rate - low) / span), cmap="gray", vmin=0, vmax=255)
         one.set_title(bracket.name)
     return figure
 
@@ -75,11 +74,6 @@ def histogram_figure(analysis: RecordAnalysis) -> Figure:
     brackets = [b for b in analysis.brackets if _is_coded(analysis, b)] or analysis.brackets
     draw_histogram(figure.subplots(), brackets)
     return figure
-
-
-def gamma_encode(picture: Picture) -> NDArray[np.uint8]:
-    """Encode a report's linear picture, 0 to 1, as 8-bit levels for a screen."""
-    return (np.clip(picture, 0, 1) ** _GAMMA * 255).round().astype(np.uint8)
 
 
 def _heading(analysis: RecordAnalysis) -> str:
@@ -136,7 +130,7 @@ def _photographs(figure: FigureBase, analysis: RecordAnalysis) -> None:
     axes = figure.subplot_mosaic([[*cells[:columns]], [*cells[columns:]]])
     _detail(axes.pop(_DETAIL), analysis)
     for name, one in axes.items():
-        one.imshow(gamma_encode(analysis.images[name]), cmap="gray", vmin=0, vmax=255)
+        one.imshow(encode_srgb(analysis.images[name]), cmap="gray", vmin=0, vmax=255)
         one.set_title(caption(analysis, name))
         one.set_xticks([])
         if name == "neutral":
@@ -147,7 +141,7 @@ def _photographs(figure: FigureBase, analysis: RecordAnalysis) -> None:
 def _detail(axes: Axes, analysis: RecordAnalysis) -> None:
     """Draw the middles of the neutral and of the best restored photograph side by side."""
     name = analysis.best_method or "coded"
-    cuts = [_middle(gamma_encode(analysis.images[one])) for one in ("neutral", name)]
+    cuts = [_middle(encode_srgb(analysis.images[one])) for one in ("neutral", name)]
     axes.imshow(np.concatenate(cuts, axis=1), cmap="gray", vmin=0, vmax=255)
     axes.axvline(cuts[0].shape[1] - 0.5, color="white", linewidth=1)
     axes.set_title(f"Detail: neutral, and {PICTURE_NAMES[name]}")
@@ -156,7 +150,7 @@ def _detail(axes: Axes, analysis: RecordAnalysis) -> None:
 
 def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Cut out the middle of a report's picture: half its height, and 0.75 times as wide as high."""
-    rows, columns = picture.shape
+    rows, columns = picture.shape[:2]
     tall = max(rows // 2, 1)
     wide = min(max(round(0.75 * tall), 1), columns)
     top, left = (rows - tall) // 2, (columns - wide) // 2

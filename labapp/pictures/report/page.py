@@ -5,8 +5,11 @@ from __future__ import annotations
 from html import escape
 from pathlib import Path
 
+import numpy as np
+
 from labapp.common.figure_png import figure_to_png
-from labapp.files.writing import encode_image
+from labapp.files.photograph_file import encode_photograph
+from labapp.pictures.analysis.brackets import Picture
 from labapp.pictures.report import figures, tables
 from labapp.pictures.report.html import document, footer, heading, html_figure, html_table
 from labapp.pictures.report.record_analysis import RecordAnalysis
@@ -65,7 +68,7 @@ def _psf(analysis: RecordAnalysis) -> str:
 def _photographs(analysis: RecordAnalysis) -> str:
     rendered_pictures = "".join(
         html_figure(
-            encode_image(Path(f"{name}.png"), figures.gamma_encode(picture)),
+            encode_png(picture),
             figures.caption(analysis, name),
         )
         for name, picture in analysis.images.items()
@@ -77,6 +80,12 @@ def _photographs(analysis: RecordAnalysis) -> str:
         "and so are the peak of PSNR and the range of SSIM.</p>"
         + f'<div class="pair">{rendered_pictures}</div><p>{escape(analysis.credit)}</p>'
     )
+
+
+def encode_png(picture: Picture) -> bytes:
+    """Encode a report's picture, white at 1 and in colour or grey, as a PNG file of 8-bit sRGB."""
+    bands = picture[None] if picture.ndim == 2 else np.moveaxis(picture, -1, 0)
+    return encode_photograph(Path("picture.png"), bands.astype(np.float32), True, 1.0)
 
 
 def _time(analysis: RecordAnalysis) -> str:

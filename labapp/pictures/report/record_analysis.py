@@ -22,6 +22,7 @@ from labapp.pictures.reconstructing.restoration import RestoredPicture, restore_
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from optics.deconvolution.method_names import RESTORATIONS
+from optics.deconvolution.restoration_choice import METHODS
 from optics.progress import Progress
 
 __all__ = ["RecordAnalysis", "analyse_record"]
@@ -52,7 +53,8 @@ class RecordAnalysis:
     restored_pictures : dict
         Results of the reported restorations, by method, as `labapp reconstruct` gives them.
     images : dict
-        Neutral, coded and restored photographs on one scale, with white at about 1.
+        Neutral, coded and restored photographs on one scale, with white at about 1: (rows,
+        columns), or (rows, columns, 3) in linear sRGB.
     scores : dict
         Scores of the coded and restored photographs against the neutral one.
     seconds : dict
@@ -138,17 +140,26 @@ def _restore(
             f"{problem.source}: the neutral photograph is dark, or is the coded one itself, so "
             "that nothing can be judged by it. Expose it longer, or name another 'neutral'."
         )
-    analysis.images = {"neutral": known.light[0] / known.white}
-    analysis.images["coded"] = problem.light[0] / known.white
+    light = {"neutral": known.light, "coded": problem.blurred_bands}
+    analysis.images = {name: _screen_picture(problem, one) for name, one in light.items()}
     names = [name for name, one in RESTORATIONS.items() if one.reported]
+    if problem.filters is not None:
+        names = [name for name, method in METHODS.items() if method.restores_bands]
     for number, name in enumerate(names):
         part = progress.part(number / len(names), (number + 1) / len(names))
         with watch.stage(RESTORATIONS[name].title):
             outcome = restore_picture(problem, MethodChoice(name), part)
         analysis.restored_pictures[name] = outcome
-        analysis.images[name] = outcome.light[0].astype(np.float64) / known.white
+        analysis.images[name] = _screen_picture(problem, outcome.light)
         assert outcome.scores is not None
         analysis.scores["coded"], analysis.scores[name] = outcome.scores
+
+
+def _screen_picture(problem: RestorationProblem, light: NDArray[np.floating]) -> Picture:
+    """Return a picture for the report's screen, white at 1: (rows, columns), or 3 colours of it."""
+    shown: Picture = problem.to_screen(light.astype(np.float32)).astype(np.float64)
+    shown /= problem.white
+    return shown[0] if len(shown) == 1 else np.moveaxis(shown, 0, -1)
 
 
 def _credit(record: Record) -> str:

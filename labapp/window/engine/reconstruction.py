@@ -15,6 +15,7 @@ from labapp.files.photograph_file import encode_photograph, encode_srgb
 from labapp.files.writing import write_atomically
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem
+from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
 from labapp.pictures.reconstructing.restoration import RestoredPicture, restore_picture
 from labapp.pictures.reconstructing.restoration_request import RestorationRequest
 from labapp.window.messages import ReconstructionResult, ReconstructRun
@@ -41,10 +42,10 @@ class Restoration:
         return ReconstructionResult(
             path=self.path,
             source=problem.source.removeprefix(f"{self.path}, "),
-            before=_display_grey(problem.light, problem.white),
-            after=_display_grey(outcome.light, problem.white),
-            neutral=None if known is None else _display_grey(known.light, problem.white),
-            psf=problem.psf[0],
+            before=_screen_values(problem, problem.blurred_bands),
+            after=_screen_values(problem, outcome.light),
+            neutral=None if known is None else _screen_values(problem, known.light),
+            psf=problem.psf.mean(0),
             scores=scores,
             method=outcome.method,
             noise=band.noise,
@@ -66,9 +67,10 @@ class Restoration:
         if not path.parent.is_dir():
             raise UserError(f"{path.parent}: is not a folder. Choose another place.")
         problem = self.problem
-        write_atomically(
-            path, encode_photograph(path, self.outcome.light, problem.is_srgb, problem.white)
-        )
+        light = self.outcome.light
+        if path.suffix.lower() == ".png":
+            light = problem.to_screen(light)
+        write_atomically(path, encode_photograph(path, light, problem.is_srgb, problem.white))
 
 
 def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restoration:
@@ -76,7 +78,9 @@ def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restorati
 
     Raises UserError if the record has no photograph or no star, or if no method fits the time.
     """
-    problem = RestorationRequest(command.path).read_problem(progress.part(0, 0.4))
+    choice = RecordSelection(grey=command.grey)
+    request = RestorationRequest(command.path, choice=choice)
+    problem = request.read_problem(progress.part(0, 0.4))
     wish = MethodChoice(command.method, command.budget)
     if command.budget is not None:
         wish = MethodChoice(command.method, command.budget, speed=machine_speed(progress))
@@ -87,6 +91,7 @@ def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restorati
     return Restoration(command.path, problem, outcome)
 
 
-def _display_grey(light: NDArray[np.floating], white: float) -> NDArray[np.uint8]:
-    """Return a restored photograph as grey levels for the window."""
-    return encode_srgb(light[0] / white)
+def _screen_values(problem: RestorationProblem, light: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Return a photograph, restored or not, as grey or sRGB values for the window."""
+    shown = problem.to_screen(light.astype(np.float32)) / problem.white
+    return encode_srgb(shown[0] if len(shown) == 1 else np.moveaxis(shown, 0, -1))

@@ -1,0 +1,191 @@
+"""The colour filters of a recorded picture: how its bands are told apart, and shown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.photograph_file import Light
+from labapp.pictures.analysis.brackets import Bracket
+from labapp.pictures.colour_matrix import linear_srgb, linear_srgb_matrix, white_balance
+from labapp.runs.record.reader import Record
+from optics.demosaicing import build_mosaic_observation, demosaic
+from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.operators.blur import Border
+from optics.sensor.mosaic import Mosaic
+
+_TUNABLE_BANDWIDTH = 10e-9
+"""Bandwidth in metres of a tunable filter whose options don't state it."""
+
+_LEAST_GAIN = 0.01
+"""Light of a channel, over that of the brightest one, from which it can be restored."""
+
+
+_GREY_REMEDY = (
+    "Restore it as one grey band: --grey, or grey = true in the plan's [reconstruct] table."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ColourFilters:
+    """The mosaic of colour filters through which a recorded picture was taken.
+
+    Attributes
+    ----------
+    mosaic : Mosaic
+        The sensor's filters.
+    gains : NDArray, (channels,)
+        Light of a white surface in each channel, over that of the brightest channel.
+    passband : tuple of float or None
+        Wavelengths in metres between which light was let through; None for all visible light.
+    is_grey : bool
+        Whether the scene is taken for one band, which all filters see alike but for their gains.
+        Otherwise each channel is a band.
+    """
+
+    mosaic: Mosaic
+    gains: NDArray[np.float64]
+    passband: tuple[float, float] | None = None
+    is_grey: bool = False
+
+    def __post_init__(self) -> None:
+        self._require_light_in_all_channels()
+        # Light in which colours can't be told apart is refused before anything is restored.
+        _ = self.matrix
+
+    def _require_light_in_all_channels(self) -> None:
+        faint = [
+            f"{name} {gain:.1%}".replace("%", " %")
+            for name, gain in zip(self.mosaic.channels, self.gains, strict=True)
+            if gain < _LEAST_GAIN
+        ]
+        if faint and not self.is_grey:
+            raise UserError(
+                f"the light is of one colour: of the brightest channel's, {' and '.join(faint)} "
+                f"see hardly any. {_GREY_REMEDY}"
+            )
+
+    @property
+    def channels(self) -> str:
+        """Return the letters of the recorded picture's channels, in the order of its bands."""
+        return "".join(self.mosaic.channels)
+
+    @property
+    def period(self) -> tuple[int, int]:
+        """Return the (rows, columns) after which the filters of the recorded picture repeat."""
+        return len(self.mosaic.pattern), len(self.mosaic.pattern[0])
+
+    @property
+    def response(self) -> NDArray[np.float64]:
+        """Return the share of each band that each channel sees, (channels, bands)."""
+        return self.gains[:, None] if self.is_grey else np.diag(self.gains)
+
+    @cached_property
+    def matrix(self) -> NDArray[np.float64] | None:
+        """Compute the matrix from the picture's bands to linear sRGB; None for a grey picture.
+
+        Raises UserError for light in which colours can't be told apart.
+        """
+        if self.is_grey:
+            return None
+        try:
+            return linear_srgb_matrix(self.mosaic, None, self.passband)
+        except ValueError as error:
+            raise UserError(f"{str(error).rstrip('.')}. {_GREY_REMEDY}") from error
+
+    def to_screen(self, light: Light) -> Light:
+        """Convert the bands of a picture to linear sRGB, (3, rows, columns); grey stays grey."""
+        return light if self.matrix is None else linear_srgb(light, self.matrix)
+
+    def separate(
+        self, rate: NDArray[np.floating], noise: float, clipped: NDArray[np.bool_]
+    ) -> Light:
+        """Estimate the bands of each pixel of a merged picture, without undoing its blur.
+
+        `rate` is (rows, columns), NaN where a pixel is dead.
+        """
+        sound = np.isfinite(rate)
+        bands: Light = demosaic(
+            np.where(sound, rate, 0).astype(np.float32),
+            self.mosaic.pattern,
+            channels=self.channels,
+            response=self.response,
+            noise=noise,
+            weights=sound.astype(np.float32),
+            clipped=clipped,
+        )
+        return bands
+
+    def observation(
+        self,
+        rate: NDArray[np.floating],
+        psf: Light,
+        noise: float | None,
+        border: Border,
+        clipped: NDArray[np.bool_],
+    ) -> MosaicObservation:
+        """Build the observation from which all bands of a picture are restored together.
+
+        `rate` is (rows, columns), NaN where a pixel is dead.
+        """
+        sound = np.isfinite(rate)
+        return build_mosaic_observation(
+            np.where(sound, rate, 0).astype(np.float32),
+            self.mosaic.pattern,
+            psf,
+            channels=self.channels,
+            response=self.response,
+            noise=noise,
+            border=border,
+            weights=None if sound.all() else sound.astype(np.float32),
+            clipped=clipped if clipped.any() else None,
+        )
+
+
+def star_filters(record: Record, star: Bracket, is_grey: bool) -> ColourFilters | None:
+    """Return the colour filters of a record, whose gains the picture of its star shows.
+
+    The star's light counts as white. Returns None for a sensor without filters.
+    """
+    mosaic = record.bench.build_camera().sensor.colour
+    if mosaic is None:
+        return None
+    which = mosaic.channel_map(star.rate.shape).numpy()
+    means = np.array([star.rate[which == k].mean() for k in range(len(mosaic.channels))])
+    if not means.max() > 0:
+        raise UserError(f"{record.path}: the star's frames are dark. Expose them longer.")
+    gains = np.clip(means / means.max(), 1e-6, None)
+    return ColourFilters(mosaic, gains, passband(record, star), is_grey)
+
+
+def described_filters(record: Record, picture: Bracket, is_grey: bool) -> ColourFilters | None:
+    """Return the colour filters of a record, with gains from the sensor's description.
+
+    Returns None for a sensor without filters.
+    """
+    mosaic = record.bench.build_camera().sensor.colour
+    if mosaic is None:
+        return None
+    band = passband(record, picture)
+    return ColourFilters(mosaic, white_balance(mosaic, None, band), band, is_grey)
+
+
+def passband(record: Record, picture: Bracket) -> tuple[float, float] | None:
+    """Return the wavelengths that the filter let through for a recorded picture, in metres.
+
+    Returns None if the record's bench doesn't describe the filter.
+    """
+    table = record.bench.devices.tables.get("filter")
+    options = {} if table is None else dict(table.options)
+    if "slots_nm" in options:
+        centre = picture.wavelength * 1e9
+        widths = [width for slot, width in options["slots_nm"] if abs(slot - centre) < 1e-2]
+        # Two slots may share their centre; the widest is the one for colours.
+        half = max(widths, default=0.0) * 1e-9 / 2
+    else:
+        half = options.get("bandwidth_nm", _TUNABLE_BANDWIDTH * 1e9) * 1e-9 / 2
+    return (picture.wavelength - half, picture.wavelength + half) if half else None

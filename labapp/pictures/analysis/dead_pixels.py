@@ -1,0 +1,65 @@
+"""Find pixels of a sensor that give no light of their own, from the merged pictures of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from labapp.pictures.analysis.brackets import Bracket
+
+_LEAST_SHARE = 0.1
+"""Share of its neighbours' median light below which a pixel may be dead."""
+
+_SIGNIFICANCE = 6.0
+"""Standard deviations by which it must be below that median, in every picture that is bright
+there."""
+
+_BRIGHT = 10.0
+"""Standard deviations of a neighbourhood's light from which it tells of a dead pixel."""
+
+
+def find_dead_pixels(brackets: Sequence[Bracket], period: tuple[int, int]) -> NDArray[np.bool_]:
+    """Find the dead pixels of a sensor from its merged pictures.
+
+    A dead pixel stays dark wherever the pixels around it that see the same colour are bright, in
+    all pictures. Pixels that no picture shows brightly aren't judged.
+
+    Parameters
+    ----------
+    brackets : sequence of Bracket
+        Pictures of one sensor, at least one.
+    period : tuple of int
+        Period of the colour filters in (rows, columns); (1, 1) without filters.
+
+    Returns
+    -------
+    NDArray of bool, (rows, columns)
+        True where a pixel is dead.
+    """
+    seen, dark = (np.zeros(brackets[0].rate.shape, dtype=bool) for _ in range(2))
+    dead = np.ones_like(seen)
+    for bracket in brackets:
+        near = _median_of_same_colour(bracket.rate, period)
+        deviation = np.sqrt(np.where(np.isfinite(bracket.variance), bracket.variance, np.inf))
+        bright = near > _BRIGHT * deviation
+        dark = (bracket.rate < _LEAST_SHARE * near) & (
+            near - bracket.rate > _SIGNIFICANCE * deviation
+        )
+        dead &= ~bright | dark
+        seen |= bright
+    return dead & seen
+
+
+def _median_of_same_colour(
+    rate: NDArray[np.float64], period: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Return the median of the merged picture's pixels of the same colour, 5 x 5 of them."""
+    near = np.empty_like(rate)
+    for row in range(period[0]):
+        for column in range(period[1]):
+            at = slice(row, None, period[0]), slice(column, None, period[1])
+            near[at] = median_filter(rate[at], 5, mode="mirror")
+    return near
