@@ -392,7 +392,7 @@ def _require_less_noise(image: torch.Tensor, noise: float | None) -> None:
 def require_weights(weights: torch.Tensor) -> None:
     """Raise ValueError for deconvolution weights that are negative, all zero or not finite."""
     require_finite("weights", weights)
-    if float(weights.min()) < 0 or not float(weights.max()) > 0:
+    if bool((weights < 0).any()) or not bool((weights > 0).any()):
         raise ValueError("weights must be positive somewhere, and negative nowhere")
 
 

@@ -153,15 +153,18 @@ class Box(Prior):
     def coupling(self, weight: float, data: float) -> float:
         return data * BOX_COUPLING
 
+    def _moved(self, x: torch.Tensor) -> torch.Tensor:
+        """Return what the next step of the deconvolution limits: picture and dual variable."""
+        return x * RELAXATION if self._kept is None else self._kept.add(x, alpha=RELAXATION)
+
     def is_held(self, x: torch.Tensor) -> torch.Tensor:
         """Return 1 where the bounds hold the deconvolved picture's light, else 0."""
-        held = (x <= 0) | (x >= self._upper)
+        moved = self._moved(x)
+        held = (moved <= 0) | (moved >= self._upper)
         return (held if self._support is None else held | (self._support == 0)).to(x)
 
     def update(self, x: torch.Tensor, weight: float) -> None:
-        moved = x * RELAXATION
-        if self._kept is not None:
-            moved.add_(self._kept)
+        moved = self._moved(x)
         allowed = moved.clamp(min=0, max=self._upper)
         if self._support is not None:
             allowed.mul_(self._support)

@@ -63,7 +63,7 @@ class MosaicObservation(Observation):
         super().__post_init__()
         trust = 1.0 if self.effective_weights is None else self.effective_weights
         for number, band in enumerate(self.filters.square() * trust):
-            if not float(band.max()) > 0:
+            if not bool((band > 0).any()):
                 raise ValueError(
                     f"no trusted pixel sees band {number}; the frame must hold the whole pattern"
                 )
