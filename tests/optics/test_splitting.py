@@ -226,7 +226,10 @@ def test_bands_restored_together_are_better_than_one_after_the_other():
     left = residual_map(seen, together)
     assert left.shape == raw.shape
     assert float(left.square().mean()) ** 0.5 == pytest.approx(together.residual, rel=0.05)
-    assert judge_restoration(seen, together).is_good
+    verdict = judge_restoration(seen, together)
+    assert not verdict.is_good
+    assert "a wrong PSF doesn't show" in str(verdict)
+    assert not verdict.findings
 
 
 def test_plug_and_play_restores_bands_on_axes_of_luminance_and_colour():

@@ -69,7 +69,8 @@ class RestoredPicture:
     def verdict(self) -> str:
         """Say in words what was found in the restored picture, each cause once."""
         found = {one.cause: one for verdict in self.verdicts for one in verdict.findings}
-        return str(Verdict(tuple(found.values())))
+        judged = all(verdict.judges_psf for verdict in self.verdicts)
+        return str(Verdict(tuple(found.values()), judged))
 
     @property
     def causes(self) -> list[str]:
