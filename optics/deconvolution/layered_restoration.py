@@ -15,7 +15,6 @@ from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.shrinkage import require_power
 from optics.deconvolution.splitting import restored_image, solve_by_splitting
 from optics.deconvolution.total_variation import GRADIENT_THRESHOLD, weight_settings
-from optics.deconvolution.wiener import penalty_of
 from optics.fourier import irfft2, rfft2
 from optics.operators.base import Operator
 from optics.operators.blur import transfer_function
@@ -109,35 +108,6 @@ def restore_layers(
         step, [penalty, *bounds], settings, "depths", progress or Progress()
     )
     return restored_image(step, solution, "depths" + (", hiding each other" if occlusion else ""))
-
-
-@single_threaded
-@torch.no_grad()
-def restore_layers_linearly(
-    observation: LayeredObservation,
-    weight: float | None = None,
-    *,
-    occlusion: bool = True,
-    steps: int = 40,
-) -> RestoredImage:
-    """Restore a blurred photograph of several depth layers by linear deconvolution.
-
-    The filter penalises the squared gradient, as wiener() does with "gradient", for PSFs that
-    differ with depth. If `weight` is None, it is the one with the least predicted error.
-    """
-    penalty, used = penalty_of(observation, weight, "gradient", steps)
-    equations = _LayerEquations(observation, occlusion)
-    step = _LayerStep(equations, steps)
-    # Without this lower limit, nothing would determine the mean of a layer that the frame doesn't
-    # show.
-    below = penalty.clamp(min=1e-6 * used)
-    spectra, *_ = equations.solve(below, rfft2(step.start()), steps)
-    residual = equations.mean_squared_residual(spectra) ** 0.5
-    whole = step.visible_picture(irfft2(spectra, observation.period_shape))[0]
-    return RestoredImage(
-        observation.crop_to_frame(whole), "depths, gradient", observation.noise, residual, used,
-        1 + steps, period_image=whole,
-    )  # fmt: skip
 
 
 def paste_layers(

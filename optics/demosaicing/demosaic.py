@@ -1,79 +1,74 @@
-"""The entry point of demosaicing, which checks its arguments and calls the chosen method."""
+"""Demosaicing of all bands together, with a convex prior on luminance and colour differences."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 
-from optics.demosaicing.joint_demosaicing import demosaic_with_prior
-from optics.demosaicing.mosaic_builder import (
-    build_mosaic_observation,
-    validate_pattern,
-    validate_raw,
-)
-from optics.demosaicing.opencv_interpolation import INTERPOLATIONS, interpolate_bayer
+from optics.deconvolution.band_coupling import BandCoupling
+from optics.deconvolution.derivatives import CURVATURE
+from optics.deconvolution.light_split import frequency_step
+from optics.deconvolution.priors import DerivativePenalty
+from optics.deconvolution.splitting import SplittingSettings, solve_by_splitting
+from optics.demosaicing.mosaic_observation import MosaicObservation
 from optics.progress import Progress
-from optics.validation import (
-    accepts_numpy,
-    require_count,
-    require_positive,
-)
-
-Method = Literal["prior", "bilinear", "edge-aware", "vng"]
-
-METHODS: tuple[Method, ...] = ("prior", *INTERPOLATIONS)
+from optics.threads import single_threaded
+from optics.validation import require_count, require_positive
 
 
-@accepts_numpy
+@dataclass(frozen=True)
+class DemosaicingSettings:
+    """Tune the prior and the splitting of the demosaicing of all bands together.
+
+    All values are chosen.
+
+    Attributes
+    ----------
+    luminance : float
+        Weight of the luminance's curvature relative to that of the colour differences.
+    curvature_threshold : float
+        Curvature that one iteration sets to zero, relative to the standard deviation of the light.
+    noiseless_weight : float
+        Regularisation weight of a picture without noise, relative to the scale of the light.
+    noise_weight : float
+        Factor of the squared relative noise, which is added to `noiseless_weight`.
+    """
+
+    luminance: float = 0.4
+    curvature_threshold: float = 1.0
+    noiseless_weight: float = 1e-3
+    noise_weight: float = 1.8
+
+
+_SETTINGS = DemosaicingSettings()
+
+
+@single_threaded
+@torch.no_grad()
 def demosaic(
-    raw: torch.Tensor,
-    pattern: Sequence[str],
-    method: Method = "prior",
-    *,
-    channels: str = "RGB",
-    response: torch.Tensor | None = None,
-    noise: float | None = None,
-    psf: torch.Tensor | None = None,
-    weights: torch.Tensor | None = None,
-    clipped: torch.Tensor | None = None,
+    observation: MosaicObservation,
     weight: float | None = None,
+    *,
     iterations: int = 30,
     progress: Progress | None = None,
-) -> torch.Tensor:
-    """Demosaic a raw picture: estimate all colours of each pixel of a mosaic of colour filters.
+) -> Any:
+    """Demosaic a raw picture: estimate all bands of each pixel of a mosaic of colour filters.
 
-    The method "prior" solves Eq. 4.7 of the thesis with a prior that penalises the curvature of
-    the brightness, and that of colour differences more. The other methods are
-    those of OpenCV, for the Bayer pattern only; of the optional arguments they accept only
-    `channels`. The prior assumes that all bands of a white surface are equal: for channels that
-    aren't balanced, give ``diag(gains)`` as `response`.
+    The result x solves Eq. 4.7 of the thesis. It minimises |S G x - y|² / 2 + weight *
+    (|w ∇²L| + |∇²C|), summed over the pixels, where S are the filters, G is the blur, and the first
+    term counts trusted pixels only. |∇²L| is the length of the second derivatives of the
+    luminance, with the weight w, and |∇²C| is the joint length of those of all colour differences.
+    The bands of a white surface are taken to be equal. Where there is blur, `restore` undoes it
+    better.
 
     Parameters
     ----------
-    raw : torch.Tensor or numpy.ndarray, (rows, columns)
-        Light of each pixel less the dark level, of a frame of any size.
-    pattern : sequence of str
-        Rows of one letter per pixel that repeat from the first pixel on, as ``("RG", "GB")``.
-    method : {"prior", "bilinear", "edge-aware", "vng"}, default "prior"
-        Method of demosaicing, one of `METHODS`.
-    channels : str, default "RGB"
-        Letters of the channels. Without a response each channel is a band, in this order.
-    response : torch.Tensor or numpy.ndarray, (channels, bands), optional
-        Share of each band that the filter of each letter transmits; the identity if None.
-    noise : float, optional
-        Standard deviation of a pixel, in the unit of `raw`. Estimated if None.
-    psf : torch.Tensor or numpy.ndarray, optional
-        PSF of the lens, (rows, columns), or (bands, rows, columns) for one per band; no blur if
-        None.
-    weights : torch.Tensor or numpy.ndarray, (rows, columns), optional
-        Weight of each pixel in the data term; 0 where a pixel is dead.
-    clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
-        True where the well was full: there the light is at least what was measured.
+    observation : MosaicObservation
+        The raw picture with its filters: see `build_mosaic_observation`.
     weight : float, optional
-        Regularisation weight of the prior. Chosen from the noise and the scale of the light if
-        None.
+        Regularisation weight. Chosen from the noise and the scale of the light if None.
     iterations : int, default 30
         Number of iterations, 1 or more.
     progress : Progress, optional
@@ -82,31 +77,28 @@ def demosaic(
     Returns
     -------
     torch.Tensor or numpy.ndarray, (bands, rows, columns)
-        Light of each band. Noise may make it negative in dark places.
+        Light of each band, an array of the raw picture's kind. Noise may make it negative.
 
     Raises
     ------
     ValueError
-        If an argument has the wrong shape or isn't finite, if the method doesn't accept it, or if
-        no pixel sees one of the bands.
+        For a weight that isn't positive, or no iteration.
     """
-    rows, raw = validate_pattern(pattern, channels), validate_raw(raw)
-    if method not in METHODS:
-        raise ValueError(f"method is {method!r}; take one of {', '.join(METHODS)}")
-    if method != "prior":
-        names = ("response", "psf", "weights", "clipped", "weight")
-        told = (response, psf, weights, clipped, weight)
-        given = [name for name, value in zip(names, told, strict=True) if value is not None]
-        if given:
-            raise ValueError(f"method {method!r} takes no {', '.join(given)}; take 'prior'")
-        return interpolate_bayer(raw, rows, method)[["RGB".index(letter) for letter in channels]]
     if weight is not None:
         require_positive("weight", weight, "")
     require_count("iterations", iterations)
-    seen = build_mosaic_observation(
-        raw, rows, psf, channels=channels, response=response, noise=noise,
-        weights=weights, clipped=clipped,
+    used = weight or _default_weight(observation.scene_noise, observation.scale)
+    prior = DerivativePenalty(
+        BandCoupling.luminance_chrominance(observation.bands, _SETTINGS.luminance),
+        observation.period_shape, _SETTINGS.curvature_threshold * observation.scale,
+        observation.image.dtype, derivative=CURVATURE,
     )  # fmt: skip
-    found = demosaic_with_prior(seen, weight, iterations=iterations, progress=progress)
-    # The restored image is cut at 0, which would brighten what is dark on the mean.
-    return seen.crop_to_frame(found.period_image).reshape(seen.bands, *raw.shape).clone()
+    step, settings = frequency_step(observation, iterations), SplittingSettings(iterations, used)
+    solution = solve_by_splitting(step, [prior], settings, "demosaicing", progress or Progress())
+    bands = observation.crop_to_frame(solution.picture).clone()
+    return bands.numpy() if observation.is_numpy else bands
+
+
+def _default_weight(noise: float, scale: float) -> float:
+    """Return the demosaicing prior's default weight for a noise and a scale of the light."""
+    return scale * (_SETTINGS.noiseless_weight + _SETTINGS.noise_weight * (noise / scale) ** 2)

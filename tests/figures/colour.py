@@ -16,11 +16,12 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from figures import Figure
+from figures.opencv_demosaicing import INTERPOLATIONS, interpolate_bayer
 from figures.photographs import Array
 from labapp.accuracy.blurs import disk
 from labapp.pictures.networks import bundled_denoiser
 from optics.deconvolution import Observation, build_observation, restore
-from optics.demosaicing import METHODS, Method, build_mosaic_observation, demosaic
+from optics.demosaicing import build_mosaic_observation, demosaic
 from optics.metrics import psnr
 from optics.threads import single_threaded
 
@@ -168,7 +169,7 @@ def _jointly(case: _Case, solve: Callable[[Observation], Any]) -> np.ndarray:
 
 def _in_steps(case: _Case, solve: Callable[[Observation], Any]) -> np.ndarray:
     """Demosaicing as if the lens were sharp, then a restoration of each band."""
-    bands = zip(np.asarray(demosaic(case.raw, _PATTERN)), case.psfs, strict=True)
+    bands = zip(demosaic(build_mosaic_observation(case.raw, _PATTERN)), case.psfs, strict=True)
     return np.stack([solve(build_observation(band, psf)).image for band, psf in bands])
 
 
@@ -182,20 +183,19 @@ def _others() -> Iterator[_Way]:
     def wiener(band: Array, psf: Array, balance: float) -> Array:
         return np.asarray(restoration.wiener(band, psf, balance, clip=False))
 
-    for method in METHODS:
-        if method != "prior":
-            for balance in _BALANCES:
-                yield partial(_reflected, method=method, solve=partial(wiener, balance=balance))
-            for rounds in _ROUNDS:
-                solve = partial(richardson_lucy, rounds=rounds)
-                yield partial(_reflected, method=method, solve=solve)
+    for method in INTERPOLATIONS:
+        for balance in _BALANCES:
+            yield partial(_reflected, method=method, solve=partial(wiener, balance=balance))
+        for rounds in _ROUNDS:
+            solve = partial(richardson_lucy, rounds=rounds)
+            yield partial(_reflected, method=method, solve=solve)
 
 
-def _reflected(case: _Case, method: Method, solve: Callable[[Array, Array], Array]) -> np.ndarray:
+def _reflected(case: _Case, method: str, solve: Callable[[Array, Array], Array]) -> np.ndarray:
     """A restoration that knows no border, of each band with a margin of its own reflection."""
     margin = case.psfs.shape[-1] // 2 + _ROOM
     inside = (slice(margin, -margin),) * 2
-    bands = zip(np.asarray(demosaic(case.raw, _PATTERN, method)), case.psfs, strict=True)
+    bands = zip(interpolate_bayer(case.raw, _PATTERN, method), case.psfs, strict=True)
     return np.stack(
         [solve(np.pad(band, margin, mode="reflect"), psf)[inside] for band, psf in bands]
     )

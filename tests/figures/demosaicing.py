@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from figures import Figure
+from figures.opencv_demosaicing import INTERPOLATIONS, interpolate_bayer
 from figures.photographs import Array, colour_photographs
-from optics.demosaicing import METHODS, Method, demosaic
+from optics.demosaicing import build_mosaic_observation, demosaic
 from optics.metrics import psnr
 from optics.threads import single_threaded
 
@@ -20,6 +21,8 @@ _GOALS = {
     "the same with noise .01": (0.01, 2.0),
 }
 """Noise, and decibels, median over the photographs."""
+
+_METHODS = ("prior", *INTERPOLATIONS)
 
 _RIM = 8
 """Pixels at the frame's edge that aren't compared: OpenCV copies some of them."""
@@ -33,13 +36,13 @@ def demosaicing_figures(folder: Path) -> list[Figure]:
 
 
 def _figure(name: str, pictures: list[Array], noise: float, goal: float) -> Figure:
-    found: dict[str, list[tuple[float, float]]] = {method: [] for method in METHODS}
+    found: dict[str, list[tuple[float, float]]] = {method: [] for method in _METHODS}
     for number, picture in enumerate(pictures):
         raw = _mosaic(picture, noise, number)
-        for method in METHODS:
+        for method in _METHODS:
             found[method].append(_judged(raw, picture, method))
     levels = {method: np.array([level for level, _ in rows]) for method, rows in found.items()}
-    best = np.max([levels[method] for method in METHODS if method != "prior"], axis=0)
+    best = np.max([levels[method] for method in _METHODS if method != "prior"], axis=0)
     gain = float(np.median(levels["prior"] - best))
     words = ", ".join(
         f"{method} {np.median(levels[method]):.1f} dB in "
@@ -63,10 +66,13 @@ def _mosaic(picture: Array, noise: float, seed: int) -> np.ndarray:
     return raw.astype(np.float32)
 
 
-def _judged(raw: np.ndarray, picture: Array, method: Method) -> tuple[float, float]:
+def _judged(raw: np.ndarray, picture: Array, method: str) -> tuple[float, float]:
     """PSNR inside the rim, values cut to 0 to 1; and seconds of the processor."""
     begun = time.process_time()
-    restored = demosaic(raw, _PATTERN, method)
+    if method == "prior":
+        restored = demosaic(build_mosaic_observation(raw, _PATTERN))
+    else:
+        restored = interpolate_bayer(raw, _PATTERN, method)
     spent = time.process_time() - begun
     inside = (..., slice(_RIM, -_RIM), slice(_RIM, -_RIM))
     cut = np.clip(np.asarray(restored)[inside], 0, 1).astype(np.float64)

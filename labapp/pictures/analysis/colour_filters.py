@@ -108,16 +108,8 @@ class ColourFilters:
 
         `rate` is (rows, columns), NaN where a pixel is dead.
         """
-        sound = np.isfinite(rate)
-        bands: Light = demosaic(
-            np.where(sound, rate, 0).astype(np.float32),
-            self.mosaic.pattern,
-            channels=self.channels,
-            response=self.response,
-            noise=noise,
-            weights=sound.astype(np.float32),
-            clipped=clipped,
-        )
+        point = np.ones((1, 1), dtype=np.float32)
+        bands: Light = demosaic(self.observation(rate, point, noise, "unknown", clipped))
         return bands
 
     def observation(
