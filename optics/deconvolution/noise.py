@@ -7,9 +7,11 @@ noise is what the PSF's error makes of the scene.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
+from scipy.special import gammaincinv
 
 from optics.deconvolution.spectrum_law import SpectrumBins, SpectrumLaw
 from optics.formation import rfft2_frequencies
@@ -63,7 +65,7 @@ class SpectrumFitSettings:
     model_error_factor: float = 1.5
     flat_share: float = 0.1
     flat_block: int = 16
-    flat_ratio: float = 0.5
+    flat_ratio: float = 0.45
 
 
 _SETTINGS = SpectrumFitSettings()
@@ -141,27 +143,45 @@ def fit_power_law(
     law = fit_power_law_with_mtf(
         image, squared_modulus(transfer), finds_model_error=finds_model_error
     )
-    flat = _flat_block_noise(image)
+    flat = flat_block_noise([image]) if min(image.shape) > 2 * _SETTINGS.flat_block + 1 else 0.0
     if law.total_variance >= (_SETTINGS.flat_ratio * flat) ** 2:
         return law
     return PowerLaw(law.strength, law.slope, flat**2)
 
 
-def _flat_block_noise(image: torch.Tensor) -> float:
-    """Estimate a blurred photograph's noise from second differences in its flattest blocks.
+@torch.no_grad()
+def flat_block_noise(planes: Sequence[torch.Tensor]) -> float:
+    """Estimate the noise of photographs to restore from differences in their flattest blocks.
 
-    Of white noise they keep 36 times the variance, and of a smooth picture hardly anything
-    (Immerkaer 1996, doi 10.1006/cviu.1996.0060). Returns 0 for a photograph without blocks.
+    They are second differences (Immerkaer 1996, doi 10.1006/cviu.1996.0060). The noise is the one
+    for which white noise has the variance that is found at a low quantile of all blocks. Returns 0 for
+    photographs of fewer than three rows or columns.
     """
-    side = _SETTINGS.flat_block
-    if min(image.shape) < 2 * side + 2:
+    found = torch.cat([_block_powers(plane.to(torch.float64)) for plane in planes])
+    if not len(found):
         return 0.0
+    side, share = _SETTINGS.flat_block, _SETTINGS.flat_share
+    # Neighbouring second differences of white noise are correlated. Along an axis, this number of
+    # them counts as one independent sample: the sum of the squared correlation coefficients.
+    count = (side / (1 + 2 * ((4 / 6) ** 2 + (1 / 6) ** 2))) ** 2
+    # The quantile of the chi-squared distribution, which the powers of blocks of noise have.
+    expected = 2 * float(gammaincinv(count / 2, share)) / count if len(found) * share > 1 else 1.0
+    return math.sqrt(float(torch.quantile(found, share)) / expected)
+
+
+def _block_powers(image: torch.Tensor) -> torch.Tensor:
+    """Return the power of second differences in each block of a blurred photograph.
+
+    White noise has its variance in the mean.
+    """
+    if min(image.shape) < 3:
+        return image.new_empty(0)
     down = image[2:] - 2 * image[1:-1] + image[:-2]
     both = down[:, 2:] - 2 * down[:, 1:-1] + down[:, :-2]
+    side = min(_SETTINGS.flat_block, *both.shape)
     rows, columns = (n // side for n in both.shape)
     blocks = both[: rows * side, : columns * side].reshape(rows, side, columns, side)
-    power = blocks.square().mean((1, 3)).flatten() / 36
-    return math.sqrt(float(torch.quantile(power.to(torch.float64), _SETTINGS.flat_share)))
+    return blocks.square().mean((1, 3)).flatten() / 36
 
 
 @torch.no_grad()

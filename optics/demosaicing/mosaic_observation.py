@@ -9,9 +9,8 @@ from functools import cached_property
 import torch
 
 from optics.deconvolution.border import extend_periodically
-from optics.deconvolution.noise import PowerLaw
+from optics.deconvolution.noise import PowerLaw, flat_block_noise
 from optics.deconvolution.observation import Observation, require_psf
-from optics.demosaicing.noise import estimate_mosaic_noise
 from optics.operators.blur import blur_shape, transfer_function
 from optics.plane import centred_pad
 from optics.validation import needs_gradient, require_finite
@@ -129,7 +128,9 @@ class MosaicObservation(Observation):
     @cached_property
     def power_law(self) -> PowerLaw:
         """The noise of the mosaic; its spectrum isn't modelled."""
-        return PowerLaw(0.0, 2.0, estimate_mosaic_noise(self.image, self.filter_period) ** 2)
+        down, along = self.filter_period
+        planes = [self.image[y::down, x::along] for y in range(down) for x in range(along)]
+        return PowerLaw(0.0, 2.0, flat_block_noise(planes) ** 2)
 
     @property
     def inpainted_image(self) -> torch.Tensor:

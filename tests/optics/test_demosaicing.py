@@ -16,7 +16,6 @@ from optics.deconvolution.band_coupling import helmert_matrix
 from optics.demosaicing import build_mosaic_observation, demosaic
 from optics.demosaicing.demosaic import _SETTINGS
 from optics.demosaicing.mosaic_observation import MosaicObservation
-from optics.demosaicing.noise import estimate_mosaic_noise
 from optics.operators import Blur, SpectralMosaic
 from optics.progress import Cancelled, Progress
 
@@ -199,9 +198,9 @@ def test_noise_of_a_mosaic_is_estimated(noise):
     rng = np.random.default_rng(6)
     patches = np.kron(rng.random((3, 4, 4)), np.ones((64, 64)))
     even = torch.from_numpy(mosaic(patches, BAYER, noise))
-    assert estimate_mosaic_noise(even, (2, 2)) == pytest.approx(noise, rel=0.1)
+    assert build_mosaic_observation(even, BAYER).noise == pytest.approx(noise, rel=0.1)
     scene = np.moveaxis(data.astronaut(), -1, 0)[:, :256, :256] / 255.0
-    found = estimate_mosaic_noise(torch.from_numpy(mosaic(scene, BAYER, noise)), (2, 2))
+    found = build_mosaic_observation(mosaic(scene, BAYER, noise), BAYER).noise
     assert 0.9 * noise < found < 1.5 * noise + 0.004
 
 
