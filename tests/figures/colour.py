@@ -90,6 +90,11 @@ _COMPARISONS = (
         "plug-and-play of all bands over demosaicing, then each band",
         "joint plug-and-play", "plug-and-play in steps", 0.5,
     ),
+    _Comparison(
+        "plug-and-play of all bands over OpenCV's demosaicing, then scikit-image's restoration of "
+        "each, at their best settings",
+        "joint plug-and-play", "OpenCV and scikit-image", 2.5,
+    ),
 )  # fmt: skip
 
 
