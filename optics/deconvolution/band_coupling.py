@@ -190,7 +190,9 @@ class Shrinkage:
         share = squares.rsqrt_().mul_(self._threshold)
         if self._power != 1:
             share.pow_(2 - self._power)
-        return share.mul_(weight**self._power).clamp_(max=1)
+        if isinstance(weight, torch.Tensor) or weight != 1:
+            share.mul_(weight**self._power)
+        return share.clamp_(max=1)
 
     def _unlike(self, group: int, squares: torch.Tensor, weights: torch.Tensor) -> None:
         """Compute the shares that are removed of derivatives of different weights, in place.

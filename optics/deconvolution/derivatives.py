@@ -26,8 +26,8 @@ class Derivative(ABC):
         """
 
     @abstractmethod
-    def add(self, x: torch.Tensor, parts: Sequence[torch.Tensor]) -> None:
-        """Add a deconvolved picture's derivative to `parts` in place."""
+    def add(self, x: torch.Tensor, parts: Sequence[torch.Tensor], factor: float = 1.0) -> None:
+        """Add a deconvolved picture's derivative, times a factor, to `parts` in place."""
 
     @abstractmethod
     def adjoint(self, parts: Sequence[torch.Tensor], out: torch.Tensor) -> torch.Tensor:
@@ -42,9 +42,9 @@ class _Gradient(Derivative):
     def gram_spectrum(self, shape: tuple[int, int]) -> torch.Tensor:
         return laplacian_spectrum(shape)
 
-    def add(self, x: torch.Tensor, parts: Sequence[torch.Tensor]) -> None:
+    def add(self, x: torch.Tensor, parts: Sequence[torch.Tensor], factor: float = 1.0) -> None:
         down, along = parts
-        add_gradient(x, down, along)
+        add_gradient(x, down, along, factor)
 
     def adjoint(self, parts: Sequence[torch.Tensor], out: torch.Tensor) -> torch.Tensor:
         down, along = parts
@@ -63,9 +63,9 @@ class _Curvature(Derivative):
     def gram_spectrum(self, shape: tuple[int, int]) -> torch.Tensor:
         return laplacian_spectrum(shape).square()
 
-    def add(self, x: torch.Tensor, parts: Sequence[torch.Tensor]) -> None:
+    def add(self, x: torch.Tensor, parts: Sequence[torch.Tensor], factor: float = 1.0) -> None:
         down, along = torch.zeros_like(x), torch.zeros_like(x)
-        add_gradient(x, down, along)
+        add_gradient(x, down, along, factor)
         twice_down, twice_along, across = parts
         twice_down.add_(down)
         twice_down[..., 1:, :].sub_(down[..., :-1, :])
@@ -104,15 +104,18 @@ def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
     return y[:, None] + x[None, :]
 
 
-def add_gradient(x: torch.Tensor, down: torch.Tensor, along: torch.Tensor) -> None:
+def add_gradient(
+    x: torch.Tensor, down: torch.Tensor, along: torch.Tensor, factor: float = 1.0
+) -> None:
     """Add a picture's periodic gradient, for a deconvolution prior, to `down` and `along` in place.
 
-    The gradient consists of forward differences.
+    The gradient consists of forward differences, and is multiplied by a factor.
     """
-    down[..., :-1, :].add_(x[..., 1:, :]).sub_(x[..., :-1, :])
-    down[..., -1, :].add_(x[..., 0, :]).sub_(x[..., -1, :])
-    along[..., :-1].add_(x[..., 1:]).sub_(x[..., :-1])
-    along[..., -1].add_(x[..., 0]).sub_(x[..., -1])
+    plus, minus = {"alpha": factor}, {"alpha": -factor}
+    down[..., :-1, :].add_(x[..., 1:, :], **plus).add_(x[..., :-1, :], **minus)
+    down[..., -1, :].add_(x[..., 0, :], **plus).add_(x[..., -1, :], **minus)
+    along[..., :-1].add_(x[..., 1:], **plus).add_(x[..., :-1], **minus)
+    along[..., -1].add_(x[..., 0], **plus).add_(x[..., -1], **minus)
 
 
 def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor) -> torch.Tensor:

@@ -107,9 +107,9 @@ class _FrequencyStep(PictureStep):
         if self._inverse is None or self._inverse_for != weight:
             seen = self.observation
             # This keeps frequencies at 0 that neither the blur nor a prior determines.
-            penalty = torch.full_like(priors[0].gram_spectrum, 1e-9 * factor)
+            penalty = torch.full((), 1e-9 * factor).to(seen.squared_mtf)
             for prior in priors:
-                penalty.add_(prior.gram_spectrum, alpha=prior.coupling(weight, factor))
+                penalty = penalty.add(prior.gram_spectrum, alpha=prior.coupling(weight, factor))
             data = GramOperator("frequencies", seen.squared_mtf * factor, seen.period_shape)
             self._inverse, self._inverse_for = data.inverse(penalty), weight
         return self._inverse
@@ -175,8 +175,8 @@ class _SplitLightStep(_FrequencyStep):
         taken = self._step_to_data(light, held)
         # The new split is light + taken, and the new dual variable is -taken.
         self._split = light + taken
-        self._dual = taken.neg()
         light.add_(taken, alpha=2)
+        self._dual = taken.neg_()
 
     def _step_to_data(self, light: torch.Tensor, held: float) -> torch.Tensor:
         """Return what the proximal step of a deconvolution's data term adds to light."""
@@ -185,7 +185,7 @@ class _SplitLightStep(_FrequencyStep):
         if self._data_prox is not None:
             step = self._data_prox(light, held) - light
         else:
-            step = left * self._gain(held)
+            step = left.mul(self._gain(held))
         if seen.clipped is not None:
             # The light of a clipped pixel is at least the measured value.
             missing = left.clamp(min=0) / seen.filter_power

@@ -57,7 +57,7 @@ class LinearisedPenalty(Prior):
 
     def update(self, x: torch.Tensor, weight: float) -> None:
         bands, derivative = self._penalty.bands, self._penalty.derivative
-        derivative.add(bands.components(x * RELAXATION), self._parts)
+        derivative.add(bands.components(x), self._parts, RELAXATION)
         products = [a * b for a, b in zip(self._back, self._parts, strict=True)]
         along = bands.group_totals(torch.stack(products).sum(0)) * self._share
         split = [

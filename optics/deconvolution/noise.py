@@ -154,8 +154,8 @@ def flat_block_noise(planes: Sequence[torch.Tensor]) -> float:
     """Estimate the noise of photographs to restore from differences in their flattest blocks.
 
     They are second differences (Immerkaer 1996, doi 10.1006/cviu.1996.0060). The noise is the one
-    for which white noise has the variance that is found at a low quantile of all blocks. Returns 0 for
-    photographs of fewer than three rows or columns.
+    for which white noise has the variance that is found at a low quantile of all blocks. Returns 0
+    for photographs of fewer than three rows or columns.
     """
     found = torch.cat([_block_powers(plane.to(torch.float64)) for plane in planes])
     if not len(found):

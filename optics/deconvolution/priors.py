@@ -89,7 +89,7 @@ class DerivativePenalty(Prior):
         self.gram_spectrum = derivative.gram_spectrum(shape).to(dtype)
         whole = (bands.bands, *shape)
         self._parts = [torch.zeros(whole, dtype=dtype) for _ in range(derivative.parts)]
-        self._out = torch.empty(whole, dtype=dtype)
+        self._out, self._one = torch.empty(whole, dtype=dtype), torch.ones((), dtype=dtype)
 
     def coupling(self, weight: float, data: float) -> float:
         return self._power * weight / self.threshold ** (2 - self._power)
@@ -100,13 +100,13 @@ class DerivativePenalty(Prior):
         return weight_by_evidence(mean, self._power, noise, explained_share)
 
     def update(self, x: torch.Tensor, weight: float) -> None:
-        self.derivative.add(self.bands.components(x * self._relaxation), self._parts)
+        self.derivative.add(self.bands.components(x), self._parts, self._relaxation)
         removed = self._shrinkage.removed_share(_sum_squares(self._parts))
         # The new b is the removed part, and d - b is the derivative less twice that part. What is
         # kept of both is b and, for the over-relaxation, a share of d.
-        kept = torch.mul(removed, -2).add_(1)
+        kept = torch.add(self._one, removed, alpha=-2)
         wanted = [part * kept for part in self._parts]
-        removed.mul_(self._relaxation).add_(1 - self._relaxation)
+        torch.add(self._one * (1 - self._relaxation), removed, alpha=self._relaxation, out=removed)
         for part in self._parts:
             part.mul_(removed)
         target = self.derivative.adjoint(wanted, self._out)
@@ -124,7 +124,7 @@ class DerivativePenalty(Prior):
         The result broadcasts to the components.
         """
         parts = [part.clone() for part in self._parts]
-        self.derivative.add(self.bands.components(x * self._relaxation), parts)
+        self.derivative.add(self.bands.components(x), parts, self._relaxation)
         return self._shrinkage.removed_share(_sum_squares(parts)) >= 1
 
 

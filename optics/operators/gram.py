@@ -72,8 +72,8 @@ class GramOperator:
             If `penalty` isn't positive everywhere.
         """
         added = torch.as_tensor(penalty, dtype=self.weights.dtype)
-        if not bool((added > 0).all()):
-            least = float(added.min())
+        least = float(added.min())
+        if not least > 0:
             raise ValueError(f"penalty is {least:g}; it must be positive for an inverse to exist")
         if self.domain != "bands":
             return GramOperator(self.domain, (self.weights + added).reciprocal_(), self.shape)
