@@ -143,24 +143,28 @@ def fit_power_law(
     law = fit_power_law_with_mtf(
         image, squared_modulus(transfer), finds_model_error=finds_model_error
     )
-    flat = flat_block_noise([image]) if min(image.shape) > 2 * _SETTINGS.flat_block + 1 else 0.0
+    flat = (
+        flat_block_noise([image], _SETTINGS.flat_share)
+        if min(image.shape) > 2 * _SETTINGS.flat_block + 1
+        else 0.0
+    )
     if law.total_variance >= (_SETTINGS.flat_ratio * flat) ** 2:
         return law
     return PowerLaw(law.strength, law.slope, flat**2)
 
 
 @torch.no_grad()
-def flat_block_noise(planes: Sequence[torch.Tensor]) -> float:
+def flat_block_noise(planes: Sequence[torch.Tensor], share: float) -> float:
     """Estimate the noise of photographs to restore from differences in their flattest blocks.
 
     They are second differences (Immerkaer 1996, doi 10.1006/cviu.1996.0060). The noise is the one
-    for which white noise has the variance that is found at a low quantile of all blocks. Returns 0
-    for photographs of fewer than three rows or columns.
+    for which white noise has the variance that is found at the low quantile `share` of all blocks.
+    Returns 0 for photographs of fewer than three rows or columns.
     """
     found = torch.cat([_block_powers(plane.to(torch.float64)) for plane in planes])
     if not len(found):
         return 0.0
-    side, share = _SETTINGS.flat_block, _SETTINGS.flat_share
+    side = _SETTINGS.flat_block
     # Neighbouring second differences of white noise are correlated. Along an axis, this number of
     # them counts as one independent sample: the sum of the squared correlation coefficients.
     count = (side / (1 + 2 * ((4 / 6) ** 2 + (1 / 6) ** 2))) ** 2

@@ -15,6 +15,10 @@ from optics.operators.blur import blur_shape, transfer_function
 from optics.plane import centred_pad
 from optics.validation import needs_gradient, require_finite
 
+_FLAT_SHARE = 0.02
+"""Share of a mosaic's blocks that are taken to be flat. Each filter's pixels lie apart, so that a
+block of them shows more of the scene."""
+
 _MARGIN = 8
 """Least number of pixels that keep opposite edges of the frame apart on the period."""
 
@@ -130,7 +134,7 @@ class MosaicObservation(Observation):
         """The noise of the mosaic; its spectrum isn't modelled."""
         down, along = self.filter_period
         planes = [self.image[y::down, x::along] for y in range(down) for x in range(along)]
-        return PowerLaw(0.0, 2.0, flat_block_noise(planes) ** 2)
+        return PowerLaw(0.0, 2.0, flat_block_noise(planes, _FLAT_SHARE) ** 2)
 
     @property
     def inpainted_image(self) -> torch.Tensor:
