@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -60,6 +61,7 @@ def total_variation(
     iterations: int = 30,
     tol: float = 0.0,
     positive: bool = False,
+    upper: float = math.inf,
     data_prox: DataProx | None = None,
     progress: Progress | None = None,
 ) -> RestoredImage:
@@ -86,6 +88,8 @@ def total_variation(
     positive : bool, optional
         Whether the light is kept from being negative in each iteration, which dark pictures need.
         The result is never negative.
+    upper : float, optional
+        Bound that the light doesn't exceed, above 0.
     data_prox : callable, optional
         Proximal step of another data term than least squares: see DataProx.
     progress : Progress, optional
@@ -118,7 +122,10 @@ def total_variation(
         observation.image.dtype, power=power,
         relaxation=RELAXATION if power == 1 and data_prox is None else 1.0,
     )  # fmt: skip
-    bounds = [Box(observation.support)] if positive or observation.border == "dark" else []
+    if not upper > 0:
+        raise ValueError(f"upper is {upper:g}; it must be above 0, the lower bound of light")
+    bounded = positive or upper < math.inf or observation.border == "dark"
+    bounds = [Box(observation.support, upper)] if bounded else []
     is_grey = not observation.needs_filters
     with torch.no_grad():
         settings = weight_settings(observation, penalty, number, iterations, tol, power, is_grey)
@@ -132,7 +139,8 @@ def total_variation(
         settings = SplittingSettings(iterations, solution.weight, tol=tol, starts_from_picture=True)
         picture = _picture_with_gradients(observation, penalty, bounds, solution, weight, settings)
         solution = replace(solution, picture=picture)
-    return restored_image(step, solution, name)
+    restored = restored_image(step, solution, name)
+    return replace(restored, image=restored.image.clamp(max=upper)) if bounded else restored
 
 
 def _picture_with_gradients(

@@ -194,6 +194,16 @@ def test_each_kind_of_unknown_has_the_right_derivative():
             assert float((gradient * way).sum()) == pytest.approx(difference, rel=1e-3)
 
 
+def test_light_stays_within_an_upper_bound_that_it_would_exceed():
+    seen = problem((9, 8))
+    free = total_variation(seen, 1e-3, iterations=300, positive=True).image
+    held = total_variation(seen, 1e-3, iterations=300, upper=0.6).image
+    assert float(free.max()) > 0.7
+    assert 0 <= float(held.min()) < float(held.max()) <= 0.6
+    with pytest.raises(ValueError, match="upper is 0"):
+        total_variation(seen, 1e-3, upper=0.0)
+
+
 def test_what_has_no_derivative_is_refused():
     seen = build_observation(numbers(8, 8).requires_grad_(), spreads(1, 3, 3)[0], 0.02)
     with pytest.raises(ValueError, match="has no derivatives"):
