@@ -117,6 +117,8 @@ def total_variation(
     name = "total variation" if power == 1 else f"gradients to the power {power:g}"
     name = name if data_prox is None else f"Poisson {name}"
     coupling = bands or BandCoupling.luminance_chrominance(observation.bands, LUMINANCE_WEIGHT)
+    if coupling.bands != observation.bands:
+        raise ValueError(f"bands couples {coupling.bands}; the scene has {observation.bands}")
     penalty = DerivativePenalty(
         coupling, observation.period_shape, _gradient_threshold(observation),
         observation.image.dtype, power=power,

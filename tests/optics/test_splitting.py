@@ -204,6 +204,11 @@ def test_light_stays_within_an_upper_bound_that_it_would_exceed():
         total_variation(seen, 1e-3, upper=0.0)
 
 
+def test_a_coupling_of_other_bands_is_refused():
+    with pytest.raises(ValueError, match="bands couples 2; the scene has 3"):
+        total_variation(problem((8, 8)), 0.02, bands=BandCoupling.vector(2))
+
+
 def test_what_has_no_derivative_is_refused():
     seen = build_observation(numbers(8, 8).requires_grad_(), spreads(1, 3, 3)[0], 0.02)
     with pytest.raises(ValueError, match="has no derivatives"):
