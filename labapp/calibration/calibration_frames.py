@@ -14,6 +14,7 @@ from labapp.calibration import request as names
 from labapp.calibration.request import CalibrationDesign
 from labapp.common.errors import UserError
 from labapp.files.reading import validate
+from labapp.files.sensor_file import require_monochrome_sensor
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from optics.calibration.spots import frame_variance
@@ -48,7 +49,9 @@ class CalibrationFrames:
                 f"frames. Take them with: labapp resume {record.path}"
             )
         design = validate_design(text, str(record.path))
-        return CalibrationFrames(record, design, record.bench.build_camera())
+        camera = record.bench.build_camera()
+        require_monochrome_sensor(camera.sensor, "labapp calibrate")
+        return CalibrationFrames(record, design, camera)
 
     def raw_frames(self, pattern: str, wavelength_nm: float) -> NDArray[np.uint16]:
         """Return a calibration's frames of a pattern at a wavelength, (frames, rows, columns)."""

@@ -208,6 +208,16 @@ def with_sensor(data: dict[str, Any], folder: Path, source: str) -> dict[str, An
     return data | {"sensor": given | own}
 
 
+def require_monochrome_sensor(sensor: Sensor, task: str) -> None:
+    """Raise UserError if a file's sensor has colour filters; `task` names what can't use them."""
+    if sensor.colour is not None:
+        raise UserError(
+            f"{task}: measures light of one wavelength on neighbouring pixels, and the bench's "
+            f"sensor has colour filters, {' '.join(sensor.colour.pattern)}. Take a bench with a "
+            "monochrome sensor; labapp reconstruct and labapp report restore records in colour."
+        )
+
+
 def _read_curve(curve: Curve, folder: Path) -> InlineCurve:
     return curve.read_curve(folder) if isinstance(curve, CurveFile) else curve
 

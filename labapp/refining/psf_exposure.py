@@ -13,6 +13,7 @@ from labapp.bench.opening import Bench
 from labapp.files.grey_table import ImagePattern
 from labapp.files.plan_file import PlanFile
 from labapp.files.plan_folder import PATTERN_FOLDER, write_plan
+from labapp.files.sensor_file import require_monochrome_sensor
 from labapp.pictures.analysis.brackets import Bracket, find_bracket, merge_all
 from labapp.refining.refinement_request import RefinementRequest
 from labapp.runs.acquisition.frame_taker import AskOperator
@@ -67,6 +68,7 @@ def take_picture(
     )
     require_complete(outcome)
     with Record(path) as record:
+        require_monochrome_sensor(record.bench.build_camera().sensor, "labapp refine")
         brackets = merge_all(record, merging)
     return find_bracket(brackets, "star", name, None, path)
 

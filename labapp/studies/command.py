@@ -13,6 +13,7 @@ from labapp.common.errors import UserError
 from labapp.common.stopwatch import Stopwatch
 from labapp.files.output_paths import RECORD, STUDY_FILES
 from labapp.files.reading import bundled_path
+from labapp.files.sensor_file import require_monochrome_sensor
 from labapp.files.writing import make_folder, require_free_names
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.runner import run_plan
@@ -27,7 +28,6 @@ from labapp.studies.study_lookup import (
     settings_from_record,
     with_study_metadata,
 )
-from optics.camera import Sensor
 from optics.progress import Progress
 
 
@@ -80,7 +80,7 @@ def carry_out_study(
     # The acquisition is shown as 70 % of the study's progress.
     acquiring, evaluating = progress.part(0, 0.7), progress.part(0.7, 1)
     with open_bench(files, speed=manner.speed) as bench:
-        _require_grey_sensor(bench.description.sensor, request.name)
+        require_monochrome_sensor(bench.description.sensor, f"study {request.name}")
         plan = with_study_metadata(
             found.plan(settings, bench.description), request.name, settings, request.seed
         )
@@ -123,7 +123,7 @@ def _evaluate_and_write(
     progress: Progress,
 ) -> CompletedStudy:
     with Record(path) as record:
-        _require_grey_sensor(record.bench.build_camera().sensor, name)
+        require_monochrome_sensor(record.bench.build_camera().sensor, f"study {name}")
         if record.state is not State.COMPLETE:
             raise UserError(
                 f"{path}: the run is {record.state}, and the study needs all of its frames. "
@@ -136,16 +136,6 @@ def _evaluate_and_write(
     account = CompletedStudy(name, found, settings, seed, path, simulated, results, watch.seconds)
     write_study_files(account, folder)
     return account
-
-
-def _require_grey_sensor(sensor: Sensor, name: str) -> None:
-    """Raise UserError for a study on a sensor with colour filters."""
-    if sensor.colour is not None:
-        raise UserError(
-            f"study {name}: it measures light of one wavelength, and the bench's sensor has "
-            f"colour filters, {' '.join(sensor.colour.pattern)}. Take a bench with a monochrome "
-            "sensor; labapp reconstruct and labapp report restore records in colour."
-        )
 
 
 def _print_results(

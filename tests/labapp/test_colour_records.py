@@ -11,6 +11,7 @@ from skimage import data
 
 from labapp.bench.opening import BenchFiles, open_bench
 from labapp.common.errors import UserError
+from labapp.common.stopwatch import Stopwatch
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.pictures.analysis.dead_pixels import find_dead_pixels
@@ -18,6 +19,8 @@ from labapp.pictures.report import page
 from labapp.pictures.report.record_analysis import analyse_record
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
+from labapp.studies.command import _evaluate_and_write
+from labapp.studies.study_lookup import find_study
 from labapp.window.engine.reconstruction import reconstruct_record
 from labapp.window.messages import ReconstructRun
 from optics.progress import Progress
@@ -220,12 +223,11 @@ def test_what_needs_a_monochrome_sensor_is_refused_in_words(
 
 
 def test_a_study_refuses_colour_filters(white_record, tmp_path):
-    from labapp.studies.command import _require_grey_sensor
-
-    with Record(white_record) as record:
-        sensor = record.bench.build_camera().sensor
-    with pytest.raises(UserError, match="monochrome sensor"):
-        _require_grey_sensor(sensor, "deconvolution")
+    with pytest.raises(UserError, match=r"study deconvolution.*monochrome sensor"):
+        _evaluate_and_write(
+            "deconvolution", find_study("deconvolution"), None, white_record, tmp_path, Stopwatch(),
+            Progress(),
+        )  # fmt: skip
 
 
 def test_no_pixel_of_a_dim_or_even_picture_is_called_dead():
