@@ -16,7 +16,6 @@ from optics.deconvolution.normal_equations import NormalEquations
 from optics.deconvolution.observation import MIN_EXPLAINED_SHARE, Observation
 from optics.deconvolution.priors import (
     LEAST_WEIGHT_SHARE,
-    RELAXATION,
     Box,
     DerivativePenalty,
     Prior,
@@ -41,6 +40,11 @@ GRADIENT_THRESHOLD = 0.2
 """Length of the gradients that a first iteration sets to 0, relative to the picture's standard
 deviation. This value is the fastest."""
 
+
+_RELAXATION = 1.4
+"""Over-relaxation of the split gradients. Of 1, 1.5 and 1.8 with four PSFs, two noises, and 12 to 60
+iterations, 1.5 is up to 0.17 dB better than 1; 1.8 is as good, but not with clipped pixels. It
+doesn't serve penalties that aren't convex, nor the likelihood of photons."""
 
 LUMINANCE_WEIGHT = 0.5
 """Weight of the luminance beside colour differences. Of 0.3, 0.5 and 0.7, the best for five
@@ -122,7 +126,7 @@ def total_variation(
     penalty = DerivativePenalty(
         coupling, observation.period_shape, _gradient_threshold(observation),
         observation.image.dtype, power=power,
-        relaxation=RELAXATION if power == 1 and data_prox is None else 1.0,
+        relaxation=_RELAXATION if power == 1 and data_prox is None else 1.0,
     )  # fmt: skip
     if not upper > 0:
         raise ValueError(f"upper is {upper:g}; it must be above 0, the lower bound of light")
