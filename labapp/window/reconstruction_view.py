@@ -52,7 +52,7 @@ class ReconstructionView(QWidget):
             "Of a sensor with colour filters, restore one grey band: for light of one colour"
         )
         self.start = make_tool_button(self, reconstruct)
-        self.before = QPushButton("Hold for before", self)
+        self.before = QPushButton("Before", self)
         self.before.setToolTip("While you hold it, the photograph before is all that is seen")
         self.save = QPushButton("Save …", self)
         self.picture = BeforeAfterView(self)

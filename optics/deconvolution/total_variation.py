@@ -42,8 +42,8 @@ deviation. This value is the fastest."""
 
 
 _RELAXATION = 1.4
-"""Over-relaxation of the split gradients. Of 1, 1.5 and 1.8 with four PSFs, two noises, and 12 to 60
-iterations, 1.5 is up to 0.17 dB better than 1; 1.8 is as good, but not with clipped pixels. It
+"""Over-relaxation of the split gradients. Of 1, 1.5 and 1.8 with four PSFs, two noises and 12 to
+60 iterations, 1.5 is up to 0.17 dB better than 1; 1.8 is as good, but not with clipped pixels. It
 doesn't serve penalties that aren't convex, nor the likelihood of photons."""
 
 LUMINANCE_WEIGHT = 0.5
