@@ -108,7 +108,7 @@ def test_no_small_step_leads_below_the_solution(name, positive):
     bands, weight = COUPLINGS[name], 0.03
     seen = problem((9, 8), weights=(numbers(9, 8, seed=4) > 0.2).double())
     found = total_variation(
-        seen, weight, bands=bands, iterations=6000, tol=1e-12, positive=positive
+        seen, weight, bands=bands, iterations=4000, tol=1e-10, positive=positive
     )
     x = found.period_image.clamp(min=0) if positive else found.period_image
     least = objective(seen, bands, weight, x)
