@@ -56,10 +56,11 @@ def demosaic(
 ) -> Any:
     """Demosaic a raw picture: estimate all bands of each pixel of a mosaic of colour filters.
 
-    The result x solves Eq. 4.7 of the thesis. It minimises |S G x - y|² / 2 + weight *
-    (|w ∇²L| + |∇²C|), summed over the pixels, where S are the filters, G is the blur, and the first
-    term counts trusted pixels only. |∇²L| is the length of the second derivatives of the
-    luminance, with the weight w, and |∇²C| is the joint length of those of all colour differences.
+    The result x solves Eq. 4.7 of the thesis. It minimises ``|S G x - y|² / 2 + weight *
+    (|w ∇²L| + |∇²C|)``, summed over the pixels, where S are the filters, G is the blur, and the
+    first term counts trusted pixels only. ``|∇²L|`` is the length of the second derivatives of the
+    luminance, with the weight w, and ``|∇²C|`` is the joint length of those of all colour
+    differences.
     The bands of a white surface are taken to be equal. Where there is blur, `restore` undoes it
     better.
 
