@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -243,5 +244,7 @@ def test_no_pixel_of_a_dim_or_even_picture_is_called_dead():
             histogram=np.zeros((1, 4), dtype=np.int64), **rest,
         )  # fmt: skip
         found = find_dead_pixels([bracket], (2, 2))
+        row = replace(bracket, rate=rate[:1], variance=bracket.variance[:1])
+        assert not find_dead_pixels([row], (2, 2)).any()
         assert found.sum() == (level == 1000.0)
         assert found[7, 9] == (level == 1000.0)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from labapp.pictures.analysis.brackets import Bracket
 
@@ -61,5 +61,7 @@ def _median_of_same_colour(
     for row in range(period[0]):
         for column in range(period[1]):
             at = slice(row, None, period[0]), slice(column, None, period[1])
-            near[at] = median_filter(rate[at], 5, mode="mirror")
+            plane = np.ascontiguousarray(rate[at], dtype=np.float32)
+            # A frame of one row has no pixels of the second row's colours.
+            near[at] = cv2.medianBlur(plane, 5) if plane.size else plane
     return near
