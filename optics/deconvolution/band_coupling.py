@@ -172,7 +172,7 @@ class Shrinkage:
         result is of that shape, or (1, rows, columns) if all components shrink alike.
         """
         groups, weights = self._coupling.groups, self._coupling.weights
-        if len(set(groups)) == 1 and groups[0] == 1:
+        if set(groups) == {1}:
             return self._alike(squares, _column(weights, squares))
         if len(groups) == 1 and bool((weights == weights[0]).all()):
             return self._alike(squares.sum(0, keepdim=True), float(weights[0]))
@@ -204,7 +204,7 @@ class Shrinkage:
         """
         squares.mul_(weights)
         root = self._roots.get(group)
-        root = torch.zeros_like(squares[0]) if root is None else root.clamp_(min=0)
+        root = torch.zeros_like(squares[0]) if root is None else root
         reach = torch.full_like(root, self._threshold)
         if self._power != 1:
             length = squares.sum(0).sqrt_().clamp_(min=torch.finfo(squares.dtype).tiny)

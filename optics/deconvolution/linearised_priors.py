@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import torch
 
-from optics.deconvolution.priors import RELAXATION, Box, DerivativePenalty, Prior
+from optics.deconvolution.priors import RELAXATION, Box, DerivativePenalty, Prior, sum_products
 
 
 class LinearTerm(Prior):
@@ -40,17 +40,15 @@ class LinearisedPenalty(Prior):
         own = penalty.derivative_of(solution)
         self._parts = [torch.zeros_like(part) for part in own]
         weights = bands.weights.to(solution)[:, None, None].square()
-        squares = torch.stack([part.square() for part in own]).sum(0)
-        length = bands.group_totals(weights * squares).sqrt_().clamp_(min=1e-30)
+        length = bands.group_totals(weights * sum_products(own, own)).sqrt_().clamp_(min=1e-30)
         ratio = penalty.threshold / length
         slope = [weights * part / length for part in own]
         # 0 where the solution is flat, so that it stays flat.
         self._inverse = (
             (1 + ratio * weights).reciprocal_().masked_fill_(penalty.is_flat(solution), 0)
         )
-        self._slope, self._back = slope, [self._inverse * part for part in slope]
-        products = [a * b for a, b in zip(slope, self._back, strict=True)]
-        self._share = ratio / (1 - ratio * bands.group_totals(torch.stack(products).sum(0)))
+        self._back = [self._inverse * part for part in slope]
+        self._share = ratio / (1 - ratio * bands.group_totals(sum_products(slope, self._back)))
 
     def coupling(self, weight: float, data: float) -> float:
         return self._penalty.coupling(weight, data)
@@ -58,8 +56,7 @@ class LinearisedPenalty(Prior):
     def update(self, x: torch.Tensor, weight: float) -> None:
         bands, derivative = self._penalty.bands, self._penalty.derivative
         derivative.add(bands.components(x), self._parts, RELAXATION)
-        products = [a * b for a, b in zip(self._back, self._parts, strict=True)]
-        along = bands.group_totals(torch.stack(products).sum(0)) * self._share
+        along = bands.group_totals(sum_products(self._back, self._parts)) * self._share
         split = [
             self._inverse * part + back * along
             for part, back in zip(self._parts, self._back, strict=True)

@@ -66,6 +66,11 @@ class LinearEquations(ABC):
         """The spectrum of B* M y, the photograph's part of a deconvolution's right-hand side."""
 
     @property
+    def is_diagonal(self) -> bool:
+        """Whether the deconvolution's equations treat each frequency on its own."""
+        return False
+
+    @property
     def squared_response(self) -> torch.Tensor:
         """The diagonal of B* M B on frequencies, as the deconvolution's preconditioner takes it."""
         return self.observation.squared_response
@@ -91,7 +96,15 @@ class LinearEquations(ABC):
         the spectrum of K z; 0 if None.
         """
         wanted = self.data_spectrum if pull is None else self.data_spectrum + pull
-        inverse = self._denominator(penalty).reciprocal_()
+        return self._solve(wanted, penalty, start, steps)
+
+    def _solve(
+        self, wanted: torch.Tensor, penalty: torch.Tensor, start: torch.Tensor, steps: int
+    ) -> tuple[torch.Tensor, int, float]:
+        """Solve the deconvolution's equations for the right-hand side `wanted`."""
+        inverse = self._denominator(penalty).reciprocal_().detach()
+        if self.is_diagonal:
+            return wanted * inverse, 0, 0.0
         return solve_on_frequencies(
             lambda x: self.apply_data_gram(x).add_(x * penalty),
             wanted, start, inverse, self._count, steps,
@@ -114,6 +127,10 @@ class NormalEquations(LinearEquations):
         mean = observation.inpainted_image.mean()
         self.mean = torch.zeros_like(mean) if keeps_mean else mean
 
+    @property
+    def is_diagonal(self) -> bool:
+        return self.observation.is_fully_measured
+
     @cached_property
     def data_spectrum(self) -> torch.Tensor:
         """The spectrum of H* M y, the photograph's part of a deconvolution's right-hand side."""
@@ -130,18 +147,6 @@ class NormalEquations(LinearEquations):
         """Solve the deconvolution as if the photograph's smooth extension had been measured."""
         spectrum = self.extended_spectrum() * self.observation.conjugate_otf
         return spectrum * self._denominator(penalty).reciprocal()
-
-    def solve(
-        self,
-        penalty: torch.Tensor,
-        start: torch.Tensor,
-        steps: int,
-        pull: torch.Tensor | None = None,
-    ) -> tuple[torch.Tensor, int, float]:
-        if not self.observation.is_fully_measured:
-            return super().solve(penalty, start, steps, pull)
-        wanted = self.data_spectrum if pull is None else self.data_spectrum + pull
-        return wanted * self._denominator(penalty).reciprocal_(), 0, 0.0
 
     def picture_with_gradients(
         self,
@@ -175,11 +180,8 @@ class NormalEquations(LinearEquations):
         """
 
         def solve(picture: torch.Tensor) -> torch.Tensor:
-            wanted, inverse = rfft2(picture), self._denominator(penalty).reciprocal_().detach()
-            answer, *_ = solve_on_frequencies(
-                lambda x: self.apply_data_gram(x).add_(x * penalty),
-                wanted, torch.zeros_like(wanted), inverse, self._count, steps,
-            )  # fmt: skip
+            wanted = rfft2(picture)
+            answer, *_ = self._solve(wanted, penalty, torch.zeros_like(wanted), steps)
             return irfft2(answer, self.observation.period_shape)
 
         return solve

@@ -101,7 +101,7 @@ class DerivativePenalty(Prior):
 
     def update(self, x: torch.Tensor, weight: float) -> None:
         self.derivative.add(self.bands.components(x), self._parts, self._relaxation)
-        removed = self._shrinkage.removed_share(_sum_squares(self._parts))
+        removed = self._shrinkage.removed_share(sum_products(self._parts, self._parts))
         # The new b is the removed part, and d - b is the derivative less twice that part. What is
         # kept of both is b and, for the over-relaxation, a share of d.
         kept = torch.add(self._one, removed, alpha=-2)
@@ -125,16 +125,15 @@ class DerivativePenalty(Prior):
         """
         parts = [part.clone() for part in self._parts]
         self.derivative.add(self.bands.components(x), parts, self._relaxation)
-        return self._shrinkage.removed_share(_sum_squares(parts)) >= 1
+        return self._shrinkage.removed_share(sum_products(parts, parts)) >= 1
 
 
-def _sum_squares(parts: Sequence[torch.Tensor]) -> torch.Tensor:
-    """Return the squared lengths of a deconvolved picture's derivatives."""
-    first, *others = parts
-    squares = first * first
-    for part in others:
-        squares.addcmul_(part, part)
-    return squares
+def sum_products(parts: Sequence[torch.Tensor], others: Sequence[torch.Tensor]) -> torch.Tensor:
+    """Return the inner product of two derivatives of a deconvolved picture, at each pixel."""
+    total = parts[0] * others[0]
+    for a, b in zip(parts[1:], others[1:], strict=True):
+        total.addcmul_(a, b)
+    return total
 
 
 BOX_COUPLING = 0.3
@@ -153,18 +152,18 @@ class Box(Prior):
     def coupling(self, weight: float, data: float) -> float:
         return data * BOX_COUPLING
 
-    def _moved(self, x: torch.Tensor) -> torch.Tensor:
+    def _unlimited_split(self, x: torch.Tensor) -> torch.Tensor:
         """Return what the next step of the deconvolution limits: picture and dual variable."""
         return x * RELAXATION if self._kept is None else self._kept.add(x, alpha=RELAXATION)
 
     def is_held(self, x: torch.Tensor) -> torch.Tensor:
         """Return 1 where the bounds hold the deconvolved picture's light, else 0."""
-        moved = self._moved(x)
+        moved = self._unlimited_split(x)
         held = (moved <= 0) | (moved >= self._upper)
         return (held if self._support is None else held | (self._support == 0)).to(x)
 
     def update(self, x: torch.Tensor, weight: float) -> None:
-        moved = self._moved(x)
+        moved = self._unlimited_split(x)
         allowed = moved.clamp(min=0, max=self._upper)
         if self._support is not None:
             allowed.mul_(self._support)

@@ -62,7 +62,7 @@ def build_mosaic_observation(
     ValueError
         If an argument has the wrong shape or isn't finite, or if no pixel sees one of the bands.
     """
-    rows = validate_pattern(pattern, channels)
+    rows = _validate_pattern(pattern)
     built: MosaicObservation = _build_mosaic_observation(
         raw, rows, psf, channels, response, noise, border, weights, clipped
     )
@@ -82,7 +82,7 @@ def _build_mosaic_observation(
     clipped: torch.Tensor | None,
 ) -> MosaicObservation:
     """Build a mosaic's observation from tensors or arrays of any real numbers."""
-    raw = validate_raw(raw)
+    raw = _validate_raw(raw)
     shares = _validate_response(response, channels).to(raw)
     psfs = torch.ones(1, 1, 1).to(raw) if psf is None else psf.to(raw)
     psfs = psfs[None] if psfs.ndim == 2 else psfs
@@ -99,7 +99,7 @@ def _build_mosaic_observation(
     )
 
 
-def validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
+def _validate_pattern(pattern: Sequence[str]) -> tuple[str, ...]:
     """Return the rows of a mosaic's filter pattern; raise ValueError if they are malformed."""
     rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
     if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
@@ -107,13 +107,10 @@ def validate_pattern(pattern: Sequence[str], channels: str) -> tuple[str, ...]:
             f"pattern is {pattern!r}; give rows of one letter a pixel, all as long, as in "
             "('RG', 'GB')"
         )
-    missing = sorted({letter for row in rows for letter in row} - set(channels))
-    if missing:
-        raise ValueError(f"pattern has {', '.join(missing)}; channels {channels!r} don't")
     return rows
 
 
-def validate_raw(raw: torch.Tensor) -> torch.Tensor:
+def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
     """Return a raw mosaic for demosaicing in floating point; raise ValueError if it's unusable."""
     if raw.ndim != 2:
         raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")

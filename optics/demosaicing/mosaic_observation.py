@@ -147,9 +147,9 @@ class MosaicObservation(Observation):
 
         The result is (bands, rows, columns).
         """
-        if self.border == "dark":
-            return centred_pad(self._interpolated_bands(), self.period_shape)
         bands = self._interpolated_bands()
+        if self.border == "dark":
+            return centred_pad(bands, self.period_shape)
         return torch.stack([extend_periodically(one, self.period_shape) for one in bands])
 
     def _interpolated_bands(self) -> torch.Tensor:
@@ -158,14 +158,14 @@ class MosaicObservation(Observation):
         This is the start of the demosaicing, (bands, rows, columns). It is exact where the scene is
         even and grey.
         """
-        trust = torch.ones_like(self.image)
-        trust = trust if self.effective_weights is None else self.effective_weights
+        known = self.effective_weights
+        trust = torch.ones_like(self.image) if known is None else known
         filters, period = self._relative_filters, self.filter_period
         told = _tent_filter(filters * (self.normalised_image * trust), period)
         share = _tent_filter(filters * filters.sum(0) * trust, period)
-        known = share.abs() > 1e-6 * float(share.abs().max())
+        seen = share.abs() > 1e-6 * float(share.abs().max())
         mean = told.sum((-2, -1), keepdim=True) / share.sum((-2, -1), keepdim=True)
-        return torch.where(known, told / torch.where(known, share, 1.0), mean)
+        return torch.where(seen, told / torch.where(seen, share, 1.0), mean)
 
 
 def _tent_filter(pictures: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:

@@ -39,7 +39,7 @@ def find_dead_pixels(brackets: Sequence[Bracket], period: tuple[int, int]) -> ND
     NDArray of bool, (rows, columns)
         True where a pixel is dead.
     """
-    seen, dark = (np.zeros(brackets[0].rate.shape, dtype=bool) for _ in range(2))
+    seen = np.zeros(brackets[0].rate.shape, dtype=bool)
     dead = np.ones_like(seen)
     for bracket in brackets:
         near = _median_of_same_colour(bracket.rate, period)
