@@ -10,7 +10,6 @@ import numpy as np
 
 from labapp.common.console import out, print_json, print_message, print_table, terminal_progress
 from labapp.common.speed import machine_speed
-from labapp.files.photograph_file import encode_photograph
 from labapp.files.writing import encode_image, write_atomically
 from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.reconstructing.before_after import draw_before_after
@@ -56,10 +55,7 @@ def reconstruct_photograph(
         outcome = restore_picture(problem, choice, progress.part(0.3, 0.9))
         progress.report(0.9, "drawing")
         drawn = draw_before_after(problem, outcome, _captions(outcome))
-        full = problem.full_scale if problem.full_scale is not None else problem.white
-        is_screen = files.data.suffix.lower() == ".png"
-        light = problem.to_screen(outcome.light) if is_screen else outcome.light
-        data = encode_photograph(files.data, light, problem.is_srgb, full)
+        data = problem.encode_file(files.data, outcome.light)
         progress.report(1, "writing")
     write_atomically(files.data, data)
     write_atomically(files.picture, drawn)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.files.photograph_file import Light
+from labapp.files.photograph_file import Light, encode_photograph
 from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.analysis.score import ReferencePicture
 from optics.deconvolution.observation import Observation
@@ -102,6 +103,20 @@ class RestorationProblem:
     def to_screen(self, light: Light) -> Light:
         """Convert bands of the picture to those of a screen: linear sRGB, or grey."""
         return light if self.filters is None else self.filters.to_screen(light)
+
+    def screen_picture(self, light: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Return bands of the picture for a screen, white at 1: (rows, columns), or 3 colours."""
+        shown: Light = self.to_screen(light.astype(np.float32)) / np.float32(self.white)
+        return shown[0] if len(shown) == 1 else np.moveaxis(shown, 0, -1)
+
+    def encode_file(self, path: Path, light: Light) -> bytes:
+        """Return the bytes of the restored picture's file, of the format of its ending.
+
+        A .png holds what a screen shows, and other files hold the bands.
+        """
+        shown = self.to_screen(light) if path.suffix.lower() == ".png" else light
+        full = self.white if self.full_scale is None else self.full_scale
+        return encode_photograph(path, shown, self.is_srgb, full)
 
     def _observation(self, number: int) -> Observation:
         light, clipped = self.light[number], self.clipped[number]

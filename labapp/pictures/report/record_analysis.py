@@ -141,7 +141,9 @@ def _restore(
             "that nothing can be judged by it. Expose it longer, or name another 'neutral'."
         )
     light = {"neutral": known.light, "coded": problem.blurred_bands}
-    analysis.images = {name: _screen_picture(problem, one) for name, one in light.items()}
+    analysis.images = {
+        name: problem.screen_picture(one).astype(np.float64) for name, one in light.items()
+    }
     names = [name for name, one in RESTORATIONS.items() if one.reported]
     if problem.filters is not None:
         names = [name for name, method in METHODS.items() if method.restores_bands]
@@ -150,16 +152,9 @@ def _restore(
         with watch.stage(RESTORATIONS[name].title):
             outcome = restore_picture(problem, MethodChoice(name), part)
         analysis.restored_pictures[name] = outcome
-        analysis.images[name] = _screen_picture(problem, outcome.light)
+        analysis.images[name] = problem.screen_picture(outcome.light).astype(np.float64)
         assert outcome.scores is not None
         analysis.scores["coded"], analysis.scores[name] = outcome.scores
-
-
-def _screen_picture(problem: RestorationProblem, light: NDArray[np.floating]) -> Picture:
-    """Return a picture for the report's screen, white at 1: (rows, columns), or 3 colours of it."""
-    shown: Picture = problem.to_screen(light.astype(np.float32)).astype(np.float64)
-    shown /= problem.white
-    return shown[0] if len(shown) == 1 else np.moveaxis(shown, 0, -1)
 
 
 def _credit(record: Record) -> str:

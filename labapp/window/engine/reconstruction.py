@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
 from labapp.files.output_paths import require_photograph_ending
-from labapp.files.photograph_file import encode_photograph, encode_srgb
+from labapp.files.photograph_file import encode_srgb
 from labapp.files.writing import write_atomically
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem
@@ -42,9 +39,9 @@ class Restoration:
         return ReconstructionResult(
             path=self.path,
             source=problem.source.removeprefix(f"{self.path}, "),
-            before=_screen_values(problem, problem.blurred_bands),
-            after=_screen_values(problem, outcome.light),
-            neutral=None if known is None else _screen_values(problem, known.light),
+            before=encode_srgb(problem.screen_picture(problem.blurred_bands)),
+            after=encode_srgb(problem.screen_picture(outcome.light)),
+            neutral=None if known is None else encode_srgb(problem.screen_picture(known.light)),
             psf=problem.psf.mean(0),
             scores=scores,
             method=outcome.method,
@@ -66,11 +63,7 @@ class Restoration:
         require_photograph_ending(path)
         if not path.parent.is_dir():
             raise UserError(f"{path.parent}: is not a folder. Choose another place.")
-        problem = self.problem
-        light = self.outcome.light
-        if path.suffix.lower() == ".png":
-            light = problem.to_screen(light)
-        write_atomically(path, encode_photograph(path, light, problem.is_srgb, problem.white))
+        write_atomically(path, self.problem.encode_file(path, self.outcome.light))
 
 
 def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restoration:
@@ -89,9 +82,3 @@ def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restorati
     except ValueError as error:
         raise UserError(f"{command.path}: {error}.") from error
     return Restoration(command.path, problem, outcome)
-
-
-def _screen_values(problem: RestorationProblem, light: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Return a photograph, restored or not, as grey or sRGB values for the window."""
-    shown = problem.to_screen(light.astype(np.float32)) / problem.white
-    return encode_srgb(shown[0] if len(shown) == 1 else np.moveaxis(shown, 0, -1))
