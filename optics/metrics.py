@@ -121,6 +121,56 @@ def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) 
     return float((luminance * structure).mean())
 
 
+@accepts_numpy
+def spectral_angle(image: torch.Tensor, reference: torch.Tensor, least_norm: float = 0.1) -> float:
+    """Compute the mean spectral angle between two pictures of many bands, an image metric.
+
+    The angle of a pixel is that between its two spectra as vectors, so that brightness doesn't
+    matter. It is computed without an arccosine, which would lose small angles.
+
+    Parameters
+    ----------
+    image, reference : torch.Tensor or numpy.ndarray, (bands, rows, columns)
+        Light of each band, of any unit, finite.
+    least_norm : float, default 0.1
+        Length of a pixel's spectrum in `reference` that must be exceeded for the pixel to count, in
+        the unit of `reference`: the spectra of dark pixels are noise. Not negative.
+
+    Returns
+    -------
+    float
+        Mean angle in degrees, 0 to 180. A pixel that `image` leaves dark in all bands has 90.
+
+    Raises
+    ------
+    ValueError
+        If the pictures have different shapes or aren't (bands, rows, columns), if a value isn't
+        finite, or if no pixel of `reference` is bright enough.
+
+    References
+    ----------
+    Kruse et al. 1993, "The spectral image processing system (SIPS)", Remote Sens. Environ. 44, 145,
+    doi 10.1016/0034-4257(93)90013-N; Kahan 2006, "How futile are mindless assessments of roundoff".
+    """
+    _require_same_shape_and_finite(image=image, reference=reference)
+    if image.ndim != 3:
+        raise ValueError(f"image is {tuple(image.shape)}; give (bands, rows, columns)")
+    if not 0 <= least_norm < math.inf:
+        raise ValueError(f"least_norm is {least_norm:g}; give 0 or more")
+    seen, wanted = (one.to(torch.float64).flatten(1) for one in (image, reference))
+    bright = wanted.norm(dim=0) > least_norm
+    if not bool(bright.any()):
+        raise ValueError(
+            f"no pixel of reference has a spectrum longer than {least_norm:g}; give a brighter "
+            "reference, or a smaller least_norm"
+        )
+    seen, wanted = seen[:, bright], wanted[:, bright]
+    length = seen.norm(dim=0)
+    seen, wanted = seen / length.where(length > 0, 1.0), wanted / wanted.norm(dim=0)
+    angle = 2 * torch.atan2((seen - wanted).norm(dim=0), (seen + wanted).norm(dim=0))
+    return math.degrees(float(angle.mean()))
+
+
 def crop_central_share(image: torch.Tensor, share: float = 0.9) -> torch.Tensor:
     """Crop an image to its central part before an image metric compares it.
 

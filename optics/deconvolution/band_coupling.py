@@ -77,9 +77,6 @@ class BandCoupling:
     def spectral(cls, spectra: torch.Tensor) -> BandCoupling:
         """Return the coupling of a deconvolution's prior that knows which spectra are typical.
 
-        The components are the principal axes of the spectra, and what is rarer in them has a larger
-        weight. The joint length of all weighted components is penalised.
-
         Parameters
         ----------
         spectra : torch.Tensor
@@ -96,14 +93,31 @@ class BandCoupling:
             raise ValueError(
                 f"spectra are {tuple(spectra.shape)}; give (samples, bands) that aren't all 0"
             )
-        _, sizes, axes = torch.linalg.svd(spectra.to(torch.float64), full_matrices=False)
-        bands = spectra.shape[1]
-        if len(sizes) < bands:
-            raise ValueError(f"spectra are {len(sizes)} of {bands} bands; give {bands} or more")
-        power = (sizes / sizes[0]).square().clamp(min=_LEAST_POWER)
+        samples, bands = spectra.shape
+        if samples < bands:
+            raise ValueError(f"spectra are {samples} of {bands} bands; give {bands} or more")
+        spectra = spectra.to(torch.float64) / spectra.abs().max()
+        return cls.of_covariance(spectra.mT @ spectra)
+
+    @classmethod
+    def of_covariance(cls, covariance: torch.Tensor) -> BandCoupling:
+        """Return the coupling of a deconvolution's prior that knows the spectra's covariance.
+
+        The components are the principal axes, and what is rarer has a larger weight. The joint
+        length of all weighted components is penalised.
+
+        Parameters
+        ----------
+        covariance : torch.Tensor
+            Covariance or second moments of spectra or of their differences, (bands, bands), on any
+            scale; symmetric, and not 0.
+        """
+        sizes, axes = torch.linalg.eigh(covariance.to(torch.float64))
+        sizes, axes = sizes.flip(0), axes.flip(1).mT.contiguous()
+        power = (sizes / sizes[0]).clamp(min=_LEAST_POWER)
         weights = power ** (-_WHITENING / 2)
         # With a geometric mean of 1, the weight of the whole prior means the same for all spectra.
-        return cls(weights / weights.log().mean().exp(), (bands,), axes)
+        return cls(weights / weights.log().mean().exp(), (len(weights),), axes)
 
     @property
     def bands(self) -> int:

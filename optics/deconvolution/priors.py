@@ -69,7 +69,8 @@ class DerivativePenalty(Prior):
     Bourquard and Unser 2012, doi 10.1109/TIP.2011.2168232). A lower power suits the heavier tails
     of natural pictures (Krishnan and Fergus 2009). The penalty doesn't depend on the direction.
     `threshold` is the length, in light per pixel, below which a first iteration sets derivatives to
-    0. `bands` says how the bands of pictures of `shape` are coupled.
+    0. `bands` says how the bands of pictures of `shape` are coupled, and `weight_factor` multiplies
+    the weight by the evidence.
     """
 
     def __init__(
@@ -82,8 +83,10 @@ class DerivativePenalty(Prior):
         power: float = 1.0,
         derivative: Derivative = GRADIENT,
         relaxation: float = RELAXATION,
+        weight_factor: float = 1.0,
     ) -> None:
         self.bands, self.threshold, self._power = bands, threshold, power
+        self._weight_factor = weight_factor
         self.derivative, self._relaxation = derivative, relaxation
         self._shrinkage = Shrinkage(bands, threshold, power)
         self.gram_spectrum = derivative.gram_spectrum(shape).to(dtype)
@@ -97,7 +100,8 @@ class DerivativePenalty(Prior):
     def estimate_weight(self, x: torch.Tensor, noise: float, explained_share: float) -> float:
         """Estimate the weight of a deconvolution's gradient penalty by weight_by_evidence()."""
         mean = mean_gradient(x, self._power, self.bands)
-        return weight_by_evidence(mean, self._power, noise, explained_share)
+        estimate = weight_by_evidence(mean, self._power, noise, explained_share)
+        return self._weight_factor * estimate
 
     def update(self, x: torch.Tensor, weight: float) -> None:
         self.derivative.add(self.bands.components(x), self._parts, self._relaxation)

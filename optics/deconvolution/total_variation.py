@@ -67,6 +67,7 @@ def total_variation(
     positive: bool = False,
     upper: float = math.inf,
     data_prox: DataProx | None = None,
+    weight_factor: float = 1.0,
     progress: Progress | None = None,
 ) -> RestoredImage:
     """Restore a blurred photograph with the total-variation prior, which keeps edges sharp.
@@ -96,6 +97,8 @@ def total_variation(
         Bound that the light doesn't exceed, above 0.
     data_prox : callable, optional
         Proximal step of another data term than least squares: see DataProx.
+    weight_factor : float, optional
+        Factor on a weight that is estimated, above 0.
     progress : Progress, optional
         Receives reports, and can cancel the work.
 
@@ -127,7 +130,9 @@ def total_variation(
         coupling, observation.period_shape, _gradient_threshold(observation),
         observation.image.dtype, power=power,
         relaxation=_RELAXATION if power == 1 and data_prox is None else 1.0,
+        weight_factor=weight_factor,
     )  # fmt: skip
+    require_positive("weight_factor", weight_factor, "")
     if not upper > 0:
         raise ValueError(f"upper is {upper:g}; it must be above 0, the lower bound of light")
     bounded = positive or upper < math.inf or observation.border == "dark"

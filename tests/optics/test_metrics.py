@@ -12,6 +12,7 @@ from optics.metrics import (
     psnr,
     relative_error,
     speckle_contrast,
+    spectral_angle,
     ssim,
 )
 
@@ -127,3 +128,41 @@ def test_ranges_and_shares_that_make_no_sense_are_refused():
 def test_no_light_at_all_has_no_contrast():
     with pytest.raises(ValueError, match=r"psf .* no light"):
         speckle_contrast(torch.zeros(4, 4), torch.ones(4, 4))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 1e-6, 30.0, 90.0, 179.0, 180.0])
+def test_spectral_angle_is_the_angle_that_the_spectra_were_turned_by(degrees):
+    """Two bands, turned in their plane; brightness of either picture doesn't count."""
+    along = np.radians(25.0)
+    truth = 3 * np.array([np.cos(along), np.sin(along)])[:, None, None] * np.ones((2, 2, 3))
+    turned = np.radians(25.0 + degrees)
+    seen = 0.2 * np.array([np.cos(turned), np.sin(turned)])[:, None, None] * np.ones((2, 2, 3))
+    assert spectral_angle(seen, truth) == pytest.approx(degrees, rel=1e-6, abs=1e-12)
+    assert spectral_angle(torch.from_numpy(seen), torch.from_numpy(truth)) == pytest.approx(
+        degrees, rel=1e-6, abs=1e-12
+    )
+
+
+def test_spectral_angle_is_a_mean_over_bright_pixels():
+    """By hand: 90 and 45 degrees; the third pixel's spectrum has a length of 0.1 only."""
+    truth = np.array([[[1.0, 1.0, 0.1]], [[0.0, 0.0, 0.0]]])
+    seen = np.array([[[0.0, 2.0, 0.0]], [[5.0, 2.0, 1.0]]])
+    assert spectral_angle(seen, truth) == pytest.approx((90 + 45) / 2)
+    assert spectral_angle(seen, truth, least_norm=0.05) == pytest.approx((90 + 45 + 90) / 3)
+    dark = np.zeros_like(truth)
+    assert spectral_angle(dark, truth) == pytest.approx(90)
+
+
+@pytest.mark.parametrize(
+    ("seen", "truth", "least", "words"),
+    [
+        (np.ones((2, 3, 3)), np.ones((2, 3, 4)), 0.1, "one shape"),
+        (np.ones((3, 3)), np.ones((3, 3)), 0.1, "bands, rows, columns"),
+        (np.full((2, 1, 1), np.nan), np.ones((2, 1, 1)), 0.1, "NaN"),
+        (np.ones((2, 1, 1)), np.zeros((2, 1, 1)), 0.1, "longer than 0.1"),
+        (np.ones((2, 1, 1)), np.ones((2, 1, 1)), -1.0, "least_norm is -1"),
+    ],
+)
+def test_spectral_angle_refuses_in_words(seen, truth, least, words):
+    with pytest.raises(ValueError, match=words):
+        spectral_angle(seen, truth, least)

@@ -1,0 +1,237 @@
+"""Search for the PSFs from which spectral bands are expected to be restored best."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+
+from optics.multispectral.designs import Position, dot_psfs, ring_psfs, spiral_psfs
+from optics.plane import Plane
+from optics.progress import Progress
+from optics.threads import single_threaded
+from optics.validation import require_count, require_positive, require_share
+
+Merit = Callable[[torch.Tensor], float]
+"""Rates a stack of PSFs, (bands, rows, columns), in dB."""
+
+_MOST_RINGS = 4
+_TURNS = (1.0, 2.0, 3.0, 4.0)
+_POLYGONS = tuple(range(2, 9))
+_MOST_DOTS = 24
+"""Families that the search tries: rings, turns of a spiral, corners of a regular polygon of dots,
+and dots at random places; chosen."""
+
+_LEAST_DISTANCE = 3.0
+"""Least distance of dots from each other and from the axis at the shortest wavelength, in pixels:
+nearer ones would be one dot, or add to the unmodulated light. Chosen."""
+
+_FIRST_STEP, _LAST_STEP = 0.4, 0.05
+"""Standard deviation of the first and of the last moves of a dot, relative to the radius; chosen.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Describe a design of the spectral bands' PSFs, with its merit.
+
+    Parameters
+    ----------
+    name : str
+        The design in words.
+    psfs : torch.Tensor, (bands, rows, columns), float64
+        PSF of each band.
+    level : float
+        Merit of the PSFs, the expected mean PSNR of the bands in dB.
+    positions : tuple of tuple of float
+        (y, x) of each dot at the longest wavelength, metres; empty for other shapes.
+    """
+
+    name: str
+    psfs: torch.Tensor
+    level: float
+    positions: tuple[Position, ...] = ()
+
+
+@single_threaded
+def search_design(
+    merit: Merit,
+    plane: Plane,
+    wavelengths: Sequence[float],
+    radius: float,
+    *,
+    unmodulated: float,
+    generator: torch.Generator,
+    candidates: int = 40,
+    steps: int = 100,
+    progress: Progress | None = None,
+) -> Design:
+    """Search for the PSFs of a given size from which bands are expected to be restored best.
+
+    The search tries rings, spirals and regular polygons of dots, then dots at random places. Then
+    it moves, adds and removes single dots of the best ones as long as the merit rises. All shapes
+    reach to `radius` at the longest wavelength, and dots have their centroid on the axis: PSFs that
+    shift a band as a whole lose light at the border of the picture.
+
+    Parameters
+    ----------
+    merit : callable
+        Rates PSFs, (bands, rows, columns), by a level in dB: see `PsfMerit`.
+    plane : Plane
+        Pixels of the sensor around the axis.
+    wavelengths : sequence of float
+        Wavelength of each band in metres.
+    radius : float
+        Largest distance from the axis at the longest wavelength, metres.
+    unmodulated : float
+        Share of the light that stays on the axis, 0 to 1.
+    generator : torch.Generator
+        Source of random numbers.
+    candidates : int, default 40
+        Number of random sets of dots.
+    steps : int, default 100
+        Number of moves that are tried.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    Design
+        The best design.
+
+    Raises
+    ------
+    ValueError
+        If a count or a size isn't positive, a share isn't one, or the radius doesn't fit on the
+        plane or leaves no room for dots.
+    """
+    for name, count in (("candidates", candidates), ("steps", steps)):
+        require_count(name, count)
+    require_positive("radius", radius, "m")
+    require_share("unmodulated", unmodulated)
+    progress = progress or Progress()
+    search = _Search(merit, plane, wavelengths, radius, unmodulated, generator)
+    search.try_families(progress.part(0.0, 0.2))
+    search.try_random_dots(candidates, progress.part(0.2, 0.5))
+    search.move_dots(steps, progress.part(0.5, 1.0))
+    return search.best
+
+
+class _Search:
+    """The search for spectral PSFs: what is given, and the best designs so far."""
+
+    def __init__(
+        self,
+        merit: Merit,
+        plane: Plane,
+        wavelengths: Sequence[float],
+        radius: float,
+        unmodulated: float,
+        generator: torch.Generator,
+    ) -> None:
+        self._merit, self._plane, self._wavelengths = merit, plane, wavelengths
+        self._radius, self._unmodulated, self._generator = radius, unmodulated, generator
+        shortest = min(wavelengths) / max(wavelengths)
+        self._least_distance = _LEAST_DISTANCE * max(plane.pitch) / shortest
+        if radius < 2 * self._least_distance:
+            raise ValueError(
+                f"radius is {radius:g} m; dots need {2 * self._least_distance:.3g} m or more to "
+                "lie apart on these pixels"
+            )
+        self._best: Design | None = None
+        self._best_dots: Design | None = None
+
+    @property
+    def best(self) -> Design:
+        assert self._best is not None
+        return self._best
+
+    def try_families(self, progress: Progress) -> None:
+        """Try the regular shapes of spectral PSFs."""
+        given, share = (self._plane, self._wavelengths, self._radius), self._unmodulated
+        for count in range(1, _MOST_RINGS + 1):
+            self._keep_better(f"{count} rings", ring_psfs(*given, count=count, unmodulated=share))
+            progress.report(0.25 * count / _MOST_RINGS, "rings")
+        for turns in _TURNS:
+            self._keep_better(
+                f"spiral of {turns:g} turns", spiral_psfs(*given, turns=turns, unmodulated=share)
+            )
+            progress.report(0.5, "spirals")
+        for corners in _POLYGONS:
+            angles = [2 * math.pi * k / corners for k in range(corners)]
+            self._try_dots(
+                [(self._radius * math.sin(a), self._radius * math.cos(a)) for a in angles]
+            )
+            progress.report(1.0, "polygons of dots")
+
+    def try_random_dots(self, candidates: int, progress: Progress) -> None:
+        """Try spectral PSFs of dots at random places, few of them as often as many."""
+        for n in range(candidates):
+            count = round(_MOST_DOTS ** self._random())
+            positions = list[Position]()
+            for _ in range(10 * count):
+                distance = self._radius * math.sqrt(self._random())
+                angle = 2 * math.pi * self._random()
+                place = distance * math.sin(angle), distance * math.cos(angle)
+                if len(positions) < count and self._is_apart(place, positions):
+                    positions.append(place)
+            if positions:
+                self._try_dots(positions)
+            progress.report((n + 1) / candidates, f"random dots {n + 1}/{candidates}")
+
+    def move_dots(self, steps: int, progress: Progress) -> None:
+        """Move, add or remove dots of the best spectral PSFs of dots."""
+        for n in range(steps):
+            step = _FIRST_STEP * (_LAST_STEP / _FIRST_STEP) ** (n / steps)
+            self._try_dots(self._changed_dots(step * self._radius))
+            progress.report((n + 1) / steps, f"moves of dots {n + 1}/{steps}")
+
+    def _changed_dots(self, step: float) -> list[Position]:
+        """Return the best dots of spectral PSFs after a random change of one dot."""
+        assert self._best_dots is not None
+        positions = list(self._best_dots.positions)
+        chosen = positions[int(self._random() * len(positions))]
+        kind = self._random()
+        if kind < 0.8 or (kind < 0.9 and len(positions) == 1):
+            positions.remove(chosen)
+        elif kind < 0.9:
+            positions.remove(chosen)
+            return positions
+        shift = torch.randn(2, generator=self._generator, dtype=torch.float64).tolist()
+        place = chosen[0] + step * shift[0], chosen[1] + step * shift[1]
+        return [*positions, place] if self._is_apart(place, positions) else [*positions, chosen]
+
+    def _try_dots(self, positions: Sequence[Position]) -> None:
+        """Try spectral PSFs of dots around the axis, of which the outermost is at the radius."""
+        middle = [sum(axis) / len(positions) for axis in zip(*positions, strict=True)]
+        around = [(y - middle[0], x - middle[1]) for y, x in positions]
+        farthest = max(math.hypot(*place) for place in around)
+        if farthest < self._least_distance:
+            return
+        scale = self._radius / farthest
+        placed = tuple((scale * y, scale * x) for y, x in around)
+        if not all(self._is_apart(p, [q for q in placed if q != p]) for p in placed):
+            return
+        psfs = dot_psfs(self._plane, self._wavelengths, placed, unmodulated=self._unmodulated)
+        found = self._keep_better(f"{len(placed)} dots", psfs, placed)
+        if self._best_dots is None or found.level > self._best_dots.level:
+            self._best_dots = found
+
+    def _keep_better(
+        self, name: str, psfs: torch.Tensor, positions: tuple[Position, ...] = ()
+    ) -> Design:
+        """Rate spectral PSFs, and keep them if they are the best."""
+        found = Design(name, psfs, self._merit(psfs), positions)
+        if self._best is None or found.level > self._best.level:
+            self._best = found
+        return found
+
+    def _is_apart(self, place: Position, others: Sequence[Position]) -> bool:
+        """Tell whether a dot of spectral PSFs is far enough from the axis and from other dots."""
+        return all(math.dist(place, other) >= self._least_distance for other in ((0, 0), *others))
+
+    def _random(self) -> float:
+        """Draw a number between 0 and 1 for the search for spectral PSFs."""
+        return float(torch.rand((), generator=self._generator, dtype=torch.float64))

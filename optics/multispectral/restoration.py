@@ -1,0 +1,94 @@
+"""Restoration of spectral bands from one photograph, by total variation that knows the spectra."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+
+from optics.deconvolution.band_coupling import BandCoupling
+from optics.deconvolution.restored_image import RestoredImage
+from optics.deconvolution.total_variation import total_variation
+from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.multispectral.scene_covariance import adapt_covariance
+from optics.progress import Progress
+from optics.threads import single_threaded
+
+_WEIGHT_FACTOR = 2.0
+"""Factor on the weight by the evidence, for errors of PSFs and filters, which aren't noise. On
+three records of a simulated bench with measured PSFs, 2 is 0.4 to 3.1 dB better than 1; with exact
+PSFs and noise of 1 % of white it is 0.1 dB worse, and without noise it doesn't matter."""
+
+
+@single_threaded
+@torch.no_grad()
+def restore_spectra(
+    observation: MosaicObservation,
+    spectra: Any,
+    *,
+    weight: float | None = None,
+    iterations: int = 100,
+    adapts: bool = True,
+    progress: Progress | None = None,
+) -> RestoredImage:
+    """Restore the spectral bands of a scene from one coded photograph.
+
+    Total variation penalises the joint length of all bands' gradients, along the principal axes of
+    typical spectra: what is rarer among them costs more. From the first restoration the covariance
+    of the scene's own spectra is estimated, and takes the place of the typical one in a second.
+
+    Parameters
+    ----------
+    observation : MosaicObservation
+        The raw picture with its filters and PSFs: see `build_mosaic_observation`.
+    spectra : torch.Tensor or numpy.ndarray, (samples, bands)
+        Typical spectra on the scale of the scene's bands, of materials that differ from each other;
+        as many as bands or more.
+    weight : float, optional
+        Regularisation weight. Chosen from noise and picture if None.
+    iterations : int, default 100
+        Number of iterations of each restoration, 1 or more.
+    adapts : bool, default True
+        Whether the scene's own spectra are estimated, which takes twice as long.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    RestoredImage
+        The bands, (bands, rows, columns), never negative.
+
+    Raises
+    ------
+    ValueError
+        For spectra that aren't finite, too few, or of another number of bands; for a weight that
+        isn't positive, or no iteration.
+
+    References
+    ----------
+    Thesis Eq. 4.2; Blomgren and Chan 1998, doi 10.1109/83.661180 (vector total variation).
+    """
+    samples = torch.as_tensor(spectra)
+    if samples.ndim == 2 and samples.shape[1] != observation.bands:
+        raise ValueError(
+            f"spectra have {samples.shape[1]} bands; the observation has {observation.bands}"
+        )
+    coupling = BandCoupling.spectral(samples)
+    progress = progress or Progress()
+
+    def restore(coupling: BandCoupling, part: Progress) -> RestoredImage:
+        return total_variation(
+            observation,
+            weight,
+            bands=coupling,
+            iterations=iterations,
+            weight_factor=_WEIGHT_FACTOR,
+            progress=part,
+        )
+
+    found = restore(coupling, progress.part(0, 0.5) if adapts else progress)
+    if adapts:
+        samples = samples.to(torch.float64)
+        covariance = adapt_covariance(observation, found.image, samples.mT @ samples)
+        found = restore(BandCoupling.of_covariance(covariance), progress.part(0.5, 1))
+    return found.to_numpy() if observation.is_numpy else found
