@@ -1,4 +1,4 @@
-"""The command `labapp reconstruct`, which restores a blurred photograph."""
+"""The command `labapp reconstruct`, which restores a blurred photograph, or a spectral cube."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.shared_options import ForceOption, JsonOption, readable_path
+from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 from optics.deconvolution.method_names import AUTO, METHOD_CHOICES
 
@@ -28,7 +29,8 @@ def reconstruct(
         typer.Option(
             metavar="FILE",
             callback=readable_path,
-            help="Picture or .npy of the PSF, or a record with a star.",
+            help="Picture or .npy of the PSF, or a record with a star. With --bands: a cube or "
+            ".npy of a PSF for each band, or such a record.",
             show_default="the star of the record",
         ),
     ] = None,
@@ -52,7 +54,7 @@ def reconstruct(
     weight: Annotated[
         float | None,
         typer.Option(
-            help="Regularisation weight in the method's unit; needs --method.",
+            help="Regularisation weight in the method's unit; needs --method or --bands.",
             show_default="chosen from the picture",
         ),
     ] = None,
@@ -112,20 +114,47 @@ def reconstruct(
             help="Restore one band of a record with colour filters, for light of one colour.",
         ),
     ] = False,
+    bands: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NM,NM,…",
+            help="Restore a spectral cube from a record's coded snapshot: wavelengths of its bands "
+            "in nanometres, as in 450,500,550, or all that the record has.",
+            show_default="a photograph",
+        ),
+    ] = None,
+    white: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TARGET",
+            help="With --bands, target of the record that is white: a white sheet, or the star.",
+            show_default="flat, or else the star",
+        ),
+    ] = None,
+    light: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="With --bands, light in which the cube's colours are shown and compared: a CIE "
+            "illuminant, such as D65 or A, or a CSV file of wavelengths in nm and power.",
+            show_default="D65",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Restored picture to write: .tiff or .npy (light, float) or .png.",
-            show_default="*_restored.tiff beside the input",
+            help="Restored picture to write: .tiff or .npy (light, float) or .png. With --bands: "
+            ".h5, or .hdr for ENVI, with a .raw beside it.",
+            show_default="*_restored.tiff or *_cube.h5 beside the input",
         ),
     ] = None,
     picture: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE.png",
-            help="Drawing to write: before, after, PSF and residual.",
-            show_default="*_before_after.png",
+            help="Drawing to write: before, after, PSF and residual; with --bands, each band.",
+            show_default="*_before_after.png or *_bands.png",
         ),
     ] = None,
     truth: Annotated[
@@ -133,13 +162,16 @@ def reconstruct(
         typer.Option(
             metavar="FILE",
             callback=readable_path,
-            help="True picture, against which PSNR and SSIM are measured.",
+            help="True picture, against which PSNR and SSIM are measured. With --bands: a cube, or "
+            "a record of the neutral photographs.",
         ),
     ] = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Restore a photograph that was blurred by a PSF (--psf), and show before and after.
+
+    With **--bands**, restore a spectral cube instead.
 
     Colours of a picture are restored band by band; those of a record whose sensor has colour
     filters are restored together from the bare pixels, with the PSF of the star in each colour. Its
@@ -156,7 +188,33 @@ def reconstruct(
     neutral star. For instance
 
     **labapp reconstruct first-light/run.h5 --budget 2 --out restored.png**
+
+    **--bands 450,500,550** takes the record's photograph through the coded pattern for a snapshot
+    of all bands at once. Where a filter is always in the beam, it is the sum of the photographs at
+    each wavelength, because light adds. Every band is blurred by the PSF of the star at its
+    wavelength, and seen by each filter of the sensor as its curve says; what the photograph can't
+    tell apart follows from the spectra of typical things. The cube is in shares of white: of a
+    white sheet that the record has as target "flat", or else of the star's light. It is written
+    with its colours in --light and a drawing of all bands, and scored against the neutral
+    photographs of the run if it has them. **labapp help multispectral** says how to record and
+    judge one. For instance
+
+    **labapp reconstruct run.h5 --bands 450,500,550,600,650,700 --out leaf.hdr**
     """
+    photograph_only = {
+        "--blind": blind, "--budget": budget, "--refine-psf": refine_psf or None, "--clip": clip,
+        "--method": None if method == AUTO else method, "--dark": dark, "--linear, --srgb": linear,
+        "--wavelength-nm": wavelength_nm, "--frame": frame, "--grey": grey or None,
+    }  # fmt: skip
+    _require_options_of_one_kind(bands, photograph_only, {"--white": white, "--light": light})
+    if bands is not None:
+        named: dict[str, Any] = {"psf": psf, "target": target, "pattern": pattern, "star": star}
+        named |= {"white": white, "noise": noise, "border": border, "truth": truth}
+        outputs = (out, picture)
+        _reconstruct_spectra(
+            source, bands, named, outputs, light or "D65", weight, force=force, as_json=json
+        )
+        return
     from labapp.files.output_paths import restoration_output_paths
 
     places = restoration_output_paths(
@@ -177,3 +235,43 @@ def reconstruct(
     restore(
         asked, MethodChoice(method, budget, weight, refine_psf), OutputFiles(*places), as_json=json
     )
+
+
+def _reconstruct_spectra(
+    source: Path,
+    bands: str,
+    named: dict[str, Any],
+    outputs: tuple[Path | None, Path | None],
+    light: str,
+    weight: float | None,
+    *,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Restore the spectral cube of a record, as the command's options say."""
+    from labapp.files.output_paths import spectral_output_paths
+    from labapp.spectral.band_list import parse_bands
+
+    wavelengths = parse_bands(bands)
+    inputs = (named["psf"], named["truth"])
+    places = spectral_output_paths(source, *outputs, inputs, force=force)
+    use_one_thread()
+    from labapp.spectral.command import SpectralFiles, reconstruct_spectra
+    from labapp.spectral.request import SpectralRequest
+
+    request = SpectralRequest(source, wavelengths, **named)
+    reconstruct_spectra(request, SpectralFiles(*places), light, weight, as_json=as_json)
+
+
+def _require_options_of_one_kind(
+    bands: str | None, photograph_only: dict[str, Any], spectral_only: dict[str, Any]
+) -> None:
+    """Raise UserError for options that mean nothing to the kind of restoration of the command."""
+    refused = spectral_only if bands is None else photograph_only
+    given = next((name for name, value in refused.items() if value is not None), None)
+    if given is not None and bands is None:
+        raise UserError(
+            f"{given}: means something with --bands only. Add --bands, or leave it out."
+        )
+    if given is not None:
+        raise UserError(f"{given}: means nothing with --bands. Leave one of the two out.")

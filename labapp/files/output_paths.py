@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 
 from labapp.common.errors import UserError
+from labapp.files.cube_paths import cube_paths
 from labapp.files.writing import require_all_writable, require_free_names
 
 RECORD = "run.h5"
@@ -146,6 +147,37 @@ def restoration_output_paths(
     found = data.with_name(f"{data.stem}_psf.npy") if blind else None
     require_all_writable((data, picture, found), force=force)
     return data, picture, found
+
+
+def spectral_output_paths(
+    source: Path,
+    cube: Path | None,
+    picture: Path | None,
+    inputs: Sequence[Path | None],
+    *,
+    force: bool,
+) -> tuple[Path, Path, Path]:
+    """Return the paths of a spectral restoration's output files: cube, colours, drawing.
+
+    Files that aren't named are placed beside `source`, the record, and the colours beside the cube.
+    `inputs` are other input files, which may not be replaced.
+    """
+    cube = cube or source.with_name(f"{source.stem}_cube.h5")
+    colours = cube.with_name(f"{cube.stem}_colours.png")
+    picture = picture or cube.with_name(f"{cube.stem}_bands.png")
+    if picture.suffix.lower() != ".png":
+        raise UserError(f"--picture {picture}: must end in .png.")
+    if picture.resolve() == colours.resolve():
+        raise UserError(f"--picture {picture}: is the file of the colours. Choose another name.")
+    kept = {one.resolve() for one in (source, *inputs) if one is not None}
+    written = (*cube_paths(cube), colours, picture)
+    for file in written:
+        if file.resolve() in kept:
+            raise UserError(
+                f"{file}: is a file that is read. Choose another name: --out, --picture."
+            )
+    require_all_writable(written, force=force)
+    return cube, colours, picture
 
 
 def _require_one_of(path: Path, endings: Sequence[str]) -> None:

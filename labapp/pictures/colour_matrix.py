@@ -8,13 +8,12 @@ channels that are white-balanced: divided by what white gives in each.
 from __future__ import annotations
 
 import math
-import warnings
 from itertools import pairwise
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.common.colour_library import colour_library
 from optics.light import Spectrum, blackbody
 from optics.sensor import Mosaic
 
@@ -203,18 +202,6 @@ def linear_srgb(
     return np.tensordot(matrix.astype(precision), picture.astype(precision), axes=1)
 
 
-def _colour() -> ModuleType:
-    """Import colour-science, which takes a second: only when a matrix is computed.
-
-    It hides warnings of others for the whole process when it is imported. That is undone here.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import colour
-        import colour.colorimetry
-    return colour
-
-
 def _illuminant_a() -> Spectrum:
     return blackbody(ILLUMINANT_A_TEMPERATURE)
 
@@ -278,14 +265,14 @@ def _white_signals(
 
 def _training_reflectances() -> NDArray[np.float64]:
     """Return the reflectances that the matrix is fitted to, (patches, wavelengths)."""
-    patches = _colour().SDS_COLOURCHECKERS[TRAINING_REFLECTANCES].values()
+    patches = colour_library().SDS_COLOURCHECKERS[TRAINING_REFLECTANCES].values()
     nm = _wavelengths() * 1e9
     return np.array([np.interp(nm, patch.wavelengths, patch.values) for patch in patches])
 
 
 def _linear_srgb_of(reflectances: NDArray[np.float64], light: Spectrum) -> NDArray[np.float64]:
     """Return the linear sRGB of reflectances in a light that the eye is adapted to, (…, 3)."""
-    colour = _colour()
+    colour = colour_library()
     shape = colour.SpectralShape(*(round(one * 1e9) for one in (*VISIBLE_RANGE, _STEP)))
     observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape)
     power = colour.SpectralDistribution(_power(light, VISIBLE_RANGE), shape.wavelengths)

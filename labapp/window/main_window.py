@@ -207,6 +207,7 @@ class MainWindow(QMainWindow):
             "folder": self.run.folder,
             "restore_method": self.reconstruction.method,
             "restore_s": self.reconstruction.budget,
+            "restore_light": self.reconstruction.spectra.light,
             "pattern": form.kind,
             "pattern_file": form.file,
         }

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QSize, Qt, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from labapp.window.theme import FIELD
+from labapp.window.theme import FIELD, TEXT
 from labapp.window.widgets import fill_layout
 
 
@@ -19,10 +19,11 @@ class PictureView(QWidget):
     """Show a picture through a palette; a double click fits it to the view again.
 
     `pixel_hovered` is emitted with the row and column under the mouse, (-1, -1) outside the
-    picture.
+    picture; `pixel_clicked` with those of a single click within it.
     """
 
     pixel_hovered = Signal(int, int)
+    pixel_clicked = Signal(int, int)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -31,6 +32,9 @@ class PictureView(QWidget):
         self._view.setCentralItem(self.box)
         self._item = pg.ImageItem(axisOrder="row-major")
         self.box.addItem(self._item)
+        self._mark = pg.ScatterPlotItem(symbol="+", size=17, pen=pg.mkPen(FIELD), brush=TEXT)
+        self._mark.setZValue(5)
+        self.box.addItem(self._mark, ignoreBounds=True)
         self._shape = (0, 0)
         fill_layout(QVBoxLayout(self), self._view)
         scene = self._view.scene()
@@ -67,17 +71,29 @@ class PictureView(QWidget):
         self.box.setXLink(other.box)
         self.box.setYLink(other.box)
 
+    def mark_pixel(self, row: int, column: int) -> None:
+        """Draw a cross on a pixel of the window's picture, in the place of an earlier one."""
+        self._mark.setData([column + 0.5], [row + 0.5])
+
     def pixel_position(self, row: int, column: int) -> QPointF:
         """Return where the centre of a picture's pixel is on this widget of the window."""
         scene = self.box.mapViewToScene(QPointF(column + 0.5, row + 0.5))
         return QPointF(self._view.mapFromScene(scene))
 
     def _hover(self, position: Any) -> None:
+        self.pixel_hovered.emit(*(self._pixel_at(position) or (-1, -1)))
+
+    def _click(self, event: Any) -> None:
+        if event.button() != Qt.MouseButton.LeftButton:
+            return
+        if event.double():
+            self.fit()
+        elif (pixel := self._pixel_at(event.scenePos())) is not None:
+            self.pixel_clicked.emit(*pixel)
+
+    def _pixel_at(self, position: Any) -> tuple[int, int] | None:
+        """Return the picture's pixel at a place of the view's scene; None outside the picture."""
         point = self.box.mapSceneToView(position)
         row, column = int(np.floor(point.y())), int(np.floor(point.x()))
         inside = 0 <= row < self._shape[0] and 0 <= column < self._shape[1]
-        self.pixel_hovered.emit(*((row, column) if inside else (-1, -1)))
-
-    def _click(self, event: Any) -> None:
-        if event.double() and event.button() == Qt.MouseButton.LeftButton:
-            self.fit()
+        return (row, column) if inside else None

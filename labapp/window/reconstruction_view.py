@@ -1,4 +1,4 @@
-"""The window's view of a reconstruction: method, time, both pictures, and figures of quality."""
+"""The window's view of a reconstruction: how to restore, then a photograph, or a spectral cube."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ from PySide6.QtWidgets import (
     QComboBox,
     QDoubleSpinBox,
     QHBoxLayout,
+    QLineEdit,
     QPushButton,
+    QStackedWidget,
     QVBoxLayout,
     QWidget,
 )
 
 from labapp.window.before_after_view import BeforeAfterView
 from labapp.window.messages import ReconstructionResult
+from labapp.window.spectral_messages import RecordBands, SpectralResult
+from labapp.window.spectral_view import SpectralView
 from labapp.window.widgets import fill_layout, make_label, make_tool_button
 from optics.deconvolution.method_names import AUTO, RESTORATIONS
 
@@ -30,10 +34,21 @@ _EMPTY = (
 )
 
 
-class ReconstructionView(QWidget):
-    """Let the person choose a restoration method and its time, and show the engine's result.
+_SHORT_NAME = 10
+"""Characters of a method's name that are seen at least: "Automatic" is whole."""
 
-    `save_requested` is emitted when the person wants to save the restored picture.
+_BANDS_TIP = (
+    "Restore a spectral cube from the photographs that were taken at several wavelengths through "
+    "the coded pattern, with the star at each of them"
+)
+
+_ALL_BANDS = "all bands"
+
+
+class ReconstructionView(QWidget):
+    """Let the person choose how to restore, and show the engine's result: a picture or a cube.
+
+    `save_requested` is emitted when the person wants to save the restored picture or cube.
     """
 
     save_requested = Signal()
@@ -42,6 +57,11 @@ class ReconstructionView(QWidget):
         super().__init__(parent)
         self.method = QComboBox(self)
         self.method.addItems(list(METHODS))
+        # On a small screen, the longest names are cut short.
+        self.method.setMaximumWidth(self.method.sizeHint().width())
+        shrinking = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
+        self.method.setSizeAdjustPolicy(shrinking)
+        self.method.setMinimumContentsLength(_SHORT_NAME)
         self.method.setToolTip("Method: automatic takes what serves best in the time")
         self.budget = QDoubleSpinBox(self, decimals=2, maximum=3600.0, singleStep=0.1)
         self.budget.setSuffix(" s")
@@ -51,18 +71,29 @@ class ReconstructionView(QWidget):
         self.grey.setToolTip(
             "Of a sensor with colour filters, restore one grey band: for light of one colour"
         )
+        self.bands = QCheckBox("Bands", self)
+        self.bands.setToolTip(_BANDS_TIP)
+        self.band_list = QLineEdit(self)
+        self.band_list.setPlaceholderText(_ALL_BANDS)
+        self.band_list.setToolTip("Wavelengths in nm with commas between; all if it is empty")
+        self._photograph_fields = self.method, make_label(self, "Time"), self.budget, self.grey
         self.start = make_tool_button(self, reconstruct)
         self.before = QPushButton("Before", self)
         self.before.setToolTip("While you hold it, the photograph before is all that is seen")
         self.save = QPushButton("Save …", self)
         self.picture = BeforeAfterView(self)
         self.note = make_label(self, _EMPTY, look="faint", wrap=True)
-        self.before.pressed.connect(lambda: self.picture.show_only_before(True))
-        self.before.released.connect(lambda: self.picture.show_only_before(False))
+        self.spectra = SpectralView(self)
+        self._pages = QStackedWidget(self)
+        self._described, self._hint = _EMPTY, ""
+        self.bands.toggled.connect(self._choose_bands)
+        self.before.pressed.connect(lambda: self._show_before(True))
+        self.before.released.connect(lambda: self._show_before(False))
         self.save.clicked.connect(self.save_requested)
         for button in (self.before, self.save):
             button.setEnabled(False)
         self._arrange()
+        self._choose_bands(False)
 
     @property
     def choices(self) -> tuple[str, float | None, bool]:
@@ -73,18 +104,68 @@ class ReconstructionView(QWidget):
         method = METHODS[self.method.currentText()]
         return method, self.budget.value() or None, self.grey.isChecked()
 
+    @property
+    def wanted_bands(self) -> str | None:
+        """Return the bands that the person typed, or "all"; None for a single photograph."""
+        if not self.bands.isChecked():
+            return None
+        return self.band_list.text().strip() or "all"
+
+    @property
+    def shows_cube(self) -> bool:
+        """Return whether the window shows a spectral cube, and not a restored photograph."""
+        return self._pages.currentWidget() is self.spectra
+
     def show_result(self, result: ReconstructionResult) -> None:
         self.picture.show_before_after(result.before, result.after)
-        self.note.setText(describe_result(result))
+        self._described = describe_result(result)
+        self.note.setText(self._described + self._hint)
         self.note.setToolTip(str(result.path))
+        self._pages.setCurrentIndex(0)
+        self._enable_buttons()
+
+    def show_cube(self, result: SpectralResult) -> None:
+        self._pages.setCurrentWidget(self.spectra)
+        self.spectra.show_result(result)
+        self._enable_buttons()
+
+    def show_bands(self, found: RecordBands) -> None:
+        """Show the bands of a record in the window, and say where they can be restored."""
+        several = len(found.wavelengths) > 1
+        listed = ", ".join(f"{one * 1e9:.4g}" for one in found.wavelengths)
+        self.band_list.setPlaceholderText(f"all: {listed} nm" if several else _ALL_BANDS)
+        self.bands.setToolTip(f"{_BANDS_TIP}: {listed} nm" if several else _BANDS_TIP)
+        self._hint = (
+            f" {found.path.name} has the coded photograph at {len(found.wavelengths)} wavelengths: "
+            "tick Bands to restore a spectral cube (F7)."
+            if several
+            else ""
+        )
+        self.note.setText(self._described + self._hint)
+
+    def _choose_bands(self, on: bool) -> None:
+        """Show the fields of the window that count for a cube, or those for a photograph."""
+        self.band_list.setVisible(on)
+        for field in self._photograph_fields:
+            field.setVisible(not on)
+
+    def _show_before(self, on: bool) -> None:
+        self.picture.show_only_before(on)
+        self.spectra.show_only_snapshot(on)
+
+    def _enable_buttons(self) -> None:
         for button in (self.before, self.save):
             button.setEnabled(True)
 
     def _arrange(self) -> None:
-        choices = self.method, make_label(self, "Time"), self.budget, self.grey, self.start
-        bar = fill_layout(QHBoxLayout(), *choices, 1, self.before, self.save, spacing=6)
-        parts = bar, (self.picture, 1), self.note
-        fill_layout(QVBoxLayout(self), *parts, margins=(0, 4, 0, 0), spacing=4)
+        photograph = (self.method, 1), *self._photograph_fields[1:]
+        choices = self.bands, (self.band_list, 1), *photograph, self.start
+        bar = fill_layout(QHBoxLayout(), *choices, self.before, self.save, spacing=4)
+        single = QWidget(self)
+        fill_layout(QVBoxLayout(single), (self.picture, 1), self.note, spacing=4)
+        for page in (single, self.spectra):
+            self._pages.addWidget(page)
+        fill_layout(QVBoxLayout(self), bar, (self._pages, 1), margins=(0, 4, 0, 0), spacing=4)
         self.note.setTextFormat(Qt.TextFormat.PlainText)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labapp.runs.state import State
@@ -27,6 +28,7 @@ from labapp.window.messages import (
     ReconstructionResult,
     RunEnded,
 )
+from labapp.window.spectral_messages import CubeColours, RecordBands, SpectralResult
 from labapp.window.tone_mapping import DigitalScale
 
 if TYPE_CHECKING:
@@ -59,6 +61,9 @@ class ReportDisplay:
             DeviceReconnected: self._device_reconnected,
             RunEnded: self._run_ended,
             ReconstructionResult: self._reconstruction_result,
+            SpectralResult: self._spectral_result,
+            CubeColours: window.reconstruction.spectra.show_colours,
+            RecordBands: window.reconstruction.show_bands,
             AccuracyForecast: window.accuracy.show_forecast,
             AccuracyMeasured: self._accuracy_measured,
             PictureSaved: lambda report: window.message.show_message(f"Saved: {report.path}."),
@@ -175,10 +180,23 @@ class ReportDisplay:
         window = self._window
         window.reconstruction.show_result(report)
         window.side_by_side.show_result(report)
+        self._end_reconstruction(report.path)
+
+    def _spectral_result(self, report: SpectralResult) -> None:
+        """Show a restored cube in the window, and bring its tab to the front."""
+        window = self._window
+        window.reconstruction.show_cube(report)
+        # A cube has no pictures side by side.
+        window.tabs.setCurrentWidget(window.reconstruction)
+        self._end_reconstruction(report.path)
+
+    def _end_reconstruction(self, path: Path) -> None:
+        """Tell the person at the window that a record's reconstruction is shown."""
+        window = self._window
         self._session.on_job_ended()
         window.run.show_end("reconstructed", done=True)
         window.show_reconstruction()
-        window.message.show_message(f"Reconstructed from {report.path}.")
+        window.message.show_message(f"Reconstructed from {path}.")
 
     def _accuracy_measured(self, report: AccuracyMeasured) -> None:
         self._window.accuracy.show_measured(report)

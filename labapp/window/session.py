@@ -14,6 +14,7 @@ from labapp.window.messages import (
     BenchOpened,
     Cancel,
     CancelJob,
+    Command,
     ComputePreview,
     ForecastAccuracy,
     MeasureAccuracy,
@@ -30,9 +31,15 @@ from labapp.window.messages import (
 )
 from labapp.window.report_display import ReportDisplay
 from labapp.window.run_requests import RunRequests
+from labapp.window.spectral_messages import ListBands, RestoreCube, ShowCubeColours
 
 if TYPE_CHECKING:
     from labapp.window.main_window import MainWindow
+
+
+_PICTURE_KINDS = "Light (*.tiff *.npy);;Picture (*.png)"
+_CUBE_KINDS = "Cube (*.h5 *.hdr);;Colours (*.png)"
+"""Kinds of files for a restored picture, and for a cube, as Qt's dialogues want them."""
 
 
 class Session(QObject):
@@ -81,6 +88,7 @@ class Session(QObject):
     def on_run_completed(self, run: Path) -> None:
         """Note a complete run's record, so that the person can reconstruct it in the window."""
         self._last_run = run
+        self._connection.send(ListBands(run))
         self._allow()
 
     def on_job_ended(self) -> None:
@@ -145,7 +153,11 @@ class Session(QObject):
         actions, view = self._window.actions_, self._window.live_view
         actions["live"].triggered.connect(lambda on: self._connection.send(SetLive(on)))
         actions["reconstruct"].triggered.connect(self._reconstruct_last)
-        self._window.reconstruction.save_requested.connect(self._save_restored)
+        restored = self._window.reconstruction
+        restored.save_requested.connect(self._save_restored)
+        restored.spectra.light_requested.connect(
+            lambda light: self._connection.send(ShowCubeColours(light))
+        )
         actions["open"].triggered.connect(self._open_run)
         actions["cancel"].triggered.connect(self._cancel)
         for name, change in (
@@ -213,9 +225,12 @@ class Session(QObject):
             self._reconstruct(Path(path))
 
     def _save_restored(self) -> None:
-        first = "" if self._last_run is None else str(self._last_run.with_suffix(".tiff"))
-        kinds = "Light (*.tiff *.npy);;Picture (*.png)"
-        path, _ = QFileDialog.getSaveFileName(self._window, "Reconstructed picture", first, kinds)
+        title, ending, kinds = "Reconstructed picture", ".tiff", _PICTURE_KINDS
+        if self._window.reconstruction.shows_cube:
+            title, ending, kinds = "Spectral cube", "_cube.h5", _CUBE_KINDS
+        run = self._last_run
+        first = "" if run is None else str(run.with_name(f"{run.stem}{ending}"))
+        path, _ = QFileDialog.getSaveFileName(self._window, title, first, kinds)
         if path:
             self._connection.send(SaveRestored(Path(path)))
 
@@ -224,7 +239,15 @@ class Session(QObject):
         self._window.run.show_start("reconstructing …")
         self._window.show_reconstruction()
         self._allow()
-        self._connection.send(ReconstructRun(path, *self._window.reconstruction.choices))
+        self._connection.send(ListBands(path))
+        self._connection.send(self._restoration_of(path))
+
+    def _restoration_of(self, path: Path) -> Command:
+        """Return the command that restores a record as the person has chosen in the window."""
+        view = self._window.reconstruction
+        if (bands := view.wanted_bands) is not None:
+            return RestoreCube(path, bands, view.spectra.light.currentText())
+        return ReconstructRun(path, *view.choices)
 
     def _cancel(self) -> None:
         self._window.run.message.setText("cancelling …")

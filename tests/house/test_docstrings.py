@@ -37,6 +37,7 @@ PACKAGES = (
     "drivers.x11",
     "labapp.bench.opening",
     "labapp.cli",
+    "labapp.files.cubes",
     "labapp.pictures.report",
     "labapp.pictures.report.record_analysis",
     "labapp.runs.export",

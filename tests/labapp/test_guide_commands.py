@@ -27,10 +27,16 @@ NOT_RUN = {
     "labapp calibrate --bench mine.toml --star-um 70 --star-m 2 --out calibration": "takes minutes",
     "labapp calibrate --bench mine.toml --wavelength-nm 452": "takes minutes",
     "labapp calibrate --out calibration": "takes two minutes: test_calibration.py does it, smaller",
+    "labapp run coded-snapshot --bench colour.toml": "takes a minute: the records of "
+    "test_spectral_records.py are smaller",
+    "labapp reconstruct snapshot.h5 --bands": "needs that run: test_spectral_records.py does it",
     "labapp study psf-stability": "takes minutes: test_studies.py does it, smaller",
     "labapp study refocus": "takes half a minute: test_studies.py does it, smaller",
     "labapp study cubic-edof": "takes half a minute: test_edof_studies.py does its parts",
     "labapp study deconvolution": "takes half a minute: test_edof_studies.py does its parts",
+    "labapp accuracy multispectral": "takes half a minute: test_multispectral_accuracy.py does it",
+    "labapp study multispectral": "takes minutes: test_spectral_studies.py does it, smaller",
+    "labapp study psf-designs": "takes minutes: test_spectral_studies.py does it, smaller",
     "make": "make run, make test and make figures are what runs this, or take an hour",
     "PYTHONPATH=tests": "takes an hour",
 }

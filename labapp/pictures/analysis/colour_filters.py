@@ -171,13 +171,21 @@ def passband(record: Record, picture: Bracket) -> tuple[float, float] | None:
 
     Returns None if the record's bench doesn't describe the filter.
     """
+    return passband_at(record, picture.wavelength)
+
+
+def passband_at(record: Record, wavelength: float) -> tuple[float, float] | None:
+    """Return what the filter of a record lets through when it is set to a wavelength, in metres.
+
+    Returns None if the record's bench doesn't describe the filter.
+    """
     table = record.bench.devices.tables.get("filter")
     options = {} if table is None else dict(table.options)
     if "slots_nm" in options:
-        centre = picture.wavelength * 1e9
+        centre = wavelength * 1e9
         widths = [width for slot, width in options["slots_nm"] if abs(slot - centre) < 1e-2]
         # Two slots may share their centre; the widest is the one for colours.
         half = max(widths, default=0.0) * 1e-9 / 2
     else:
         half = options.get("bandwidth_nm", _TUNABLE_BANDWIDTH * 1e9) * 1e-9 / 2
-    return (picture.wavelength - half, picture.wavelength + half) if half else None
+    return (wavelength - half, wavelength + half) if half else None

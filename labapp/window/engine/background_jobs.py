@@ -27,9 +27,11 @@ from labapp.window.messages import (
     SaveRestored,
     ShowPattern,
 )
+from labapp.window.spectral_messages import ListBands, RestoreCube, ShowCubeColours
 from optics.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
+    from labapp.window.engine.cube_restoration import CubeRestoration
     from labapp.window.engine.reconstruction import Restoration
 
 
@@ -49,7 +51,7 @@ class BackgroundJobs:
         self._camera = bench.description
         self._world = bench.camera_world
         self._designer = PatternDesigner(self._camera)
-        self._last_restoration: Restoration | None = None
+        self._last_restoration: Restoration | CubeRestoration | None = None
         # With two threads, a pattern needn't wait for a reconstruction.
         self._threads = ThreadPoolExecutor(2, "beside")
 
@@ -82,6 +84,36 @@ class BackgroundJobs:
             self._channel.send(self._last_restoration.result_message)
 
         self._start("reconstruction", work)
+
+    def restore_cube(self, command: RestoreCube) -> None:
+        def work(progress: Progress) -> None:
+            from labapp.window.engine.cube_restoration import restore_cube
+
+            self._last_restoration = restored = restore_cube(command, progress)
+            self._channel.send(restored.result_message)
+
+        self._start("reconstruction", work)
+
+    def show_cube_colours(self, command: ShowCubeColours) -> None:
+        def work(progress: Progress) -> None:
+            from labapp.window.engine.cube_restoration import CubeRestoration
+
+            restored = self._last_restoration
+            if isinstance(restored, CubeRestoration):
+                shown = restored.with_light(command.light)
+                self._channel.send(shown.colours)
+                if self._last_restoration is restored:
+                    self._last_restoration = shown
+
+        self._start("colours", work)
+
+    def list_bands(self, command: ListBands) -> None:
+        def work(progress: Progress) -> None:
+            from labapp.window.engine.cube_restoration import list_bands
+
+            self._channel.send(list_bands(command.path))
+
+        self._start("bands", work)
 
     def set_tolerance(self, tol: float | None) -> None:
         """Set the relative error of the predictions that the window asks for; None: the usual."""

@@ -49,6 +49,7 @@ from labapp.window.messages import (
     SetWavelength,
     ShowPattern,
 )
+from labapp.window.spectral_messages import ListBands, RestoreCube, ShowCubeColours
 
 
 class StartQueuedRuns:
@@ -96,6 +97,9 @@ class Engine:
         at_once: dict[type, Callable[[Any], None]] = {
             ComputePreview: self._background.preview,
             ReconstructRun: self._background.reconstruct,
+            RestoreCube: self._background.restore_cube,
+            ShowCubeColours: self._background.show_cube_colours,
+            ListBands: self._background.list_bands,
             SaveRestored: self._background.save_restored,
             SetTolerance: self._set_tolerance,
             ForecastAccuracy: self._background.forecast_accuracy,

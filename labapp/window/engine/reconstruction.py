@@ -73,7 +73,10 @@ def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restorati
     """
     choice = RecordSelection(grey=command.grey)
     request = RestorationRequest(command.path, choice=choice)
-    problem = request.read_problem(progress.part(0, 0.4))
+    try:
+        problem = request.read_problem(progress.part(0, 0.4))
+    except UserError as error:
+        raise UserError(f"{error}{_bands_hint(error)}") from error
     wish = MethodChoice(command.method, command.budget)
     if command.budget is not None:
         wish = MethodChoice(command.method, command.budget, speed=machine_speed(progress))
@@ -82,3 +85,10 @@ def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restorati
     except ValueError as error:
         raise UserError(f"{command.path}: {error}.") from error
     return Restoration(command.path, problem, outcome)
+
+
+def _bands_hint(error: UserError) -> str:
+    """Return what the window offers if a photograph has several wavelengths; else nothing."""
+    if "--wavelength-nm" not in str(error):
+        return ""
+    return " Or tick Bands, to restore a spectral cube from all of them."

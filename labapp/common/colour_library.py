@@ -1,0 +1,20 @@
+"""The library colour-science, imported when it is needed, and without its effect on warnings."""
+
+from __future__ import annotations
+
+import warnings
+from types import ModuleType
+
+
+def colour_library() -> ModuleType:
+    """Import the library colour-science for labapp, which takes a second.
+
+    The library hides warnings of others for the whole process when it is imported. That is undone
+    here.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import colour
+        import colour.colorimetry
+        import colour.quality
+    return colour

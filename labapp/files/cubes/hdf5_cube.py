@@ -1,0 +1,116 @@
+"""Spectral cubes as HDF5 files that describe themselves.
+
+/  default "entry"
+/entry (NXentry)     title, definition "labapp_cube", light, description, version of labapp
+    data (NXdata)    signal "values", axes wavelength, y, x, as dimension scales too
+        values       (bands, rows, columns) float32, unit in the attribute "units"
+        error        the same shape: half width of the 90 % interval; absent if it isn't known
+        wavelength   (bands,) metres
+        y, x         metres on the sensor, origin at n // 2; numbers of pixels without a pitch
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+import labapp
+from labapp.common.errors import UserError
+from labapp.files.cubes.cube import SpectralCube
+from labapp.files.nexus import create_group
+
+DEFINITION = "labapp_cube"
+
+_ERROR_NAME = "half width of the interval that holds the true value with a probability of 90 %"
+
+_PIXELS = "pixel"
+"""Unit of the axes y and x of a cube whose pitch isn't known."""
+
+
+def encode_hdf5(cube: SpectralCube) -> bytes:
+    """Return the bytes of a spectral cube's HDF5 file."""
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        _write_cube(file, cube)
+    return buffer.getvalue()
+
+
+def read_hdf5(path: Path) -> SpectralCube:
+    """Read a spectral cube from its HDF5 file; raise UserError if it is another file or damaged."""
+    try:
+        with h5py.File(path, "r") as file:
+            return _read_cube(file)
+    except OSError as error:
+        raise UserError(f"{path}: can't be opened as HDF5: {error}. Give a cube.") from error
+    except (KeyError, ValueError, TypeError, RuntimeError, AttributeError) as error:
+        raise UserError(f"{path}: is damaged: {error}. Write the cube again.") from error
+
+
+def _write_cube(file: h5py.File, cube: SpectralCube) -> None:
+    file.attrs["default"] = "entry"
+    entry = create_group(file, "entry", "NXentry")
+    entry.attrs["default"] = "data"
+    entry["title"] = "Spectral cube"
+    entry["definition"] = DEFINITION
+    entry["labapp_version"] = labapp.__version__
+    entry["light"], entry["description"] = cube.light, cube.description
+    data = create_group(entry, "data", "NXdata")
+    data.attrs["signal"] = "values"
+    data.attrs["axes"] = ["wavelength", "y", "x"]
+    _write_axes(data, cube)
+    _write_picture(data, "values", cube.values, cube.unit, "value of each band at each pixel")
+    if cube.error is not None:
+        _write_picture(data, "error", cube.error, cube.unit, _ERROR_NAME)
+
+
+def _write_axes(data: h5py.Group, cube: SpectralCube) -> None:
+    """Write the wavelengths and positions of a cube's values as dimension scales."""
+    data["wavelength"] = np.array(cube.wavelengths)
+    data["wavelength"].attrs["units"] = "m"
+    for name, count in zip("yx", cube.shape[1:], strict=True):
+        place = np.arange(count) - count // 2
+        data[name] = place * (1.0 if cube.pitch is None else cube.pitch)
+        data[name].attrs["units"] = _PIXELS if cube.pitch is None else "m"
+    for name in ("wavelength", "y", "x"):
+        data[name].make_scale(name)
+    if cube.pitch is not None:
+        data.attrs["pixel_pitch"] = cube.pitch
+        data.attrs["pixel_pitch_units"] = "m"
+
+
+def _write_picture(data: h5py.Group, name: str, values: Any, unit: str, words: str) -> None:
+    """Write the values of a cube or their error map, a chunk for each band, compressed."""
+    chunk = (1, *values.shape[1:])
+    made = data.create_dataset(name, data=values, chunks=chunk, compression="gzip", shuffle=True)
+    made.attrs["units"], made.attrs["long_name"] = unit, words
+    for axis, scale in enumerate(("wavelength", "y", "x")):
+        made.dims[axis].label = scale
+        made.dims[axis].attach_scale(data[scale])
+
+
+def _read_cube(file: h5py.File) -> SpectralCube:
+    """Read an open HDF5 file as a cube; raise UserError if it is another kind of file."""
+    kind = file["entry/definition"][()].decode() if "entry/definition" in file else "unknown"
+    if kind != DEFINITION:
+        raise UserError(
+            f"is an HDF5 file of kind {kind!r}, and not a spectral cube. Give a cube that labapp "
+            "wrote, or an ENVI header, .hdr"
+        )
+    data = file["entry/data"]
+    unit = data["wavelength"].attrs["units"]
+    if unit != "m":
+        raise UserError(f"wavelengths are in {unit!r}; a cube has metres, 'm'")
+    pitch = data.attrs.get("pixel_pitch")
+    return SpectralCube(
+        data["values"][()],
+        tuple(data["wavelength"][()].tolist()),
+        str(data["values"].attrs["units"]),
+        data["error"][()] if "error" in data else None,
+        file["entry/light"][()].decode(),
+        None if pitch is None else float(pitch),
+        file["entry/description"][()].decode(),
+    )

@@ -1,0 +1,1 @@
+"""Restore, judge and show spectral cubes from coded snapshots of a record."""

@@ -1,0 +1,215 @@
+"""What white gives in each band of a coded snapshot, behind each of the sensor's filters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.pictures.analysis.brackets import Bracket, find_bracket
+from labapp.pictures.analysis.colour_filters import ColourFilters, described_filters
+from labapp.pictures.colour_matrix import white_balance
+from labapp.runs.record.reader import Record
+from optics.sensor import Mosaic
+
+MONO = "Y"
+"""Letter that stands for all pixels of a sensor without colour filters."""
+
+_LEAST_SHARE = 1e-3
+"""Light of a band, over that of the brightest band, from which it can be restored. Chosen: sixty
+decibels below the brightest, only noise is left."""
+
+_CENTRAL_SHARE = 0.5
+"""Share of each side of a white sheet's picture over which its light is averaged."""
+
+
+@dataclass(frozen=True, eq=False)
+class BandResponse:
+    """What a white surface gives in each band behind each filter.
+
+    Attributes
+    ----------
+    pattern : tuple of str
+        Rows of a letter for each pixel, which repeat over the sensor.
+    channels : str
+        The letters, in the order of `shares`.
+    shares : NDArray, (channels, bands)
+        Light of a white surface in each channel and band, over the largest of them.
+    white : float or None
+        Light of the largest of them in electrons per second and pixel; None where only ratios are
+        known.
+    source : str
+        What counts as white, in words.
+    """
+
+    pattern: tuple[str, ...]
+    channels: str
+    shares: NDArray[np.float64]
+    white: float | None
+    source: str
+
+    @property
+    def band_levels(self) -> NDArray[np.float64]:
+        """Return the light of white in each band behind the filter that sees most of it."""
+        return self.shares.max(0)
+
+
+def mosaic_of(record: Record) -> Mosaic | None:
+    """Return the colour filters of the sensor that took a record's pictures; None without any."""
+    return record.bench.build_camera().sensor.colour
+
+
+def narrow_filters(record: Record, picture: Bracket) -> ColourFilters | None:
+    """Return the colour filters of a record for a picture in light of one band.
+
+    The channels' sensitivities follow from the sensor's curves and the band's width, and the
+    largest is 1. Returns None for a sensor without filters.
+    """
+    return described_filters(record, picture, True)
+
+
+def band_gains(record: Record, picture: Bracket) -> NDArray[np.float64]:
+    """Return the sensitivity of each channel of a record in a picture's band, (channels,).
+
+    The largest is 1.
+    """
+    filters = narrow_filters(record, picture)
+    return np.ones(1) if filters is None else filters.gains
+
+
+def broad_gains(mosaic: Mosaic | None, wavelengths: Sequence[float]) -> NDArray[np.float64]:
+    """Compute the sensitivity of each channel to each band of a snapshot in broad light.
+
+    A band reaches halfway to the next ones. The largest sensitivity in each band is 1.
+
+    Parameters
+    ----------
+    mosaic : Mosaic or None
+        The sensor's colour filters; None without any.
+    wavelengths : sequence of float
+        Central wavelengths in metres, rising, two or more.
+
+    Returns
+    -------
+    NDArray, (channels, bands)
+        Sensitivities, 0 to 1.
+    """
+    if mosaic is None:
+        return np.ones((1, len(wavelengths)))
+    edges = band_edges(wavelengths)
+    return np.stack(
+        [white_balance(mosaic, None, (a, b)) for a, b in pairwise(edges)],
+        axis=1,
+    )
+
+
+def band_edges(wavelengths: Sequence[float]) -> list[float]:
+    """Return the wavelengths in metres halfway between neighbouring bands, and beyond the ends."""
+    centres = np.asarray(wavelengths, dtype=np.float64)
+    half = np.diff(centres) / 2
+    inner = (centres[:-1] + half).tolist()
+    return [float(centres[0] - half[0]), *inner, float(centres[-1] + half[-1])]
+
+
+def response_from_star(
+    mosaic: Mosaic | None, gains: NDArray[np.float64], light: NDArray[np.float64], star: str
+) -> BandResponse:
+    """Build the response of a snapshot's bands from the light of the star, which counts as white.
+
+    Parameters
+    ----------
+    mosaic : Mosaic or None
+        The sensor's colour filters.
+    gains : NDArray, (channels, bands)
+        Sensitivity of each channel in each band, the largest of a band being 1.
+    light : NDArray, (bands,)
+        The star's light in each band behind the filter that sees most of it, on any scale.
+    star : str
+        Name of the star.
+    """
+    _require_light(light, f"the star {star!r}")
+    shares = gains * (light / light.max())
+    return BandResponse(*_layout(mosaic), shares, None, f"the light of the star {star!r}")
+
+
+def response_without_white(mosaic: Mosaic | None, gains: NDArray[np.float64]) -> BandResponse:
+    """Build the response of a snapshot's bands where nothing white was recorded.
+
+    White is taken to give the same in the brightest channel of each band.
+    """
+    words = "taken to give the same in each band's brightest channel"
+    return BandResponse(*_layout(mosaic), gains, None, words)
+
+
+def response_from_sheet(
+    record: Record,
+    brackets: list[Bracket],
+    sheet: str,
+    neutral: str,
+    wavelengths: Sequence[float],
+) -> BandResponse:
+    """Build the response of a snapshot's bands from pictures of a white sheet.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    brackets : list of Bracket
+        Merged pictures, those of the sheet among them.
+    sheet : str
+        Target that is a white sheet, which fills the middle of the frame.
+    neutral : str
+        The neutral pattern.
+    wavelengths : sequence of float
+        Bands in metres.
+
+    Raises
+    ------
+    UserError
+        If a picture of the sheet is missing, dark or clipped.
+    """
+    mosaic = mosaic_of(record)
+    pictures = [find_bracket(brackets, sheet, neutral, one, record.path) for one in wavelengths]
+    rates = np.stack([_channel_means(one, mosaic) for one in pictures], axis=1)
+    _require_light(rates.max(0), f"the white sheet {sheet!r}")
+    white = float(rates.max())
+    shares = np.clip(rates / white, 0, None)
+    return BandResponse(*_layout(mosaic), shares, white, f"the white sheet {sheet!r}")
+
+
+def _layout(mosaic: Mosaic | None) -> tuple[tuple[str, ...], str]:
+    """Return the rows of a sensor's filters and the letters of its channels, for a response."""
+    if mosaic is None:
+        return (MONO,), MONO
+    return mosaic.pattern, "".join(mosaic.channels)
+
+
+def _channel_means(picture: Bracket, mosaic: Mosaic | None) -> NDArray[np.float64]:
+    """Return the mean light of each channel in the middle of a white sheet's picture."""
+    rows, columns = (
+        slice(round(n * (1 - _CENTRAL_SHARE) / 2), n - round(n * (1 - _CENTRAL_SHARE) / 2))
+        for n in picture.rate.shape
+    )
+    if not np.isfinite(picture.variance[rows, columns]).all():
+        raise UserError(
+            f"{picture.name}: the white sheet is clipped in every exposure. Expose it shorter."
+        )
+    rate = picture.rate[rows, columns]
+    if mosaic is None:
+        return np.array([rate.mean()])
+    which = mosaic.channel_map(picture.rate.shape).numpy()[rows, columns]
+    return np.array([rate[which == k].mean() for k in range(len(mosaic.channels))])
+
+
+def _require_light(light: NDArray[np.float64], what: str) -> None:
+    """Raise UserError if something white gives next to no light in a band of the snapshot."""
+    if not light.max() > 0 or light.min() < _LEAST_SHARE * light.max():
+        shares = " / ".join(f"{one:.2g}" for one in light / max(light.max(), 1e-300))
+        raise UserError(
+            f"{what} is dark in a band: it gives {shares} of the brightest one's light. Expose it "
+            "longer, or leave the band out of --bands."
+        )

@@ -1,0 +1,158 @@
+"""`labapp reconstruct --bands`: restore a spectral cube, and write it with its colours."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from labapp.common.console import out, print_json, print_message, print_table, terminal_progress
+from labapp.common.errors import UserError
+from labapp.files.cubes import write_cube
+from labapp.files.wavelengths import format_nanometres, list_nanometres
+from labapp.files.writing import write_atomically
+from labapp.spectral.drawing import draw_snapshot, encode_colours
+from labapp.spectral.lights import find_light
+from labapp.spectral.problem import SpectralProblem
+from labapp.spectral.request import SpectralRequest
+from labapp.spectral.restoration import RestoredCube, restore_snapshot
+from labapp.spectral.scores import CubeScores
+
+
+@dataclass(frozen=True)
+class SpectralFiles:
+    """Files that a spectral restoration writes: the cube, its colours, and the drawing of all."""
+
+    cube: Path
+    colours: Path
+    picture: Path
+
+
+def reconstruct_spectra(
+    request: SpectralRequest,
+    files: SpectralFiles,
+    light: str,
+    weight: float | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Restore the cube of a record's snapshot, score it, write its files, and print the results.
+
+    `light` names the light of the colours. Raises UserError for a record, file or light that can't
+    be used.
+    """
+    if weight is not None and not 0 < weight < math.inf:
+        raise UserError(f"--weight {weight:g}: give a number above 0.")
+    viewing = find_light(light)
+    with terminal_progress() as progress:
+        problem = request.read_problem(progress.part(0, 0.4))
+        restored = restore_snapshot(
+            problem, viewing, weight=weight, progress=progress.part(0.4, 0.9)
+        )
+        progress.report(0.9, "drawing")
+        drawn = draw_snapshot(problem, restored, viewing)
+        colours = encode_colours(files.colours, restored.cube, viewing)
+        progress.report(1, "writing")
+    cubes = write_cube(files.cube, restored.cube)
+    write_atomically(files.colours, colours)
+    write_atomically(files.picture, drawn)
+    if as_json:
+        print_json(_as_data(problem, restored, files))
+        return
+    print_table(problem.source, ["", "value"], _rows(problem, restored))
+    if restored.scores is not None:
+        _print_band_scores(problem, restored.scores)
+    for note in problem.notes:
+        print_message(f"note: {note}")
+    for file in (*cubes, files.colours, files.picture):
+        out.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def _rows(problem: SpectralProblem, restored: RestoredCube) -> list[list[str]]:
+    """Return the printed rows on a restored cube: bands, PSFs, white, noise and scores."""
+    image = restored.image
+    masked = float((problem.clipped | problem.dead_pixels).mean())
+    weight = "none" if image.weight is None else f"{image.weight:.3g}"
+    stated = "as given" if problem.noise is not None else "estimated"
+    rows = [
+        ["bands", list_nanometres(problem.wavelengths)],
+        ["PSFs", problem.psf_source],
+        ["white", problem.response.source],
+        ["method", image.method],
+        ["noise", f"{image.noise:.3g} electrons per second, {stated}"],
+        ["weight", weight],
+        ["iterations", str(image.iterations)],
+        ["clipped or dead pixels", f"{masked:.2%}, left out".replace("%", " %")],
+        ["residual over noise", f"{image.residual:.2f}"],
+        ["verdict", str(restored.verdict)],
+        ["processor time", f"{restored.cpu_seconds:.2f} s"],
+    ]
+    if (scores := restored.scores) is not None:
+        source = problem.truth_source or "the cube of --truth"
+        rows += [
+            ["PSNR", f"{scores.psnr:.2f} dB, mean of the bands (full frame, peak 1)"],
+            ["SSIM", f"{scores.ssim:.3f}, mean of the bands (range 1)"],
+            ["spectral angle", _angle_in_words(scores)],
+            ["CIEDE2000", _difference_in_words(scores)],
+            ["against", source],
+        ]
+    return rows
+
+
+def _angle_in_words(scores: CubeScores) -> str:
+    """Return the mean spectral angle of a cube in words."""
+    if not math.isfinite(scores.angle):
+        return "no pixel of the true cube is bright enough"
+    return f"{scores.angle:.1f}°, mean of the pixels that aren't dark"
+
+
+def _difference_in_words(scores: CubeScores) -> str:
+    """Return the mean colour difference of a cube in words, with its light and interpolation."""
+    return (
+        f"{scores.difference:.1f} mean, {scores.largest_difference:.1f} at 95 % of the pixels, in "
+        f"{scores.light}, by {scores.interpolation}"
+    )
+
+
+def _print_band_scores(problem: SpectralProblem, scores: CubeScores) -> None:
+    """Print the scores of each restored band."""
+    rows = [
+        (format_nanometres(wavelength), f"{one.psnr:.2f}", f"{one.ssim:.3f}")
+        for wavelength, one in zip(problem.wavelengths, scores.bands, strict=True)
+    ]
+    print_table("Bands", ["band ", "PSNR dB ", "SSIM "], rows)
+
+
+def _as_data(
+    problem: SpectralProblem, restored: RestoredCube, files: SpectralFiles
+) -> dict[str, Any]:
+    """Return what is known of a restored cube for JSON."""
+    image, truth = restored.image, problem.truth_source
+    return {
+        "source": problem.source,
+        "bands_nm": [round(one * 1e9, 6) for one in problem.wavelengths],
+        "psf": problem.psf_source,
+        "white": problem.response.source,
+        "channels": problem.response.channels,
+        "response": problem.response.shares.tolist(),
+        "unit": restored.cube.unit,
+        "white_electrons_per_s": restored.white,
+        "method": image.method,
+        "noise": image.noise,
+        "noise_given": problem.noise is not None,
+        "weight": image.weight,
+        "iterations": image.iterations,
+        "converged": image.converged,
+        "residual": image.residual,
+        "verdict": str(restored.verdict),
+        "causes": [one.cause for one in restored.verdict.findings],
+        "clipped_share": float(problem.clipped.mean()),
+        "dead_share": float(problem.dead_pixels.mean()),
+        "cpu_s": restored.cpu_seconds,
+        "score": restored.scores and restored.scores.as_data | {"against": truth or "--truth"},
+        "notes": list(problem.notes),
+        "file": str(files.cube),
+        "colours": str(files.colours),
+        "picture": str(files.picture),
+    }

@@ -1,0 +1,90 @@
+"""The true bands of a record: photographs through the neutral pattern, one wavelength at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.pictures.analysis.brackets import WAVELENGTH_TOLERANCE, Bracket
+from labapp.runs.record.reader import Record
+from labapp.spectral.band_response import narrow_filters
+
+Picture = NDArray[np.float64]
+
+
+def find_stack(
+    brackets: list[Bracket], target: str, pattern: str, wavelengths: Sequence[float]
+) -> list[Bracket] | None:
+    """Find the pictures of a target with a pattern in all bands among a record's merged pictures.
+
+    Returns None if one is missing: a cube can only be judged whole.
+    """
+    found = [
+        next(
+            (
+                one
+                for one in brackets
+                if (one.target, one.pattern) == (target, pattern)
+                and abs(one.wavelength - wavelength) < WAVELENGTH_TOLERANCE
+            ),
+            None,
+        )
+        for wavelength in wavelengths
+    ]
+    stack = [one for one in found if one is not None]
+    return stack if len(stack) == len(found) else None
+
+
+def separate_neutral_bands(
+    record: Record, stack: Sequence[Bracket], dead: NDArray[np.bool_]
+) -> Picture:
+    """Estimate the light of each neutral photograph at each pixel, (bands, rows, columns).
+
+    Behind colour filters, the light of the filter that sees most of the band is estimated in all
+    pixels (thesis Eq. 4.7). Dead pixels are filled in from their neighbours.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    stack : sequence of Bracket
+        Photographs through the neutral pattern, one for each band.
+    dead : NDArray of bool, (rows, columns)
+        Pixels that give no light of their own.
+    """
+    return np.stack([_separate_band(record, one, dead) for one in stack])
+
+
+def coded_light_share(coded: Sequence[Bracket], neutral: Sequence[Bracket]) -> Picture:
+    """Measure the share of the light of each band that the coded pattern passes, (bands,).
+
+    It is the light of the coded picture of a target over that of the neutral one. What crosses the
+    border of the frame inwards and outwards is taken to be equal.
+    """
+    pairs = zip(coded, neutral, strict=True)
+    sums = [(one.rate.sum(), max(float(other.rate.sum()), 1e-300)) for one, other in pairs]
+    return np.array([one / other for one, other in sums])
+
+
+def _separate_band(record: Record, picture: Bracket, dead: NDArray[np.bool_]) -> Picture:
+    """Estimate the light of one band of a record's neutral stack at each pixel."""
+    filters = narrow_filters(record, picture)
+    clipped = ~np.isfinite(picture.variance)
+    if filters is None:
+        return np.where(dead, _median_of_neighbours(picture.rate, dead), picture.rate)
+    known = picture.variance[~(clipped | dead)]
+    noise = float(np.sqrt(known.mean())) if known.size else 0.0
+    rate = np.where(dead, np.nan, picture.rate)
+    return filters.separate(rate, noise, clipped)[0].astype(np.float64)
+
+
+def _median_of_neighbours(rate: Picture, dead: NDArray[np.bool_]) -> Picture:
+    """Return a picture whose dead pixels have the median of the sound ones among 3 x 3."""
+    filled = rate.copy()
+    for y, x in zip(*np.nonzero(dead), strict=True):
+        part = slice(max(y - 1, 0), y + 2), slice(max(x - 1, 0), x + 2)
+        sound = rate[part][~dead[part]]
+        filled[y, x] = float(np.median(sound)) if sound.size else 0.0
+    return filled

@@ -1,0 +1,140 @@
+"""Describe the problem of restoring a spectral cube from a coded snapshot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.files.cubes import SpectralCube
+from labapp.files.cubes.cube import SHARE_OF_WHITE
+from labapp.spectral.band_response import BandResponse
+from labapp.spectral.typical_spectra import typical_reflectances
+from optics.demosaicing import build_mosaic_observation
+from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.operators.blur import Border
+
+WHITE_PERCENTILE = 99.9
+"""Percentile of a cube's values that counts as white, where nothing white was recorded."""
+
+Picture = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralProblem:
+    """A coded snapshot with all that its restoration needs.
+
+    Attributes
+    ----------
+    rate : Picture, (rows, columns)
+        Electrons per second and pixel; NaN where a pixel is dead.
+    clipped : NDArray of bool, (rows, columns)
+        Pixels whose light is at least `rate`.
+    wavelengths : tuple of float
+        Bands in metres, rising.
+    psfs : Picture, (bands, rows, columns)
+        PSF of each band, origin at n // 2.
+    response : BandResponse
+        What white gives in each band behind each filter.
+    noise_floor : float
+        Noise of a pixel that photons and readout alone cause, in electrons per second.
+    source, psf_source : str
+        Where snapshot and PSFs are from, in words.
+    noise : float or None
+        Noise of a pixel in electrons per second; None to estimate it, because it includes what PSFs
+        and model can't explain. The estimate is at least `noise_floor`.
+    border : Border
+        What the scene does beyond the frame.
+    truth : Picture or None, (bands, rows, columns)
+        True bands in electrons per second, where white is `response.band_levels` times one number.
+    truth_source : str
+        Where they are from, in words.
+    given_truth : SpectralCube or None
+        True cube from a file, in shares of white, in the place of `truth`.
+    pitch : float or None
+        Distance in metres between pixels.
+    light : str
+        Name of the light on the scene; empty if it isn't known.
+    notes : tuple of str
+        Remarks for the user.
+    """
+
+    rate: Picture
+    clipped: NDArray[np.bool_]
+    wavelengths: tuple[float, ...]
+    psfs: Picture
+    response: BandResponse
+    noise_floor: float
+    source: str
+    psf_source: str
+    noise: float | None = None
+    border: Border = "unknown"
+    truth: Picture | None = None
+    truth_source: str = ""
+    given_truth: SpectralCube | None = None
+    pitch: float | None = None
+    light: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def dead_pixels(self) -> NDArray[np.bool_]:
+        """Return which pixels of the snapshot give no light of their own, (rows, columns)."""
+        return ~np.isfinite(self.rate)
+
+    @cached_property
+    def observation(self) -> MosaicObservation:
+        """Build the observation from which all bands of the snapshot are restored together."""
+        sound = ~self.dead_pixels
+        built = build_mosaic_observation(
+            np.where(sound, self.rate, 0).astype(np.float32),
+            self.response.pattern,
+            self.psfs.astype(np.float32),
+            channels=self.response.channels,
+            response=self.response.shares.astype(np.float32),
+            noise=self.noise,
+            border=self.border,
+            weights=None if sound.all() else sound.astype(np.float32),
+            clipped=self.clipped if self.clipped.any() else None,
+        )
+        return replace(built, is_numpy=False, least_noise=self.noise_floor)
+
+    @cached_property
+    def spectra(self) -> NDArray[np.float64]:
+        """Return typical spectra in the snapshot's bands, (samples, bands), white being 1."""
+        return typical_reflectances(self.wavelengths)
+
+    def white_level(self, restored: NDArray[np.floating]) -> float:
+        """Return the light in electrons per second that is white in all restored bands.
+
+        It is that of the white sheet if there was one. Otherwise the brightest pixels of the true
+        bands count as white, or those of the restored bands, (bands, rows, columns), if the truth
+        isn't known.
+        """
+        if self.response.white is not None:
+            return self.response.white
+        known = self.equalised_truth
+        bright = float(np.percentile(restored if known is None else known, WHITE_PERCENTILE))
+        return bright if bright > 0 else 1.0
+
+    @cached_property
+    def equalised_truth(self) -> Picture | None:
+        """Return the true bands in electrons per second, as if white were equal in all of them."""
+        if self.truth is None:
+            return None
+        return self.truth / self.response.band_levels[:, None, None]
+
+    def as_cube(self, bands: NDArray[np.floating], white: float, description: str) -> SpectralCube:
+        """Return bands of the snapshot as a cube in shares of white.
+
+        `bands` are in electrons per second, and white gives `white` in all of them.
+        """
+        return SpectralCube(
+            (bands / white).astype(np.float32),
+            self.wavelengths,
+            SHARE_OF_WHITE,
+            light=self.light,
+            pitch=self.pitch,
+            description=description,
+        )

@@ -1,0 +1,288 @@
+"""Read a record into the problem of restoring its coded snapshot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.cubes import SpectralCube, read_cube
+from labapp.files.plan_file import Reconstruction
+from labapp.pictures.analysis.brackets import Bracket, merge_all
+from labapp.pictures.analysis.dead_pixels import find_dead_pixels
+from labapp.pictures.reconstructing.recorded_photograph import is_record
+from labapp.runs.record.reader import Record
+from labapp.spectral.band_psfs import BandPSFs, measure_band_psfs, require_star
+from labapp.spectral.band_response import (
+    BandResponse,
+    band_gains,
+    broad_gains,
+    mosaic_of,
+    response_from_sheet,
+    response_from_star,
+    response_without_white,
+)
+from labapp.spectral.band_selection import recorded_wavelengths, sensor_pitch
+from labapp.spectral.neutral_stack import (
+    coded_light_share,
+    find_stack,
+    separate_neutral_bands,
+)
+from labapp.spectral.other_files import (
+    measure_psfs_of_record,
+    neutral_stack_of_record,
+    read_true_cube,
+)
+from labapp.spectral.problem import SpectralProblem
+from labapp.spectral.psf_stack import is_cube, read_psf_stack
+from labapp.spectral.snapshot import (
+    CodedSnapshot,
+    SnapshotBands,
+    add_photographs,
+    choose_bands,
+)
+from optics.operators.blur import Border
+from optics.progress import Progress
+
+_MERGING_SHARE = 0.8
+"""Share of the progress that merging takes; PSFs and true bands take the rest."""
+
+_MONO_NOTE = (
+    "the sensor has no colour filters: bands are told apart by their PSFs alone, which is poor. A "
+    "sensor with colour filters shows more"
+)
+
+_SHARE_NOTE = (
+    "the share of the light that the coded pattern passes isn't known: bands may be some percent "
+    "darker than they are. Neutral photographs at all bands show it"
+)
+
+_BROAD_NOTE = (
+    "the snapshot is in broad light: the levels of its bands are those that the star has through "
+    "the narrow filter, whose transmission they include"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ProblemReader:
+    """Reads the snapshot of a record, its PSFs, response and truth.
+
+    Attributes
+    ----------
+    record : Record
+        The record, open.
+    roles : Reconstruction
+        Names of photograph, star and patterns.
+    white : str
+        Target that counts as white: the star, or a white sheet.
+    wanted : tuple of float or None
+        Wanted bands in metres, rising; None for all.
+    progress : Progress
+        Receives the progress.
+    psf : Path or None
+        File with the PSFs; None for the record's star.
+    """
+
+    record: Record
+    roles: Reconstruction
+    white: str
+    wanted: tuple[float, ...] | None
+    progress: Progress
+    psf: Path | None = None
+
+    def read_problem(self, noise: float | None, border: Border) -> SpectralProblem:
+        """Build the problem of restoring the record's snapshot, without its truth.
+
+        `noise` is in electrons per second and pixel; None to estimate it.
+        """
+        # What can be refused without a picture is refused before the pictures are merged.
+        self._require_psfs()
+        snapshot = self.snapshot
+        self.progress.report(_MERGING_SHARE, "PSFs of the bands")
+        psfs = self._band_psfs()
+        return SpectralProblem(
+            np.where(self._dead, np.nan, snapshot.rate),
+            snapshot.clipped & ~self._dead,
+            snapshot.wavelengths,
+            psfs.psfs,
+            self._response(psfs),
+            snapshot.noise,
+            f"{self.record.path}, {snapshot.source}",
+            self._psf_source(),
+            noise,
+            border,
+            pitch=sensor_pitch(self.record),
+            notes=(*psfs.notes, *self._notes(psfs)),
+        )
+
+    def add_truth(self, problem: SpectralProblem, path: Path | None) -> SpectralProblem:
+        """Return the problem with the true bands of a file, or those that the record has.
+
+        Parameters
+        ----------
+        problem : SpectralProblem
+            The problem of restoring the record's snapshot.
+        path : Path or None
+            A cube, or a record with neutral photographs; None for the record itself.
+        """
+        self.progress.report(0.5 * (1 + _MERGING_SHARE), "true bands")
+        if path is not None and is_cube(path):
+            return replace(problem, given_truth=read_true_cube(path, problem.wavelengths))
+        if path is not None:
+            shape = problem.rate.shape
+            with Record(path) as other:
+                stack = neutral_stack_of_record(other, self.roles, problem.wavelengths, shape)
+                return self._with_true_bands(problem, other, stack)
+        if not self._neutral:
+            return problem
+        return self._with_true_bands(problem, self.record, self._neutral)
+
+    @cached_property
+    def bands(self) -> SnapshotBands:
+        """Choose the bands of the record's coded snapshot."""
+        return choose_bands(self.record, self.roles, self.wanted, self._bands_with_psfs())
+
+    @cached_property
+    def snapshot(self) -> CodedSnapshot:
+        """Add the photographs of the record's coded snapshot."""
+        return add_photographs(self._brackets, self.roles, self.bands, self.record.path)
+
+    @cached_property
+    def _brackets(self) -> list[Bracket]:
+        """Merge the record's pictures of photograph, star and white sheet."""
+        names = {self.roles.photograph, self.roles.star, self.white}
+        return merge_all(self.record, self.progress.part(0, _MERGING_SHARE), names)
+
+    @cached_property
+    def _neutral(self) -> list[Bracket]:
+        """Find the record's neutral photographs of all bands; none if one is missing."""
+        if self.roles.neutral == self.roles.coded:
+            return []
+        photograph, neutral = self.roles.photograph, self.roles.neutral
+        bands = self.bands.wavelengths
+        return find_stack(self._brackets, photograph, neutral, bands) or []
+
+    @cached_property
+    def _dead(self) -> NDArray[np.bool_]:
+        """Find the dead pixels of the record's sensor, (rows, columns)."""
+        mosaic = mosaic_of(self.record)
+        period = (1, 1) if mosaic is None else (len(mosaic.pattern), len(mosaic.pattern[0]))
+        return find_dead_pixels([*self.snapshot.pictures, *self._neutral], period)
+
+    def _bands_with_psfs(self) -> tuple[float, ...]:
+        """Return the wavelengths in metres at which the record or a file has PSFs."""
+        star, coded = self.roles.star, self.roles.coded
+        if self.psf is None:
+            return recorded_wavelengths(self.record, star, coded)
+        if is_cube(self.psf):
+            return read_cube(self.psf).wavelengths
+        if is_record(self.psf):
+            with Record(self.psf) as other:
+                return recorded_wavelengths(other, star, coded)
+        return self.wanted or ()
+
+    def _band_psfs(self) -> BandPSFs:
+        """Return the PSFs of the record's bands, from its star or from a file.
+
+        The star's light is only known from the record's own.
+        """
+        bands, path = self.bands.wavelengths, self.psf
+        if path is None:
+            found = measure_band_psfs(self.record, self._brackets, self.roles, bands)
+            return found.with_light_share(self._light_share)
+        if self._psf_stack is not None:
+            values = self._psf_stack.values.astype(np.float64)
+            return BandPSFs(values, None).with_light_share(self._light_share)
+        found = measure_psfs_of_record(path, self.roles, bands, self.record)
+        return replace(found, light=None).with_unit_sums().with_light_share(self._light_share)
+
+    @cached_property
+    def _psf_stack(self) -> SpectralCube | None:
+        """Read the PSFs of the record's bands from a file; None if they are from a star."""
+        if self.psf is None or (is_record(self.psf) and not is_cube(self.psf)):
+            return None
+        known = self.wanted is not None or is_cube(self.psf)
+        wavelengths = self.bands.wavelengths if known else None
+        return read_psf_stack(self.psf, wavelengths, sensor_pitch(self.record))
+
+    def _require_psfs(self) -> None:
+        """Raise UserError if a band of the record has no star, and no PSF in a file."""
+        if self.psf is None:
+            require_star(self.record, self.roles, self.bands.wavelengths)
+        else:
+            _ = self._psf_stack
+
+    @cached_property
+    def _light_share(self) -> NDArray[np.float64] | None:
+        """Measure the share of the light that the record's coded pattern passes in each band.
+
+        The white sheet shows it, or the photographs; None where neither was recorded with both
+        patterns.
+        """
+        bands, roles = self.bands.wavelengths, self.roles
+        for target in (self.white, roles.photograph):
+            if target == roles.star or roles.neutral == roles.coded:
+                continue
+            pair = [
+                find_stack(self._brackets, target, pattern, bands)
+                for pattern in (roles.coded, roles.neutral)
+            ]
+            if pair[0] and pair[1]:
+                return coded_light_share(pair[0], pair[1])
+        return None
+
+    def _psf_source(self) -> str:
+        """Say in words where the PSFs of the record's bands are from."""
+        if self.psf is None:
+            return f"star {self.roles.star!r} of the same run, in each band"
+        if is_record(self.psf) and not is_cube(self.psf):
+            return f"star {self.roles.star!r} of {self.psf}, in each band"
+        return str(self.psf)
+
+    def _response(self, psfs: BandPSFs) -> BandResponse:
+        """Return what white gives in each band of the record's snapshot behind each filter."""
+        snapshot, mosaic = self.snapshot, mosaic_of(self.record)
+        bands = snapshot.wavelengths
+        if self.white != self.roles.star and snapshot.is_broad:
+            raise UserError(
+                f"--white {self.white}: the snapshot is one photograph in broad light, in which a "
+                f"white sheet doesn't show its bands. Take the star: --white {self.roles.star}."
+            )
+        if self.white != self.roles.star:
+            neutral = self.roles.neutral
+            return response_from_sheet(self.record, self._brackets, self.white, neutral, bands)
+        if snapshot.is_broad:
+            gains = broad_gains(mosaic, bands)
+        else:
+            gains = np.stack([band_gains(self.record, one) for one in snapshot.pictures], axis=1)
+        if psfs.light is None:
+            return response_without_white(mosaic, gains)
+        return response_from_star(mosaic, gains, psfs.light, self.roles.star)
+
+    def _with_true_bands(
+        self, problem: SpectralProblem, record: Record, stack: Sequence[Bracket]
+    ) -> SpectralProblem:
+        """Return the problem with true bands from the neutral photographs of a record."""
+        own = "the same run" if record is self.record else str(record.path)
+        words = f"the neutral photographs of {own}, {self.roles.photograph}, {self.roles.neutral}"
+        bands = separate_neutral_bands(record, stack, self._dead)
+        return replace(problem, truth=bands, truth_source=words)
+
+    def _notes(self, psfs: BandPSFs) -> list[str]:
+        """Return remarks on what the record's snapshot can show."""
+        said = [] if mosaic_of(self.record) is not None else [_MONO_NOTE]
+        pictures = self.snapshot.pictures
+        if lacking := sum(one.dark_frames == 0 for one in pictures):
+            said.append(
+                f"{lacking} of {len(pictures)} photographs have no dark frames of their exposures: "
+                'the sensor\'s black level is subtracted. Add { role = "dark", frames = 4 } to the '
+                "plan"
+            )
+        if self._light_share is None and not psfs.knows_share:
+            said.append(_SHARE_NOTE)
+        return [*said, _BROAD_NOTE] if self.snapshot.is_broad else said

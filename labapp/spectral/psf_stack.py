@@ -1,0 +1,119 @@
+"""PSFs of a snapshot's bands from a file: a cube that knows its wavelengths, or a bare array."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.cubes import SpectralCube, read_cube
+from labapp.files.cubes.hdf5_cube import DEFINITION
+
+Picture = NDArray[np.float64]
+
+_PITCH_TOLERANCE = 0.01
+"""Relative difference of two pitches that are taken for the same. A ring that is a hundredth too
+large costs less than a tenth of a decibel."""
+
+
+def is_cube(path: Path) -> bool:
+    """Return whether a file is a spectral cube: an ENVI header, or an HDF5 file that says so."""
+    if path.suffix.lower() == ".hdr":
+        return True
+    if path.suffix.lower() not in (".h5", ".hdf5"):
+        return False
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file["entry/definition"][()] == DEFINITION.encode())
+    except (OSError, KeyError):
+        return False
+
+
+def read_psf_stack(path: Path, wavelengths: Sequence[float] | None, pitch: float) -> SpectralCube:
+    """Read the PSFs of a snapshot's bands from a file.
+
+    Parameters
+    ----------
+    path : Path
+        Cube (.h5 or .hdr) with its wavelengths, or .npy of (bands, rows, columns) in the order of
+        the bands.
+    wavelengths : sequence of float or None
+        Bands in metres, rising; None for all that the file has, which must then be a cube.
+    pitch : float
+        Pitch of the sensor in metres.
+
+    Returns
+    -------
+    SpectralCube
+        PSFs with their origin at n // 2; the sum of each is 1.
+
+    Raises
+    ------
+    UserError
+        If the file has other bands, another pitch, or isn't PSFs.
+    """
+    if is_cube(path):
+        stack = read_cube(path)
+        _require_pitch(path, stack, pitch)
+        if wavelengths is not None:
+            stack = _select_bands(path, stack, wavelengths)
+        values, bands = stack.values.astype(np.float64), stack.wavelengths
+    else:
+        values, bands = _read_array(path, wavelengths)
+    sums = values.sum((1, 2), keepdims=True, dtype=np.float64)
+    if not (sums > 0).all():
+        raise UserError(f"{path}: a PSF sums to {sums.min():g}. It must send light somewhere.")
+    return SpectralCube(
+        (values / sums).astype(np.float32), bands, "share of light per pixel", pitch=pitch
+    )
+
+
+def _require_pitch(path: Path, stack: SpectralCube, pitch: float) -> None:
+    """Raise UserError if a file's PSFs have other pixels than the sensor."""
+    if stack.pitch is not None and abs(stack.pitch / pitch - 1) > _PITCH_TOLERANCE:
+        raise UserError(
+            f"{path}: its pixels are {stack.pitch * 1e6:g} µm apart, and those of the sensor "
+            f"{pitch * 1e6:g} µm. Give PSFs on the sensor's pixels."
+        )
+
+
+def _select_bands(path: Path, stack: SpectralCube, wavelengths: Sequence[float]) -> SpectralCube:
+    try:
+        return stack.select_bands(tuple(wavelengths))
+    except UserError as error:
+        raise UserError(f"--psf {path}: {error}.") from error
+
+
+def _read_array(
+    path: Path, wavelengths: Sequence[float] | None
+) -> tuple[Picture, tuple[float, ...]]:
+    """Read PSFs from a bare array; raise UserError if they aren't as many as the bands."""
+    if path.suffix.lower() != ".npy":
+        raise UserError(
+            f"--psf {path}: bands need a PSF each. Give a cube (.h5, .hdr), a record with a star, "
+            "or an array (bands, rows, columns) as .npy."
+        )
+    if wavelengths is None:
+        raise UserError(
+            f"--psf {path}: an array doesn't say its wavelengths. Name the bands instead of all: "
+            "--bands 450,500,550."
+        )
+    try:
+        values = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise UserError(f"--psf {path}: can't be read as an array: {error}.") from error
+    if values.dtype.kind not in "iuf" or values.ndim != 3 or not np.isfinite(values).all():
+        raise UserError(
+            f"--psf {path}: holds {values.dtype} values of shape {values.shape}. Give finite "
+            "numbers, (bands, rows, columns)."
+        )
+    if len(values) != len(wavelengths):
+        raise UserError(
+            f"--psf {path}: has {len(values)} PSFs, and there are {len(wavelengths)} bands. Give "
+            "one for each, the shortest wavelength first."
+        )
+    return values.astype(np.float64), tuple(wavelengths)

@@ -1,0 +1,130 @@
+"""Restore the spectral cube of a coded snapshot, and score it against the true one."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.files.cubes import SpectralCube
+from labapp.spectral.lights import ViewingLight
+from labapp.spectral.problem import SpectralProblem
+from labapp.spectral.scores import CubeScores, require_same_kind, score_cube
+from optics.deconvolution.residual_map import residual_map
+from optics.deconvolution.restored_image import RestoredImage
+from optics.deconvolution.verdict import Verdict, judge_restoration
+from optics.multispectral import restore_spectra
+from optics.progress import Progress
+from optics.threads import single_threaded
+
+_RESTORING_SHARE = 0.85
+"""Share of the progress that the restoration takes; scores and colours take the rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class RestoredCube:
+    """A spectral cube that was restored from a coded snapshot.
+
+    Attributes
+    ----------
+    cube : SpectralCube
+        The restored cube, in shares of white.
+    truth : SpectralCube or None
+        The true cube, if it is known.
+    scores : CubeScores or None
+        How far the cube is from the true one.
+    image : RestoredImage
+        Result of the method, with residual, weight and convergence.
+    residual_map : NDArray, (rows, columns)
+        The snapshot less the blurred cube, over the noise; NaN where it isn't known.
+    verdict : Verdict
+        Whether snapshot, PSFs and noise fit together.
+    white : float
+        Electrons per second that count as 1.
+    cpu_seconds : float
+        Processor time in seconds.
+    """
+
+    cube: SpectralCube
+    truth: SpectralCube | None
+    scores: CubeScores | None
+    image: RestoredImage
+    residual_map: NDArray[np.floating]
+    verdict: Verdict
+    white: float
+    cpu_seconds: float
+
+
+@single_threaded
+def restore_snapshot(
+    problem: SpectralProblem,
+    light: ViewingLight,
+    *,
+    weight: float | None = None,
+    progress: Progress | None = None,
+) -> RestoredCube:
+    """Restore the spectral cube of a coded snapshot.
+
+    It runs in one thread, so that the same problem always gives the same bits.
+
+    Parameters
+    ----------
+    problem : SpectralProblem
+        Snapshot, PSFs, response and, if it is known, the truth.
+    light : ViewingLight
+        Light in which colours are compared with the truth.
+    weight : float, optional
+        Regularisation weight; chosen from the snapshot if None.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    RestoredCube
+        The cube with its scores, residual and verdict.
+
+    Raises
+    ------
+    ValueError
+        If the snapshot can't be restored.
+    UserError
+        If the true cube has other bands or pixels, or the bands lie beyond what typical spectra
+        cover.
+    """
+    progress, started = progress or Progress(), time.process_time()
+    if problem.given_truth is not None:
+        empty = np.zeros((len(problem.wavelengths), *problem.rate.shape))
+        require_same_kind(problem.as_cube(empty, 1.0, ""), problem.given_truth)
+    found = restore_spectra(
+        problem.observation,
+        torch.from_numpy(problem.spectra),
+        weight=weight,
+        progress=progress.part(0, _RESTORING_SHARE),
+    )
+    bands = torch.as_tensor(found.image).numpy()
+    white = problem.white_level(bands)
+    cube = problem.as_cube(bands, white, f"Restored from {problem.source}, by {found.method}")
+    progress.report(_RESTORING_SHARE, "scores")
+    truth = _true_cube(problem, white)
+    left = residual_map(problem.observation, found).numpy()
+    return RestoredCube(
+        cube,
+        truth,
+        None if truth is None else score_cube(cube, truth, light),
+        found,
+        left,
+        judge_restoration(problem.observation, found, None),
+        white,
+        time.process_time() - started,
+    )
+
+
+def _true_cube(problem: SpectralProblem, white: float) -> SpectralCube | None:
+    """Return the true cube of a snapshot in shares of white; None if it isn't known."""
+    if problem.given_truth is not None:
+        return problem.given_truth
+    known = problem.equalised_truth
+    return None if known is None else problem.as_cube(known, white, problem.truth_source)

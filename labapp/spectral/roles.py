@@ -1,0 +1,88 @@
+"""Which targets and patterns of a record are the snapshot's photograph, star, code and white."""
+
+from __future__ import annotations
+
+from labapp.common.errors import UserError
+from labapp.files.plan_file import Reconstruction
+from labapp.pictures.analysis.brackets import dark_target
+from labapp.runs.record.reader import Record
+
+FLAT = "flat"
+"""Target that is taken for a white sheet if a record has it: plans call it so."""
+
+
+def choose_roles(
+    record: Record, target: str | None, pattern: str | None, star: str | None
+) -> Reconstruction:
+    """Choose photograph, coded pattern and star of a record's snapshot.
+
+    What isn't named is taken from the plan's table [reconstruct], or else is the last target that
+    is neither dark, star nor flat, and the last pattern that isn't neutral.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    target, pattern, star : str or None
+        Names that the user chose.
+
+    Returns
+    -------
+    Reconstruction
+        The names, without a wavelength.
+
+    Raises
+    ------
+    UserError
+        If the record has no such target or pattern.
+    """
+    plan = record.plan.reconstruct
+    neutral = plan.neutral if plan else "neutral"
+    star = _known("--star", star or (plan.star if plan else "star"), record.target_names, star)
+    photograph = target or (plan.photograph if plan else None) or _last_target(record, star)
+    photograph = _known("--target", photograph, record.target_names, photograph)
+    coded = pattern or (plan.coded if plan else None) or _last_pattern(record, neutral)
+    coded = _known("--pattern", coded, record.pattern_names, coded)
+    base = plan or Reconstruction(coded=coded)
+    chosen = {"photograph": photograph, "coded": coded, "star": star, "neutral": neutral}
+    return base.model_copy(update={**chosen, "wavelength_nm": None, "grey": True})
+
+
+def white_target(record: Record, roles: Reconstruction, named: str | None) -> str:
+    """Return the target of a record that is white: the named one, a white sheet, or the star.
+
+    Raises UserError if the record has no target of that name.
+    """
+    if named is not None:
+        return _known("--white", named, record.target_names, named)
+    return FLAT if FLAT in record.target_names else roles.star
+
+
+def _known(option: str, name: str, names: list[str], required: str | None) -> str:
+    """Return a target's or pattern's name; UserError if a required one isn't in the record."""
+    if required is not None and name not in names:
+        raise UserError(f"{option} {name}: the record has {', '.join(names)}. Name one of these.")
+    return name
+
+
+def _last_target(record: Record, star: str) -> str:
+    """Return the last target of a record that is a photograph."""
+    others = {dark_target(record.plan), star, FLAT}
+    found = [one for one in record.target_names if one not in others]
+    if not found:
+        raise UserError(
+            f"{record.path}: has the targets {', '.join(record.target_names)}, and no photograph. "
+            "Name the target that is one: --target NAME."
+        )
+    return found[-1]
+
+
+def _last_pattern(record: Record, neutral: str) -> str:
+    """Return the last pattern of a record that isn't neutral."""
+    found = [one for one in record.pattern_names if one != neutral]
+    if not found:
+        raise UserError(
+            f"{record.path}: has the patterns {', '.join(record.pattern_names)}, and no coded one. "
+            "Name the coded pattern: --pattern NAME."
+        )
+    return found[-1]

@@ -1,0 +1,140 @@
+"""Score a spectral cube against the true one: PSNR, SSIM, spectral angle and colour difference."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from labapp.common.errors import UserError
+from labapp.files.cubes import SpectralCube
+from labapp.files.wavelengths import list_nanometres
+from labapp.pictures.analysis.score import Score, score
+from labapp.spectral.colour import colour_difference, describe_interpolation
+from labapp.spectral.lights import ViewingLight
+from optics.metrics import spectral_angle
+from optics.threads import single_threaded
+
+PEAK = 1.0
+"""Peak of PSNR and data range of SSIM: white, in cubes of shares of white."""
+
+LEAST_NORM = 0.1
+"""Length of a true spectrum that a pixel must exceed for its spectral angle to count, in shares of
+white: spectra of black things are noise."""
+
+_SAME_WAVELENGTH = 5e-10
+"""Largest difference in metres between the wavelengths of bands that are compared."""
+
+
+@dataclass(frozen=True)
+class CubeScores:
+    """How far a cube is from the true one, over the whole frame.
+
+    Attributes
+    ----------
+    bands : tuple of Score
+        PSNR in dB (peak 1) and SSIM (data range 1) of each band.
+    angle : float
+        Mean spectral angle in degrees, over pixels whose true spectrum is longer than `LEAST_NORM`;
+        NaN if there are none.
+    difference, largest_difference : float
+        Mean CIEDE2000 over all pixels, and its 95th percentile.
+    light : str
+        Name of the light in which colours are compared.
+    interpolation : str
+        How the spectra were interpolated for that, in words.
+    """
+
+    bands: tuple[Score, ...]
+    angle: float
+    difference: float
+    largest_difference: float
+    light: str
+    interpolation: str
+
+    @property
+    def psnr(self) -> float:
+        """Return the mean PSNR of the cube's bands in dB."""
+        return float(np.mean([one.psnr for one in self.bands]))
+
+    @property
+    def ssim(self) -> float:
+        """Return the mean SSIM of the cube's bands; NaN for pictures smaller than its window."""
+        return float(np.mean([one.ssim for one in self.bands]))
+
+    @property
+    def as_data(self) -> dict[str, Any]:
+        """Return the cube's scores for JSON, with what they were computed over."""
+        named = {
+            "psnr_db": self.psnr,
+            "ssim": self.ssim,
+            "spectral_angle_deg": self.angle,
+            "ciede2000": self.difference,
+            "ciede2000_95_percent": self.largest_difference,
+        }
+        return {name: value if math.isfinite(value) else None for name, value in named.items()} | {
+            "bands": [one.as_data for one in self.bands],
+            "peak": PEAK,
+            "crop": "full frame",
+            "least_norm": LEAST_NORM,
+            "light": self.light,
+            "interpolation": self.interpolation,
+        }
+
+
+@single_threaded
+def score_cube(cube: SpectralCube, truth: SpectralCube, light: ViewingLight) -> CubeScores:
+    """Score a spectral cube against the true one, over the whole frame.
+
+    Parameters
+    ----------
+    cube, truth : SpectralCube
+        Restored and true cube, of the same bands, pixels and unit: shares of white.
+    light : ViewingLight
+        Light in which colours are compared.
+
+    Returns
+    -------
+    CubeScores
+        PSNR and SSIM of each band, the spectral angle, and CIEDE2000.
+
+    Raises
+    ------
+    UserError
+        If the cubes have other bands, pixels or units.
+    """
+    require_same_kind(cube, truth)
+    bands = tuple(
+        score(one, other, PEAK, 1.0) for one, other in zip(cube.values, truth.values, strict=True)
+    )
+    bright = np.linalg.norm(truth.values, axis=0).max() > LEAST_NORM
+    angle = spectral_angle(cube.values, truth.values, LEAST_NORM) if bright else math.nan
+    apart = colour_difference(cube, truth, light)
+    return CubeScores(
+        bands,
+        angle,
+        float(apart.mean()),
+        float(np.percentile(apart, 95)),
+        light.name,
+        describe_interpolation(cube.wavelengths),
+    )
+
+
+def require_same_kind(cube: SpectralCube, truth: SpectralCube) -> None:
+    """Raise UserError unless two cubes have the same bands, pixels and unit."""
+    if cube.shape != truth.shape:
+        is_, wanted = (" x ".join(map(str, one.shape)) for one in (truth, cube))
+        raise UserError(f"the true cube is {is_} (bands, rows, columns); it must be {wanted}")
+    apart = np.abs(np.subtract(cube.wavelengths, truth.wavelengths))
+    if (apart > _SAME_WAVELENGTH).any():
+        raise UserError(
+            f"the true cube has bands at {list_nanometres(truth.wavelengths)}; they must be at "
+            f"{list_nanometres(cube.wavelengths)}"
+        )
+    if cube.unit != truth.unit:
+        raise UserError(
+            f"the true cube is in {truth.unit!r}, and the restored one in {cube.unit!r}. Give both "
+            "in one unit"
+        )

@@ -1,0 +1,198 @@
+"""The coded snapshot of a record: one photograph of all bands, or the sum of narrow ones.
+
+Light of different wavelengths adds. Where a filter is always in the beam, the sum of the
+photographs that were taken through it, one band after the other, is what one photograph of all
+bands would show, but for its noise: each of them has read noise of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.plan_file import Reconstruction
+from labapp.files.wavelengths import list_nanometres
+from labapp.pictures.analysis.brackets import Bracket, find_bracket
+from labapp.pictures.analysis.colour_filters import passband_at
+from labapp.runs.record.reader import Record
+from labapp.spectral.band_selection import (
+    recorded_wavelengths,
+    require_recorded_bands,
+    require_single_slots,
+)
+
+Picture = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class CodedSnapshot:
+    """A photograph of several bands at once through the coded pattern.
+
+    Attributes
+    ----------
+    rate, variance : Picture, (rows, columns)
+        Electrons per second and pixel, and the variance of this rate.
+    clipped : NDArray of bool, (rows, columns)
+        Pixels that were clipped in every exposure of a band: there the light is at least `rate`.
+    wavelengths : tuple of float
+        Bands in metres, rising.
+    pictures : tuple of Bracket
+        The photographs that were added, one for each band; a single one in broad light.
+    is_broad : bool
+        Whether it is one photograph in broad light.
+    """
+
+    rate: Picture
+    variance: Picture
+    clipped: NDArray[np.bool_]
+    wavelengths: tuple[float, ...]
+    pictures: tuple[Bracket, ...]
+    is_broad: bool
+
+    @property
+    def noise(self) -> float:
+        """Return the rms noise of the snapshot's pixels that photons and readout alone cause.
+
+        It is 0 if all pixels are clipped.
+        """
+        known = self.variance[~self.clipped]
+        return float(np.sqrt(known.mean())) if known.size else 0.0
+
+    @property
+    def source(self) -> str:
+        """Say in words what the snapshot is."""
+        first = self.pictures[0]
+        if self.is_broad:
+            return f"{first.target}, {first.pattern}, one photograph in broad light"
+        return (
+            f"{first.target}, {first.pattern}, the sum of {len(self.pictures)} photographs in "
+            "narrow light"
+        )
+
+
+@dataclass(frozen=True)
+class SnapshotBands:
+    """The bands of a record's coded snapshot, and the photographs that it consists of.
+
+    Attributes
+    ----------
+    wavelengths : tuple of float
+        Bands in metres, rising.
+    photographed : tuple of float
+        Wavelengths in metres of the photographs: those of the bands, or one in broad light.
+    is_broad : bool
+        Whether it is one photograph in broad light.
+    """
+
+    wavelengths: tuple[float, ...]
+    photographed: tuple[float, ...]
+    is_broad: bool
+
+
+def choose_bands(
+    record: Record,
+    roles: Reconstruction,
+    wanted: Sequence[float] | None,
+    known: Sequence[float],
+) -> SnapshotBands:
+    """Choose the bands of a record's coded snapshot; no picture is read for that.
+
+    If the photograph was taken at a single wavelength, through a filter that passes all bands, it
+    is the snapshot. Otherwise it is the sum of the photographs of the wanted bands.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    roles : Reconstruction
+        Names of the photograph and the coded pattern.
+    wanted : sequence of float or None
+        Bands in metres, rising; None for all.
+    known : sequence of float
+        Bands in metres whose PSFs are known, for a photograph in broad light.
+
+    Returns
+    -------
+    SnapshotBands
+        The bands, and the photographs.
+
+    Raises
+    ------
+    UserError
+        If there is no such photograph, or a band is missing.
+    """
+    target, pattern = roles.photograph, roles.coded
+    require_single_slots(record, target, pattern)
+    recorded = recorded_wavelengths(record, target, pattern)
+    if not recorded:
+        raise UserError(
+            f"{record.path}: has no frames of {target!r} with pattern {pattern!r}. Its targets are "
+            f"{', '.join(record.target_names)}, and its patterns "
+            f"{', '.join(record.pattern_names)}: name one by --target or --pattern."
+        )
+    if len(recorded) == 1:
+        bands = _broad_bands(record, recorded[0], wanted, known)
+        return SnapshotBands(bands, recorded, is_broad=True)
+    what = f"{target!r} with pattern {pattern!r}"
+    bands = recorded if wanted is None else require_recorded_bands(wanted, recorded, what, record)
+    return SnapshotBands(bands, bands, is_broad=False)
+
+
+def add_photographs(
+    brackets: list[Bracket], roles: Reconstruction, bands: SnapshotBands, path: Path
+) -> CodedSnapshot:
+    """Add the photographs of a coded snapshot, their light and its variance.
+
+    Parameters
+    ----------
+    brackets : list of Bracket
+        Merged pictures of the record at `path`, those of the photograph among them.
+    roles : Reconstruction
+        Names of the photograph and the coded pattern.
+    bands : SnapshotBands
+        The bands, and the photographs.
+    path : Path
+        The record, which errors name.
+    """
+    parts = [
+        find_bracket(brackets, roles.photograph, roles.coded, one, path)
+        for one in bands.photographed
+    ]
+    return CodedSnapshot(
+        np.sum([one.rate for one in parts], axis=0),
+        np.sum([one.variance for one in parts], axis=0),
+        np.any([~np.isfinite(one.variance) for one in parts], axis=0),
+        bands.wavelengths,
+        tuple(parts),
+        bands.is_broad,
+    )
+
+
+def _broad_bands(
+    record: Record, photographed: float, wanted: Sequence[float] | None, known: Sequence[float]
+) -> tuple[float, ...]:
+    """Return the bands of a snapshot in broad light; UserError if the light hasn't them all."""
+    span = passband_at(record, photographed)
+    # Without a description of the filter, it is taken to be out of the beam.
+    passed = "all light" if span is None else list_nanometres(span).replace(", ", " to ")
+    inside = [one for one in known if span is None or span[0] <= one <= span[1]]
+    if wanted is None and len(inside) < 2:
+        raise UserError(
+            f"{record.path}: the photograph is in light of one filter, which passes {passed}, and "
+            f"there are PSFs at {list_nanometres(known) if known else 'no wavelength'}. A snapshot "
+            "needs two bands or more: photograph it at each wavelength, or through an open slot."
+        )
+    bands = tuple(inside) if wanted is None else tuple(wanted)
+    outside = [one for one in bands if span is not None and not span[0] <= one <= span[1]]
+    if outside:
+        raise UserError(
+            f"--bands {outside[0] * 1e9:g}: {record.path} has the photograph at "
+            f"{photographed * 1e9:g} nm alone, through a filter that passes {passed}. Photograph "
+            "it at that band as well, or through an open slot."
+        )
+    return bands

@@ -1,0 +1,180 @@
+"""The place and the light of a small star, from a merged picture of it behind colour filters.
+
+A star that is a pixel wide falls between the few pixels that see its colour: a centroid of
+interpolated pixels would be half a pixel wrong. A spot of known shape is fitted to the bare pixels
+instead, each with the sensitivity of its filter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import OptimizeResult, least_squares
+from scipy.special import erf
+
+Picture = NDArray[np.float64]
+
+_REACH = 8
+"""Pixels around the brightest one, up and down, to which the spot is fitted. Chosen: four times the
+period of Bayer's pattern."""
+
+_CORE = 2
+"""Pixels around a star's middle from which the light of its shape is estimated: rings of three
+pixels and more leave them dark."""
+
+_SHAPE_ERROR = 0.05
+"""Deviation of a star's true shape from a Gaussian, relative to its brightest pixel, that counts as
+noise of the fit. Measured: an Airy disc of 1.2 pixels on a pixel and its neighbours leaves 0.03 to
+0.06."""
+
+_START_OFFSETS = (-0.6, 0.0, 0.6)
+"""Pixels from the brightest pixel, up and down, at which fits begin: a star on the pixel of another
+colour is brightest beside its place."""
+
+_SIGMAS = (0.2, 4.0)
+"""Least and largest standard deviation of a spot, in pixels."""
+
+
+@dataclass(frozen=True)
+class StarSpot:
+    """A star's place and light.
+
+    Attributes
+    ----------
+    y, x : float
+        Place of its middle in pixels.
+    sigma : float
+        Standard deviation of the Gaussian that it looks like, in pixels.
+    light : float
+        Electrons per second that all its light would give behind a filter of sensitivity 1.
+    deviation : float
+        Estimated standard deviation of the place, in pixels.
+    """
+
+    y: float
+    x: float
+    sigma: float
+    light: float
+    deviation: float
+
+    def shape_on(self, rows: int, columns: int) -> Picture:
+        """Return the star's shape on the pixels of a frame, as shares of its light."""
+        places = np.arange(rows), np.arange(columns)
+        return _gaussian_spot(places, (self.y, self.x, math.log(self.sigma), 0.0))
+
+    def share_in(self, rate: Picture, variance: Picture, sensitivity: Picture) -> float:
+        """Estimate how much of the light of another picture has the star's shape and place.
+
+        The shape is fitted by least squares to the pixels around the star. Of a star that a pattern
+        spreads out, this is the light that stays in the middle.
+
+        Parameters
+        ----------
+        rate, variance, sensitivity : NDArray, (rows, columns)
+            As for `fit_star_spot`.
+
+        Returns
+        -------
+        float
+            Electrons per second, 0 or more.
+        """
+        shape = sensitivity * self.shape_on(*rate.shape)
+        near = round(self.y), round(self.x)
+        part = tuple(slice(max(at - _CORE, 0), at + _CORE + 1) for at in near)
+        shape, seen, spread = shape[part], rate[part], variance[part]
+        known = np.isfinite(spread) & (shape > 0)
+        trust = np.where(known, 1 / np.where(known & (spread > 0), spread, 1.0), 0.0)
+        power = float((trust * shape**2).sum())
+        return max(float((trust * shape * seen).sum()) / power, 0.0) if power > 0 else 0.0
+
+
+def fit_star_spot(
+    rate: Picture, variance: Picture, sensitivity: Picture, near: tuple[int, int]
+) -> StarSpot | None:
+    """Fit a star's spot to a picture: a Gaussian, integrated over pixels, behind their filters.
+
+    Parameters
+    ----------
+    rate, variance : NDArray, (rows, columns)
+        Light of each pixel and its variance; infinite where a pixel is clipped.
+    sensitivity : NDArray, (rows, columns)
+        Share of the star's light that each pixel's filter transmits; not negative.
+    near : tuple of int
+        Pixel (row, column) within two pixels of the star.
+
+    Returns
+    -------
+    StarSpot or None
+        The spot; None if the picture is dark there.
+    """
+    rows, columns = (_window(at, n) for at, n in zip(near, rate.shape, strict=True))
+    seen, share = rate[rows, columns], sensitivity[rows, columns]
+    known = np.isfinite(variance[rows, columns]) & (share > 0)
+    peak = float(np.where(known, seen, 0).max(initial=0))
+    if not peak > 0:
+        return None
+    spread = np.where(known, variance[rows, columns], 0) + (_SHAPE_ERROR * peak) ** 2 * (
+        share / share.max()
+    )
+    places = np.arange(rows.start, rows.stop), np.arange(columns.start, columns.stop)
+    trust = known / np.sqrt(spread)
+
+    def misfit(parameters: Picture) -> Picture:
+        spot = share * _gaussian_spot(places, parameters)
+        return ((spot - seen) * trust).ravel()
+
+    best = min(_fits(misfit, near, peak / float(share.max())), key=lambda one: float(one.cost))
+    y, x, log_sigma, log_light = map(float, best.x)
+    return StarSpot(y, x, math.exp(log_sigma), math.exp(log_light), _place_deviation(best))
+
+
+def _window(at: int, count: int) -> slice:
+    return slice(max(at - _REACH, 0), min(at + _REACH + 1, count))
+
+
+def _gaussian_spot(
+    places: tuple[NDArray[np.int_], NDArray[np.int_]], parameters: Sequence[float] | Picture
+) -> Picture:
+    """Return a star's light on each pixel of a window, for middle, log of width and log of light.
+
+    It is a Gaussian, integrated over each pixel.
+    """
+    y, x, log_sigma, log_light = parameters
+    width = math.sqrt(2) * math.exp(log_sigma)
+    lines = []
+    for place, middle in zip(places, (y, x), strict=True):
+        edges = np.append(place - 0.5, place[-1] + 0.5)
+        lines.append(np.diff(erf((edges - middle) / width)) / 2)
+    spot: Picture = math.exp(log_light) * np.outer(*lines)
+    return spot
+
+
+def _fits(
+    misfit: Callable[[Picture], Picture], near: tuple[int, int], light: float
+) -> list[OptimizeResult]:
+    """Fit a star's spot from several starts around a pixel, because a misfit has several minima."""
+    low, high = (math.log(one) for one in _SIGMAS)
+    bounds = (
+        [near[0] - 3.0, near[1] - 3.0, low, -np.inf],
+        [near[0] + 3.0, near[1] + 3.0, high, np.inf],
+    )
+    starts = [
+        [near[0] + down, near[1] + along, math.log(0.6), math.log(2 * light)]
+        for down in _START_OFFSETS
+        for along in _START_OFFSETS
+    ]
+    return [least_squares(misfit, start, bounds=bounds) for start in starts]
+
+
+def _place_deviation(fit: OptimizeResult) -> float:
+    """Return the standard deviation of a fitted star's place in pixels, at most the reach."""
+    information = fit.jac.T @ fit.jac
+    covariance = np.linalg.pinv(information)
+    variance = float(np.clip(np.diag(covariance)[:2], 0, None).max())
+    # A fit that explains the picture badly is trusted less.
+    excess = max(2 * float(fit.cost) / max(len(fit.fun) - 4, 1), 1.0)
+    return min(math.sqrt(variance * excess), float(_REACH))
