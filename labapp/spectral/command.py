@@ -63,10 +63,15 @@ def reconstruct_spectra(
     print_table(problem.source, ["", "value"], _rows(problem, restored))
     if restored.scores is not None:
         _print_band_scores(problem, restored.scores)
-    for note in problem.notes:
+    for note in _notes(problem, restored):
         print_message(f"note: {note}")
     for file in (*cubes, files.colours, files.picture):
         out.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def _notes(problem: SpectralProblem, restored: RestoredCube) -> list[str]:
+    """Return the remarks on a restored cube, doubtful bands included."""
+    return [*problem.notes, *([restored.doubts] if restored.doubts else [])]
 
 
 def _rows(problem: SpectralProblem, restored: RestoredCube) -> list[list[str]]:
@@ -151,7 +156,7 @@ def _as_data(
         "dead_share": float(problem.dead_pixels.mean()),
         "cpu_s": restored.cpu_seconds,
         "score": restored.scores and restored.scores.as_data | {"against": truth or "--truth"},
-        "notes": list(problem.notes),
+        "notes": _notes(problem, restored),
         "file": str(files.cube),
         "colours": str(files.colours),
         "picture": str(files.picture),

@@ -125,10 +125,17 @@ class SpectralProblem:
             return None
         return self.truth / self.response.band_levels[:, None, None]
 
-    def as_cube(self, bands: NDArray[np.floating], white: float, description: str) -> SpectralCube:
+    def as_cube(
+        self,
+        bands: NDArray[np.floating],
+        white: float,
+        description: str,
+        error: NDArray[np.floating] | None = None,
+    ) -> SpectralCube:
         """Return bands of the snapshot as a cube in shares of white.
 
-        `bands` are in electrons per second, and white gives `white` in all of them.
+        `bands` and the half width `error` of their intervals, if it is known, are in electrons per
+        second, and white gives `white` in all bands.
         """
         return SpectralCube(
             (bands / white).astype(np.float32),
@@ -137,4 +144,5 @@ class SpectralProblem:
             light=self.light,
             pitch=self.pitch,
             description=description,
+            error=None if error is None else (error / white).astype(np.float32),
         )

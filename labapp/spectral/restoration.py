@@ -10,13 +10,14 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.files.cubes import SpectralCube
+from labapp.files.wavelengths import format_nanometres
 from labapp.spectral.lights import ViewingLight
 from labapp.spectral.problem import SpectralProblem
 from labapp.spectral.scores import CubeScores, require_same_kind, score_cube
 from optics.deconvolution.residual_map import residual_map
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.verdict import Verdict, judge_restoration
-from optics.multispectral import restore_spectra
+from optics.multispectral import estimate_error_map, restore_spectra
 from optics.progress import Progress
 from optics.threads import single_threaded
 
@@ -42,6 +43,8 @@ class RestoredCube:
         The snapshot less the blurred cube, over the noise; NaN where it isn't known.
     verdict : Verdict
         Whether snapshot, PSFs and noise fit together.
+    doubts : str
+        Which bands the filters hardly tell apart, in words; empty if there are none.
     white : float
         Electrons per second that count as 1.
     cpu_seconds : float
@@ -54,6 +57,7 @@ class RestoredCube:
     image: RestoredImage
     residual_map: NDArray[np.floating]
     verdict: Verdict
+    doubts: str
     white: float
     cpu_seconds: float
 
@@ -106,7 +110,9 @@ def restore_snapshot(
     )
     bands = torch.as_tensor(found.image).numpy()
     white = problem.white_level(bands)
-    cube = problem.as_cube(bands, white, f"Restored from {problem.source}, by {found.method}")
+    errors, doubts = _estimate_errors(problem, found)
+    words = f"Restored from {problem.source}, by {found.method}"
+    cube = problem.as_cube(bands, white, words, errors)
     progress.report(_RESTORING_SHARE, "scores")
     truth = _true_cube(problem, white)
     left = residual_map(problem.observation, found).numpy()
@@ -117,9 +123,24 @@ def restore_snapshot(
         found,
         left,
         judge_restoration(problem.observation, found, None),
+        doubts,
         white,
         time.process_time() - started,
     )
+
+
+def _estimate_errors(
+    problem: SpectralProblem, found: RestoredImage
+) -> tuple[NDArray[np.floating] | None, str]:
+    """Estimate half the width of the 90 % intervals of a snapshot's bands, and name doubtful bands.
+
+    The width is None for a dark picture.
+    """
+    if not float(torch.as_tensor(found.image).max()) > 0:
+        return None, ""
+    labels = [format_nanometres(one) for one in problem.wavelengths]
+    errors = estimate_error_map(problem.observation, found, problem.spectra, labels=labels)
+    return torch.as_tensor(errors.half_width).numpy(), errors.message
 
 
 def _true_cube(problem: SpectralProblem, white: float) -> SpectralCube | None:

@@ -47,5 +47,14 @@ STUDIES: dict[str, StudyEntry] = {
         "cubic_edof", "Fig. 2.15-2.17", "more depth of field, by a cubic phase"
     ),
     "deconvolution": StudyEntry("deconvolution", "Fig. 2.9", "a blurred photograph, restored"),
+    "multispectral": StudyEntry(
+        "multispectral", "Fig. 4.3-4.8, Tab. 4.1", "six spectral bands from one photograph"
+    ),
+    "multispectral-noise": StudyEntry(
+        "multispectral_noise", "Tab. 4.2", "spectral bands from noisier and noisier photographs"
+    ),
+    "psf-designs": StudyEntry(
+        "psf_designs", "Tab. 4.1, A.1, A.2", "shapes of PSFs that tell spectral bands apart"
+    ),
 }
 """All studies by name. The studies' modules aren't imported here, so that `--help` is fast."""

@@ -28,6 +28,7 @@ from labapp.studies.study_lookup import (
     settings_from_record,
     with_study_metadata,
 )
+from optics.camera import Camera
 from optics.progress import Progress
 
 
@@ -80,7 +81,7 @@ def carry_out_study(
     # The acquisition is shown as 70 % of the study's progress.
     acquiring, evaluating = progress.part(0, 0.7), progress.part(0.7, 1)
     with open_bench(files, speed=manner.speed) as bench:
-        require_monochrome_sensor(bench.description.sensor, f"study {request.name}")
+        _require_sensor(found, request.name, bench.description)
         plan = with_study_metadata(
             found.plan(settings, bench.description), request.name, settings, request.seed
         )
@@ -123,7 +124,7 @@ def _evaluate_and_write(
     progress: Progress,
 ) -> CompletedStudy:
     with Record(path) as record:
-        require_monochrome_sensor(record.bench.build_camera().sensor, f"study {name}")
+        _require_sensor(found, name, record.bench.build_camera())
         if record.state is not State.COMPLETE:
             raise UserError(
                 f"{path}: the run is {record.state}, and the study needs all of its frames. "
@@ -136,6 +137,12 @@ def _evaluate_and_write(
     account = CompletedStudy(name, found, settings, seed, path, simulated, results, watch.seconds)
     write_study_files(account, folder)
     return account
+
+
+def _require_sensor(found: Study[Any], name: str, camera: Camera) -> None:
+    """Raise UserError for a sensor with colour filters, if a study can't evaluate its pictures."""
+    if not found.takes_colour:
+        require_monochrome_sensor(camera.sensor, f"study {name}")
 
 
 def _print_results(

@@ -131,6 +131,8 @@ class Study(Generic[S]):
         The module with the functions `plan` and `evaluate`; imported when they are called.
     scene, bench : str
         Files in labapp/data for a virtual bench, used unless a person gives others.
+    takes_colour : bool
+        Whether the study evaluates pictures of a sensor with colour filters. Others refuse it.
     """
 
     title: str
@@ -141,6 +143,7 @@ class Study(Generic[S]):
     module: str
     scene: str = "scene.toml"
     bench: str = "bench.toml"
+    takes_colour: bool = False
 
     def plan(self, settings: S, camera: Camera) -> PlanFile:
         """Make the study's plan for the camera of a bench; the caller sets the plan's seed."""

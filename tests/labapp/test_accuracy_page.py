@@ -57,6 +57,9 @@ def quick(monkeypatch):
     once = RetimingSettings(short_s=0.0)
     monkeypatch.setattr("labapp.accuracy.deconvolve._TIMING", once)
     monkeypatch.setattr("labapp.accuracy.retrieval._TIMING", once)
+    monkeypatch.setattr("labapp.accuracy.multispectral._TIMING", once)
+    monkeypatch.setattr("labapp.accuracy.multispectral._COUNTS", (2, 4))
+    monkeypatch.setattr("labapp.accuracy.multispectral._PUBLISHED_COUNTS", (2,))
 
 
 def small_camera(separation: float = 0.0) -> Camera:
@@ -144,7 +147,10 @@ def test_the_page_has_every_operation_and_the_numbers_of_its_data(tmp_path, monk
     page = (tmp_path / "made/here/accuracy.html").read_text()
     data = json.loads((tmp_path / "made/here/accuracy.json").read_text())
     names = [one.name for one in OPERATIONS]
-    assert names == ["lens", "panel", "chain", "propagate", "simulate", "retrieval", "deconvolve"]
+    assert names == [
+        "lens", "panel", "chain", "propagate", "simulate", "retrieval", "deconvolve",
+        "multispectral",
+    ]  # fmt: skip
     assert [one["name"] for one in data["operations"]] == names
     assert data["left_out"] == []
     cells = Tables(page)

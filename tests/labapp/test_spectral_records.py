@@ -80,6 +80,8 @@ def test_the_command_restores_the_patches_of_the_scene(labapp, record, tmp_path)
     wrong = patch_means(cube.values) - patch_reflectances()
     assert np.sqrt(np.mean(wrong**2)) < 0.05
     assert np.abs(wrong).max() < 0.15
+    assert cube.error is not None
+    assert np.median(cube.error) < 0.3
     colours = cv2.imread(said["colours"])
     assert colours.shape == (ROWS, COLUMNS, 3)
     assert cv2.imread(said["picture"]).shape[1] > 500

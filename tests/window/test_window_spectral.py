@@ -223,7 +223,7 @@ def test_of_a_large_cube_every_third_pixel_is_sent():
     cube = SpectralCube(values, BANDS[:2], error=values / 8)
     restored = SimpleNamespace(
         cube=cube, truth=None, scores=None, residual_map=np.zeros((4, 2500)), verdict="good",
-        cpu_seconds=1.0,
+        cpu_seconds=1.0, doubts="alike",
         image=SimpleNamespace(method="tv", noise=1.0, iterations=1, residual=1.0),
     )  # fmt: skip
     problem = SimpleNamespace(
@@ -233,6 +233,7 @@ def test_of_a_large_cube_every_third_pixel_is_sent():
     sent = CubeRestoration(Path("run.h5"), problem, restored, find_light("E")).result_message
     assert sent.pixel_step == 3
     assert sent.source == "photograph"
+    assert "alike" in sent.notes
     assert np.array_equal(sent.values, values[:, ::3, ::3])
     assert np.array_equal(sent.error, values[:, ::3, ::3] / 8)
     assert sent.colours.restored.shape == (2, 834, 3)

@@ -6,7 +6,17 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from labapp.accuracy import blurs, chain, deconvolve, propagate, psf, retrieval, simulate
+from labapp.accuracy import (
+    blurs,
+    chain,
+    deconvolve,
+    multispectral,
+    propagate,
+    psf,
+    retrieval,
+    simulate,
+    spectral_case,
+)
 from labapp.accuracy.overview.cases import (
     OverviewSettings,
     Scope,
@@ -107,6 +117,12 @@ def _measure_deconvolution(scope: Scope, progress: Progress, deadline: Deadline)
     return case.name, found[1:]
 
 
+def _measure_spectra(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
+    size = scope.settings.picture_size
+    case = spectral_case.spectral_case_from_options(None, "ring", 0.01, size, 0)
+    return case.name, multispectral.measure_multispectral(case, progress, deadline)
+
+
 def _measure_retrieval(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
     goal, name = retrieval_goal(scope)
     rows = retrieval.measure_retrieval(
@@ -204,6 +220,15 @@ OPERATIONS = (
         "error levels off.",
         deconvolve.ERROR_NAME,
         _measure_deconvolution,
+    ),
+    Operation(
+        "multispectral",
+        "Restoration of spectral bands",
+        "Six bands of a chart from one photograph of a colour sensor, which sees each band blurred "
+        "by a ring of its own. Noise and mixed bands limit what can be known, so that the error "
+        "levels off.",
+        multispectral.ERROR_NAME,
+        _measure_spectra,
     ),
 )
 """All operations of the accuracy page, in its order."""

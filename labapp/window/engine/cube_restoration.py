@@ -89,7 +89,7 @@ class CubeRestoration:
             iterations=image.iterations,
             residual=image.residual,
             verdict=str(restored.verdict),
-            notes=problem.notes,
+            notes=(*problem.notes, *([restored.doubts] if restored.doubts else [])),
             cpu_seconds=restored.cpu_seconds,
         )
 

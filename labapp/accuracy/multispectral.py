@@ -1,0 +1,160 @@
+"""`labapp accuracy multispectral`: measure quality against time of restored spectral bands."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labapp.accuracy.diagram import draw
+from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
+from labapp.accuracy.spectral_case import SpectralCase
+from labapp.accuracy.work_precision import (
+    CALLS,
+    CUT,
+    Deadline,
+    RetimingSettings,
+    Row,
+    mark_front,
+)
+from labapp.common.console import terminal_progress
+from optics.multispectral import restore_by_published_objective, restore_spectra
+from optics.progress import Progress
+from optics.threads import single_threaded
+
+_TIMING = RetimingSettings(short_s=2.0)
+
+_COUNTS = (10, 20, 50, 100, 200)
+_PUBLISHED_COUNTS = (30, 100, 300)
+"""Numbers of iterations that are measured; chosen."""
+
+_USUAL_COUNT = 100
+"""Number of iterations of `restore_spectra`, unless one is given."""
+
+_ADAPTS, _STAYS, _PUBLISHED = (
+    "typical spectra, adapting",
+    "typical spectra",
+    "published objective",
+)
+
+
+@dataclass(frozen=True)
+class MultispectralRow(Row):
+    """Measured quality and time of restored spectral bands after a number of iterations.
+
+    Attributes
+    ----------
+    error_achieved : float or None
+        Relative L2 error of all bands.
+    iterations : int
+        Largest number of iterations.
+    psnr_db, least_db : float or None
+        Mean PSNR of the bands in dB, and that of the worst band; white is 1.
+    """
+
+    iterations: int = 0
+    psnr_db: float | None = None
+    least_db: float | None = None
+
+
+ERROR_NAME = "error of the restored bands, relative L2"
+
+_COLUMNS: Columns[MultispectralRow] = {
+    "method": lambda row: row.method,
+    "count ": lambda row: str(row.iterations),
+    "PSNR dB ": lambda row: "failed" if row.failure else format_number(row.psnr_db, ".2f"),
+    "worst ": lambda row: format_number(row.least_db, ".2f"),
+    "CPU ms ": lambda row: format_number(row.cpu_s, ".0f", 1e3),
+    "": lambda row: "front" if row.on_front else "",
+}
+_REMARK = (
+    "PSNR: mean of the bands, cut to 0 to 1, and that of the worst band. Weights are chosen from "
+    "the snapshot; those of the published objective are fixed. Error and time decide the front. "
+    "One thread."
+)
+
+
+@single_threaded
+def accuracy_multispectral(case: SpectralCase, *, as_json: bool, plot: Path | None) -> None:
+    """Measure the accuracy and time of restorations of spectral bands, and print the rows.
+
+    `plot` is the file of the diagram, or None for no diagram.
+    """
+    with terminal_progress() as progress:
+        rows = measure_multispectral(case, progress)
+    print_rows(f"Spectral bands: {case.name}", _COLUMNS, _REMARK, rows, as_json=as_json)
+    write_plot(plot, lambda: draw(case.name, rows, ERROR_NAME))
+
+
+def measure_multispectral(
+    case: SpectralCase, progress: Progress, deadline: Deadline | None = None
+) -> list[MultispectralRow]:
+    """Measure the accuracy of restored spectral bands after more and more iterations.
+
+    Rows that no other row beats in both time and error are marked. What is left at the deadline is
+    named as cut.
+    """
+    deadline = deadline or Deadline()
+    settings = _settings(case)
+    rows = list[MultispectralRow]()
+    for number, (name, count, solve) in enumerate(settings):
+        progress.report(number / len(settings), f"{name}, {count}")
+        empty = MultispectralRow(
+            "multispectral", case.name, name, "float32", None, iterations=count
+        )
+        if deadline.is_over:
+            rows.append(replace(empty, failure=CUT))
+            continue
+        row = _measure(case, empty, solve)
+        usual = name == _ADAPTS and count == _USUAL_COUNT
+        rows.append(replace(row, chosen_for=CALLS[-1:] if usual else ()))
+    return mark_front(rows)
+
+
+def _settings(case: SpectralCase) -> list[tuple[str, int, Callable[[], Any]]]:
+    """Return the restorations of spectral bands that are measured: name, iterations, function.
+
+    Short ones come first, so that a deadline cuts the long ones.
+    """
+    seen, spectra = case.snapshot.observation, case.spectra
+    settings: list[tuple[str, int, Callable[[], Any]]] = []
+    for adapts, name in ((False, _STAYS), (True, _ADAPTS)):
+        settings += [
+            (name, n, partial(restore_spectra, seen, spectra, iterations=n, adapts=adapts))
+            for n in _COUNTS
+        ]
+    settings += [
+        (_PUBLISHED, n, partial(restore_by_published_objective, seen, iterations=n))
+        for n in _PUBLISHED_COUNTS
+    ]
+    return sorted(settings, key=lambda one: one[1])
+
+
+def _measure(
+    case: SpectralCase, row: MultispectralRow, solve: Callable[[], Any]
+) -> MultispectralRow:
+    """Measure the error and time of a restoration of spectral bands."""
+    times, wall = list[float](), time.perf_counter()
+    try:
+        while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):
+            started = time.process_time()
+            bands = np.asarray(solve().image, dtype=np.float64)
+            times.append(time.process_time() - started)
+    except ValueError as error:
+        return replace(row, failure=str(error))
+    truth = case.snapshot.truth
+    levels = case.snapshot.band_levels(bands)
+    return replace(
+        row,
+        error_achieved=float(np.linalg.norm(bands - truth) / np.linalg.norm(truth)),
+        cpu_s=statistics.median(times),
+        wall_s=(time.perf_counter() - wall) / len(times),
+        psnr_db=float(np.mean(levels)),
+        least_db=min(levels),
+    )

@@ -1,0 +1,144 @@
+"""Simulate the coded snapshot on which restorations of spectral bands are compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.accuracy.spectral_names import require_psf_name
+from labapp.common.errors import UserError
+from labapp.files.cubes import read_cube
+from labapp.spectral.computed_snapshot import (
+    ComputedSnapshot,
+    bundled_mosaic,
+    chart_cube,
+    compute_snapshot,
+)
+from labapp.spectral.typical_spectra import typical_reflectances
+from optics.multispectral import dot_psfs, linear_dispersion_psfs, ring_psfs, spiral_psfs
+from optics.plane import Plane
+from optics.targets import ring_positions
+
+_BANDS = tuple(nm * 1e-9 for nm in (450.0, 500.0, 550.0, 600.0, 650.0, 700.0))
+"""Bands of the thesis (Fig. 4.3), in metres."""
+
+_RADIUS_SHARE, _LARGEST_RADIUS = 0.08, 20.0
+"""Radius of the PSF in the longest band, over the side of the picture, and its limit in pixels;
+chosen, so that small pictures are still larger than their PSFs."""
+
+_PEAK = 0.2
+"""Share of the light in the middle of a PSF; chosen, as of light that a panel doesn't modulate."""
+
+_DOTS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralCase:
+    """A simulated coded snapshot of a known spectral cube.
+
+    Attributes
+    ----------
+    name : str
+        Scene, PSFs, noise and size in words.
+    snapshot : ComputedSnapshot
+        The snapshot with the true cube.
+    spectra : torch.Tensor, (samples, bands)
+        Typical spectra.
+    """
+
+    name: str
+    snapshot: ComputedSnapshot
+    spectra: torch.Tensor
+
+
+def spectral_case_from_options(
+    cube: Path | None, psf: str, noise: float, size: int, seed: int
+) -> SpectralCase:
+    """Simulate the snapshot that the options of `labapp accuracy multispectral` describe.
+
+    Parameters
+    ----------
+    cube : Path or None
+        File of a spectral cube in shares of white; None for a ColorChecker in six bands.
+    psf : str
+        Shape of the PSFs.
+    noise : float
+        Standard deviation of a pixel, relative to white; 0 or more.
+    size : int
+        Largest side in pixels; larger cubes are cut to their middle.
+    seed : int
+        Seed of the noise.
+
+    Raises
+    ------
+    UserError
+        If the shape is unknown, or the cube can't be restored.
+    """
+    require_psf_name(psf)
+    wavelengths, truth = _BANDS, chart_cube(_BANDS, size)
+    if cube is not None:
+        read = read_cube(cube)
+        wavelengths, truth = read.wavelengths, _middle(read.values.astype(np.float64), size)
+        _require_light(cube, truth)
+    radius = min(_LARGEST_RADIUS, _RADIUS_SHARE * min(truth.shape[1:]))
+    psfs = _MAKERS[psf](_plane(radius), wavelengths, radius).numpy()
+    try:
+        snapshot = compute_snapshot(
+            truth, psfs, bundled_mosaic(), wavelengths, noise=noise, seed=seed
+        )
+    except ValueError as error:
+        raise UserError(f"{cube or 'the chart'}: {error}.") from error
+    scene = "ColorChecker" if cube is None else cube.name
+    words = f"{scene}, {psf}, noise {noise:g}, {truth.shape}"
+    return SpectralCase(words, snapshot, torch.from_numpy(typical_reflectances(wavelengths)))
+
+
+def _ring(plane: Plane, wavelengths: tuple[float, ...], radius: float) -> torch.Tensor:
+    return ring_psfs(plane, wavelengths, radius, unmodulated=_PEAK)
+
+
+def _spiral(plane: Plane, wavelengths: tuple[float, ...], radius: float) -> torch.Tensor:
+    return spiral_psfs(plane, wavelengths, radius, unmodulated=_PEAK)
+
+
+def _dots(plane: Plane, wavelengths: tuple[float, ...], radius: float) -> torch.Tensor:
+    return dot_psfs(plane, wavelengths, ring_positions(_DOTS, radius), unmodulated=_PEAK)
+
+
+def _linear(plane: Plane, wavelengths: tuple[float, ...], radius: float) -> torch.Tensor:
+    return linear_dispersion_psfs(plane, wavelengths, radius, unmodulated=_PEAK)
+
+
+_MAKERS: dict[str, Callable[[Plane, tuple[float, ...], float], torch.Tensor]] = {
+    "ring": _ring,
+    "spiral": _spiral,
+    "dots": _dots,
+    "linear dispersion": _linear,
+}
+
+
+def _plane(radius: float) -> Plane:
+    """Return the pixels around the axis that hold spectral PSFs of a radius in pixels."""
+    side = 2 * round(radius + 5) + 1
+    return Plane((side, side), (1.0, 1.0))
+
+
+def _middle(values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Cut a spectral cube, (bands, rows, columns), to its middle of at most `size` pixels."""
+    rows, columns = (
+        slice((n - min(n, size)) // 2, (n + min(n, size)) // 2) for n in values.shape[1:]
+    )
+    return np.ascontiguousarray(values[:, rows, columns])
+
+
+def _require_light(cube: Path, truth: NDArray[np.float64]) -> None:
+    """Raise UserError for a spectral cube that isn't finite, is dark, or has few pixels."""
+    if not (np.isfinite(truth).all() and truth.max() > 0):
+        raise UserError(f"{cube}: is dark, or not finite. Give a cube with light in it.")
+    if min(truth.shape[1:]) < 32:
+        raise UserError(f"{cube}: is {truth.shape[1:]}; give 32 pixels or more along each side.")
