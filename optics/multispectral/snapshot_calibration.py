@@ -1,0 +1,281 @@
+"""The state of knowledge of a snapshot camera's model: estimates, uncertainty, and what's open."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import torch
+
+from optics.multispectral.model_parameters import ModelUncertainty
+from optics.multispectral.snapshot_model import SnapshotModel
+from optics.validation import require_finite
+
+NINETY_PERCENT = 1.6449
+"""Half-width of a normal variable's 90 % interval, in standard deviations."""
+
+_SHIFT_STEPS = 20
+"""Iterations of the shift that most bands have in common; more change less than 1e-6 pixels."""
+
+_NO_GAINS = (
+    "Each band's overall gain: a brighter band and a more sensitive camera give the same "
+    "photograph. Each band's response keeps the sum of its nominal one over the channels."
+)
+_NO_SHIFT = (
+    "A shift of all bands together: a moved scene and moved PSFs give the same photograph. The "
+    "centres are relative to where most bands are, each counted by its certainty."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class BandTransmission:
+    """What a spectroradiometer says of the spectral filter: its transmission in each band.
+
+    Parameters
+    ----------
+    values : torch.Tensor or numpy.ndarray, (bands,)
+        Transmission of each band relative to the nominal response, above 0.
+    deviations : torch.Tensor or numpy.ndarray, (bands,)
+        Its standard deviation, in the same unit, 0 or more.
+
+    Raises
+    ------
+    ValueError
+        For values that aren't positive and finite, or a negative deviation.
+    """
+
+    values: Any
+    deviations: Any
+
+    def __post_init__(self) -> None:
+        for name in ("values", "deviations"):
+            tensor = torch.as_tensor(getattr(self, name)).to(torch.float64)
+            require_finite(name, tensor)
+            object.__setattr__(self, name, tensor)
+        if self.values.ndim != 1 or self.values.shape != self.deviations.shape:
+            raise ValueError(
+                f"values are {tuple(self.values.shape)} and deviations "
+                f"{tuple(self.deviations.shape)}; give one number for each band in both"
+            )
+        if not bool((self.values > 0).all()) or bool((self.deviations < 0).any()):
+            raise ValueError("a transmission must be above 0, and its deviation 0 or more")
+
+
+@dataclass(frozen=True)
+class CalibratedParameter:
+    """One parameter of a snapshot camera, with its uncertainty.
+
+    Attributes
+    ----------
+    name : str
+        What it is, in words.
+    unit : str
+        "pixel", or nothing for shares and ratios.
+    value, nominal : float
+        The estimate, and what the nominal model has.
+    deviation : float
+        Standard deviation.
+    lower, upper : float
+        Ends of the 90 % interval.
+    """
+
+    name: str
+    unit: str
+    value: float
+    nominal: float
+    deviation: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, eq=False)
+class SnapshotCalibration:
+    """The calibrated model of a snapshot spectral camera.
+
+    `nominal` makes the first one, and `calibrate_from_frames` and `refine_from_photograph` better
+    ones.
+
+    Attributes
+    ----------
+    model : SnapshotModel
+        The nominal model with its parameters.
+    deviation : torch.Tensor, (parameters,), float64
+        Estimated deviation of each parameter from nominal: see ParameterLayout.
+    covariance : torch.Tensor, (parameters, parameters), float64
+        Covariance of the errors of `deviation`, with the shift of all bands together.
+    transmission : BandTransmission, optional
+        Transmission of each band. Each band's gain is indeterminate if None.
+    source : str
+        What the estimates come from, in words.
+    """
+
+    model: SnapshotModel
+    deviation: torch.Tensor
+    covariance: torch.Tensor
+    transmission: BandTransmission | None = None
+    source: str = "nominal"
+
+    @classmethod
+    def nominal(
+        cls,
+        model: SnapshotModel,
+        uncertainty: ModelUncertainty | None = None,
+        transmission: BandTransmission | None = None,
+    ) -> SnapshotCalibration:
+        """Return what is known of a snapshot camera before any calibration.
+
+        Parameters
+        ----------
+        model : SnapshotModel
+            The nominal model.
+        uncertainty : ModelUncertainty, optional
+            How well it is known. The default values if None.
+        transmission : BandTransmission, optional
+            The bands' transmission as measured. Indeterminate if None.
+
+        Returns
+        -------
+        SnapshotCalibration
+            The nominal parameters with their uncertainty.
+
+        Raises
+        ------
+        ValueError
+            For a transmission of another number of bands.
+        """
+        if transmission is not None and len(transmission.values) != model.bands:
+            raise ValueError(
+                f"transmission has {len(transmission.values)} bands; the model has {model.bands}"
+            )
+        covariance = model.layout.prior_covariance(uncertainty or ModelUncertainty())
+        deviation = torch.zeros(model.layout.count, dtype=torch.float64)
+        return cls(model, deviation, covariance, transmission)
+
+    def updated(
+        self, deviation: torch.Tensor, covariance: torch.Tensor, source: str
+    ) -> SnapshotCalibration:
+        """Return the snapshot camera's calibration with other estimates from `source`."""
+        return replace(self, deviation=deviation, covariance=covariance, source=source)
+
+    @cached_property
+    def _shift_removal(self) -> torch.Tensor:
+        """The matrix that takes the shift off that most bands of the snapshot have in common.
+
+        A band that lies beside the others counts less, so that one displaced band doesn't displace
+        what all the others are compared with.
+        """
+        layout, bands = self.model.layout, self.model.bands
+        alike = torch.full((bands,), 1 / bands, dtype=torch.float64)
+        mean_removal = layout.shift_removal([alike, alike])
+        relative = mean_removal @ self.covariance @ mean_removal.mT
+        spread = relative.diagonal()[layout.centres].clamp(min=1e-12).sqrt().reshape(2, -1)
+        places = self.deviation[layout.centres].reshape(2, -1)
+        shares = []
+        for place, deviation in zip(places, spread, strict=True):
+            share = torch.full_like(place, 1 / len(place))
+            for _ in range(_SHIFT_STEPS):
+                beside = (place - share @ place) / deviation
+                share = 1 / (deviation.square() * (1 + beside.square()).sqrt())
+                share = share / share.sum()
+            shares.append(share)
+        return layout.shift_removal(shares)
+
+    def remove_common_shift(self, deviation: torch.Tensor) -> torch.Tensor:
+        """Take off a snapshot model's deviations the shift that this calibration calls common.
+
+        Parameters
+        ----------
+        deviation : torch.Tensor, (parameters,), float64
+            Deviations from nominal, for instance the true ones of a simulated camera.
+
+        Returns
+        -------
+        torch.Tensor, (parameters,), float64
+            Deviations to compare with `relative_deviation`.
+        """
+        return self._shift_removal @ deviation
+
+    @property
+    def relative_deviation(self) -> torch.Tensor:
+        """The snapshot parameters' deviations from nominal without the bands' common shift."""
+        return self.remove_common_shift(self.deviation)
+
+    @property
+    def relative_covariance(self) -> torch.Tensor:
+        """The covariance of `relative_deviation` of the snapshot's parameters."""
+        return self._shift_removal @ self.covariance @ self._shift_removal.mT
+
+    @property
+    def psfs(self) -> torch.Tensor:
+        """The snapshot camera's calibrated PSFs, (bands, rows, columns), float64."""
+        return self.model.psfs(self.relative_deviation)
+
+    @property
+    def response(self) -> torch.Tensor:
+        """The snapshot camera's calibrated response, (channels, bands), float64."""
+        response = self.model.response_at(self.relative_deviation)
+        return response if self.transmission is None else response * self.transmission.values
+
+    @property
+    def indeterminate(self) -> tuple[str, ...]:
+        """What the snapshot camera's calibration can't tell, and how it is fixed, in sentences."""
+        return (_NO_SHIFT,) if self.transmission is not None else (_NO_GAINS, _NO_SHIFT)
+
+    @property
+    def parameters(self) -> tuple[CalibratedParameter, ...]:
+        """The snapshot camera's parameters with standard deviations and 90 % intervals."""
+        model, layout = self.model, self.model.layout
+        found = self.relative_deviation
+        spread = self.relative_covariance.diagonal().clamp(min=0).sqrt()
+        listed = []
+        for band in range(model.bands):
+            place, share = layout.zeroth_orders.start + band, float(model.zeroth_order[band])
+            name = f"zeroth order's share of band {band}"
+            listed.append(_additive(name, "", share, found[place], spread[place]))
+        scale = layout.scale
+        listed.append(_additive("size of the coded PSFs", "", 1.0, found[scale], spread[scale]))
+        for axis, letter in enumerate("yx"):
+            for band in range(model.bands):
+                place = layout.centres.start + axis * model.bands + band
+                name = f"centre {letter} of band {band}"
+                listed.append(_additive(name, "pixel", 0.0, found[place], spread[place]))
+        for number, channels in enumerate(model.others):
+            for band, channel in enumerate(channels.tolist()):
+                place = layout.log_ratios.start + number * model.bands + band
+                listed.append(self._ratio(band, channel, found[place], spread[place]))
+        return (*listed, *self._gains())
+
+    def _ratio(
+        self, band: int, channel: int, log: torch.Tensor, spread: torch.Tensor
+    ) -> CalibratedParameter:
+        """Return a ratio of the snapshot response's channels, whose logarithm is estimated."""
+        letters, first = self.model.channels, int(self.model.strongest[band])
+        response = self.model.response
+        nominal = float(response[channel, band] / response[first, band])
+        value, deviation = nominal * math.exp(float(log)), float(spread)
+        half = math.exp(NINETY_PERCENT * deviation)
+        name = f"{letters[channel]}/{letters[first]} of band {band}"
+        return CalibratedParameter(
+            name, "", value, nominal, value * deviation, value / half, value * half
+        )
+
+    def _gains(self) -> list[CalibratedParameter]:
+        """Return the transmissions of the snapshot's bands as parameters, if they are known."""
+        if self.transmission is None:
+            return []
+        known = zip(self.transmission.values, self.transmission.deviations, strict=True)
+        return [
+            _additive(f"transmission of band {band}", "", 1.0, value - 1, deviation)
+            for band, (value, deviation) in enumerate(known)
+        ]
+
+
+def _additive(
+    name: str, unit: str, nominal: float, change: torch.Tensor, spread: torch.Tensor
+) -> CalibratedParameter:
+    """Return a snapshot parameter whose difference from its nominal value is estimated."""
+    value, deviation = nominal + float(change), float(spread)
+    half = NINETY_PERCENT * deviation
+    return CalibratedParameter(name, unit, value, nominal, deviation, value - half, value + half)
