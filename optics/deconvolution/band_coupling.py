@@ -6,14 +6,11 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 
 from optics.validation import require_finite
-
-_NEWTON_STEPS = 3
-"""Steps of Newton's method in each shrinkage of components with different weights. It starts from
-the solution of the last iteration."""
 
 _WHITENING = 0.75
 """Power of a component's typical size whose inverse is its weight. Of 0, 0.5, 0.75 and 1, the best
@@ -27,23 +24,40 @@ _LEAST_POWER = 1e-6
 class BandCoupling:
     """The coupling of a picture's bands in a deconvolution's prior.
 
-    The bands are transformed to components, each of which has a weight. The prior penalises the
-    joint length of the derivatives of each group of components.
+    The bands are transformed to components. The prior penalises the joint length of the derivatives
+    of each group of components, times the group's weight.
 
     Attributes
     ----------
     weights : torch.Tensor
-        Weight of each component, (bands,), float64.
+        Weight of each component, (bands,), float64, the same within a group.
     groups : tuple of int
         Number of components in each group, in the components' order.
     axes : torch.Tensor, optional
         Orthonormal matrix from bands to components, (bands, bands), float64. If None, the
         components are the bands.
+    scales : torch.Tensor, optional
+        Factor of each component, (bands,), float64: what is rare among spectra has a larger one.
+        All are 1 if None.
+
+    Raises
+    ------
+    ValueError
+        If weights differ within a group.
     """
 
     weights: torch.Tensor
     groups: tuple[int, ...]
     axes: torch.Tensor | None = None
+    scales: torch.Tensor | None = None
+
+    def __post_init__(self) -> None:
+        for part in _split(self.weights, self.groups):
+            if not bool((part == part[0]).all()):
+                raise ValueError(
+                    f"weights of a group are {part.tolist()}; they must be equal. Give scales to "
+                    "the components"
+                )
 
     @classmethod
     def separate(cls, bands: int) -> BandCoupling:
@@ -103,8 +117,8 @@ class BandCoupling:
     def of_covariance(cls, covariance: torch.Tensor) -> BandCoupling:
         """Return the coupling of a deconvolution's prior that knows the spectra's covariance.
 
-        The components are the principal axes, and what is rarer has a larger weight. The joint
-        length of all weighted components is penalised.
+        The components are the principal axes, and what is rarer has a larger scale. The joint
+        length of all scaled components is penalised.
 
         Parameters
         ----------
@@ -115,9 +129,10 @@ class BandCoupling:
         sizes, axes = torch.linalg.eigh(covariance.to(torch.float64))
         sizes, axes = sizes.flip(0), axes.flip(1).mT.contiguous()
         power = (sizes / sizes[0]).clamp(min=_LEAST_POWER)
-        weights = power ** (-_WHITENING / 2)
+        scales = power ** (-_WHITENING / 2)
         # With a geometric mean of 1, the weight of the whole prior means the same for all spectra.
-        return cls(weights / weights.log().mean().exp(), (len(weights),), axes)
+        scales = scales / scales.log().mean().exp()
+        return cls(torch.ones_like(scales), (len(scales),), axes, scales)
 
     @property
     def bands(self) -> int:
@@ -125,12 +140,19 @@ class BandCoupling:
         return len(self.weights)
 
     def components(self, x: torch.Tensor) -> torch.Tensor:
-        """Return the components of a deconvolved picture, (bands, rows, columns)."""
-        return x if self.axes is None else transform_bands(self.axes, x)
+        """Return the scaled components of a deconvolved picture, (bands, rows, columns)."""
+        return x if self._matrix is None else transform_bands(self._matrix, x)
 
-    def from_components(self, components: torch.Tensor) -> torch.Tensor:
-        """Return the deconvolved picture, (bands, rows, columns), that has these components."""
-        return components if self.axes is None else transform_bands(self.axes.mT, components)
+    def components_adjoint(self, components: torch.Tensor) -> torch.Tensor:
+        """Apply the adjoint of components() to a deconvolved picture's components."""
+        return components if self._matrix is None else transform_bands(self._matrix.mT, components)
+
+    @cached_property
+    def _matrix(self) -> torch.Tensor | None:
+        """The matrix from bands to scaled components of a deconvolution; None if there is none."""
+        if self.scales is None:
+            return self.axes
+        return torch.diag(self.scales) if self.axes is None else self.scales[:, None] * self.axes
 
     def lengths(self, squares: torch.Tensor) -> torch.Tensor:
         """Return the weighted joint length of each group of a deconvolved picture's components.
@@ -177,7 +199,6 @@ class Shrinkage:
 
     def __init__(self, coupling: BandCoupling, threshold: float, power: float) -> None:
         self._coupling, self._threshold, self._power = coupling, threshold, power
-        self._roots: dict[int, torch.Tensor] = {}
 
     def removed_share(self, squares: torch.Tensor) -> torch.Tensor:
         """Return the share of each component that the shrinkage removes, in the place of `squares`.
@@ -188,15 +209,10 @@ class Shrinkage:
         groups, weights = self._coupling.groups, self._coupling.weights
         if set(groups) == {1}:
             return self._alike(squares, _column(weights, squares))
-        if len(groups) == 1 and bool((weights == weights[0]).all()):
+        if len(groups) == 1:
             return self._alike(squares.sum(0, keepdim=True), float(weights[0]))
-        first = 0
         for part, own in zip(_split(squares, groups), _split(weights, groups), strict=True):
-            if bool((own == own[0]).all()):
-                part.copy_(self._alike(part.sum(0, keepdim=True), float(own[0])))
-            else:
-                self._unlike(first, part, _column(own.square(), part))
-            first += len(own)
+            part.copy_(self._alike(part.sum(0, keepdim=True), float(own[0])))
         return squares
 
     def _alike(self, squares: torch.Tensor, weight: float | torch.Tensor) -> torch.Tensor:
@@ -207,32 +223,6 @@ class Shrinkage:
         if isinstance(weight, torch.Tensor) or weight != 1:
             share.mul_(weight**self._power)
         return share.clamp_(max=1)
-
-    def _unlike(self, group: int, squares: torch.Tensor, weights: torch.Tensor) -> None:
-        """Compute the shares that are removed of derivatives of different weights, in place.
-
-        Of the component n, the share is w_n² / (q + w_n²), with the squared weight w_n². The root q
-        at each pixel is where the joint length of w_n d_n / (q + w_n²) is the threshold. The
-        inverse of that length is a concave function of q, so that Newton's method converges from
-        any q.
-        """
-        squares.mul_(weights)
-        root = self._roots.get(group)
-        root = torch.zeros_like(squares[0]) if root is None else root
-        reach = torch.full_like(root, self._threshold)
-        if self._power != 1:
-            length = squares.sum(0).sqrt_().clamp_(min=torch.finfo(squares.dtype).tiny)
-            reach = length.div_(self._threshold).pow_(self._power - 1).mul_(self._threshold)
-        for _ in range(_NEWTON_STEPS):
-            shrunk = (root + weights).reciprocal_()
-            slope = squares * shrunk * shrunk
-            length = slope.sum(0)
-            slope = slope.mul_(shrunk).sum(0).clamp_(min=torch.finfo(slope.dtype).tiny)
-            # The step is length / slope (length^(1/2) / reach - 1), for a squared length.
-            root = root + length.sqrt().div_(reach).sub_(1).mul_(length).div_(slope)
-            root.clamp_(min=0)
-        self._roots[group] = root
-        torch.div(weights, root + weights, out=squares)
 
 
 def _column(weights: torch.Tensor, like: torch.Tensor) -> torch.Tensor:

@@ -37,6 +37,7 @@ class LinearisedPenalty(Prior):
     def __init__(self, penalty: DerivativePenalty, solution: torch.Tensor) -> None:
         self._penalty, bands = penalty, penalty.bands
         self.gram_spectrum = penalty.gram_spectrum
+        self.component_scales = penalty.component_scales
         own = penalty.derivative_of(solution)
         self._parts = [torch.zeros_like(part) for part in own]
         weights = bands.weights.to(solution)[:, None, None].square()
@@ -64,7 +65,9 @@ class LinearisedPenalty(Prior):
         wanted = [2 * d - part for d, part in zip(split, self._parts, strict=True)]
         for d, part in zip(split, self._parts, strict=True):
             part.sub_(d, alpha=RELAXATION)
-        self.adjoint_target = bands.from_components(derivative.adjoint(wanted, torch.empty_like(x)))
+        self.adjoint_target = bands.components_adjoint(
+            derivative.adjoint(wanted, torch.empty_like(x))
+        )
 
 
 class LinearisedBox(Prior):

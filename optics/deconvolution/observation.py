@@ -350,6 +350,15 @@ class Observation:
         """The squared transmission of the sensor's filters, summed over the bands to deconvolve."""
         return 1.0
 
+    @property
+    def channels(self) -> tuple[Observation, torch.Tensor]:
+        """The photograph as one of the blurred light of each channel, and how bands mix into it.
+
+        The mixing is (channels, bands). A deconvolution of many bands splits off the light of the
+        sensor's channels, which are fewer.
+        """
+        return self, torch.eye(self.bands, dtype=torch.float64)
+
     def sum_bands(self, light: torch.Tensor) -> torch.Tensor:
         """Return what the sensor measures of the deconvolved bands' light in the frame.
 

@@ -47,10 +47,14 @@ class Prior(ABC):
         D^T (d - b), the split's contribution to the right-hand side of the next picture's step for
         a coupling of 1; d is the split and b its scaled dual variable. None before the first step.
         Each step may overwrite the array.
+    component_scales : torch.Tensor or None
+        Factors of the components before they are split, (bands,), whose squares multiply D^T D.
+        All are 1 if None.
     """
 
     gram_spectrum: torch.Tensor
     adjoint_target: torch.Tensor | None = None
+    component_scales: torch.Tensor | None = None
 
     @abstractmethod
     def update(self, x: torch.Tensor, weight: float) -> None:
@@ -90,6 +94,7 @@ class DerivativePenalty(Prior):
         self.derivative, self._relaxation = derivative, relaxation
         self._shrinkage = Shrinkage(bands, threshold, power)
         self.gram_spectrum = derivative.gram_spectrum(shape).to(dtype)
+        self.component_scales = bands.scales
         whole = (bands.bands, *shape)
         self._parts = [torch.zeros(whole, dtype=dtype) for _ in range(derivative.parts)]
         self._out, self._one = torch.empty(whole, dtype=dtype), torch.ones((), dtype=dtype)
@@ -114,7 +119,7 @@ class DerivativePenalty(Prior):
         for part in self._parts:
             part.mul_(removed)
         target = self.derivative.adjoint(wanted, self._out)
-        self.adjoint_target = self.bands.from_components(target)
+        self.adjoint_target = self.bands.components_adjoint(target)
 
     def derivative_of(self, x: torch.Tensor) -> list[torch.Tensor]:
         """Return the derivative of a deconvolved picture's components, in its parts."""

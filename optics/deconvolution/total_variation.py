@@ -9,7 +9,8 @@ from dataclasses import replace
 import torch
 
 from optics.deconvolution.band_coupling import BandCoupling
-from optics.deconvolution.light_split import DataProx, frequency_step
+from optics.deconvolution.frequency_step import frequency_step
+from optics.deconvolution.light_split import DataProx
 from optics.deconvolution.linearised_priors import LinearisedBox, LinearisedPenalty, LinearTerm
 from optics.deconvolution.method import SETUP_COST, RestorationMethod, splitting_cost
 from optics.deconvolution.normal_equations import NormalEquations
@@ -140,7 +141,7 @@ def total_variation(
     is_grey = not observation.needs_filters
     with torch.no_grad():
         settings = weight_settings(observation, penalty, number, iterations, tol, power, is_grey)
-        step = frequency_step(observation, iterations, data_prox)
+        step = frequency_step(observation, iterations, data_prox, coupling)
         priors = [penalty, *bounds]
         solution = solve_by_splitting(step, priors, settings, name, progress or Progress())
     if observation.records_derivatives or (weight is not None and needs_gradient(weight)):
@@ -173,7 +174,8 @@ def _picture_with_gradients(
     def solve(change: torch.Tensor) -> torch.Tensor:
         priors: list[Prior] = [LinearisedPenalty(penalty, found)]
         priors += [LinearisedBox(box, found) for box in bounds]
-        step = frequency_step(observation.without_light(), settings.iterations)
+        seen = observation.without_light()
+        step = frequency_step(seen, settings.iterations, bands=penalty.bands)
         linear = [*priors, LinearTerm(change)]
         return solve_by_splitting(
             step, linear, settings, "derivatives", Progress(), torch.zeros_like(found)

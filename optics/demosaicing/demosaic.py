@@ -9,7 +9,7 @@ import torch
 
 from optics.deconvolution.band_coupling import BandCoupling
 from optics.deconvolution.derivatives import CURVATURE
-from optics.deconvolution.light_split import frequency_step
+from optics.deconvolution.frequency_step import frequency_step
 from optics.deconvolution.priors import DerivativePenalty
 from optics.deconvolution.splitting import SplittingSettings, solve_by_splitting
 from optics.demosaicing.mosaic_observation import MosaicObservation

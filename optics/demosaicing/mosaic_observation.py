@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import torch
@@ -122,6 +122,27 @@ class MosaicObservation(Observation):
     @cached_property
     def squared_response(self) -> torch.Tensor:
         return self.squared_mtf * self._relative_filters.square().mean((-2, -1), keepdim=True)
+
+    @cached_property
+    def channels(self) -> tuple[Observation, torch.Tensor]:
+        """The mosaic as one of the light behind each kind of filter, and how bands mix into it.
+
+        The mixing is (channels, bands). Where there aren't fewer kinds of filters than bands, the
+        channels are the bands.
+        """
+        down, along = self.filter_period
+        first = self._relative_filters[:, :down, :along].flatten(1).mT
+        mixing, kinds = torch.unique(first, dim=0, return_inverse=True)
+        rows, columns = self.image.shape
+        place = torch.arange(rows)[:, None] % down * along + torch.arange(columns) % along
+        kind = kinds[place]
+        repeats = torch.equal(mixing[kind].movedim(-1, 0), self._relative_filters)
+        if not repeats or len(mixing) >= self.bands:
+            return super().channels
+        masks = torch.stack([kind == one for one in range(len(mixing))]).to(self.image)
+        # With these filters, the channels' light has the scale of the bands'.
+        own = replace(self, psfs=self.psf[None], filters=masks * self.filter_gain)
+        return own, mixing
 
     def sum_bands(self, light: torch.Tensor) -> torch.Tensor:
         return (self._relative_filters * light).sum(0, keepdim=True)
