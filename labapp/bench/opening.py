@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -45,7 +45,15 @@ from simulator.clock import VirtualClock
 from simulator.faults import Fault
 from simulator.world import World
 
-__all__ = ["Bench", "BenchFiles", "BenchSetup", "OpenDevice", "open_bench", "open_device"]
+__all__ = [
+    "Bench",
+    "BenchFiles",
+    "BenchSetup",
+    "OpenDevice",
+    "open_bench",
+    "open_device",
+    "open_devices",
+]
 
 log = logging.getLogger(__name__)
 
@@ -333,20 +341,54 @@ def open_device(files_or_setup: BenchFiles | BenchSetup, role: str) -> Iterator[
     DeviceError
         If the device doesn't open.
     """
+    with open_devices(files_or_setup, (role,)) as (clock, devices):
+        yield OpenDevice(clock, devices[role])
+
+
+@contextmanager
+def open_devices(
+    files_or_setup: BenchFiles | BenchSetup, roles: Sequence[str], *, speed: float = math.inf
+) -> Iterator[tuple[Clock, dict[str, Any]]]:
+    """Open some devices of the bench together, whether or not the others are there.
+
+    Simulated ones share one world. The devices are made safe and closed however the block ends.
+
+    Parameters
+    ----------
+    files_or_setup : BenchFiles or BenchSetup
+        Files to read, or their contents.
+    roles : sequence of str
+        Names of the devices on the bench, such as "camera".
+    speed : float
+        Seconds of a virtual bench's time in a second of real time.
+
+    Yields
+    ------
+    tuple of Clock and dict
+        Time of the devices, real or virtual, and the open devices by name.
+
+    Raises
+    ------
+    UserError
+        If a file is wrong, the bench has no such device, or another application uses one.
+    DeviceError
+        If a device doesn't open.
+    """
     setup = files_or_setup.read() if isinstance(files_or_setup, BenchFiles) else files_or_setup
     tables = setup.bench.devices.tables
-    if role not in tables:
-        raise UserError(
-            f"{setup.source} has no device {role!r}. Choose one of {', '.join(tables)}."
-        )
-    alone = {role: tables[role]}
-    with _open_devices(setup, alone, math.inf) as (surroundings, watched):
-        device = watched[role]
+    for role in roles:
+        if role not in tables:
+            raise UserError(
+                f"{setup.source} has no device {role!r}. Choose one of {', '.join(tables)}."
+            )
+    chosen = {role: tables[role] for role in roles}
+    with _open_devices(setup, chosen, speed) as (surroundings, watched):
         try:
-            yield OpenDevice(surroundings.clock, device)
+            yield surroundings.clock, dict(watched)
         finally:
-            with suppress(DeviceError):
-                device.make_safe()
+            for device in watched.values():
+                with suppress(DeviceError):
+                    device.make_safe()
 
 
 def _surroundings(

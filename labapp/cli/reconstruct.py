@@ -131,6 +131,22 @@ def reconstruct(
             show_default="flat, or else the star",
         ),
     ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="spectra.json",
+            callback=readable_path,
+            help="With --bands, PSFs and response by labapp calibrate --spectra.",
+            show_default="the record's star and white",
+        ),
+    ] = None,
+    refine: Annotated[
+        bool,
+        typer.Option(
+            "--refine",
+            help="With --bands, refine PSFs and response from the photograph; takes minutes.",
+        ),
+    ] = False,
     light: Annotated[
         str | None,
         typer.Option(
@@ -206,10 +222,15 @@ def reconstruct(
         "--method": None if method == AUTO else method, "--dark": dark, "--linear, --srgb": linear,
         "--wavelength-nm": wavelength_nm, "--frame": frame, "--grey": grey or None,
     }  # fmt: skip
-    _require_options_of_one_kind(bands, photograph_only, {"--white": white, "--light": light})
+    spectral_only = {
+        "--white": white, "--light": light, "--calibration": calibration,
+        "--refine": refine or None,
+    }  # fmt: skip
+    _require_options_of_one_kind(bands, photograph_only, spectral_only)
     if bands is not None:
         named: dict[str, Any] = {"psf": psf, "target": target, "pattern": pattern, "star": star}
         named |= {"white": white, "noise": noise, "border": border, "truth": truth}
+        named |= {"calibration": calibration, "refines": refine}
         outputs = (out, picture)
         _reconstruct_spectra(
             source, bands, named, outputs, light or "D65", weight, force=force, as_json=json
@@ -253,7 +274,7 @@ def _reconstruct_spectra(
     from labapp.spectral.band_list import parse_bands
 
     wavelengths = parse_bands(bands)
-    inputs = (named["psf"], named["truth"])
+    inputs = (named["psf"], named["truth"], named["calibration"])
     places = spectral_output_paths(source, *outputs, inputs, force=force)
     use_one_thread()
     from labapp.spectral.command import SpectralFiles, reconstruct_spectra

@@ -267,7 +267,7 @@ _NUMBER = r"-?[\d.]+(?:[eE][-+]?\d+)?"
 _ROW = re.compile(rf"\[\s*{_NUMBER}(?:,\s*{_NUMBER})*\s*\]")
 
 
-def calibration_to_json(calibration: CalibrationFile) -> bytes:
-    """Return the text of a calibration file: one key per line, and rows of numbers on one line."""
+def calibration_to_json(calibration: FileModel) -> bytes:
+    """Return the text of a calibration's file: a key per line, and rows of numbers on one line."""
     text = json.dumps(calibration.model_dump(mode="json"), indent=1)
     return _ROW.sub(lambda row: " ".join(row[0].split()), text).encode() + b"\n"

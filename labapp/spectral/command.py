@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,11 @@ from labapp.files.writing import write_atomically
 from labapp.spectral.drawing import draw_snapshot, encode_colours
 from labapp.spectral.lights import find_light
 from labapp.spectral.problem import SpectralProblem
+from labapp.spectral.refinement import parameter_rows, parameters_as_data
 from labapp.spectral.request import SpectralRequest
 from labapp.spectral.restoration import RestoredCube, restore_snapshot
 from labapp.spectral.scores import CubeScores
+from optics.multispectral import SnapshotCalibration
 
 
 @dataclass(frozen=True)
@@ -44,12 +47,15 @@ def reconstruct_spectra(
     """
     if weight is not None and not 0 < weight < math.inf:
         raise UserError(f"--weight {weight:g}: give a number above 0.")
+    if weight is not None and request.refines:
+        raise UserError("--weight: means nothing with --refine. Leave one of the two out.")
     viewing = find_light(light)
     with terminal_progress() as progress:
         problem = request.read_problem(progress.part(0, 0.4))
         restored = restore_snapshot(
             problem, viewing, weight=weight, progress=progress.part(0.4, 0.9)
         )
+        prior, problem = problem.prior, restored.problem
         progress.report(0.9, "drawing")
         drawn = draw_snapshot(problem, restored, viewing)
         colours = encode_colours(files.colours, restored.cube, viewing)
@@ -58,11 +64,13 @@ def reconstruct_spectra(
     write_atomically(files.colours, colours)
     write_atomically(files.picture, drawn)
     if as_json:
-        print_json(_as_data(problem, restored, files))
+        print_json(_as_data(problem, restored, files) | _refined_data(restored, prior))
         return
     print_table(problem.source, ["", "value"], _rows(problem, restored))
     if restored.scores is not None:
         _print_band_scores(problem, restored.scores)
+    if restored.calibration is not None and prior is not None:
+        _print_refinement(restored.calibration, prior, problem.wavelengths)
     for note in _notes(problem, restored):
         print_message(f"note: {note}")
     for file in (*cubes, files.colours, files.picture):
@@ -127,6 +135,25 @@ def _print_band_scores(problem: SpectralProblem, scores: CubeScores) -> None:
         for wavelength, one in zip(problem.wavelengths, scores.bands, strict=True)
     ]
     print_table("Bands", ["band ", "PSNR dB ", "SSIM "], rows)
+
+
+def _print_refinement(
+    found: SnapshotCalibration, prior: SnapshotCalibration, wavelengths: Sequence[float]
+) -> None:
+    """Print what the photograph says of the camera's model, and what it can't tell."""
+    rows = parameter_rows(found, prior, wavelengths)
+    print_table("Camera, refined from the photograph", ["what", "found ", "", "before "], rows)
+    print_message(f"before: {prior.source}")
+    for line in found.indeterminate:
+        print_message(f"indeterminate: {line}")
+
+
+def _refined_data(restored: RestoredCube, prior: SnapshotCalibration | None) -> dict[str, Any]:
+    """Return what is known of a refined camera's model for JSON; None without a refinement."""
+    found = restored.calibration
+    if found is None or prior is None:
+        return {"refined": None}
+    return {"refined": parameters_as_data(found, prior, restored.problem.wavelengths)}
 
 
 def _as_data(

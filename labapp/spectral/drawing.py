@@ -40,7 +40,7 @@ def draw_snapshot(problem: SpectralProblem, restored: RestoredCube, light: Viewi
     Above are the snapshot and the cube's colours in a light, below each band with its PSF. Where
     the true cube is known, it is drawn beside them.
     """
-    shown = _shown_bands(len(problem.wavelengths))
+    shown = shown_bands(len(problem.wavelengths))
     rows = 2 if restored.truth is None else 3
     width = max(2.0 * len(shown), 11.0)
     figure = Figure(figsize=(width, 4.6 + 2.2 * rows), dpi=110, layout="constrained")
@@ -65,7 +65,7 @@ def srgb_levels(cube: SpectralCube, light: ViewingLight) -> NDArray[np.uint8]:
     return encode_srgb(cube_to_linear_srgb(cube, light))
 
 
-def _shown_bands(count: int) -> list[int]:
+def shown_bands(count: int) -> list[int]:
     """Return which bands of a cube are drawn: all, or evenly spaced ones."""
     chosen: list[int] = np.unique(
         np.linspace(0, count - 1, min(count, MOST_BANDS)).round()

@@ -14,6 +14,7 @@ from labapp.spectral.band_response import BandResponse
 from labapp.spectral.typical_spectra import typical_reflectances
 from optics.demosaicing import build_mosaic_observation
 from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.multispectral import SnapshotCalibration
 from optics.operators.blur import Border
 
 WHITE_PERCENTILE = 99.9
@@ -57,6 +58,9 @@ class SpectralProblem:
         Distance in metres between pixels.
     light : str
         Name of the light on the scene; empty if it isn't known.
+    prior : SnapshotCalibration or None
+        What is known of the camera before the photograph refines it; None if it doesn't. Its
+        response includes the share of the light that the PSFs pass.
     notes : tuple of str
         Remarks for the user.
     """
@@ -76,6 +80,7 @@ class SpectralProblem:
     given_truth: SpectralCube | None = None
     pitch: float | None = None
     light: str = ""
+    prior: SnapshotCalibration | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.cubes import SpectralCube, read_cube
 from labapp.files.plan_file import Reconstruction
+from labapp.files.spectra_file import SpectraSource
 from labapp.pictures.analysis.brackets import Bracket, merge_all
 from labapp.pictures.analysis.dead_pixels import find_dead_pixels
 from labapp.pictures.reconstructing.recorded_photograph import is_record
@@ -28,11 +29,8 @@ from labapp.spectral.band_response import (
     response_without_white,
 )
 from labapp.spectral.band_selection import recorded_wavelengths, sensor_pitch
-from labapp.spectral.neutral_stack import (
-    coded_light_share,
-    find_stack,
-    separate_neutral_bands,
-)
+from labapp.spectral.calibrated_bands import CalibratedBands, choose_calibrated_bands
+from labapp.spectral.neutral_stack import coded_light_share, find_stack, separate_neutral_bands
 from labapp.spectral.other_files import (
     measure_psfs_of_record,
     neutral_stack_of_record,
@@ -40,32 +38,15 @@ from labapp.spectral.other_files import (
 )
 from labapp.spectral.problem import SpectralProblem
 from labapp.spectral.psf_stack import is_cube, read_psf_stack
-from labapp.spectral.snapshot import (
-    CodedSnapshot,
-    SnapshotBands,
-    add_photographs,
-    choose_bands,
-)
+from labapp.spectral.remarks import remarks_on
+from labapp.spectral.snapshot import CodedSnapshot, SnapshotBands, add_photographs, choose_bands
+from labapp.spectral.snapshot_prior import prior_of_run, require_filters
+from optics.multispectral import SnapshotCalibration
 from optics.operators.blur import Border
 from optics.progress import Progress
 
 _MERGING_SHARE = 0.8
 """Share of the progress that merging takes; PSFs and true bands take the rest."""
-
-_MONO_NOTE = (
-    "the sensor has no colour filters: bands are told apart by their PSFs alone, which is poor. A "
-    "sensor with colour filters shows more"
-)
-
-_SHARE_NOTE = (
-    "the share of the light that the coded pattern passes isn't known: bands may be some percent "
-    "darker than they are. Neutral photographs at all bands show it"
-)
-
-_BROAD_NOTE = (
-    "the snapshot is in broad light: the levels of its bands are those that the star has through "
-    "the narrow filter, whose transmission they include"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +67,10 @@ class ProblemReader:
         Receives the progress.
     psf : Path or None
         File with the PSFs; None for the record's star.
+    calibration : SpectraSource or None
+        Calibration that stands in for the record's star and white; None without one.
+    refines : bool
+        Whether the photograph shall refine the model of the camera.
     """
 
     record: Record
@@ -94,6 +79,8 @@ class ProblemReader:
     wanted: tuple[float, ...] | None
     progress: Progress
     psf: Path | None = None
+    calibration: SpectraSource | None = None
+    refines: bool = False
 
     def read_problem(self, noise: float | None, border: Border) -> SpectralProblem:
         """Build the problem of restoring the record's snapshot, without its truth.
@@ -105,19 +92,26 @@ class ProblemReader:
         snapshot = self.snapshot
         self.progress.report(_MERGING_SHARE, "PSFs of the bands")
         psfs = self._band_psfs()
+        response = self._response(psfs)
+        is_calibrated = self._calibrated is not None
+        knows_share = is_calibrated or psfs.knows_share or self._light_share is not None
+        remarks = remarks_on(
+            snapshot, self.record, knows_share=knows_share, is_calibrated=is_calibrated
+        )
         return SpectralProblem(
             np.where(self._dead, np.nan, snapshot.rate),
             snapshot.clipped & ~self._dead,
             snapshot.wavelengths,
             psfs.psfs,
-            self._response(psfs),
+            response,
             snapshot.noise,
             f"{self.record.path}, {snapshot.source}",
             self._psf_source(),
             noise,
             border,
             pitch=sensor_pitch(self.record),
-            notes=(*psfs.notes, *self._notes(psfs)),
+            prior=self._prior(psfs, response),
+            notes=(*psfs.notes, *remarks),
         )
 
     def add_truth(self, problem: SpectralProblem, path: Path | None) -> SpectralProblem:
@@ -155,7 +149,9 @@ class ProblemReader:
     @cached_property
     def _brackets(self) -> list[Bracket]:
         """Merge the record's pictures of photograph, star and white sheet."""
-        names = {self.roles.photograph, self.roles.star, self.white}
+        names = {self.roles.photograph}
+        if self.calibration is None:
+            names |= {self.roles.star, self.white}
         return merge_all(self.record, self.progress.part(0, _MERGING_SHARE), names)
 
     @cached_property
@@ -177,6 +173,8 @@ class ProblemReader:
     def _bands_with_psfs(self) -> tuple[float, ...]:
         """Return the wavelengths in metres at which the record or a file has PSFs."""
         star, coded = self.roles.star, self.roles.coded
+        if self.calibration is not None:
+            return self.calibration.file.wavelengths
         if self.psf is None:
             return recorded_wavelengths(self.record, star, coded)
         if is_cube(self.psf):
@@ -192,6 +190,8 @@ class ProblemReader:
         The star's light is only known from the record's own.
         """
         bands, path = self.bands.wavelengths, self.psf
+        if self._calibrated is not None:
+            return self._calibrated.psfs
         if path is None:
             found = measure_band_psfs(self.record, self._brackets, self.roles, bands)
             return found.with_light_share(self._light_share)
@@ -200,6 +200,22 @@ class ProblemReader:
             return BandPSFs(values, None).with_light_share(self._light_share)
         found = measure_psfs_of_record(path, self.roles, bands, self.record)
         return replace(found, light=None).with_unit_sums().with_light_share(self._light_share)
+
+    @cached_property
+    def _calibrated(self) -> CalibratedBands | None:
+        """Choose the bands of the record's snapshot from the calibration; None without one."""
+        if self.calibration is None:
+            return None
+        bands, coded = self.bands, self.roles.coded
+        return choose_calibrated_bands(
+            self.calibration, self.record, coded, bands.wavelengths, is_broad=bands.is_broad
+        )
+
+    def _prior(self, psfs: BandPSFs, response: BandResponse) -> SnapshotCalibration | None:
+        """Return what is known of the record's camera, if its photograph shall refine it."""
+        if not self.refines:
+            return None
+        return self._calibrated.prior if self._calibrated else prior_of_run(psfs, response)
 
     @cached_property
     def _psf_stack(self) -> SpectralCube | None:
@@ -212,7 +228,11 @@ class ProblemReader:
 
     def _require_psfs(self) -> None:
         """Raise UserError if a band of the record has no star, and no PSF in a file."""
-        if self.psf is None:
+        if self.refines:
+            require_filters("--refine", mosaic_of(self.record))
+        if self.calibration is not None:
+            _ = self._calibrated
+        elif self.psf is None:
             require_star(self.record, self.roles, self.bands.wavelengths)
         else:
             _ = self._psf_stack
@@ -238,6 +258,8 @@ class ProblemReader:
 
     def _psf_source(self) -> str:
         """Say in words where the PSFs of the record's bands are from."""
+        if self._calibrated is not None:
+            return self._calibrated.source
         if self.psf is None:
             return f"star {self.roles.star!r} of the same run, in each band"
         if is_record(self.psf) and not is_cube(self.psf):
@@ -246,6 +268,8 @@ class ProblemReader:
 
     def _response(self, psfs: BandPSFs) -> BandResponse:
         """Return what white gives in each band of the record's snapshot behind each filter."""
+        if self._calibrated is not None:
+            return self._calibrated.response
         snapshot, mosaic = self.snapshot, mosaic_of(self.record)
         bands = snapshot.wavelengths
         if self.white != self.roles.star and snapshot.is_broad:
@@ -272,17 +296,3 @@ class ProblemReader:
         words = f"the neutral photographs of {own}, {self.roles.photograph}, {self.roles.neutral}"
         bands = separate_neutral_bands(record, stack, self._dead)
         return replace(problem, truth=bands, truth_source=words)
-
-    def _notes(self, psfs: BandPSFs) -> list[str]:
-        """Return remarks on what the record's snapshot can show."""
-        said = [] if mosaic_of(self.record) is not None else [_MONO_NOTE]
-        pictures = self.snapshot.pictures
-        if lacking := sum(one.dark_frames == 0 for one in pictures):
-            said.append(
-                f"{lacking} of {len(pictures)} photographs have no dark frames of their exposures: "
-                'the sensor\'s black level is subtracted. Add { role = "dark", frames = 4 } to the '
-                "plan"
-            )
-        if self._light_share is None and not psfs.knows_share:
-            said.append(_SHARE_NOTE)
-        return [*said, _BROAD_NOTE] if self.snapshot.is_broad else said

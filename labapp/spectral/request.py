@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labapp.common.errors import UserError
+from labapp.files.spectra_file import read_spectra_file
 from labapp.pictures.reconstructing.recorded_photograph import is_record
 from labapp.runs.record.reader import Record
 from labapp.spectral.problem import SpectralProblem
@@ -40,6 +41,10 @@ class SpectralRequest:
         What the scene does beyond the frame.
     truth : Path or None
         True cube, or a record with its neutral photographs; None for those of `source`.
+    calibration : Path or None
+        Spectral calibration that stands in for star and white of `source`.
+    refines : bool
+        Whether the photograph shall refine the model of the camera.
     """
 
     source: Path
@@ -52,12 +57,21 @@ class SpectralRequest:
     noise: float | None = None
     border: Border = "unknown"
     truth: Path | None = None
+    calibration: Path | None = None
+    refines: bool = False
 
     def __post_init__(self) -> None:
         if self.border not in BORDERS:
             raise UserError(f"--border {self.border}: take one of {', '.join(BORDERS)}.")
         if self.noise is not None and not (self.noise > 0 and math.isfinite(self.noise)):
             raise UserError(f"--noise {self.noise:g}: give a number above 0.")
+        replaced = {"--psf": self.psf, "--star": self.star, "--white": self.white}
+        for option, value in replaced.items():
+            if self.calibration is not None and value is not None:
+                raise UserError(
+                    f"{option} {value}: means nothing with --calibration, which stands in for star "
+                    "and white. Leave one of the two out."
+                )
 
     def read_problem(self, progress: Progress) -> SpectralProblem:
         """Read snapshot, PSFs and truth, and build the problem of restoring the cube.
@@ -74,9 +88,12 @@ class SpectralRequest:
                 f"--truth {self.truth}: give a cube (.h5 or .hdr), or the record of a spectral "
                 "stack."
             )
+        known = None if self.calibration is None else read_spectra_file(self.calibration)
         with Record(self.source) as record:
             roles = choose_roles(record, self.target, self.pattern, self.star)
             white = white_target(record, roles, self.white)
-            reader = ProblemReader(record, roles, white, self.bands, progress, self.psf)
+            reader = ProblemReader(
+                record, roles, white, self.bands, progress, self.psf, known, self.refines
+            )
             problem = reader.read_problem(self.noise, self.border)
             return reader.add_truth(problem, self.truth)

@@ -13,11 +13,12 @@ from labapp.files.cubes import SpectralCube
 from labapp.files.wavelengths import format_nanometres
 from labapp.spectral.lights import ViewingLight
 from labapp.spectral.problem import SpectralProblem
+from labapp.spectral.refinement import refine_problem
 from labapp.spectral.scores import CubeScores, require_same_kind, score_cube
 from optics.deconvolution.residual_map import residual_map
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.verdict import Verdict, judge_restoration
-from optics.multispectral import estimate_error_map, restore_spectra
+from optics.multispectral import SnapshotCalibration, estimate_error_map, restore_spectra
 from optics.progress import Progress
 from optics.threads import single_threaded
 
@@ -31,6 +32,8 @@ class RestoredCube:
 
     Attributes
     ----------
+    problem : SpectralProblem
+        What was restored, with PSFs and response as refined if the photograph refined them.
     cube : SpectralCube
         The restored cube, in shares of white.
     truth : SpectralCube or None
@@ -49,8 +52,11 @@ class RestoredCube:
         Electrons per second that count as 1.
     cpu_seconds : float
         Processor time in seconds.
+    calibration : SnapshotCalibration or None
+        The camera's model as the photograph refined it; None if it didn't.
     """
 
+    problem: SpectralProblem
     cube: SpectralCube
     truth: SpectralCube | None
     scores: CubeScores | None
@@ -60,6 +66,7 @@ class RestoredCube:
     doubts: str
     white: float
     cpu_seconds: float
+    calibration: SnapshotCalibration | None = None
 
 
 @single_threaded
@@ -77,11 +84,12 @@ def restore_snapshot(
     Parameters
     ----------
     problem : SpectralProblem
-        Snapshot, PSFs, response and, if it is known, the truth.
+        Snapshot, PSFs, response and, if it is known, the truth. Its prior, if it has one, is
+        refined from the photograph first.
     light : ViewingLight
         Light in which colours are compared with the truth.
     weight : float, optional
-        Regularisation weight; chosen from the snapshot if None.
+        Regularisation weight; chosen from the snapshot if None. A refinement always chooses it.
     progress : Progress, optional
         Receives reports, and can cancel the work.
 
@@ -102,12 +110,12 @@ def restore_snapshot(
     if problem.given_truth is not None:
         empty = np.zeros((len(problem.wavelengths), *problem.rate.shape))
         require_same_kind(problem.as_cube(empty, 1.0, ""), problem.given_truth)
-    found = restore_spectra(
-        problem.observation,
-        torch.from_numpy(problem.spectra),
-        weight=weight,
-        progress=progress.part(0, _RESTORING_SHARE),
-    )
+    part, refined = progress.part(0, _RESTORING_SHARE), None
+    if problem.prior is not None:
+        problem, refined, found = refine_problem(problem, part)
+    else:
+        spectra = torch.from_numpy(problem.spectra)
+        found = restore_spectra(problem.observation, spectra, weight=weight, progress=part)
     bands = torch.as_tensor(found.image).numpy()
     white = problem.white_level(bands)
     errors, doubts = _estimate_errors(problem, found)
@@ -117,6 +125,7 @@ def restore_snapshot(
     truth = _true_cube(problem, white)
     left = residual_map(problem.observation, found).numpy()
     return RestoredCube(
+        problem,
         cube,
         truth,
         None if truth is None else score_cube(cube, truth, light),
@@ -126,6 +135,7 @@ def restore_snapshot(
         doubts,
         white,
         time.process_time() - started,
+        refined,
     )
 
 

@@ -29,6 +29,8 @@ NOT_RUN = {
     "labapp calibrate --out calibration": "takes two minutes: test_calibration.py does it, smaller",
     "labapp run coded-snapshot --bench colour.toml": "takes a minute: the records of "
     "test_spectral_records.py are smaller",
+    "labapp calibrate --spectra --bench colour.toml": "takes a minute: "
+    "test_spectral_calibration.py does it, smaller",
     "labapp reconstruct snapshot.h5 --bands": "needs that run: test_spectral_records.py does it",
     "labapp study psf-stability": "takes minutes: test_studies.py does it, smaller",
     "labapp study refocus": "takes half a minute: test_studies.py does it, smaller",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -134,17 +135,24 @@ def patches() -> np.ndarray:
     return spectra[np.kron(cells, np.ones((24, 24), dtype=int))].astype(np.float32)
 
 
-def take_record(folder: Path, *, sensor: str = COLOUR_SENSOR, flat: bool = True) -> Path:
-    """Photograph star, sheet and patches in each band, neutral and through a ring."""
+def write_files(
+    folder: Path, *, sensor: str = COLOUR_SENSOR, flat: bool = True, more: str = "", truth: str = ""
+) -> BenchFiles:
+    """Write bench, scene and plan; `more` is added to the bench, and `truth` to the scene."""
     bench = BENCH.format(sensor=sensor, columns=COLUMNS, rows=ROWS)
-    (folder / "bench.toml").write_text(bench)
-    (folder / "scene.toml").write_text(SCENE)
+    (folder / "bench.toml").write_text(bench + more)
+    (folder / "scene.toml").write_text(SCENE + truth)
     np.savez(folder / "patches.npz", reflectance=patches())
     plan = _PLAN.format(bands=list(BANDS_NM), flat=_FLAT if flat else "")
     (folder / "plan.toml").write_text(plan)
-    files = BenchFiles(folder / "bench.toml", folder / "scene.toml")
-    with open_bench(files) as bench_:
-        return run_plan(bench_, read_file(folder / "plan.toml", PlanFile), folder / "run.h5").path
+    return BenchFiles(folder / "bench.toml", folder / "scene.toml")
+
+
+def take_record(folder: Path, **options: Any) -> Path:
+    """Photograph star, sheet and patches in each band, neutral and through a ring."""
+    files = write_files(folder, **options)
+    with open_bench(files) as bench:
+        return run_plan(bench, read_file(folder / "plan.toml", PlanFile), folder / "run.h5").path
 
 
 def star_place() -> tuple[float, float]:

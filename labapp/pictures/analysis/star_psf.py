@@ -22,7 +22,7 @@ from labapp.prediction.pattern_psf import mean_psf
 from labapp.runs.record.reader import Record
 from optics import metrics
 from optics.camera import Camera
-from optics.formation import form_image, spectrum_of_disc
+from optics.formation import form_image, rfft2_frequencies, spectrum_of_disc
 from optics.plane import Plane
 from optics.psf import PSFOperator, nyquist_samples_per_pixel
 from optics.slm import Modulator
@@ -247,6 +247,7 @@ def predict_star(
     diameter: float,
     distance: float,
     window: int,
+    offset: tuple[float, float] = (0.0, 0.0),
 ) -> list[torch.Tensor]:
     """Predict a star's recorded picture with each pattern, as shares of its light per pixel.
 
@@ -264,6 +265,9 @@ def predict_star(
         Diameter and distance of the star in metres.
     window : int
         Side of the window in sensor pixels.
+    offset : tuple of float, optional
+        Place (y, x) of the star's image relative to the middle pixel, in pixels. Its PSF is that of
+        the axis.
     """
     finer = math.ceil(nyquist_samples_per_pixel(camera, wavelength))
     # 32 pixels on each side keep the edges of the computed window from wrapping into the result.
@@ -273,6 +277,9 @@ def predict_star(
     modulator = Modulator(camera.panel, wavelength)
     size = diameter * camera.magnification(distance)
     disc = spectrum_of_disc(plane, size, 1 / finer**2)
+    fy, fx = rfft2_frequencies(plane)
+    y, x = (one * camera.sensor.pitch for one in offset)
+    disc = disc * torch.exp(-2j * math.pi * (fy * y + fx * x))
 
     def predict(grey: torch.Tensor) -> torch.Tensor:
         (psf,) = mean_psf(operator, modulator, grey if grey.ndim == 3 else grey[None])

@@ -1,0 +1,187 @@
+"""Run a complete spectral calibration on a bench: radiances, trials, plan, run, fit and files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from labapp.bench.opening import Bench, BenchFiles, open_bench
+from labapp.bench.star_target import require_star_target
+from labapp.common.errors import UserError
+from labapp.files.calibration_file import calibration_to_json
+from labapp.files.plan_file import NamedPlan, PlanFile
+from labapp.files.plan_folder import write_plan
+from labapp.files.spectra_file import SpectraFile
+from labapp.files.writing import make_folder, write_atomically
+from labapp.patterns.grey_levels import compute_patterns
+from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.run_commands import require_complete
+from labapp.spectral.lights import ViewingLight
+from labapp.spectral.snapshot_prior import require_filters
+from labapp.spectral_calibration.exposure_search import find_exposures
+from labapp.spectral_calibration.fitting import SpectraFit, fit_spectra
+from labapp.spectral_calibration.plan_design import build_spectra_plan
+from labapp.spectral_calibration.radiances import (
+    measure_radiances,
+    radiances_to_csv,
+    read_radiances,
+    transmission_tables,
+)
+from labapp.spectral_calibration.request import SpectraRequest
+from labapp.spectral_calibration.spectra_tables import build_spectra_file
+from optics.progress import Progress
+
+PLAN_FILE, RECORD_FILE, RADIANCE_FILE = "plan.toml", "run.h5", "radiances.csv"
+SPECTRA_FILE, PICTURE_FILE = "spectra.json", "spectra.png"
+
+
+@dataclass(frozen=True, eq=False)
+class SpectraResult:
+    """Hold a spectral calibration's fit and the content of its file."""
+
+    fit: SpectraFit
+    file: SpectraFile
+
+
+@dataclass(frozen=True)
+class SpectraJob:
+    """What a spectral calibration measures, and where.
+
+    Attributes
+    ----------
+    files : BenchFiles
+        Files of the bench.
+    source : NamedPlan
+        Plan whose coded pattern is calibrated.
+    request : SpectraRequest
+        What is asked for.
+    folder : Path
+        Folder of the results.
+    lamp : ViewingLight or None
+        Spectrum of the lamp, from elsewhere.
+    """
+
+    files: BenchFiles
+    source: NamedPlan
+    request: SpectraRequest
+    folder: Path
+    lamp: ViewingLight | None = None
+
+
+def calibrate_spectra(
+    job: SpectraJob, progress: Progress, ask: AskOperator, *, speed: float, force: bool
+) -> SpectraResult:
+    """Run a spectral calibration: measure radiances, find exposures, take frames, fit and write.
+
+    The folder gets radiances.csv (where there is a spectroradiometer), plan.toml, patterns/,
+    run.h5, spectra.json and spectra.png. Raises UserError, which says what is wrong at the bench,
+    and Cancelled if the progress was cancelled.
+    """
+    make_folder(job.folder)
+    with open_bench(job.files, speed=speed) as bench:
+        request = _complete_request(job.request, bench)
+        exposures = find_exposures(bench, request, job.folder, progress.part(0, 0.2), ask)
+        plan = _write_plan(bench, job, request, exposures, progress.part(0.2, 0.25))
+        outcome = run_plan(
+            bench,
+            plan,
+            job.folder / RECORD_FILE,
+            source=str(job.folder / PLAN_FILE),
+            folder=job.folder,
+            force=force,
+            progress=progress.part(0.25, 0.75),
+            ask=ask,
+        )
+        require_complete(outcome)
+    seen = measure_radiances(job.files, request, progress.part(0.75, 0.8), ask, speed)
+    if seen is not None:
+        write_atomically(job.folder / RADIANCE_FILE, radiances_to_csv(seen))
+    else:
+        # Radiances of an earlier calibration don't belong to this one.
+        (job.folder / RADIANCE_FILE).unlink(missing_ok=True)
+    return fit_and_write_spectra(job.folder / RECORD_FILE, job.lamp, progress.part(0.8, 1))
+
+
+def prepare_spectra_plan(job: SpectraJob) -> PlanFile:
+    """Write a spectral calibration's plan and patterns for a later run, without any picture.
+
+    Raises UserError without exposures.
+    """
+    for option, value in (
+        ("--exposure-ms", job.request.exposure_ms),
+        ("--flat-ms", job.request.flat_ms),
+    ):
+        if value is None:
+            raise UserError(
+                f"--plan-only takes no pictures, and can't find exposures by trial. Give {option}: "
+                "a little below clipping."
+            )
+    make_folder(job.folder)
+    with open_bench(job.files) as bench:
+        request = _complete_request(job.request, bench)
+        # All exposures are stated, so that no frame is taken.
+        exposures = find_exposures(bench, request, job.folder, Progress(), None)
+        return _write_plan(bench, job, request, exposures, Progress())
+
+
+def fit_and_write_spectra(
+    record: Path, lamp: ViewingLight | None, progress: Progress | None = None
+) -> SpectraResult:
+    """Fit a spectral calibration's record, and write spectra.json and spectra.png beside it.
+
+    Radiances are read from radiances.csv beside the record, if it is there.
+    """
+    from labapp.common.figure_png import figure_to_png
+    from labapp.spectral_calibration.overview_figure import draw_spectra
+
+    progress = progress or Progress()
+    fit = fit_spectra(record, progress.part(0.0, 0.9))
+    seen = read_radiances(record.with_name(RADIANCE_FILE), fit.request.bands_nm)
+    file = build_spectra_file(fit, *transmission_tables(seen, lamp))
+    progress.report(0.9, "picture")
+    write_atomically(record.with_name(SPECTRA_FILE), calibration_to_json(file))
+    write_atomically(record.with_name(PICTURE_FILE), figure_to_png(draw_spectra(fit, file, seen)))
+    progress.report(1.0, "calibrated")
+    return SpectraResult(fit, file)
+
+
+def _complete_request(request: SpectraRequest, bench: Bench) -> SpectraRequest:
+    """Complete a spectral calibration's request with the star's size and distance from the scene.
+
+    Raises UserError if the bench lacks a target or colour filters.
+    """
+    require_filters("--spectra", bench.description.sensor.colour)
+    table = require_star_target(bench, request.star, request.dark)
+    if request.flat not in bench.targets.names:
+        raise UserError(
+            f"--flat {request.flat}: this bench has no such target. Name the one that is a white "
+            f"sheet, among {', '.join(bench.targets.names)}."
+        )
+    known: dict[str, float] = {}
+    if table is not None:
+        known = {"star_diameter_um": table.diameter_um, "star_distance_m": table.distance_m}
+    given = {key: value for key, value in request.model_dump().items() if value}
+    return SpectraRequest.model_validate(known | given | {"dark": request.dark})
+
+
+def _write_plan(
+    bench: Bench,
+    job: SpectraJob,
+    request: SpectraRequest,
+    exposures: dict[tuple[str, float], float],
+    progress: Progress,
+) -> PlanFile:
+    """Compute a spectral calibration's patterns, and write them with their plan to its folder."""
+    plan = job.source.plan
+    specs = {one: plan.patterns[one] for one in (request.neutral, request.coded)}
+    shown = compute_patterns(specs, bench.description, plan.seed, progress, job.source.path.parent)
+    for name, grey in shown.items():
+        if grey.ndim != 2:
+            raise UserError(
+                f"--plan {job.source.name}: the pattern {name!r} is a video, whose PSF isn't "
+                "calibrated. Name a plan with a still one."
+            )
+    made = build_spectra_plan(request, shown, exposures, bench.description.sensor)
+    write_plan(job.folder, made, shown)
+    return made

@@ -1,0 +1,199 @@
+"""Search by trial frames for exposures at which star and white sheet are bright but unclipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.bench.opening import Bench
+from labapp.common.errors import UserError
+from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.record.reader import Record
+from labapp.runs.run_commands import require_complete
+from labapp.spectral_calibration.request import SpectraRequest
+from optics.camera import Sensor
+from optics.progress import Progress
+
+_FIRST_MS, _RATIO = 16.0, 16.0
+"""Middle exposure of the first trial in milliseconds, and ratio between a trial's exposures. Chosen
+as between those of the plan coded-snapshot; one frame covers a range of about 50."""
+
+_LEVEL, _CLIPPED = 0.6, 0.97
+"""Share of the range between black and full scale that the brightest pixel shall reach, and from
+which it counts as clipped. Chosen."""
+
+_LEAST_LEVEL = 0.01
+"""Least level of the brightest pixel from which an exposure is derived: with 12 bits, 40 steps."""
+
+_MOST_ROUNDS = 4
+"""Most rounds of trials; chosen: they cover exposures from microseconds to minutes."""
+
+_BRIGHT_PERCENTILE = 99.5
+"""Percentile of a white sheet's pixels that counts as its brightest pixel, hot ones left out."""
+
+Exposures = dict[tuple[str, float], float]
+"""Exposures in seconds by target and wavelength in nm."""
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Exposure of a trial frame in seconds, and the level of its brightest pixel, 0 to 1."""
+
+    exposure: float
+    level: float
+
+
+def find_exposures(
+    bench: Bench,
+    request: SpectraRequest,
+    folder: Path,
+    progress: Progress,
+    ask: AskOperator | None,
+) -> Exposures:
+    """Find the exposures of star and white sheet in each band of a spectral calibration.
+
+    Both are photographed through the neutral pattern, all bands in one run; those that were all
+    clipped or all dark are taken again. Exposures that the request states aren't looked for.
+    Raises UserError if one can't be found.
+    """
+    found, tried = _requested_exposures(request), dict[tuple[str, float], list[_Trial]]()
+    for target in (request.star, request.flat):
+        for nm in request.bands_nm:
+            if (target, nm) not in found:
+                tried[target, nm] = []
+    sensor = bench.description.sensor
+    wanted = {one: _limited(sensor, [_FIRST_MS * 1e-3 * _RATIO**k for k in (-1, 0, 1)])
+              for one in tried}  # fmt: skip
+    for number in range(_MOST_ROUNDS):
+        if not wanted:
+            return found
+        part = progress.part(number / _MOST_ROUNDS, (number + 1) / _MOST_ROUNDS)
+        path = folder / f"trial-{number + 1}.h5"
+        plan = _trial_plan(request.neutral, wanted)
+        outcome = run_plan(bench, plan, path, source="trial", force=True, progress=part, ask=ask)
+        require_complete(outcome)
+        _read_trials(path, tried, request.star)
+        wanted = _next_trials(tried, found, sensor, tuple(wanted))
+    if wanted:
+        target, nm = next(iter(wanted))
+        shown = ", ".join(f"{one.exposure * 1e3:g}" for one in tried[target, nm])
+        raise UserError(
+            f"no exposure of {target!r} is right at {nm:g} nm; tried {shown} ms. Check that the "
+            "lamp is steady, or give --exposure-ms and --flat-ms."
+        )
+    return found
+
+
+def _requested_exposures(request: SpectraRequest) -> Exposures:
+    given = {request.star: request.exposure_ms, request.flat: request.flat_ms}
+    return {
+        (target, nm): ms * 1e-3
+        for target, ms in given.items()
+        if ms is not None
+        for nm in request.bands_nm
+    }
+
+
+def _limited(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
+    """Limit a spectral calibration's trials to the sensor's range, in whole microseconds."""
+    low, high = sensor.exposure_range
+    return tuple(sorted({round(min(max(one, low), high) * 1e6) / 1e6 for one in wanted}))
+
+
+def _trial_plan(neutral: str, wanted: Mapping[tuple[str, float], tuple[float, ...]]) -> PlanFile:
+    """Return the plan of a spectral calibration's trials, by target and band, in seconds."""
+    blocks = [
+        {
+            "targets": [target],
+            "patterns": [neutral],
+            "wavelengths_nm": [nm],
+            "exposures_ms": [one * 1e3 for one in exposures],
+        }
+        for (target, nm), exposures in wanted.items()
+    ]
+    return PlanFile.model_validate(
+        {
+            "version": 1,
+            "title": "Trial of the exposures of a spectral calibration",
+            "patterns": {neutral: {"kind": "constant", "grey": 0}},
+            "acquire": blocks,
+        }
+    )
+
+
+def _read_trials(path: Path, tried: dict[tuple[str, float], list[_Trial]], star: str) -> None:
+    """Add the frames of a spectral calibration's trial record to those that were tried."""
+    with Record(path) as record:
+        sensor = record.bench.build_camera().sensor
+        columns = {name: record.column(name) for name in ("target", "wavelength_asked", "exposure")}
+        for index in range(record.frame_count):
+            target = record.target_names[columns["target"][index]]
+            nm = columns["wavelength_asked"][index] * 1e9
+            key = next(one for one in tried if one[0] == target and abs(one[1] - nm) < 1e-3)
+            level = _brightest_level(record.image(index), sensor, target == star)
+            tried[key].append(_Trial(float(columns["exposure"][index]), level))
+
+
+def _brightest_level(frame: NDArray[np.uint16], sensor: Sensor, is_star: bool) -> float:
+    """Return the level of a trial's brightest pixel, 0 at black and 1 at full scale.
+
+    A star's is its brightest pixel, which may have no bright neighbour behind colour filters. A
+    sheet's is a high percentile.
+    """
+    room = sensor.full_scale - sensor.black_level
+    if not is_star:
+        bright = float(np.percentile(frame, _BRIGHT_PERCENTILE))
+        return (bright - sensor.black_level) / room
+    return float((frame - np.median(frame)).max()) / room
+
+
+def _next_trials(
+    tried: Mapping[tuple[str, float], list[_Trial]],
+    found: Exposures,
+    sensor: Sensor,
+    asked: tuple[tuple[str, float], ...],
+) -> dict[tuple[str, float], tuple[float, ...]]:
+    """Derive exposures from a spectral calibration's trials, and return what to try next."""
+    wanted = {}
+    for key in asked:
+        exposure, more = _judge(tried[key], sensor)
+        if exposure is not None:
+            found[key] = exposure
+        elif more:
+            wanted[key] = more
+        else:
+            end = min(tried[key], key=lambda one: one.level).exposure
+            dim = max(one.level for one in tried[key]) < _LEAST_LEVEL
+            raise UserError(
+                f"{key[0]!r} is too {'dim' if dim else 'bright'} at {key[1]:g} nm, at {end * 1e3:g}"
+                f" ms, the end of what the camera can expose. {'Brighten' if dim else 'Dim'} the "
+                "lamp, or check that it is in the frame."
+            )
+    return wanted
+
+
+def _judge(trials: list[_Trial], sensor: Sensor) -> tuple[float | None, tuple[float, ...]]:
+    """Return the exposure that a spectral calibration's trials show, or those to try next.
+
+    Neither is known at the end of what the camera can expose.
+    """
+    fine = [one for one in trials if _LEAST_LEVEL <= one.level < _CLIPPED]
+    if fine:
+        best = max(fine, key=lambda one: one.level)
+        return _limited(sensor, [best.exposure * _LEVEL / best.level])[0], ()
+    bright = [one.exposure for one in trials if one.level >= _CLIPPED]
+    dark = [one.exposure for one in trials if one.level < _LEAST_LEVEL]
+    if bright and dark:
+        return None, _limited(sensor, [math.sqrt(min(bright) * max(dark))])
+    end = min(bright) if bright else max(dark)
+    step = 1 / _RATIO if bright else _RATIO
+    return None, tuple(
+        one for one in _limited(sensor, [end * step, end * step**2]) if not math.isclose(one, end)
+    )

@@ -1,0 +1,106 @@
+"""Design a spectral calibration's plan: white sheet and star in each band, with dark frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.files.plan_file import PlanFile
+from labapp.files.plan_folder import PATTERN_FOLDER
+from labapp.spectral_calibration.exposure_search import Exposures
+from labapp.spectral_calibration.request import REQUEST_KEY, SpectraRequest
+from optics.camera import Sensor
+
+_LONGER = 8.0
+"""Exposure of the coded star's dim parts, over that at which nothing is clipped. Chosen: as in the
+plan coded-snapshot."""
+
+_STAR_REPEATS, _FLAT_REPEATS, _DARK_REPEATS = 4, 2, 4
+"""Frames of each kind. Chosen: a dark frame's noise counts in all frames of its exposure."""
+
+_STEP = 1.5
+"""Ratio of exposures that are taken as one, so that fewer dark frames are needed. Chosen."""
+
+
+def build_spectra_plan(
+    request: SpectraRequest,
+    patterns: Mapping[str, NDArray[np.uint8]],
+    exposures: Exposures,
+    sensor: Sensor,
+) -> PlanFile:
+    """Build the plan that takes a spectral calibration's frames.
+
+    Parameters
+    ----------
+    request : SpectraRequest
+        Bands, targets and patterns.
+    patterns : mapping
+        Grey levels of the two patterns, whose pictures lie in the folder "patterns" beside it.
+    exposures : Exposures
+        Exposures in seconds at which star and sheet aren't clipped.
+    sensor : Sensor
+        The camera's sensor, which limits exposures.
+    """
+    rounded = _round_exposures(exposures, sensor)
+    longest = sensor.exposure_range[1]
+    both = [request.neutral, request.coded]
+    lights, taken = [], set[float]()
+    for nm in request.bands_nm:
+        flat, star = rounded[request.flat, nm], rounded[request.star, nm]
+        longer = min(round(star * _LONGER * 1e6) / 1e6, longest)
+        taken |= {flat, star, longer}
+        lights.append(_block(request.flat, both, nm, (flat,), _FLAT_REPEATS))
+        lights.append(_block(request.star, both, nm, (star, longer), _STAR_REPEATS))
+    blocks = []
+    if request.dark:
+        nm = request.bands_nm[0]
+        darks = _block(request.dark, [request.neutral], nm, taken, _DARK_REPEATS)
+        blocks.append(darks | {"role": "dark"})
+    # One target after the other, so that each is placed once.
+    lights.sort(key=lambda one: one["targets"] == [request.star])
+    return PlanFile.model_validate(
+        {
+            "version": 1,
+            "title": "Spectral calibration",
+            "metadata": {REQUEST_KEY: request.model_dump_json()},
+            "patterns": {
+                one: {"kind": "image", "file": f"{PATTERN_FOLDER}/{one}.png"} for one in patterns
+            },
+            "acquire": [*blocks, *lights],
+            "reconstruct": {
+                "coded": request.coded,
+                "neutral": request.neutral,
+                "star": request.star,
+                "photograph": request.flat,
+                "dark": request.dark or "dark",
+                "psf_window_px": request.window_px,
+            },
+        }
+    )
+
+
+def _round_exposures(exposures: Exposures, sensor: Sensor) -> Exposures:
+    """Round a spectral calibration's exposures down to steps, within the sensor's range."""
+    shortest, high = sensor.exposure_range
+    low = max(shortest, 1e-6)
+    rounded = {}
+    for key, exposure in exposures.items():
+        steps = np.floor(np.log(exposure / low) / np.log(_STEP) + 1e-9)
+        wanted = min(max(low * _STEP**steps, low), high)
+        rounded[key] = round(float(wanted) * 1e6) / 1e6
+    return rounded
+
+
+def _block(
+    target: str, shown: list[str], nm: float, exposures: Iterable[float], repeats: int
+) -> dict[str, Any]:
+    return {
+        "targets": [target],
+        "patterns": shown,
+        "wavelengths_nm": [nm],
+        "exposures_ms": sorted({one * 1e3 for one in exposures}),
+        "repeats": repeats,
+    }
