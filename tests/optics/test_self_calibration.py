@@ -116,7 +116,7 @@ def test_a_photograph_refines_its_own_calibration(monkeypatch):
         share = next(one for one in refined.parameters if one.name.endswith(f"band {band}"))
         assert share.value == pytest.approx(0.25, abs=0.02)
         assert share.lower <= 0.25 <= share.upper
-        assert share.deviation < 0.025
+        assert share.deviation < 0.035
     assert restored.image.shape == (2, SIDE, SIDE)
     assert refined.indeterminate
     assert "photograph" in refined.source
