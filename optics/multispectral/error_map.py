@@ -24,17 +24,17 @@ from optics.multispectral.filter_likeness import (
 from optics.threads import single_threaded
 
 _COEFFICIENTS = {
-    "constant": 0.210,
-    "light": 0.114,
-    "alike": 0.310,
-    "gradient": 0.277,
-    "predicted": 0.902,
+    "constant": 0.004,
+    "light": 0.111,
+    "alike": 0.324,
+    "gradient": 0.225,
+    "predicted": 0.964,
 }
 """Coefficients of the logarithm of the half width, by feature: see `error_features`. Fitted by
 `python -m figures.fit_error_map` to 48 restorations of 12 scenes with four designs and noise from 0
 to 0.03. Where a scene's intervals came from the other scenes, they held 89 % of its lit pixels in
 the mean; the standard deviation over scenes, designs and bands was 8 %. In the dark, below a length
-of the spectrum of 0.1, it was 90 and 11 %."""
+of the spectrum of 0.1, it was 91 and 11 %."""
 
 
 @dataclass(frozen=True, eq=False)
