@@ -114,16 +114,17 @@ def choose_calibrated_bands(
     Raises
     ------
     UserError
-        If the calibration is of another sensor or of other bands.
+        If the calibration is of another sensor, pattern or of other bands.
     """
     _require_same_sensor(source, record)
     file, chosen = source.file, _band_numbers(source, bands)
     known = _select_bands(file.build(), chosen)
     notes = [_SHIFT_NOTE]
     if hashlib.sha256(record.pattern(coded).tobytes()).hexdigest() != file.coded_sha256:
-        notes.append(
-            f"the coded pattern {coded!r} of the record isn't the one of {source.path}, grey level "
-            "by grey level: if its PSFs differ as well, calibrate again"
+        raise UserError(
+            f"--calibration {source.path}: is of another pattern than {coded!r} of {record.path}, "
+            "grey level by grey level, whose PSFs may be others. Calibrate with the plan of this "
+            "run: labapp calibrate --spectra --plan PLAN.toml."
         )
     if is_broad:
         known, note = _in_broad_light(source, record, known, chosen, bands)

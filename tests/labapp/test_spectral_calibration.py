@@ -266,12 +266,10 @@ def test_in_broad_light_the_filter_dims_nothing(record, folder):
     assert any("transmission the calibration doesn't know" in one for one in unknown.notes)
 
 
-def test_another_pattern_than_the_calibrated_one_is_remarked(record, folder):
-    own = calibrated(record, folder, is_broad=False)
-    other = calibrated(record, folder, "neutral", is_broad=False)
-    words = "isn't the one of"
-    assert not any(words in one for one in own.notes)
-    assert any(words in one for one in other.notes)
+def test_another_pattern_than_the_calibrated_one_is_refused(record, folder):
+    """Its PSFs would restore a wrong cube, and no residual would show it."""
+    with pytest.raises(UserError, match=r"is of another pattern than 'neutral'.*--plan"):
+        calibrated(record, folder, "neutral", is_broad=False)
 
 
 def test_results_are_plain_data(found, folder):
