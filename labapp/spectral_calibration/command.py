@@ -111,9 +111,12 @@ def write_spectra_plan(
     if execution.as_json:
         print_json({"plan": str(folder / PLAN_FILE), "patterns": len(plan.patterns)})
         return
-    out.print(f"wrote {folder / PLAN_FILE} and {len(plan.patterns)} patterns. Then:")
-    out.print(f"labapp run {folder / PLAN_FILE} --out {folder / RECORD_FILE}")
-    out.print(f"labapp calibrate --spectra --fit {folder / RECORD_FILE}")
+    for line in (
+        f"wrote {folder / PLAN_FILE} and {len(plan.patterns)} patterns. Then:",
+        f"labapp run {folder / PLAN_FILE} --out {folder / RECORD_FILE}",
+        f"labapp calibrate --spectra --fit {folder / RECORD_FILE}",
+    ):
+        out.print(line, markup=False, soft_wrap=True)
 
 
 def refit_spectra(record: Path, lamp: str | None, execution: ExecutionOptions) -> None:

@@ -19,7 +19,8 @@ from optics.multispectral import draw_dead_leaves
 _SHARED = Path(__file__).parents[3] / "shared/data"
 _SURFACES = _SHARED / "spectral/sfu/Surface_Reflectances_SimonFraser.mat"
 
-SIDE = 128
+SIDE = 256
+"""Rows and columns of all but the measured scenes, which have 128."""
 _MEASURED_SCENES = ("OSO_FULL", "fullFlor")
 
 _PHOTOGRAPHS = {
@@ -27,11 +28,11 @@ _PHOTOGRAPHS = {
     "kodim03": (200, 200, 1),
     "kodim07": (100, 250, 1),
     "kodim15": (100, 200, 1),
-    "kodim23": (150, 250, 2),
+    "kodim23": (0, 150, 2),
 }
 """Row and column of the first pixel, and the step between those taken."""
 
-_ON_DARK_GROUND = {"kodim05": (100, 200, 2), "kodim25": (150, 300, 1)}
+_ON_DARK_GROUND = {"kodim05": (0, 200, 2), "kodim25": (150, 300, 1)}
 
 _FINE = np.arange(400, 701, 10)
 _GAIN = 0.9
@@ -49,7 +50,7 @@ _LEAVES = 150
 
 
 def fitted_scenes() -> dict[str, Array]:
-    """All scenes by name, (bands, 128, 128) each; FileNotFoundError where one isn't there."""
+    """All scenes by name, (bands, rows, columns); FileNotFoundError where one isn't there."""
     scenes = {"lego": lego_scene(), **{name: laboratory_scene(name) for name in _MEASURED_SCENES}}
     found = {name: scene for name, scene in scenes.items() if scene is not None}
     if len(found) < len(scenes):
