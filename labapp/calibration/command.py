@@ -21,11 +21,15 @@ from labapp.calibration.calibrating import (
 )
 from labapp.calibration.request import CalibrationRequest
 from labapp.calibration.result_report import print_tables, result_data
-from labapp.common.console import out, print_json, terminal_progress
+from labapp.common.console import print_json, terminal_progress
 from labapp.common.errors import UserError
 from labapp.files.reading import format_validation_error
 from labapp.files.writing import require_free_names
-from labapp.runs.run_commands import ExecutionOptions, interactive_progress
+from labapp.runs.run_commands import (
+    ExecutionOptions,
+    interactive_progress,
+    print_written_plan,
+)
 
 
 @dataclass(frozen=True)
@@ -96,12 +100,10 @@ def write_plan_only(
     require_free_names(folder, (PLAN_FILE,), force=execution.force)
     with open_bench(files) as bench:
         plan = prepare_plan_only(bench, request, folder, force=execution.force)
-    if execution.as_json:
-        print_json({"plan": str(folder / PLAN_FILE), "patterns": len(plan.patterns)})
-        return
-    out.print(f"wrote {folder / PLAN_FILE} and {len(plan.patterns)} patterns. Then:")
-    out.print(f"labapp run {folder / PLAN_FILE} --out {folder / RECORD_FILE}")
-    out.print(f"labapp calibrate --fit {folder / RECORD_FILE}")
+    fit = f"labapp calibrate --fit {folder / RECORD_FILE}"
+    print_written_plan(
+        folder / PLAN_FILE, len(plan.patterns), folder / RECORD_FILE, fit, execution.as_json
+    )
 
 
 def refit_record(record: Path, execution: ExecutionOptions) -> None:

@@ -138,6 +138,22 @@ def interactive_progress(execution: ExecutionOptions) -> Iterator[tuple[Progress
         yield progress, ask
 
 
+def print_written_plan(
+    plan: Path, patterns: int, record: Path, following: str, as_json: bool
+) -> None:
+    """Print that a plan was written for a later run, and the commands to come.
+
+    `patterns` is the number of its pattern files, `record` the run's file, and `following` the
+    command after the run.
+    """
+    if as_json:
+        print_json({"plan": str(plan), "patterns": patterns})
+        return
+    lines = f"wrote {plan} and {patterns} patterns. Then:\nlabapp run {plan} --out {record}"
+    # A command to copy isn't broken into lines.
+    out.print(f"{lines}\n{following}", markup=False, soft_wrap=True)
+
+
 def _with_bench(setup: BenchSetup, bench: Path) -> BenchSetup:
     read = BenchFiles.with_defaults(bench).read()
     return replace(setup, bench=read.bench, source=read.source)

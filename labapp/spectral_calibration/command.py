@@ -9,11 +9,15 @@ from typing import Any
 from pydantic import ValidationError
 
 from labapp.bench.opening import BenchFiles
-from labapp.common.console import out, print_json, terminal_progress
+from labapp.common.console import print_json, terminal_progress
 from labapp.common.errors import UserError
 from labapp.files.reading import format_validation_error
 from labapp.files.writing import require_free_names
-from labapp.runs.run_commands import ExecutionOptions, interactive_progress
+from labapp.runs.run_commands import (
+    ExecutionOptions,
+    interactive_progress,
+    print_written_plan,
+)
 from labapp.spectral.lights import ViewingLight, find_light
 from labapp.spectral_calibration.calibrating import (
     PICTURE_FILE,
@@ -108,15 +112,10 @@ def write_spectra_plan(
     """Write a spectral calibration's plan and patterns to a folder, for `labapp run`."""
     require_free_names(folder, (PLAN_FILE,), force=execution.force)
     plan = prepare_spectra_plan(options.job(folder, files))
-    if execution.as_json:
-        print_json({"plan": str(folder / PLAN_FILE), "patterns": len(plan.patterns)})
-        return
-    for line in (
-        f"wrote {folder / PLAN_FILE} and {len(plan.patterns)} patterns. Then:",
-        f"labapp run {folder / PLAN_FILE} --out {folder / RECORD_FILE}",
-        f"labapp calibrate --spectra --fit {folder / RECORD_FILE}",
-    ):
-        out.print(line, markup=False, soft_wrap=True)
+    fit = f"labapp calibrate --spectra --fit {folder / RECORD_FILE}"
+    print_written_plan(
+        folder / PLAN_FILE, len(plan.patterns), folder / RECORD_FILE, fit, execution.as_json
+    )
 
 
 def refit_spectra(record: Path, lamp: str | None, execution: ExecutionOptions) -> None:
