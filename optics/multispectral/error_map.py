@@ -24,17 +24,17 @@ from optics.multispectral.filter_likeness import (
 from optics.threads import single_threaded
 
 _COEFFICIENTS = {
-    "constant": 0.004,
-    "light": 0.111,
-    "alike": 0.324,
-    "gradient": 0.225,
-    "predicted": 0.964,
+    "constant": 0.033,
+    "light": 0.085,
+    "alike": 0.370,
+    "gradient": 0.275,
+    "predicted": 0.865,
 }
 """Coefficients of the logarithm of the half width, by feature: see `error_features`. Fitted by
 `python -m figures.fit_error_map` to 48 restorations of 12 scenes with four designs and noise from 0
 to 0.03. Where a scene's intervals came from the other scenes, they held 89 % of its lit pixels in
 the mean; the standard deviation over scenes, designs and bands was 8 %. In the dark, below a length
-of the spectrum of 0.1, it was 91 and 11 %."""
+of the spectrum of 0.1, it was 91 and 12 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def estimate_error_map(
     and the error that is predicted for typical spectra from PSFs, filters and noise. It is an
     estimate: scenes differ in how far their spectra are from typical ones, which the photograph
     hardly shows. Of three unseen scenes, the intervals of single bands held 62 to 100 % of the lit
-    pixels, and in the dark 34 to 100 %, the least at 700 nm.
+    pixels, and in the dark 31 to 100 %, the least at 700 nm.
 
     Parameters
     ----------
