@@ -18,10 +18,10 @@ from labapp.calibration.exposure_search import (
     evaluate_trials,
     first_bracket,
     nominal_star_width,
-    trial_plan,
 )
 from labapp.calibration.fitting import CalibrationFits, fit_calibration
-from labapp.calibration.request import CalibrationExposures, CalibrationRequest
+from labapp.calibration.request import NEUTRAL_NAME, CalibrationExposures, CalibrationRequest
+from labapp.calibration.trial_exposures import trial_plan
 from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile, calibration_to_json
 from labapp.files.plan_file import PlanFile
@@ -189,7 +189,8 @@ def _find_exposures(
     for number in range(_MOST_TRIALS):
         path = folder / f"trial-{nm:g}-{number + 1}.h5"
         part = progress.part(number / _MOST_TRIALS, (number + 1) / _MOST_TRIALS)
-        plan = trial_plan(request, nm, wanted)
+        title = f"Trial of the exposure, {nm:g} nm"
+        plan = trial_plan(title, NEUTRAL_NAME, {(request.star, nm): wanted})
         outcome = run_plan(bench, plan, path, source="trial", force=True, progress=part, ask=ask)
         require_complete(outcome)
         trials += _trials(outcome)

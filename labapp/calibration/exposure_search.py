@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.calibration import request as names
 from labapp.calibration.request import CalibrationExposures, CalibrationRequest
+from labapp.calibration.trial_exposures import limit_exposures
 from labapp.common.errors import UserError
-from labapp.files.plan_file import PlanFile
 from optics.calibration.spots import frame_variance, without_hot_pixels
 from optics.camera import Camera, Sensor
 
@@ -67,36 +66,7 @@ class TrialFrame:
 def first_bracket(camera: Camera) -> tuple[float, ...]:
     """Return the first trial exposures of a calibration in seconds, within the sensor's range."""
     middle, ratio = _SETTINGS.first_ms * 1e-3, _SETTINGS.bracket_ratio
-    return _bracket(camera.sensor, [middle * ratio**k for k in (-1, 0, 1)])
-
-
-def _bracket(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
-    """Limit a calibration's trial exposures to the sensor's range, in whole microseconds."""
-    low, high = sensor.exposure_range
-    return tuple(sorted({round(min(max(t, low), high) * 1e6) / 1e6 for t in wanted}))
-
-
-def trial_plan(
-    request: CalibrationRequest, wavelength_nm: float, exposures: tuple[float, ...]
-) -> PlanFile:
-    """Return the plan of a calibration's exposure trial: the neutral star at one wavelength.
-
-    The exposures are in seconds.
-    """
-    block = {
-        "targets": [request.star],
-        "patterns": [names.NEUTRAL_NAME],
-        "wavelengths_nm": [wavelength_nm],
-        "exposures_ms": [t * 1e3 for t in exposures],
-    }
-    return PlanFile.model_validate(
-        {
-            "version": 1,
-            "title": f"Trial of the exposure, {wavelength_nm:g} nm",
-            "patterns": {names.NEUTRAL_NAME: {"kind": "constant", "grey": 0}},
-            "acquire": [block],
-        }
-    )
+    return limit_exposures(camera.sensor, [middle * ratio**k for k in (-1, 0, 1)])
 
 
 @dataclass(frozen=True)
@@ -128,7 +98,7 @@ def evaluate_trials(
             exposure = trial.exposure * _SETTINGS.star_level * room / peak
             return StarExposure(_clamp_exposure(exposure, sensor), width)
         elif longer is not None:
-            return _bracket(sensor, [math.sqrt(longer * trial.exposure)])
+            return limit_exposures(sensor, [math.sqrt(longer * trial.exposure)])
         else:
             return _extend_bracket(trial.exposure, _SETTINGS.bracket_ratio, sensor)
     shortest = min(trial.exposure for trial in trials)
@@ -159,7 +129,7 @@ def _extend_bracket(exposure: float, step: float, sensor: Sensor) -> tuple[float
 
     They are longer than `exposure` if `step` is above 1, and shorter if it is below 1.
     """
-    further = _bracket(sensor, [exposure * step, exposure * step**2])
+    further = limit_exposures(sensor, [exposure * step, exposure * step**2])
     if further[0] == exposure or further[-1] == exposure:
         trouble, remedy = ("dim", "Brighten") if step > 1 else ("bright", "Dim")
         raise UserError(

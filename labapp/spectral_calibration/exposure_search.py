@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench
+from labapp.calibration.trial_exposures import limit_exposures, trial_plan
 from labapp.common.errors import UserError
-from labapp.files.plan_file import PlanFile
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
@@ -37,6 +37,8 @@ _MOST_ROUNDS = 4
 
 _BRIGHT_PERCENTILE = 99.5
 """Percentile of a white sheet's pixels that counts as its brightest pixel, hot ones left out."""
+
+_TITLE = "Trial of the exposures of a spectral calibration"
 
 Exposures = dict[tuple[str, float], float]
 """Exposures in seconds by target and wavelength in nm."""
@@ -69,14 +71,14 @@ def find_exposures(
             if (target, nm) not in found:
                 tried[target, nm] = []
     sensor = bench.description.sensor
-    wanted = {one: _limited(sensor, [_FIRST_MS * 1e-3 * _RATIO**k for k in (-1, 0, 1)])
+    wanted = {one: limit_exposures(sensor, [_FIRST_MS * 1e-3 * _RATIO**k for k in (-1, 0, 1)])
               for one in tried}  # fmt: skip
     for number in range(_MOST_ROUNDS):
         if not wanted:
             return found
         part = progress.part(number / _MOST_ROUNDS, (number + 1) / _MOST_ROUNDS)
         path = folder / f"trial-{number + 1}.h5"
-        plan = _trial_plan(request.neutral, wanted)
+        plan = trial_plan(_TITLE, request.neutral, wanted)
         outcome = run_plan(bench, plan, path, source="trial", force=True, progress=part, ask=ask)
         require_complete(outcome)
         _read_trials(path, tried, request.star)
@@ -99,33 +101,6 @@ def _requested_exposures(request: SpectraRequest) -> Exposures:
         if ms is not None
         for nm in request.bands_nm
     }
-
-
-def _limited(sensor: Sensor, wanted: list[float]) -> tuple[float, ...]:
-    """Limit a spectral calibration's trials to the sensor's range, in whole microseconds."""
-    low, high = sensor.exposure_range
-    return tuple(sorted({round(min(max(one, low), high) * 1e6) / 1e6 for one in wanted}))
-
-
-def _trial_plan(neutral: str, wanted: Mapping[tuple[str, float], tuple[float, ...]]) -> PlanFile:
-    """Return the plan of a spectral calibration's trials, by target and band, in seconds."""
-    blocks = [
-        {
-            "targets": [target],
-            "patterns": [neutral],
-            "wavelengths_nm": [nm],
-            "exposures_ms": [one * 1e3 for one in exposures],
-        }
-        for (target, nm), exposures in wanted.items()
-    ]
-    return PlanFile.model_validate(
-        {
-            "version": 1,
-            "title": "Trial of the exposures of a spectral calibration",
-            "patterns": {neutral: {"kind": "constant", "grey": 0}},
-            "acquire": blocks,
-        }
-    )
 
 
 def _read_trials(path: Path, tried: dict[tuple[str, float], list[_Trial]], star: str) -> None:
@@ -187,13 +162,15 @@ def _judge(trials: list[_Trial], sensor: Sensor) -> tuple[float | None, tuple[fl
     fine = [one for one in trials if _LEAST_LEVEL <= one.level < _CLIPPED]
     if fine:
         best = max(fine, key=lambda one: one.level)
-        return _limited(sensor, [best.exposure * _LEVEL / best.level])[0], ()
+        return limit_exposures(sensor, [best.exposure * _LEVEL / best.level])[0], ()
     bright = [one.exposure for one in trials if one.level >= _CLIPPED]
     dark = [one.exposure for one in trials if one.level < _LEAST_LEVEL]
     if bright and dark:
-        return None, _limited(sensor, [math.sqrt(min(bright) * max(dark))])
+        return None, limit_exposures(sensor, [math.sqrt(min(bright) * max(dark))])
     end = min(bright) if bright else max(dark)
     step = 1 / _RATIO if bright else _RATIO
     return None, tuple(
-        one for one in _limited(sensor, [end * step, end * step**2]) if not math.isclose(one, end)
+        one
+        for one in limit_exposures(sensor, [end * step, end * step**2])
+        if not math.isclose(one, end)
     )

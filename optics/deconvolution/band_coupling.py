@@ -13,7 +13,7 @@ import torch
 from optics.validation import require_finite
 
 _WHITENING = 0.75
-"""Power of a component's typical size whose inverse is its weight. Of 0, 0.5, 0.75 and 1, the best
+"""Power of a component's typical size whose inverse is its scale. Of 0, 0.5, 0.75 and 1, the best
 for three measured scenes of 24 and 11 bands, which served no other purpose."""
 
 _LEAST_POWER = 1e-6

@@ -44,7 +44,8 @@ class ChannelStep(PictureStep):
     ) -> None:
         super().__init__(observation)
         channels, mixing = observation.channels
-        self._iterations, self._bands = iterations, bands
+        axes = torch.eye(bands.bands) if bands.axes is None else bands.axes
+        self._iterations, self._axes = iterations, axes
         self._mixing = mixing.to(observation.image)
         light = transform_bands(self._mixing, self.start())
         self._split = SplitLight(channels, light, data_prox)
@@ -90,7 +91,7 @@ class ChannelStep(PictureStep):
             if prior.component_scales is not None:
                 own = own * prior.component_scales.to(own).square()[:, None, None]
             penalty = penalty + own
-        self._inverse_penalty = penalty.expand(self._bands.bands, *seen.otf.shape[1:]).reciprocal()
+        self._inverse_penalty = penalty.expand(len(self._axes), *seen.otf.shape[1:]).reciprocal()
         self._inverse = self._invert_systems()
 
     def _invert_systems(self) -> torch.Tensor:
@@ -138,13 +139,11 @@ class ChannelStep(PictureStep):
 
     def _to_axes(self, spectra: torch.Tensor) -> torch.Tensor:
         """Return the components of the spectra of a deconvolved picture's bands, without scales."""
-        axes = self._bands.axes
-        return spectra if axes is None else _transform_spectra(axes, spectra)
+        return _transform_spectra(self._axes, spectra)
 
     def _from_axes(self, spectra: torch.Tensor) -> torch.Tensor:
         """Return the spectra of a deconvolved picture's bands from those of its components."""
-        axes = self._bands.axes
-        return spectra.clone() if axes is None else _transform_spectra(axes.mT, spectra)
+        return _transform_spectra(self._axes.mT, spectra)
 
 
 def _transform_spectra(matrix: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
