@@ -110,14 +110,14 @@ def _middle(picture: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
     return picture[rows, columns]
 
 
-def _chosen(file: SpectraFile, beginning: str) -> list[ParameterTable]:
+def _select_parameters(file: SpectraFile, beginning: str) -> list[ParameterTable]:
     """Return a spectral calibration's parameters whose names begin so, a band each."""
     return [one for one in file.parameters if one.name.startswith(beginning)]
 
 
 def _draw_zeroth_orders(axes: Axes, file: SpectraFile) -> None:
     nm = [one.wavelength_nm for one in file.bands]
-    found = _chosen(file, "zeroth order")
+    found = _select_parameters(file, "zeroth order")
     axes.plot(nm, [one.nominal for one in found], "o:", mfc="none", color="0.5", label="nominal")
     axes.errorbar(
         nm,
@@ -127,7 +127,7 @@ def _draw_zeroth_orders(axes: Axes, file: SpectraFile) -> None:
         capsize=3,
         label="calibrated, 90 %",
     )
-    (size,) = _chosen(file, "size")
+    (size,) = _select_parameters(file, "size")
     axes.set_title(
         f"Zeroth order's share of the light\nsize of the coded PSFs {size.value:.4f} "
         f"± {size.sigma:.4f}",
@@ -141,7 +141,7 @@ def _draw_zeroth_orders(axes: Axes, file: SpectraFile) -> None:
 
 def _draw_places(axes: Axes, fit: SpectraFit, file: SpectraFile) -> None:
     """Draw the places of a spectral calibration's PSFs, relative to most bands, with intervals."""
-    ys, xs = _chosen(file, "centre y"), _chosen(file, "centre x")
+    ys, xs = _select_parameters(file, "centre y"), _select_parameters(file, "centre x")
     colours = _band_colours(len(ys))
     reach = 0.05
     for band, y, x, colour in zip(file.bands, ys, xs, colours, strict=True):

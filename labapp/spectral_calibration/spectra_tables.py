@@ -98,7 +98,8 @@ def _nominal_psfs(found: SnapshotCalibration) -> NDArray[np.float64]:
 
 def _parameter_table(one: CalibratedParameter, wavelengths: Sequence[float]) -> ParameterTable:
     digits = [
-        _rounded(value) for value in (one.value, one.deviation, one.lower, one.upper, one.nominal)
+        _round_number(value)
+        for value in (one.value, one.deviation, one.lower, one.upper, one.nominal)
     ]
     return ParameterTable(
         name=name_bands(one.name, wavelengths),
@@ -117,18 +118,18 @@ def _band_tables(fit: SpectraFit) -> tuple[BandTable, ...]:
     return tuple(
         BandTable(
             wavelength_nm=nm,
-            white_e_per_s=_rounded(float(response[:, band].max())),
-            light_share=_rounded(float(fit.light_share[band])),
-            star_residual=_rounded(float(fit.star_residuals[band])),
+            white_e_per_s=_round_number(float(response[:, band].max())),
+            light_share=_round_number(float(fit.light_share[band])),
+            star_residual=_round_number(float(fit.star_residuals[band])),
         )
         for band, nm in enumerate(fit.request.bands_nm)
     )
 
 
 def _row(values: torch.Tensor) -> tuple[float, ...]:
-    return tuple(_rounded(float(one)) for one in values)
+    return tuple(_round_number(float(one)) for one in values)
 
 
-def _rounded(value: float) -> float:
+def _round_number(value: float) -> float:
     """Round a number of a spectral calibration's file to significant digits."""
     return float(f"{value:.{_DIGITS}g}")

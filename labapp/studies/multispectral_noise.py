@@ -65,8 +65,8 @@ def evaluate(
         row
         for sigma in settings.noise
         for row in (
-            _row(sigma, "bench", measured[sigma], _published(sigma)),
-            _row(sigma, "computed", computed[sigma], _published(sigma)),
+            _row(sigma, "bench", measured[sigma], _format_published(sigma)),
+            _row(sigma, "computed", computed[sigma], _format_published(sigma)),
         )
     ]
     notes = [
@@ -152,7 +152,7 @@ def _row(sigma: float, kind: str, found: _Restored, published: str) -> ResultRow
     return ResultRow(what, published, "-", f"{found.mean:.1f} dB{spread}", found.mean)
 
 
-def _published(sigma: float) -> str:
+def _format_published(sigma: float) -> str:
     """Return the published PSNR of the study at a noise, in words."""
     return f"{PUBLISHED[sigma]:.1f} dB (Table 4.2)" if sigma in PUBLISHED else "-"
 

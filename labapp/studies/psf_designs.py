@@ -148,7 +148,7 @@ def _power_rows(found: Mapping[str, DesignResult], bands: int) -> list[ResultRow
     return [
         ResultRow(
             f"dispersion power (Eq. A.1), {name}",
-            _published(PUBLISHED_POWER, name, "{:.1f} (Table A.1)"),
+            _format_published(PUBLISHED_POWER, name, "{:.1f} (Table A.1)"),
             least,
             f"{one.power:.2f}",
             one.power,
@@ -165,7 +165,7 @@ def _level_rows(found: Mapping[str, DesignResult]) -> list[ResultRow]:
             f"mean PSNR of the bands, {name}",
             "hardly usable (Fig. 4.11, no number)"
             if name.startswith(LINEAR)
-            else _published(PUBLISHED_PSNR, name, "{:.1f} dB (Table 4.1)"),
+            else _format_published(PUBLISHED_PSNR, name, "{:.1f} dB (Table 4.1)"),
             f"{one.predicted:.1f} dB predicted",
             f"{one.mean_level:.1f} dB, {min(one.levels):.1f} to {max(one.levels):.1f}",
             one.mean_level,
@@ -174,7 +174,7 @@ def _level_rows(found: Mapping[str, DesignResult]) -> list[ResultRow]:
     ]
 
 
-def _published(numbers: Mapping[str, float], name: str, words: str) -> str:
+def _format_published(numbers: Mapping[str, float], name: str, words: str) -> str:
     """Return a published number of a design of the study in words."""
     number = numbers.get(name.split(",")[0])
     return "-" if number is None else words.format(number)
