@@ -127,20 +127,36 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
 def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
     """Compute the camera lens' optical cut-off frequency on the sensor, in cycles per metre.
 
+    It is the larger one of `cutoff_frequencies`.
+    """
+    return max(cutoff_frequencies(optics, wavelength))
+
+
+def cutoff_frequencies(optics: Camera | Lens, wavelength: float) -> tuple[float, float]:
+    """Compute the camera lens' cut-off frequencies along y and x, in cycles per metre.
+
     A pixel that the stop cuts counts with its whole width, which reaches beyond the stop. Behind
     a panel that stands apart from the lens the whole stop is lit.
     """
     lens = optics if isinstance(optics, Lens) else optics.lens
-    width = lens.stop_diameter
+    widths = (lens.stop_diameter, lens.stop_diameter)
     if isinstance(optics, Camera):
-        pitch = optics.panel.pitch
-        open_width = min(width + 2 * pitch, max(optics.panel.shape) * pitch)
-        if not optics.separation:
-            width = open_width
-        else:
-            lever = max(optics.ray_matrix_b / lens.image_distance, MIN_RAY_MATRIX_B_SHARE)
-            width = max(width + 2 * pitch, open_width / lever)
-    return width / (wavelength * lens.image_distance)
+        rows, columns = (_lit_width(optics, count) for count in optics.panel.shape)
+        widths = (rows, columns)
+        if optics.separation:
+            widths = (max(widths), max(widths))
+    y, x = (width / (wavelength * lens.image_distance) for width in widths)
+    return y, x
+
+
+def _lit_width(camera: Camera, count: int) -> float:
+    """Return the width of the camera's lit pupil along an axis of the panel with `count` pixels."""
+    lens, pitch = camera.lens, camera.panel.pitch
+    open_width = min(lens.stop_diameter + 2 * pitch, count * pitch)
+    if not camera.separation:
+        return open_width
+    lever = max(camera.ray_matrix_b / lens.image_distance, MIN_RAY_MATRIX_B_SHARE)
+    return max(lens.stop_diameter + 2 * pitch, open_width / lever)
 
 
 def object_to_lens_distance(camera: Camera, distance: Scalar) -> Scalar:

@@ -285,7 +285,9 @@ class StopEdgeScatter:
     def speckle_count(self) -> float:
         """The approximate number of speckles in the chain's window, behind an evenly lit panel."""
         q = self._q
-        rows, columns = (k - 2 * q.margin for k in q.samples.shape)
+        rows, columns = (
+            k - 2 * margin for k, margin in zip(q.samples.shape, q.margin, strict=True)
+        )
         area = rows * columns * q.samples.pitch[0] * q.samples.pitch[1]
         return max(1.0, area * self.direct_area / q.scale**2)
 
@@ -301,7 +303,9 @@ class StopEdgeScatter:
     def window_share(self) -> float:
         """The share of an evenly lit panel's light that the chain sends into the window."""
         q = self._q
-        rows, columns = (k - 2 * q.margin for k in q.samples.shape)
+        rows, columns = (
+            k - 2 * margin for k, margin in zip(q.samples.shape, q.margin, strict=True)
+        )
         area = rows * columns * q.samples.pitch[0] * q.samples.pitch[1]
         return self.share_per_frequency_area * area / q.scale**2
 

@@ -10,6 +10,7 @@ from optics.chain import CHAIN_METHODS
 from optics.psf.behind_modulator import modulated_psf
 from optics.psf.engine_choice import METHODS
 from optics.psf.operator import PSFOperator, nyquist_samples_per_pixel, psf
+from optics.psf.pattern_symmetry import SYMMETRIES, expand_phase, symmetric_shape
 from optics.psf.polychromatic import PolychromaticPSF
 from optics.psf.stack import PSFStack
 from optics.psf_engines.panel_engine import PANEL_METHODS
@@ -18,10 +19,13 @@ __all__ = [
     "CHAIN_METHODS",
     "METHODS",
     "PANEL_METHODS",
+    "SYMMETRIES",
     "PSFOperator",
     "PSFStack",
     "PolychromaticPSF",
+    "expand_phase",
     "modulated_psf",
     "nyquist_samples_per_pixel",
     "psf",
+    "symmetric_shape",
 ]

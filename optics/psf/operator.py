@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import torch
@@ -33,6 +33,7 @@ from optics.psf.engine_choice import (
     require_method,
     tolerance_error_with_advice,
 )
+from optics.psf.pattern_symmetry import expand_phase, symmetric_engine, symmetric_shape
 from optics.psf_engines.amplitude_scale import normalise_amplitude, scale_light
 from optics.psf_engines.engine import PSFEngine
 from optics.psf_engines.panel_engine import PanelEngine
@@ -41,6 +42,7 @@ from optics.psf_engines.spherical_wave import SphericalWaveCorrection
 from optics.psf_engines.window_error import AddedLight, largest_ratio, window_norm
 from optics.pupil import (
     Scalar,
+    cutoff_frequencies,
     cutoff_frequency,
     model_error,
     numeric_camera,
@@ -134,6 +136,10 @@ class PSFOperator:
         the pixels' centres times their area.
     unmodulated : float, optional
         Share of unmodulated light, 0 to 1; the panel's own by default.
+    symmetry : str, optional
+        How patterns are given: "none" (the default), "quarter" or "separable" (see
+        `optics.psf.pattern_symmetry.symmetric_shape`). Where the light is symmetric as well, the
+        Fourier transforms are shorter; elsewhere, patterns are expanded to the panel.
     tol : float, optional
         Largest relative L2 error from sampling and arithmetic; 1e-3 by default.
     method : str, optional
@@ -188,6 +194,7 @@ class PSFOperator:
         sphere: bool = False,
         integrate: bool = True,
         unmodulated: float | None = None,
+        symmetry: str = "none",
         tol: float = 1e-3,
         method: str | None = None,
         pixel_tol: float | None = None,
@@ -196,7 +203,7 @@ class PSFOperator:
         budget: Budget | None = None,
     ) -> None:
         budget = plan_budget(budget, calls)
-        self._plan_with_pixel_tol = partial(
+        self._plan_again = partial(
             PSFOperator,
             optics,
             distance,
@@ -204,6 +211,7 @@ class PSFOperator:
             pixels,
             field=field,
             sphere=sphere,
+            integrate=integrate,
             unmodulated=unmodulated,
             tol=tol,
             method=method,
@@ -211,13 +219,14 @@ class PSFOperator:
             budget=budget,
         )
         self.camera = camera = optics if isinstance(optics, Camera) else None
+        self._symmetry = _require_symmetry(symmetry, camera)
         lens = optics.lens if isinstance(optics, Camera) else optics
         self.unmodulated = _resolve_unmodulated_share(camera, unmodulated)
         require_valid_source(distance, wavelength)
         require_tolerance(tol)
         require_method(method, camera)
         self.pixels = pixels
-        cutoff = cutoff_frequency(_numeric_optics(optics), as_number(wavelength))
+        cutoff = cutoff_frequencies(_numeric_optics(optics), as_number(wavelength))
         self._pixel_integration = None
         if integrate:
             pixel_tol = pixel_tol or _SETTINGS.pixel_tol_share * tol
@@ -226,7 +235,7 @@ class PSFOperator:
         rest = self._pixel_integration.error if self._pixel_integration else 0.0
         # The integration's part shrinks with the tolerance that is asked for instead.
         floor = 20 * FLOAT64_ARITHMETIC / (1 - 2 * _SETTINGS.pixel_tol_share)
-        margin = self._pixel_integration.margin if self._pixel_integration else 0
+        margin = self._pixel_integration.margin if self._pixel_integration else (0, 0)
         request = PSFRequest(
             lens,
             distance,
@@ -245,7 +254,9 @@ class PSFOperator:
             raise tolerance_error_with_advice(request, camera, method, rest, floor)
         self._cached_unmodulated_psfs: list[_UnmodulatedLight] = []
         expects_patterns = camera is None and phase_slope is not None
-        self._request, self.engine = _plan_engine(
+        symmetric = _plan_symmetric_engine(request, camera, method, symmetry)
+        self._expands = symmetric is None and symmetry != "none"
+        self._request, self.engine = symmetric or _plan_engine(
             request, camera, method, rest, expects_patterns=expects_patterns
         )
         self._method = method
@@ -354,7 +365,7 @@ class PSFOperator:
         ----------
         phase : torch.Tensor or numpy.ndarray, optional
             Radians, (..., rows, columns) of the panel, or (..., points) of `points` for a lens.
-            Zero by default.
+            Zero by default. A symmetric pattern is given in short, as `symmetry` says.
         amplitude : torch.Tensor or numpy.ndarray, optional
             Of the same shape. One by default.
 
@@ -396,6 +407,27 @@ class PSFOperator:
         require_tensor("phase", phase)
         require_tensor("amplitude", amplitude)
         self._request.require_unchanged()
+        if self._symmetry != "none" and amplitude is not None:
+            whole = (self._expand(phase), self._expand(amplitude))
+            return self._whole_pattern_operator.evaluate(*whole, spectrum, unmodulated_spectrum)
+        if self._expands:
+            phase = self._expand(phase)
+        try:
+            return self._evaluate_phase(phase, amplitude, spectrum, unmodulated_spectrum)
+        except ToleranceError:
+            if self._symmetry == "none" or self._expands:
+                raise
+            # The light that a symmetric pattern sends here takes a method for all patterns.
+            return self._whole_pattern_operator.evaluate(self._expand(phase), None)
+
+    def _evaluate_phase(
+        self,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        spectrum: torch.Tensor | None,
+        unmodulated_spectrum: torch.Tensor | None,
+    ) -> torch.Tensor:
+        """Compute the PSF of a phase in the shape that its engine takes, as `evaluate` does."""
         if not self.unmodulated or phase is None:
             return self._light_on_pixels(phase, amplitude, spectrum)
         straight = self._unmodulated_light(amplitude, spectrum=unmodulated_spectrum)
@@ -403,6 +435,20 @@ class PSFOperator:
         light = self._light_on_pixels(phase, amplitude, spectrum, added)
         other = straight.light.to(light.device)
         return (1 - self.unmodulated) * light + self.unmodulated * other
+
+    def _expand(self, pattern: torch.Tensor | None) -> torch.Tensor | None:
+        """Expand the phase or amplitude of a symmetric pattern to all pixels of the PSF's panel.
+
+        Raises ValueError for the amplitude of a separable pattern, which isn't a sum.
+        """
+        if pattern is None or self.camera is None:
+            return pattern
+        return expand_phase(self._symmetry, pattern, self.camera.panel.shape)
+
+    @cached_property
+    def _whole_pattern_operator(self) -> PSFOperator:
+        """The operator of the same PSF for patterns that are given on all pixels."""
+        return self._plan_again()
 
     def unmodulated_psf(
         self,
@@ -430,6 +476,8 @@ class PSFOperator:
         """
         require_tensor("amplitude", amplitude)
         self._request.require_unchanged()
+        if self._symmetry != "none" and amplitude is not None:
+            return self._whole_pattern_operator.unmodulated_psf(self._expand(amplitude))
         straight = self._unmodulated_light(amplitude, cache_result=cache_result, spectrum=spectrum)
         return straight.light.clone()
 
@@ -495,7 +543,7 @@ class PSFOperator:
         planned, whole_picture = self._pixel_integration.error, (slice(None), slice(None))
         whole = window_norm(samples.detach(), whole_picture)
         # Even light has this norm on the samples.
-        factor = self.pixels.pitch[0] / self._pixel_integration.plane.pitch[0]
+        factor = math.sqrt(self._pixel_integration.samples_per_pixel)
         seen = window_norm(light.detach(), whole_picture) / factor
         if added is not None:
             seen = torch.hypot(seen, added.norm.to(seen))
@@ -517,7 +565,8 @@ class PSFOperator:
         if not finer > _SETTINGS.finest_pixel_tol or (given and self.camera is None):
             raise unreachable_tolerance_error(self._tol, self._tol + needed)
         if self._finer_operator is None or self._finer_operator.pixel_tol > finer:
-            self._finer_operator = self._plan_with_pixel_tol(pixel_tol=finer)
+            symmetry = "none" if self._expands else self._symmetry
+            self._finer_operator = self._plan_again(pixel_tol=finer, symmetry=symmetry)
         other = self._finer_operator
         light = other._light_on_pixels(phase, amplitude, None, added)
         self._last_engine, self._integration_error = other._last_engine, other._integration_error
@@ -602,6 +651,9 @@ class PSFOperator:
         """
         if self.camera is None:
             raise ValueError("a lens alone has no panel whose light could be told apart")
+        if self._symmetry != "none":
+            whole = (self._expand(phase), self._expand(amplitude))
+            return self._whole_pattern_operator.light_budget(*whole)
         window = float(self.evaluate(phase, amplitude).sum())
         amplitude, peak = normalise_amplitude(amplitude, 2)
         strongest = 1.0 if peak is None else float(peak)
@@ -681,6 +733,34 @@ def _plan_engine(
         except ToleranceError:
             pass
     return request, prepare_cheapest_engine(request, camera, method, reserved_tol)
+
+
+def _plan_symmetric_engine(
+    request: PSFRequest, camera: Camera | None, method: str | None, symmetry: str
+) -> tuple[PSFRequest, PSFEngine] | None:
+    """Prepare the engine for symmetric patterns of a PSF; None if there is none that suits.
+
+    A named method is one for all patterns.
+    """
+    if camera is None or method is not None:
+        return None
+    make = symmetric_engine(symmetry, request, camera)
+    if make is None:
+        return None
+    try:
+        engine = make()
+        engine.prepare()
+    except ToleranceError:
+        return None
+    return request, engine
+
+
+def _require_symmetry(symmetry: str, camera: Camera | None) -> str:
+    """Return a PSF's symmetry of patterns, or raise ValueError if it isn't one, or has no panel."""
+    symmetric_shape(symmetry, (1, 1))
+    if camera is None and symmetry != "none":
+        raise ValueError(f"symmetry is {symmetry!r}; a lens without a panel has no pixels")
+    return symmetry
 
 
 def _resolve_unmodulated_share(camera: Camera | None, share: float | None) -> float:

@@ -103,8 +103,10 @@ class ReferenceProbe:
             (y, wy), (x, wx) = (draw_samples(seen.sum(axis), count) for axis in (1, 0))
             # The outermost lines come last, and have no weight among the drawn ones.
             y, x = (
-                np.concatenate([lines, [0, last]]) + self._request.margin
-                for lines, last in ((y, seen.shape[0] - 1), (x, seen.shape[1] - 1))
+                np.concatenate([lines, [0, last]]) + margin
+                for lines, last, margin in zip(
+                    (y, x), (n - 1 for n in seen.shape), self._request.margin, strict=True
+                )
             )
             weight = np.outer(np.append(wy, [0, 0]), np.append(wx, [0, 0]))
             self._cached_samples = _ProbedSamples(y, x, weight, self._exact_light(y, x))

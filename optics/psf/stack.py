@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -14,6 +14,7 @@ from optics.camera import Camera
 from optics.chain import GridEngine, panel_spectrum
 from optics.plane import Plane
 from optics.psf.operator import PSFOperator
+from optics.psf.pattern_symmetry import symmetric_shape
 from optics.psf_engines.amplitude_scale import normalise_amplitude
 from optics.threads import in_full_precision
 from optics.validation import accepts_numpy
@@ -73,6 +74,7 @@ class PSFStack:
                 raise ValueError(f"{name} is empty; give one at least")
         self._budget = budget or Budget()
         self.pixels = pixels
+        self._pattern_shape = symmetric_shape(settings.get("symmetry", "none"), camera.panel.shape)
         plan = partial(PSFOperator, camera, pixels=pixels, budget=self._budget, **settings)
         self.operators = [
             [[plan(distance=z, wavelength=w, field=one) for one in fields] for w in wavelengths]
@@ -100,7 +102,8 @@ class PSFStack:
         Parameters
         ----------
         phase : torch.Tensor or numpy.ndarray, optional
-            Radians, (rows, columns) of the panel for all wavelengths, or (bands, rows, columns).
+            Radians, (rows, columns) of the panel for all wavelengths, or (bands, rows, columns). A
+            symmetric pattern is given in short (see `PSFOperator`).
         amplitude : torch.Tensor or numpy.ndarray, optional
             Of one of the same shapes.
 
@@ -122,15 +125,46 @@ class PSFStack:
 
         value: one for each band, or one for all.
         """
-        bands = len(self._shared_spectra)
-        if value is None or value.ndim == 2:
+        bands, axes = len(self._shared_spectra), len(self._pattern_shape)
+        if value is None or value.ndim == axes:
             return [value] * bands
-        if value.ndim != 3 or value.shape[0] != bands:
+        if value.ndim != axes + 1 or value.shape[0] != bands:
             raise ValueError(
-                f"{name} is {tuple(value.shape)}; give (rows, columns) for all bands, or one for "
-                f"each of the {bands}"
+                f"{name} is {tuple(value.shape)}; give {self._pattern_shape} for all bands, or one "
+                f"for each of the {bands}"
             )
         return list(value)
+
+    @in_full_precision
+    def value_and_gradient(
+        self, phase: torch.Tensor, loss: Callable[[torch.Tensor, int, int, int], torch.Tensor]
+    ) -> tuple[float, torch.Tensor]:
+        """Compute a sum of losses, one for each PSF, and its gradient, with one PSF in memory.
+
+        Parameters
+        ----------
+        phase : torch.Tensor
+            As in a call.
+        loss : callable
+            Takes a PSF, (rows, columns), and the numbers of its distance, band and field; returns
+            a 0-d tensor.
+
+        Returns
+        -------
+        tuple of float and torch.Tensor
+            The sum, and its gradient in the phase, of the phase's shape.
+        """
+        leaf, total = phase.detach().clone().requires_grad_(), 0.0
+        for distance, bands in enumerate(self.operators):
+            for band, (fields, part) in enumerate(
+                zip(bands, self._per_band("phase", leaf), strict=True)
+            ):
+                for field, operator in enumerate(fields):
+                    value = loss(operator.evaluate(part, None), distance, band, field)
+                    value.backward()  # type: ignore[no-untyped-call]
+                    total += float(value.detach())
+        assert leaf.grad is not None
+        return total, leaf.grad
 
     def _compute_band(
         self, band: int, phase: torch.Tensor | None, amplitude: torch.Tensor | None

@@ -10,10 +10,11 @@ from optics.accuracy import MachineSpeed
 from optics.fourier import FourierGeometry, MatrixTransform, unit_phasor
 from optics.fourier.transform import PASSES_PER_PHASOR
 from optics.gauss_legendre import gauss_legendre
+from optics.psf_engines.pixel_integral import PixelIntegralTransform
 from optics.psf_engines.pixel_wave import full_precision_nodes
 
 
-class CurvedPixelTransform(MatrixTransform):
+class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
     """Computes the Fourier integral over square panel pixels under a quadratic phase.
 
     For pixels of constant phase, the integral is the sum over their centres times one envelope.

@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,6 +20,7 @@ from optics.accuracy import (
     ErrorEstimate,
     ToleranceError,
 )
+from optics.fourier.transform import apply_function
 from optics.psf_engines.request import PSFRequest
 from optics.psf_engines.window_error import EvenNoise, window_norm
 from optics.validation import require_finite, rounded_down, rounded_up
@@ -139,7 +141,7 @@ class PSFEngine(CandidateMethod):
         q, window = self._request.numeric, self._request.window_slices
         tol = self._pattern_tol
         seen = light.detach()
-        noise = EvenNoise(seen, torch.ones(1, 1), window, window_norm(seen, window))
+        noise = EvenNoise(seen, None, window, window_norm(seen, window))
         error = noise.error(torch.tensor(self._even_noise))
         error = _SLOPE_SETTINGS.pattern_error_factor * max(self._planned_error.value, error)
         self.error = ErrorEstimate(error, "estimate from the light in the window")
@@ -276,13 +278,50 @@ def phase_factor(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
     sixth of the time of torch.polar in single precision, and blocks that fit in the cache less than
     half of that of a whole panel.
     """
-    if needs_autograd(phase) or phase.numel() <= _BLOCK_SAMPLES:
-        return _phase_factor(phase, dtype)
-    factor = torch.empty(phase.shape, dtype=dtype, device=phase.device)
-    blocks = torch.split(phase.detach().reshape(-1), _BLOCK_SAMPLES)
-    for block, out in zip(blocks, torch.split(factor.view(-1), _BLOCK_SAMPLES), strict=True):
-        out.copy_(_phase_factor(block, dtype))
-    return factor
+    if not needs_autograd(phase):
+        return _phase_factor(phase.detach(), dtype)
+    return apply_function(_PhaseFactor, phase, dtype)
+
+
+class _PhaseFactor(torch.autograd.Function):
+    """The autograd function of exp(i phase) for a PSF, which keeps the factor alone."""
+
+    @staticmethod
+    def forward(ctx: Any, phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+        factor = _phase_factor(phase.detach(), dtype)
+        ctx.save_for_backward(factor)
+        ctx.phase_dtype = phase.dtype
+        return factor
+
+    @staticmethod
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
+        (factor,) = ctx.saved_tensors
+        change = factor.real * gradient.imag - factor.imag * gradient.real
+        return change.to(ctx.phase_dtype), None
+
+
+def squared_modulus(field: torch.Tensor, scale: torch.Tensor | float) -> torch.Tensor:
+    """Compute a PSF's intensity, ``|field|²`` times a scale; differentiable in both."""
+    if needs_autograd(field) and not isinstance(scale, torch.Tensor):
+        return apply_function(_SquaredModulus, field, scale)
+    return (field.real**2 + field.imag**2) * scale
+
+
+class _SquaredModulus(torch.autograd.Function):
+    """The autograd function of a PSF's intensity, with few passes over the samples."""
+
+    @staticmethod
+    def forward(ctx: Any, field: torch.Tensor, scale: float) -> torch.Tensor:
+        ctx.save_for_backward(field)
+        ctx.scale = scale
+        return (field.real**2).addcmul_(field.imag, field.imag).mul_(scale)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
+        (field,) = ctx.saved_tensors
+        # A real factor on a complex tensor would be copied to complex numbers first.
+        weighted = torch.view_as_real(field.resolve_conj()) * (2 * ctx.scale * gradient)[..., None]
+        return torch.view_as_complex(weighted), None
 
 
 def needs_autograd(*values: torch.Tensor) -> bool:
@@ -291,6 +330,17 @@ def needs_autograd(*values: torch.Tensor) -> bool:
 
 
 def _phase_factor(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+    """Compute exp(i phase) for a PSF engine, without derivatives, in blocks."""
+    if phase.numel() <= _BLOCK_SAMPLES:
+        return _phase_factor_of_block(phase, dtype)
+    factor = torch.empty(phase.shape, dtype=dtype, device=phase.device)
+    blocks = torch.split(phase.reshape(-1), _BLOCK_SAMPLES)
+    for block, out in zip(blocks, torch.split(factor.view(-1), _BLOCK_SAMPLES), strict=True):
+        out.copy_(_phase_factor_of_block(block, dtype))
+    return factor
+
+
+def _phase_factor_of_block(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
     """Compute exp(i phase) for a PSF engine at once."""
     angle = wrap_phase(phase.to(torch.float64)).to(dtype.to_real())
     return torch.complex(torch.cos(angle), torch.sin(angle))

@@ -34,7 +34,9 @@ from optics.fourier.gridded import FINEST_GRIDDING
 from optics.fourier.transform import PlaneTransform
 from optics.psf_engines.amplitude_scale import normalise_amplitude, scale_light
 from optics.psf_engines.curved_pixels import CurvedPixelTransform
-from optics.psf_engines.engine import PSFEngine, require_sample_shape
+from optics.psf_engines.engine import PSFEngine, require_sample_shape, squared_modulus
+from optics.psf_engines.interpolated_pixels import FINEST_INTERPOLATION, InterpolatedPixelTransform
+from optics.psf_engines.pixel_integral import PixelIntegralTransform
 from optics.psf_engines.pixel_wave import (
     EnvelopeShares,
     PixelGrid,
@@ -66,6 +68,7 @@ PANEL_METHODS = (
     CommensurateTransform.name,
     GriddedTransform.name,
     CurvedPixelTransform.name,
+    InterpolatedPixelTransform.name,
 )
 """Names of the Fourier transforms for a PSF behind a panel; not all of them serve every request."""
 
@@ -83,7 +86,12 @@ class PanelEngineSettings:
         Share of the tolerance that the Fourier transform may use. Chosen.
     reached_transform_error : float
         L2 error that a transform reaches, over the one it states. It is an eighteenth where it was
-        measured, for gridding to 1e-2 to 1e-8; this is three times as much.
+        measured, for gridding to 1e-2 to 1e-8; this is three times as much. Weights that are fitted
+        reach what they state.
+    interpolation_tol_share : float
+        Share of the tolerance that fitted weights may use. Chosen: a further weight costs little.
+    largest_interpolation_error : float
+        Largest error of fitted weights that is planned for. Chosen.
     expansion_tol_share : float
         Share of the tolerance that the terms of the wave's expansion may use that are left out, by
         their prediction before a pattern is known. Chosen.
@@ -103,6 +111,8 @@ class PanelEngineSettings:
     max_pixel_phase_step: float = 600.0
     transform_tol_share: float = 0.05
     reached_transform_error: float = 0.17
+    interpolation_tol_share: float = 0.005
+    largest_interpolation_error: float = 1e-3
     expansion_tol_share: float = 0.5
     refinement: float = 0.5
     finest_tol: float = 1e-13
@@ -169,7 +179,9 @@ class PanelEngine(PSFEngine):
 
     transform: name of the Fourier transform; the cheapest if None. light_tol: relative L2 error
     that is planned for, as if the window were as bright as its surroundings; the request's
-    tolerance if None.
+    tolerance if None. mirrored: whether patterns are mirrored in the middle of the panel's pixels,
+    and only their quarter right of and below it is given (see `InterpolatedPixelTransform`); only
+    where `can_mirror` says so.
 
     light_norm: L2 norm over the window of the last call's light, (...).
     """
@@ -181,8 +193,9 @@ class PanelEngine(PSFEngine):
         *,
         transform: str | None = None,
         light_tol: float | None = None,
+        mirrored: bool = False,
     ) -> None:
-        self._request, self._transform_name = request, transform
+        self._request, self._transform_name, self._mirrored = request, transform, mirrored
         n = request.numeric
         self._camera = replace(camera, lens=to_plain_numbers(camera.lens))
         self._light_tol = light_tol or max(n.tol, _SETTINGS.finest_tol)
@@ -190,14 +203,15 @@ class PanelEngine(PSFEngine):
         self._pixel_phase_step = self._largest_pixel_phase_step()
         what = f"a PSF of {n.samples.shape[1]}x{n.samples.shape[0]} samples behind a panel"
         offered = self._offered_methods()
+        if not offered:
+            raise unreachable_tolerance_error(n.tol, math.inf)
         names = select_methods(list(dict.fromkeys(one.name for one in offered)), transform, what)
         chosen = [one for one in offered if one.name in names]
         self._method = cheapest_candidate(chosen, n.budget, what)
         self._transform, self._degrees = self._method.transform, self._method.degrees
         self.name = self._transform.name
         self.error = ErrorEstimate(
-            self._method.expansion_error
-            + 2 * _SETTINGS.reached_transform_error * self._transform.error,
+            self._method.expansion_error + 2 * self._reached_transform_error,
             "estimate for a window as bright as its surroundings",
         )
         rows, columns = camera.panel.shape
@@ -205,6 +219,14 @@ class PanelEngine(PSFEngine):
         self.light_norm = torch.zeros(())
         self._cached_terms: tuple[list[WaveTerm], list[WaveTerm]] | None = None
         self._finer_engine: PanelEngine | None = None
+
+    @property
+    def _reached_transform_error(self) -> float:
+        """The relative L2 error of the field that the PSF engine's transform is taken to reach."""
+        stated = self._transform.error
+        if isinstance(self._transform, PixelIntegralTransform):
+            return stated
+        return _SETTINGS.reached_transform_error * stated
 
     def _largest_pixel_phase_step(self) -> float:
         """Return the largest phase change of the PSF's wave across a panel pixel, in radians."""
@@ -222,6 +244,8 @@ class PanelEngine(PSFEngine):
     def _offered_methods(self) -> list[_PanelMethod]:
         """List the ways to sum the PSF over the panel's pixels to the tolerance in force."""
         n, panel = self._request.numeric, self._camera.panel
+        if self._mirrored:
+            return self._interpolated_methods()
         half_turn = self._pixel_phase_step / 2
         methods = [
             method
@@ -234,7 +258,28 @@ class PanelEngine(PSFEngine):
             curvature = defocus_curvature(n.lens, n.distance, n.wavelength)
             curved = CurvedPixelTransform(geometry, self._dtype, curvature, panel.active_side)
             methods.append(_PanelMethod(curved, PixelGrid(panel), 0, 0.0, 1, separable=True))
+            methods += self._interpolated_methods()
         return methods
+
+    def _interpolated_methods(self) -> list[_PanelMethod]:
+        """List the ways to sum the PSF over the panel's pixels by FFTs and fitted weights."""
+        n, panel = self._request.numeric, self._camera.panel
+        error = _SETTINGS.interpolation_tol_share * self._light_tol
+        if error < FINEST_INTERPOLATION:
+            return []
+        geometry = FourierGeometry(panel.plane, n.samples, n.scale)
+        curvature = defocus_curvature(n.lens, n.distance, n.wavelength)
+        one = InterpolatedPixelTransform(
+            geometry,
+            self._dtype,
+            curvature,
+            panel.active_side,
+            min(error, _SETTINGS.largest_interpolation_error),
+            mirrored=self._mirrored,
+        )
+        if not one.fits:
+            return []
+        return [_PanelMethod(one, PixelGrid(panel), 0, 0.0, 1, separable=True)]
 
     def _methods_by_expansion(self, divisions: int) -> list[_PanelMethod]:
         """List the ways to sum the PSF by an expansion of the wave in parts of the pixels."""
@@ -296,7 +341,15 @@ class PanelEngine(PSFEngine):
         require_open_pupil(self._camera)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        return self._camera.panel.plane.mesh()
+        y, x = self._camera.panel.plane.mesh()
+        rows, columns = self._pattern_shape
+        return y[-rows:], x[:, -columns:]
+
+    @property
+    def _pattern_shape(self) -> tuple[int, int]:
+        """The shape of the patterns that the PSF engine takes, (rows, columns)."""
+        rows, columns = self._camera.panel.shape
+        return ((rows + 1) // 2, (columns + 1) // 2) if self._mirrored else (rows, columns)
 
     def _terms(self) -> tuple[list[WaveTerm], list[WaveTerm]]:
         """Return the terms of the PSF's wave in the pixels, and the first that are left out.
@@ -312,7 +365,7 @@ class PanelEngine(PSFEngine):
 
     def _compute_terms(self) -> tuple[list[WaveTerm], list[WaveTerm]]:
         if not self._degrees:
-            # The matrices for curved pixels hold the wave.
+            # The transforms for curved pixels hold the wave.
             one = torch.ones(1, 1, dtype=self._dtype)
             return [WaveTerm((0, 0), one)], []
         grid = self._method.grid
@@ -346,9 +399,9 @@ class PanelEngine(PSFEngine):
 
     def _straight_axis(self, axis: int) -> torch.Tensor:
         """Return one axis of the PSF's field without a pattern, complex, for every sample."""
-        n, panel = self._request.numeric, self._camera.panel
+        n = self._request.numeric
         if not self._degrees:
-            values = [torch.ones(panel.shape[axis], dtype=self._dtype)]
+            values = [torch.ones(self._pattern_shape[axis], dtype=self._dtype)]
             envelopes = [torch.ones((), dtype=self._dtype)]
         else:
             # A few more degrees along one axis cost nothing, and nothing needs to be measured then.
@@ -434,19 +487,25 @@ class PanelEngine(PSFEngine):
         added: other light that is added afterwards. The error that is told is that of both
         together.
         """
+        scale, transform = self._intensity_scale, self._transform
+        field, missing, peak = None, None, None
         if phase is None and amplitude is None and self._is_straight_field_separable:
-            field, power, missing = self._straight_field(), self._straight_power, None
-            peak = None
+            field, power = self._straight_field(), self._straight_power
+            light = squared_modulus(field, scale)
         else:
             pattern, peak = self._pattern(phase, amplitude)
-            terms, omitted = self._terms()
-            field, power = self._field(pattern, terms), self._pattern_power(pattern, amplitude)
-            missing = partial(self._missing_light, pattern.detach(), omitted) if omitted else None
-        scale = self._intensity_scale
-        light = (field.real**2 + field.imag**2) * scale
+            power = self._pattern_power(pattern, amplitude)
+            if isinstance(transform, InterpolatedPixelTransform):
+                light = transform.intensity(pattern, self._plain_intensity_scale)
+            else:
+                terms, omitted = self._terms()
+                field = self._field(pattern, terms)
+                light = squared_modulus(field, scale)
+                if omitted:
+                    missing = partial(self._missing_light, pattern.detach(), omitted)
         with torch.no_grad():
             relative = None if added is None else added.relative_to(peak)
-            self._measure_error(field.detach(), light.detach(), power, missing, relative)
+            self._measure_error(field, light.detach(), power, missing, relative)
         self._stand_in = None
         if self.error.value + self.arithmetic > self._request.tol and not self._is_dark(
             light, power
@@ -467,7 +526,7 @@ class PanelEngine(PSFEngine):
         The pattern is complex, (..., rows, columns), with amplitudes up to 1: all of the bright
         pixels of the one that is given may lie behind a closed part of the stop.
         """
-        shape = self._camera.panel.shape
+        shape = self._pattern_shape
         given = next((one for one in (phase, amplitude) if one is not None), None)
         opened = self._pixel_amplitude(torch.device("cpu") if given is None else given.device)
         if amplitude is not None:
@@ -492,6 +551,8 @@ class PanelEngine(PSFEngine):
         # The panel keeps its size if the stop's radius changes, so only the scale stretches.
         stretch = q.numeric.scale / q.scale if needs_gradient(q.scale) else None
         field: torch.Tensor | None = None
+        if not self._degrees:
+            return self._transform(pattern, stretch, moved.shift)
         for term in terms:
             part = self._transform(term.times(pattern), stretch, moved.shift)
             part = self._under_envelope(part, term.degrees)
@@ -501,7 +562,7 @@ class PanelEngine(PSFEngine):
 
     def _measure_error(
         self,
-        field: torch.Tensor,
+        field: torch.Tensor | None,
         light: torch.Tensor,
         power: torch.Tensor,
         missing: Callable[[torch.Tensor], torch.Tensor] | None,
@@ -521,12 +582,14 @@ class PanelEngine(PSFEngine):
         # Half of the rounding's error follows the light. The other half spreads evenly, and a
         # relative error e of the field makes one of 2 e in the intensity.
         rounding = 0.5 * (FLOAT64_ARITHMETIC if self._double else FLOAT32_ARITHMETIC)
+        if isinstance(self._transform, PixelIntegralTransform):
+            rounding *= self._transform.rounding_growth
         self.arithmetic = rounding + noise.error(level * (rounding / 2) ** 2)
-        transform = _SETTINGS.reached_transform_error * self._transform.error
+        transform = self._reached_transform_error
         error = 2 * transform + noise.error(level * transform**2)
         how = "estimate from the light in the window"
-        if missing is not None:
-            found, rows = row_error(field, light, missing, scale, window, norm)
+        if missing is not None and field is not None:
+            found, rows = row_error(field.detach(), light, missing, scale, window, norm)
             error, how = error + found, f"measured on {rows} rows of the window"
         if added is not None:
             error += largest_ratio(added.error.to(norm), norm)
@@ -553,20 +616,20 @@ class PanelEngine(PSFEngine):
         return total
 
     @cached_property
-    def _noise_envelope(self) -> torch.Tensor:
+    def _noise_envelope(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return how the envelopes of the PSF's terms weaken errors that transforms spread evenly.
 
-        The result is (rows, columns) of the samples, relative intensity.
+        It is relative intensity, as `EvenNoise` takes it.
         """
-        if isinstance(self._transform, CurvedPixelTransform):
+        if isinstance(self._transform, PixelIntegralTransform):
             down, along = (self._transform.mean_squared_kernel(axis) for axis in (0, 1))
-            return down[:, None] * along
+            return down[None], along[None]
         half_turn = self._pixel_phase_step / 2 / self._method.grid.divisions
         sizes = [largest_coefficient(half_turn, k) ** 2 for k in range(self._degrees)]
         size = torch.tensor(sizes, dtype=torch.float64)[:, None]
         y, x = (size * one[: self._degrees].abs() ** 2 for one in self._plain_envelopes)
         # Terms of degree k along y go with all degrees below the total along x.
-        return y.mT @ x.cumsum(0).flip(0)
+        return y, x.cumsum(0).flip(0)
 
     def _is_dark(self, light: torch.Tensor, power: torch.Tensor) -> bool:
         """Tell whether the PSF's window is dark: double precision can't tell its light from none.
@@ -593,7 +656,11 @@ class PanelEngine(PSFEngine):
         finer = max(self._light_tol * _SETTINGS.refinement * tol / error, _SETTINGS.finest_tol)
         if self._finer_engine is None or self._finer_engine._light_tol > finer:
             self._finer_engine = PanelEngine(
-                self._request, self._camera, transform=self._transform_name, light_tol=finer
+                self._request,
+                self._camera,
+                transform=self._transform_name,
+                light_tol=finer,
+                mirrored=self._mirrored,
             )
         self._stand_in = self._finer_engine
         return self._finer_engine.intensity(phase, amplitude, added)

@@ -29,9 +29,9 @@ class PSFRequest:
 
     lens, distance, wavelength: SI units; numbers, or 0-d tensors in which the PSF shall be
     differentiable. samples: the plane of the samples; its centre may hold tensors. tol: relative L2
-    error of the intensity on the samples. margin: samples on each side that serve only the
-    integration over sensor pixels. phase_slope: radians per stop radius by which a phase that is
-    added to the lens' wave may change.
+    error of the intensity on the samples. margin: samples on each side, along y and x, that serve
+    only the integration over sensor pixels. phase_slope: radians per stop radius by which a phase
+    that is added to the lens' wave may change.
 
     separation: metres from a panel to the lens; `distance` is measured from the object to the
     panel. field: metres (y, x) on the sensor from the axis to the point's geometric image, around
@@ -48,7 +48,7 @@ class PSFRequest:
     samples: Plane
     tol: float
     budget: Budget
-    margin: int = 0
+    margin: tuple[int, int] = (0, 0)
     phase_slope: float = 0.0
     separation: Scalar = 0.0
     field: tuple[Scalar, Scalar] = (0.0, 0.0)
@@ -68,7 +68,8 @@ class PSFRequest:
     def window_slices(self) -> tuple[slice, slice]:
         """The rows and columns of the PSF request's samples without the margin."""
         rows, columns = self.samples.shape
-        return slice(self.margin, rows - self.margin), slice(self.margin, columns - self.margin)
+        y, x = self.margin
+        return slice(y, rows - y), slice(x, columns - x)
 
     @property
     def shadow_magnification(self) -> Scalar:

@@ -34,8 +34,12 @@ _SETTINGS = RowErrorSettings()
 
 def window_norm(light: torch.Tensor, window: Window) -> torch.Tensor:
     """Return the L2 norm of every PSF in its window, (...), float64."""
-    inside = light[..., window[0], window[1]].to(torch.float64)
-    return torch.linalg.vector_norm(inside, dim=(-2, -1))
+    inside = light[..., window[0], window[1]]
+    norm = torch.linalg.vector_norm(inside, dim=(-2, -1))
+    # The squares of very dim or bright light leave the range of single precision.
+    if inside.dtype != torch.float64 and bool(((norm < 1e-15) | (norm > 1e15)).any()):
+        norm = torch.linalg.vector_norm(inside.to(torch.float64), dim=(-2, -1))
+    return norm.to(torch.float64)
 
 
 @dataclass(frozen=True)
@@ -62,17 +66,28 @@ class EvenNoise:
     The field is the true one plus a complex error of mean square n. The intensity I = |field|² then
     has an error of mean square 2 I n + 2 n² (Goodman, Statistical Optics, section 2.9).
 
-    light: I, (..., rows, columns). envelope: n relative to the noise level, which broadcasts to
-    `light`. norm: what errors are relative to, (...).
+    light: I, (..., rows, columns). envelope: n relative to the noise level, as a sum of products
+    of functions of y, (terms, rows), and of x, (terms, columns); 1 if None. norm: what errors are
+    relative to, (...).
     """
 
     def __init__(
-        self, light: torch.Tensor, envelope: torch.Tensor, window: Window, norm: torch.Tensor
+        self,
+        light: torch.Tensor,
+        envelope: tuple[torch.Tensor, torch.Tensor] | None,
+        window: Window,
+        norm: torch.Tensor,
     ) -> None:
-        inside = light[..., window[0], window[1]].to(torch.float64)
-        shape = light.shape[-2:]
-        spread = envelope.to(light.device, torch.float64).expand(shape)[window[0], window[1]]
-        self._crossed, self._square = (inside * spread).sum((-2, -1)), float((spread**2).sum())
+        inside = light[..., window[0], window[1]]
+        if envelope is None:
+            rows, columns = inside.shape[-2:]
+            envelope = torch.ones(1, rows), torch.ones(1, columns)
+        else:
+            envelope = envelope[0][:, window[0]], envelope[1][:, window[1]]
+        y, x = (one.to(light.device, torch.float64) for one in envelope)
+        along_x = (inside @ x.mT.to(inside)).to(torch.float64)
+        self._crossed = (along_x * y.mT).sum((-2, -1))
+        self._square = float(((y @ y.mT) * (x @ x.mT)).sum())
         self._norm = norm
 
     def error(self, level: torch.Tensor) -> float:

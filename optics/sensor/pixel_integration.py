@@ -5,12 +5,16 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from optics.accuracy import Budget, MachineSpeed, require_memory
-from optics.plane import Plane, centred_crop
+from optics.fourier.banded_matrix import BandedMatrix
+from optics.fourier.transform import apply_linear_map
+from optics.plane import Plane
 
 PIXEL_OVERSAMPLING = 1.5
 """Factor by which the samples of integrate_pixels() must be finer than the light's Nyquist rate."""
@@ -26,24 +30,26 @@ class PixelIntegrationSettings:
         Relative L2 error of the light on pixels over the largest deviation of the weights' transfer
         function along an axis: 2 axes, times 2 because a pixel averages out fine fringes that count
         in the deviation. Derived.
-    least_oversampling : float
-        Smallest ratio of the samples' rate to the light's Nyquist rate. Closer to 1, the weights
-        reach far. Chosen.
-    ample_oversampling : float
-        Oversampling where weights for less don't reach the tolerance. Chosen.
-    factors : int
-        Numbers of samples per pixel that are tried, from the smallest one on. Chosen.
+    oversampling : tuple of float
+        Ratios of the samples' rate to the light's Nyquist rate to choose from. Closer to 1, the
+        weights reach far. Chosen; the last one reaches every tolerance.
+    widest_band : float
+        Largest frequency in cycles per sample that weights are fitted for. Chosen.
+    samples_per_digit : float
+        Samples on either side of a pixel that another digit needs, times the oversampling beyond 1.
+        Fitted to tolerances of 1e-3 to 1e-9 and the ratios above, which it meets within a quarter.
     max_reach : int
         Most samples on either side of a pixel that its weights use. Chosen: the error is down to
         rounding there.
     block : int
-        Pixels in a row that are integrated by one matrix; measured to be the fastest.
+        Pixels in a row that are integrated by one matrix; measured to be the fastest. The samples
+        per pixel are whole multiples of its inverse, so that the next block needs the same matrix.
     """
 
     error_margin: float = 4.0
-    least_oversampling: float = 1.03
-    ample_oversampling: float = 1.5
-    factors: int = 2
+    oversampling: tuple[float, ...] = (1.1, 1.25, 1.5)
+    widest_band: float = 0.48
+    samples_per_digit: float = 0.75
     max_reach: int = 96
     block: int = 16
 
@@ -98,18 +104,20 @@ def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
 class PixelWeights:
     """Holds the weights of the samples around a sensor pixel in the light's integral over it.
 
-    weights: float64, symmetric, with the pixel's centre in the middle. factor: samples per pixel.
-    error: relative L2 error of the light on pixels.
+    weights: float64, (pixels, samples), for the pixels of a block, of which the first one's centre
+    is on a sample; the middle one of the samples is the nearest to the pixel's centre. factor:
+    samples per pixel, a multiple of the block's inverse. error: relative L2 error of the light on
+    pixels.
     """
 
     weights: torch.Tensor
-    factor: int
+    factor: Fraction
     error: float
 
     @property
     def reach(self) -> int:
         """The number of samples on either side of a sensor pixel's centre that its weights use."""
-        return self.weights.numel() // 2
+        return self.weights.shape[1] // 2
 
     @property
     def margin(self) -> int:
@@ -118,7 +126,7 @@ class PixelWeights:
 
 
 @functools.lru_cache(maxsize=256)
-def pixel_weights(factor: int, band: float, tol: float) -> PixelWeights:
+def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
     """Find the fewest weights that integrate band-limited light over a sensor pixel.
 
     The transfer function of the weights must be that of the pixel, a sinc, wherever the light has
@@ -128,8 +136,8 @@ def pixel_weights(factor: int, band: float, tol: float) -> PixelWeights:
 
     Parameters
     ----------
-    factor : int
-        Samples per pixel, 1 or more.
+    factor : Fraction
+        Samples per pixel, a multiple of 1/16 and 1 or more.
     band : float
         The light's highest frequency in cycles per sample, below 1/2.
     tol : float
@@ -141,33 +149,74 @@ def pixel_weights(factor: int, band: float, tol: float) -> PixelWeights:
         The weights. Their error, measured at other frequencies than those of the fit, exceeds `tol`
         only if that is beyond double precision.
     """
-    best: PixelWeights | None = None
-    for reach in range(factor // 2 + 1, factor // 2 + _SETTINGS.max_reach):
-        found = _fit_weights(factor, band, reach)
-        if best is None or found.error < best.error:
-            best = found
-        if found.error <= tol:
+    # A pixel's centre between two samples is the hardest case, and one on a sample the easiest.
+    offsets = sorted({_offset(factor, pixel) for pixel in range(_SETTINGS.block)}, key=abs)
+    best: tuple[float, int] | None = None
+    first = math.ceil(factor) // 2 + 1
+    # Far fewer weights than expected needn't be tried.
+    start = max(first, math.floor(0.6 * _expected_reach(0.5 / band, tol)))
+    for reach in range(start, first + _SETTINGS.max_reach):
+        error = max(_fit_weights(factor, band, reach, one)[1] for one in (offsets[0], offsets[-1]))
+        if best is None or error < best[0]:
+            best = error, reach
+        if error <= tol:
             break
     assert best is not None
-    return best
+    found = {one: _fit_weights(factor, band, best[1], one) for one in offsets}
+    rows = [found[_offset(factor, pixel)][0] for pixel in range(_SETTINGS.block)]
+    error = max(one[1] for one in found.values())
+    return PixelWeights(torch.from_numpy(np.stack(rows)), factor, error)
 
 
-def _fit_weights(factor: int, band: float, reach: int) -> PixelWeights:
-    """Fit the weights of 2 reach + 1 samples to a sensor pixel's transfer function."""
-    fitted = band * np.sin(np.pi / 2 * np.linspace(0, 1, 4 * reach + 16))
-    half, *_ = np.linalg.lstsq(
-        _cosines(fitted, reach), factor * np.sinc(factor * fitted), rcond=1e-15
+def _offset(factor: Fraction, pixel: int) -> float:
+    """Return how far the centre of a sensor pixel lies beyond the nearest sample, in samples."""
+    return float(pixel * factor - _nearest_sample(factor, pixel))
+
+
+def _nearest_sample(factor: Fraction, pixel: int) -> int:
+    """Return the number of the sample next to a sensor pixel's centre, from the first pixel's."""
+    return math.floor(pixel * factor + Fraction(1, 2))
+
+
+def _fit_weights(
+    factor: Fraction, band: float, reach: int, offset: float
+) -> tuple[NDArray[np.float64], float]:
+    """Fit the weights of 2 reach + 1 samples to a sensor pixel's transfer function.
+
+    offset: of the pixel's centre from the middle sample. Returns the weights and their error.
+    """
+    width = float(factor)
+    fitted: NDArray[np.float64] = band * np.sin(np.pi / 2 * np.linspace(0, 1, 4 * reach + 16))
+    judged: NDArray[np.float64] = np.linspace(0, band, 8 * reach + 33, dtype=np.float64)
+    if offset:
+        places: NDArray[np.float64] = np.arange(-reach, reach + 1, dtype=np.float64) - offset
+        wanted = np.concatenate((width * np.sinc(width * fitted), np.zeros(fitted.size)))
+        weights, *_ = np.linalg.lstsq(_waves(fitted, places), wanted, rcond=1e-15)
+        cosines, sines = np.split(_waves(judged, places) @ weights / width, 2)
+        deviation = np.hypot(cosines - np.sinc(width * judged), sines)
+    else:
+        half, *_ = np.linalg.lstsq(
+            _cosines(fitted, reach), width * np.sinc(width * fitted), rcond=1e-15
+        )
+        deviation = _cosines(judged, reach) @ half / width - np.sinc(width * judged)
+        weights = np.concatenate((half[:0:-1], half))
+    return np.asarray(weights, dtype=np.float64), _SETTINGS.error_margin * float(
+        np.abs(deviation).max()
     )
-    judged = np.linspace(0, band, 8 * reach + 33)
-    deviation = _cosines(judged, reach) @ half / factor - np.sinc(factor * judged)
-    both = np.concatenate((half[:0:-1], half))
-    error = _SETTINGS.error_margin * float(np.abs(deviation).max())
-    return PixelWeights(torch.from_numpy(both), factor, error)
 
 
-def _cosines(frequency: np.ndarray, reach: int) -> np.ndarray:
+def _waves(frequency: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the transfer functions of samples at places around a sensor pixel's centre.
+
+    The cosines stand above the sines, (2 frequencies, places).
+    """
+    turns = 2 * np.pi * np.outer(frequency, places)
+    return np.concatenate((np.cos(turns), np.sin(turns)))
+
+
+def _cosines(frequency: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
     """Return the transfer functions of pairs of samples at distances 0 to `reach` from a pixel."""
-    cosines = 2 * np.cos(2 * np.pi * np.outer(frequency, np.arange(reach + 1)))
+    cosines: NDArray[np.float64] = 2 * np.cos(2 * np.pi * np.outer(frequency, np.arange(reach + 1)))
     cosines[:, 0] = 1
     return cosines
 
@@ -187,7 +236,7 @@ def pixel_margin(factor: int, tol: float = 1e-9) -> int:
     int
         Pixels on each side.
     """
-    return pixel_weights(factor, 0.5 / PIXEL_OVERSAMPLING, tol).margin
+    return pixel_weights(Fraction(factor), 0.5 / PIXEL_OVERSAMPLING, tol).margin
 
 
 def integrate_pixels(light: torch.Tensor, factor: int, tol: float = 1e-9) -> torch.Tensor:
@@ -212,39 +261,52 @@ def integrate_pixels(light: torch.Tensor, factor: int, tol: float = 1e-9) -> tor
         Light on each pixel: its integral in units of a sample, so that even light of 1 gives
         factor².
     """
-    return _integrate_both_axes(light, pixel_weights(factor, 0.5 / PIXEL_OVERSAMPLING, tol))
+    weights = pixel_weights(Fraction(factor), 0.5 / PIXEL_OVERSAMPLING, tol)
+    shape = (light.shape[-2] // factor, light.shape[-1] // factor)
+    return _integrate_both_axes(light, (weights, weights), shape)
 
 
-def _integrate_both_axes(light: torch.Tensor, weights: PixelWeights) -> torch.Tensor:
-    along_rows = _integrate_along_rows(light, weights)
-    return _integrate_along_rows(along_rows.mT.contiguous(), weights).mT
+def _integrate_both_axes(
+    light: torch.Tensor, weights: tuple[PixelWeights, PixelWeights], shape: tuple[int, int]
+) -> torch.Tensor:
+    """Integrate light over sensor pixels along both axes, to (..., *shape)."""
+    rows, columns = light.shape[-2:]
+    y = _integration_matrix(weights[0], rows, shape[0], light.dtype)
+    x = _integration_matrix(weights[1], columns, shape[1], light.dtype)
 
+    def forward(picture: torch.Tensor) -> torch.Tensor:
+        return x.forward(y.forward(picture).mT.contiguous()).mT
 
-def _integrate_along_rows(light: torch.Tensor, weights: PixelWeights) -> torch.Tensor:
-    """Integrate light over sensor pixels along the last axis, (..., samples) to (..., pixels)."""
-    factor, reach = weights.factor, weights.reach
-    n = light.shape[-1]
-    count = n // factor
-    block = min(_SETTINGS.block, max(count, 1))
-    blocks = math.ceil(count / block)
-    before = reach - (n // 2 - (count // 2) * factor)
-    span = (block - 1) * factor + 2 * reach + 1
-    after = (blocks - 1) * block * factor + span - before - n
-    padded = torch.nn.functional.pad(light, (before, after))
-    parts = padded.unfold(-1, span, block * factor)
-    pixels = parts @ _block_matrix(weights, block).to(light)
-    return pixels.reshape(*light.shape[:-1], blocks * block)[..., :count]
+    def adjoint(picture: torch.Tensor) -> torch.Tensor:
+        return y.adjoint(x.adjoint(picture.mT.contiguous()).mT.contiguous())
+
+    if light.ndim == 2:
+        return apply_linear_map(forward, adjoint, light)
+    found = [apply_linear_map(forward, adjoint, one) for one in light.flatten(0, -3)]
+    if not found:
+        # An empty batch keeps its derivatives.
+        return light[..., : shape[0], : shape[1]]
+    return torch.stack(found).reshape(*light.shape[:-2], *shape)
 
 
 @functools.lru_cache(maxsize=64)
-def _block_matrix(weights: PixelWeights, block: int) -> torch.Tensor:
-    """Return the matrix (samples, pixels) that integrates light over a block of sensor pixels."""
-    long = weights.weights.numel()
-    matrix = torch.zeros((block - 1) * weights.factor + long, block, dtype=torch.float64)
-    for pixel in range(block):
-        start = pixel * weights.factor
-        matrix[start : start + long, pixel] = weights.weights
-    return matrix
+def _integration_matrix(
+    weights: PixelWeights, samples: int, count: int, dtype: torch.dtype
+) -> BandedMatrix:
+    """Return the matrix that integrates light over sensor pixels along one axis.
+
+    The middle one of `samples`, at samples // 2, is the centre of the middle one of `count` pixels.
+    Beyond the samples, light counts as dark.
+    """
+    block, reach = weights.weights.shape[0], weights.reach
+    pixel = torch.arange(count) - count // 2
+    numerator, denominator = weights.factor.numerator, weights.factor.denominator
+    nearest = torch.div(2 * pixel * numerator + denominator, 2 * denominator, rounding_mode="floor")
+    first = nearest + samples // 2 - reach
+    entries = weights.weights[pixel % block]
+    columns = first[:, None] + torch.arange(2 * reach + 1)
+    entries = torch.where((columns >= 0) & (columns < samples), entries, 0.0)
+    return BandedMatrix(entries.to(dtype), first, samples)
 
 
 class PixelIntegration:
@@ -259,8 +321,8 @@ class PixelIntegration:
     ----------
     pixels : Plane
         Pixels on which the light is wanted.
-    cutoff : float
-        Cycles per metre of the light's finest fringe.
+    cutoff : float or tuple of float
+        Cycles per metre of the light's finest fringe; two along y and x where they differ.
     budget : Budget, optional
         Limit of the memory that may be used.
     tol : float, optional
@@ -270,8 +332,8 @@ class PixelIntegration:
     ----------
     plane : Plane
         The samples.
-    margin : int
-        Samples beyond the pixels on each side.
+    margin : tuple of int
+        Samples beyond the pixels on each side, along y and x.
     error : float
         Relative L2 error of the light on pixels, at most `tol` if double precision allows it.
 
@@ -282,17 +344,38 @@ class PixelIntegration:
     """
 
     def __init__(
-        self, pixels: Plane, cutoff: float, budget: Budget | None = None, tol: float = 1e-9
+        self,
+        pixels: Plane,
+        cutoff: float | tuple[float, float],
+        budget: Budget | None = None,
+        tol: float = 1e-9,
     ) -> None:
         self._shape = pixels.shape
-        self._weights = _cheapest_weights(pixels, cutoff, tol)
-        self._factor, self.error = self._weights.factor, self._weights.error
-        beyond = self._weights.margin
-        window = (pixels.shape[0] + 2 * beyond, pixels.shape[1] + 2 * beyond)
-        self.margin = beyond * self._factor
-        self.plane = Plane(window, pixels.pitch, pixels.centre).with_finer_pitch(self._factor)
+        both = cutoff if isinstance(cutoff, tuple) else (cutoff, cutoff)
+        y, x = (
+            _cheapest_weights(pixels.shape[axis], pixels.pitch[axis] * both[axis], tol)
+            for axis in (0, 1)
+        )
+        self._weights = (y, x)
+        self.error = max(one.error for one in self._weights)
+        beyond = [
+            math.ceil((n // 2) * one.factor) + one.reach + 1
+            for n, one in zip(pixels.shape, self._weights, strict=True)
+        ]
+        rows, columns = (2 * half + 1 for half in beyond)
+        pitch_y, pitch_x = (
+            pitch / float(one.factor)
+            for pitch, one in zip(pixels.pitch, self._weights, strict=True)
+        )
+        self.plane = Plane((rows, columns), (pitch_y, pitch_x), pixels.centre)
+        margin_y, margin_x = (
+            max(half - math.floor(n * one.factor / 2), 0)
+            for half, n, one in zip(beyond, pixels.shape, self._weights, strict=True)
+        )
+        self.margin = (margin_y, margin_x)
         allowed = (budget or Budget()).memory
-        what = f"the light on whole pixels, with {self._factor}x{self._factor} samples in each,"
+        per_pixel = "x".join(f"{float(one.factor):g}" for one in self._weights)
+        what = f"the light on whole pixels, with {per_pixel} samples in each,"
         require_memory(what, self.bytes, allowed, "ask for fewer pixels")
 
     @property
@@ -310,36 +393,53 @@ class PixelIntegration:
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor time of one integration over sensor pixels, in seconds."""
         rows, columns = self.plane.shape
-        lines = rows * columns + columns * rows / self._factor
-        each = _SETTINGS.block + 2 * self._weights.reach / self._factor
-        return speed.call + lines * (each * speed.multiply_add + speed.touch)
+        y, x = self._weights
+        lines = rows * columns * (1 / float(x.factor) + 1 / float(y.factor) / float(x.factor))
+        each = 16 * float(x.factor) + 2 * x.reach
+        touched = rows * columns * (1 + 1 / float(x.factor))
+        return speed.call + lines * each * speed.multiply_add + touched * speed.touch
 
     def __call__(self, light: torch.Tensor) -> torch.Tensor:
         """Compute the light on whole pixels, (..., rows, columns), from light on `plane`."""
-        return centred_crop(_integrate_both_axes(light, self._weights), self._shape)
+        return _integrate_both_axes(light, self._weights, self._shape)
+
+    @property
+    def samples_per_pixel(self) -> float:
+        """The number of samples in the area of a sensor pixel."""
+        y, x = self._weights
+        return float(y.factor * x.factor)
 
 
-def _cheapest_weights(pixels: Plane, cutoff: float, tol: float) -> PixelWeights:
-    """Choose the number of samples per sensor pixel that takes the fewest samples in all."""
-    cycles = max(pixels.pitch) * cutoff
-    least = max(1, math.ceil(2 * _SETTINGS.least_oversampling * cycles))
-    found = [
-        _weights_for(factor, cycles, tol) for factor in range(least, least + _SETTINGS.factors)
-    ]
-    if all(one.error > tol for one in found):
-        ample = math.ceil(2 * _SETTINGS.ample_oversampling * cycles)
-        found.append(_weights_for(ample, cycles, tol))
-    good = [one for one in found if one.error <= tol] or found
-    return min(good, key=lambda one: _sample_count(pixels, one))
+def _cheapest_weights(count: int, cycles: float, tol: float) -> PixelWeights:
+    """Choose the number of samples per sensor pixel that takes the fewest samples along an axis.
+
+    count: pixels along the axis. cycles: of the light's finest fringe, per pixel.
+    """
+
+    def expected_samples(ratio: float) -> float:
+        return count * float(_samples_per_pixel(ratio, cycles)) + 2 * _expected_reach(ratio, tol)
+
+    found: list[PixelWeights] = []
+    for ratio in sorted(_SETTINGS.oversampling, key=expected_samples):
+        factor = _samples_per_pixel(ratio, cycles)
+        # Light of half a percent more bandwidth shares the weights of light nearby.
+        band = min(math.ceil(200 * cycles / float(factor)) / 200, _SETTINGS.widest_band)
+        found.append(pixel_weights(factor, band, tol))
+        if found[-1].error <= tol:
+            return found[-1]
+    return min(found, key=lambda one: one.error)
 
 
-def _weights_for(factor: int, cycles: float, tol: float) -> PixelWeights:
-    """Find the weights of a sensor pixel's samples for light with some cycles per pixel at most."""
-    # Light of half a percent more bandwidth shares the weights of light nearby.
-    band = min(math.ceil(200 * cycles / factor) / 200, 0.5 / _SETTINGS.least_oversampling)
-    return pixel_weights(factor, band, tol)
+def _samples_per_pixel(oversampling: float, cycles: float) -> Fraction:
+    """Return how many samples along a sensor pixel resolve light of some cycles per pixel.
+
+    oversampling: of the samples, over the light's Nyquist rate, at least.
+    """
+    parts = max(math.ceil(2 * oversampling * cycles * _SETTINGS.block), _SETTINGS.block)
+    return Fraction(parts, _SETTINGS.block)
 
 
-def _sample_count(pixels: Plane, weights: PixelWeights) -> int:
-    rows, columns = (n + 2 * weights.margin for n in pixels.shape)
-    return rows * columns * weights.factor**2
+def _expected_reach(oversampling: float, tol: float) -> float:
+    """Estimate how far the weights of a sensor pixel reach, in samples."""
+    digits = -math.log10(tol) if tol > 1e-16 else 16.0
+    return _SETTINGS.samples_per_digit * max(digits, 0.0) / max(oversampling - 1, 0.05)

@@ -95,7 +95,7 @@ def off_the_axis(**more) -> StopEdgeScatter:
     camera = Camera(Panel((ROWS, COLUMNS), PITCH, fill_factor=0.81), lens, separation=APART)
     window = Plane((42, 32), (SPECKLE, 2 * SPECKLE), more.pop("centre", (0.0, 0.0)))
     question = PSFRequest(
-        lens, AWAY, WAVELENGTH, window, 1e-3, Budget(), margin=1, separation=APART,
+        lens, AWAY, WAVELENGTH, window, 1e-3, Budget(), margin=(1, 1), separation=APART,
         **{"field": FIELD} | more,
     )  # fmt: skip
     return StopEdgeScatter(question, camera)
@@ -146,7 +146,7 @@ def test_all_of_a_stop_is_lit_by_a_panel_that_is_larger_than_it(stop):
     to a unit of frequency area: a pixel's own area, of a panel that is lit alike."""
     wide = Camera(Panel((400, 400), PITCH), Lens(0.05, 50.0, 2.0, stop), separation=1e-4)
     window = Plane((12, 22), (3e-6, 4e-6))
-    question = PSFRequest(wide.lens, 2.0, WAVELENGTH, window, 1e-3, Budget(), margin=1,
+    question = PSFRequest(wide.lens, 2.0, WAVELENGTH, window, 1e-3, Budget(), margin=(1, 1),
                         separation=1e-4)  # fmt: skip
     edge = StopEdgeScatter(question, wide)
     area = np.pi * 0.5e-3**2 * (1.0 if stop == Stop() else 0.25 - 0.04)

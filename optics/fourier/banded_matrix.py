@@ -1,0 +1,80 @@
+"""Multiply lines of samples by a matrix that is zero but for a band."""
+
+from __future__ import annotations
+
+import torch
+
+_BLOCK = 16
+"""Rows that are multiplied at a time; of 8, 16 and 32 the fastest for 901 rows of 8 entries."""
+
+
+class BandedMatrix:
+    """Multiplies the rows of a field by a matrix with a few entries in each row, side by side.
+
+    Some rows at a time are multiplied by a small dense matrix.
+
+    Parameters
+    ----------
+    entries : torch.Tensor, (rows, width)
+        The entries that may differ from zero.
+    first : torch.Tensor, (rows,), int64
+        The column of the first entry of each row, in ascending order. Entries outside the matrix
+        must be zero, or belong to a mirrored one.
+    columns : int
+        Columns of the matrix.
+    mirrored : bool, optional
+        Whether an entry of a negative column stands in the column of the opposite number: the lines
+        that are multiplied are even in their number. False by default.
+    """
+
+    def __init__(
+        self, entries: torch.Tensor, first: torch.Tensor, columns: int, *, mirrored: bool = False
+    ) -> None:
+        self.shape = (entries.shape[0], columns)
+        self._entries, self._first, self._mirrored = entries, first, mirrored
+        self._blocks: list[tuple[slice, slice, torch.Tensor]] | None = None
+
+    @property
+    def bytes(self) -> int:
+        """The memory in bytes of the banded matrix with its blocks, about."""
+        rows, width = self._entries.shape
+        span = width + _BLOCK * self.shape[1] / max(rows, 1)
+        return int(self._entries.element_size() * rows * (width + span))
+
+    def blocks(self, device: torch.device) -> list[tuple[slice, slice, torch.Tensor]]:
+        """Return the dense blocks of the banded matrix on a device: rows, columns and entries."""
+        if self._blocks is None or self._blocks[0][2].device != device:
+            starts = range(0, self.shape[0], _BLOCK)
+            self._blocks = [self._block(start, device) for start in starts]
+        return self._blocks
+
+    def _block(self, start: int, device: torch.device) -> tuple[slice, slice, torch.Tensor]:
+        """Return a dense block of the banded matrix, with its rows and columns."""
+        entries = self._entries[start : start + _BLOCK]
+        first = self._first[start : start + _BLOCK]
+        columns = first[:, None] + torch.arange(entries.shape[1])
+        if self._mirrored:
+            columns = columns.abs()
+        inside = (columns >= 0) & (columns < self.shape[1])
+        begin = int(columns[inside].min()) if inside.any() else 0
+        end = int(columns[inside].max()) + 1 if inside.any() else 0
+        dense = entries.new_zeros(entries.shape[0], end - begin)
+        row = torch.arange(entries.shape[0])[:, None].expand_as(columns)
+        places = (row[inside], columns[inside] - begin)
+        dense.index_put_(places, entries[inside], accumulate=True)
+        rows = slice(start, start + entries.shape[0])
+        return rows, slice(begin, end), dense.to(device)
+
+    def forward(self, lines: torch.Tensor) -> torch.Tensor:
+        """Multiply by the banded matrix, from (columns, lines) to (rows, lines)."""
+        product = lines.new_empty(self.shape[0], lines.shape[1])
+        for rows, columns, block in self.blocks(lines.device):
+            torch.mm(block, lines[columns], out=product[rows])
+        return product
+
+    def adjoint(self, lines: torch.Tensor) -> torch.Tensor:
+        """Multiply by the conjugate transpose of the banded matrix, from rows to columns."""
+        product = lines.new_zeros(self.shape[1], lines.shape[1])
+        for rows, columns, block in self.blocks(lines.device):
+            product[columns].addmm_(block.mH, lines[rows])
+        return product

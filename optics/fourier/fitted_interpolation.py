@@ -1,0 +1,188 @@
+"""Interpolate a spectrum on an FFT's grid to samples of any pitch, by weights that are fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from optics.fourier.banded_matrix import BandedMatrix
+from optics.gauss_legendre import gauss_legendre
+
+_SPARE_NODES = 24
+"""Quadrature nodes beyond two for each weight. Chosen: a smooth factor needs few."""
+
+_LEAST_EIGENVALUE = 1e-15
+"""Eigenvalues of the weights' normal equations below this share of the largest one are rounding."""
+
+_LEAST_GAIN = 0.9
+"""Largest ratio of the errors with one more weight and without it; above it, rounding rules."""
+
+SmoothFactor = Callable[[NDArray[np.float64]], NDArray[np.complex128]]
+"""Returns a smooth factor at places -1 to 1 across the input, (samples, places)."""
+
+
+class FittedInterpolation:
+    """Interpolates a spectrum along one axis, from an FFT's grid to samples at any frequency.
+
+    The input has `count` samples at the places t = -(count - 1) / 2 to (count - 1) / 2, and its
+    spectrum is known at the frequencies v / length for whole v. At a sample's frequency, q /
+    length, the result is
+
+        sum over t of f(t) g(t) exp(-2 pi i q t / length),
+
+    with a smooth factor g that may differ from sample to sample. If the input is first multiplied
+    by `scaling`, a few grid points around q suffice. Their weights are fitted by least squares, so
+    that their scaled exponentials make up that of the sample times g over all t (Fessler and Sutton
+    2003, sections II and III). The scaling is the inverse of a Kaiser-Bessel kernel's spectrum.
+
+    Parameters
+    ----------
+    count : int
+        Number of input samples.
+    length : int
+        Length of the FFT, more than `count`.
+    frequencies : ndarray, (samples,)
+        Frequencies of the samples in cycles per input sample, in ascending order.
+    tol : float
+        Relative L2 error that is allowed, in the mean over t.
+    factor : callable, optional
+        Returns g at places t / (count / 2), complex, (samples, places). One by default.
+
+    Attributes
+    ----------
+    grid : range
+        The grid points v that are used; they may be negative.
+    scaling : ndarray, (count,)
+        Factors on the input.
+    rounding_growth : float
+        Factor by which rounding errors of the spectrum grow, relative to even input.
+    error : float
+        What the weights miss of a sample's exponential, whose modulus is 1: the root mean square
+        over t, of the worst sample.
+
+    References
+    ----------
+    J. A. Fessler and B. P. Sutton, IEEE Trans. Signal Process. 51, 560, 2003,
+    doi 10.1109/TSP.2002.807005.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        length: int,
+        frequencies: NDArray[np.float64],
+        tol: float,
+        factor: SmoothFactor | None = None,
+    ) -> None:
+        self._count, self._length = count, length
+        self._places, self._factor = frequencies * length, factor
+        width = max(2, interpolation_width(count / length, tol) - 2)
+        self._fit(width)
+        while self.error > tol and width < count:
+            before, width = self.error, width + 1
+            self._fit(width)
+            if self.error > _LEAST_GAIN * before:
+                break
+        self.grid = range(int(self._bases.min()), int(self._bases.max()) + width)
+        places = (np.arange(count, dtype=np.float64) - (count - 1) / 2) / (count / 2)
+        self.scaling = self._scaling_at(places, width)
+        gain = np.sqrt((np.abs(self._weights) ** 2).sum(1).max(initial=0.0))
+        self.rounding_growth = float(gain * np.sqrt((self.scaling**2).mean()))
+
+    def _scaling_at(self, places: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+        """Return the interpolation's factors on the input at places t / (count / 2)."""
+        beta = math.pi * width * (1 - 0.5 * self._count / self._length)
+        turn = math.pi * width / 2 * places * (self._count / self._length)
+        root = np.sqrt(beta**2 - turn**2)
+        # The largest one, at the ends, is 1.
+        spectrum = np.sinh(root) / root
+        end = math.sqrt(beta**2 - (math.pi * width / 2 * self._count / self._length) ** 2)
+        scaling: NDArray[np.float64] = math.sinh(end) / end / spectrum
+        return scaling
+
+    def _fit(self, width: int) -> None:
+        """Fit the interpolation's `width` weights for every sample, and measure what they miss."""
+        # The grid points lie evenly around each sample.
+        self._bases = np.ceil(self._places - width / 2).astype(np.int64)
+        wanted, waves, mean = self._exponentials(width, 2 * width + _SPARE_NODES)
+        weighted = waves.conj() * mean[:, None]
+        inverse = np.linalg.pinv(weighted.T @ waves, rcond=_LEAST_EIGENVALUE, hermitian=True)
+        self._weights = wanted @ weighted @ inverse.T
+        # Other nodes than those of the fit judge it.
+        wanted, waves, mean = self._exponentials(width, 2 * width + _SPARE_NODES + 7)
+        missed = wanted - self._weights @ waves.T
+        squares = (missed.real**2 + missed.imag**2) @ mean
+        self.error = math.sqrt(float(squares.max(initial=0.0)))
+
+    def _exponentials(
+        self, width: int, count: int
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
+        """Return what the interpolation shall make up, of what, and the weights of a mean over t.
+
+        The first is (samples, places), relative to the exponential of the sample's first grid
+        point. The second holds the scaled exponentials of its grid points, (places, width),
+        relative to the first one. count: number of the places.
+        """
+        places, weights = gauss_legendre(count)
+        turns = places * (self._count / self._length / 2)
+        wanted = np.exp(-2j * math.pi * np.outer(self._places - self._bases, turns))
+        if self._factor is not None:
+            wanted = wanted * self._factor(places)
+        waves = np.exp(-2j * math.pi * np.outer(turns, np.arange(width)))
+        return wanted, waves * self._scaling_at(places, width)[:, None], weights / 2
+
+    def matrix(
+        self, dtype: torch.dtype, phases: NDArray[np.complex128] | None = None
+    ) -> BandedMatrix:
+        """Return the interpolation as a matrix from the spectrum on `grid` to the samples.
+
+        The spectrum's phases count from the first sample of the input, as an FFT's do.
+
+        Parameters
+        ----------
+        dtype : torch.dtype
+            complex64 or complex128.
+        phases : ndarray, (samples,), optional
+            By which the samples are multiplied afterwards.
+
+        Returns
+        -------
+        BandedMatrix
+            (samples, grid points).
+        """
+        grid = self._bases[:, None] + np.arange(self._weights.shape[1])
+        turns = np.mod(grid * ((self._count - 1) / (2 * self._length)), 1)
+        entries = self._phased(self._weights * np.exp(2j * math.pi * turns), phases)
+        first = torch.from_numpy(self._bases - self.grid.start)
+        return BandedMatrix(torch.from_numpy(entries).to(dtype), first, len(self.grid))
+
+    def matrix_of_mirrored_input(
+        self, dtype: torch.dtype, phases: NDArray[np.complex128] | None = None
+    ) -> BandedMatrix:
+        """Return the interpolation as a matrix from the spectrum of input that is mirrored.
+
+        The spectrum is even, and known at the grid points from zero on. Its phases count from the
+        middle of the input. For the parameters see `matrix`.
+        """
+        entries = torch.from_numpy(self._phased(self._weights, phases)).to(dtype)
+        kept = max(-self.grid.start, self.grid.stop - 1, 0) + 1
+        return BandedMatrix(entries, torch.from_numpy(self._bases), kept, mirrored=True)
+
+    def _phased(
+        self, weights: NDArray[np.complex128], phases: NDArray[np.complex128] | None
+    ) -> NDArray[np.complex128]:
+        """Multiply the interpolation's weights by a phase for each sample."""
+        return weights if phases is None else weights * phases[:, None]
+
+
+def interpolation_width(share: float, tol: float) -> int:
+    """Estimate how many weights interpolate a spectrum to a relative error.
+
+    It is the width of the Kaiser-Bessel kernel (see `optics.fourier.gridded.spread_width`), of
+    which fitted weights need a few less. share: input samples over the FFT's length, below 1.
+    """
+    return math.ceil(-math.log(tol) / (math.pi * math.sqrt(1 - share))) + 1
