@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from annotated_types import MinLen
 from pydantic import Field, TypeAdapter, model_validator
 
+from labapp.files.formula_patterns import FORMULA_PATTERNS
 from labapp.files.grey_table import GREY_PATTERNS, GreyPattern
-from labapp.files.phase_table import FORMULA_PATTERNS, Iterations, PhasePattern, RingPattern
+from labapp.files.phase_table import Iterations, PhasePattern, RingPattern
 from labapp.files.reading import FileModel
 from labapp.files.table import Key, Positive, tag_value
 from labapp.files.target_table import TARGET_SHAPES, TargetShape

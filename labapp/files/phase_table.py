@@ -156,7 +156,7 @@ class LogarithmicPattern(FormulaPattern):
         from optics import patterns
         from optics.stop_shadow import panel_to_focus_distance
 
-        radius = _metres(self.radius_mm) or _illuminated_radius(camera)
+        radius = _metres(self.radius_mm) or illuminated_radius(camera)
         distances = (self.near_m, self.far_m, panel_to_focus_distance(camera))
         return patterns.logarithmic_asphere(camera.panel, *distances, self.wavelength, radius)
 
@@ -283,7 +283,7 @@ class ZernikePattern(FormulaPattern):
         from optics import patterns
 
         terms = [(n, m, path * 1e-9) for n, m, path in self.terms]
-        radius = _metres(self.radius_mm) or _illuminated_radius(camera)
+        radius = _metres(self.radius_mm) or illuminated_radius(camera)
         return patterns.zernike_pattern(camera.panel, terms, radius, self.wavelength)
 
 
@@ -313,15 +313,11 @@ class RingPattern(PhasePattern):
         return replace(self, iterations=1)
 
 
-FORMULA_PATTERNS = tuple(FormulaPattern.__subclasses__())
-"""All formula patterns, in the order in which they are listed and offered."""
-
-
 def _metres(millimetres: float | None) -> float | None:
     return None if millimetres is None else millimetres * 1e-3
 
 
-def _illuminated_radius(camera: Camera) -> float:
+def illuminated_radius(camera: Camera) -> float:
     """Return the default radius in metres of a plan file's round patterns.
 
     The default is the radius of the disc on the panel whose light passes the stop.

@@ -21,6 +21,7 @@ _UNITS = {
     "_m": "m",
     "_rad": "rad",
     "_deg": "°",
+    "_dioptre": "D",
     "_px": "pixels",
     "_s": "s",
 }

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from labapp.files.formula_patterns import FORMULA_PATTERNS
 from labapp.files.grey_table import GREY_PATTERNS, ConstantPattern
-from labapp.files.phase_table import FORMULA_PATTERNS, RingPattern, ZernikePattern
+from labapp.files.phase_table import RingPattern, ZernikePattern
 from labapp.files.table import Key, Table, keys_of, tag_value, unit_of
 from labapp.files.target_table import TARGET_SHAPES, TargetShape
 from labapp.window.messages import PatternTable

@@ -9,12 +9,24 @@ the sensor.
 
 from __future__ import annotations
 
-from optics.patterns import aberrations, constant, extended_depth, gratings, lenses, patches, slope
+from optics.patterns import (
+    aberrations,
+    constant,
+    extended_depth,
+    focal_sweep,
+    gratings,
+    lenses,
+    multi_focus,
+    patches,
+    slope,
+)
 from optics.patterns.aberrations import *
 from optics.patterns.constant import *
 from optics.patterns.extended_depth import *
+from optics.patterns.focal_sweep import *
 from optics.patterns.gratings import *
 from optics.patterns.lenses import *
+from optics.patterns.multi_focus import *
 from optics.patterns.patches import *
 from optics.patterns.slope import *
 
@@ -23,7 +35,9 @@ __all__: list[str] = []
 __all__ += aberrations.__all__
 __all__ += constant.__all__
 __all__ += extended_depth.__all__
+__all__ += focal_sweep.__all__
 __all__ += gratings.__all__
 __all__ += lenses.__all__
+__all__ += multi_focus.__all__
 __all__ += patches.__all__
 __all__ += slope.__all__

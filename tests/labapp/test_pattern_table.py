@@ -53,6 +53,20 @@ def shown(table: dict[str, Any], folder: Any = None, seed: int = 3) -> np.ndarra
 
 
 FORMULAS = {
+    "multi-focus": (
+        {"vergences_dioptre": [0.7, 0.3, 0.5], "rings": 9, "order": "cyclic", "radius_mm": 8},
+        lambda: patterns.multi_focus_rings(
+            PANEL, (0.7, 0.3, 0.5), WAVE, 9, 0.5, 8e-3, order="cyclic"
+        ),
+    ),
+    "focal-sweep": (
+        {"near_dioptre": 0.7, "far_dioptre": 0.2, "sweeps": 3, "even_in": "area"},
+        lambda: patterns.focal_sweep_axicon(PANEL, 0.7, 0.2, WAVE, 3, 0.5, even_in="area"),
+    ),
+    "lattice-focal": (
+        {"near_dioptre": 0.7, "far_dioptre": 0.2, "columns": 3, "rows": 5},
+        lambda: patterns.lattice_focal_lens(PANEL, 0.7, 0.2, WAVE, 3, 5, 0.5),
+    ),
     "lens": (
         {"focal_length_m": 20, "centre_mm": [1, -2]},
         lambda: patterns.fresnel_lens(PANEL, 20, WAVE, (1e-3, -2e-3)),
@@ -98,6 +112,19 @@ def test_a_blaze_by_its_period():
     grey = shown({"kind": "blaze", "period_px": 8, "angle_deg": 180})
     truth = phase_to_grey(PANEL, patterns.blazed_grating(PANEL, 8, math.pi), WAVE)
     assert (grey == truth.numpy()).all()
+
+
+def test_even_foci_are_the_middles_of_equal_parts_of_the_range():
+    table = {"kind": "multi-focus", "rings": 12}
+    even = {"near_dioptre": 0.8, "far_dioptre": 0.2, "foci": 3}
+    assert (shown(table | even) == shown(table | {"vergences_dioptre": [0.7, 0.5, 0.3]})).all()
+
+
+def test_foci_in_random_order_follow_the_seed():
+    table = {"kind": "multi-focus", "near_dioptre": 0.8, "order": "random"}
+    assert (shown(table) == shown(table)).all()
+    assert (shown(table) != shown(table, seed=4)).any()
+    assert read(table).depends_on_seed
 
 
 def test_aberrations_without_a_radius_are_those_of_the_light_that_passes():
@@ -439,6 +466,11 @@ def test_every_kind_has_a_label_and_says_whether_it_varies():
         ({"kind": "binary", "period_px": 1}, "greater than or equal to 2"),
         ({"kind": "sine", "period_px": 3}, "greater than or equal to 4"),
         ({"kind": "annular", "rings": 0}, "greater than or equal to 1"),
+        ({"kind": "multi-focus", "vergences_dioptre": []}, "at least 1 item"),
+        ({"kind": "multi-focus", "order": "golden"}, "'interleaved'"),
+        ({"kind": "focal-sweep", "sweeps": 0}, "greater than or equal to 1"),
+        ({"kind": "focal-sweep", "even_in": "light"}, "'radius'"),
+        ({"kind": "lattice-focal", "near_dioptre": math.inf}, "finite"),
         ({"kind": "zernike", "terms": []}, "at least 1 item"),
         ({"kind": "zernike", "terms": [[3, 2, 5]]}, r"zernike \(3, 2\) doesn't exist"),
         ({"kind": "zernike", "terms": 5}, "valid tuple"),
@@ -486,6 +518,11 @@ def test_a_table_that_cannot_be_is_told_why(table, message):
     [
         ({"kind": "lens", "focal_length_m": 0.01}, r"focal_length changes .* at least"),
         ({"kind": "cubic", "strength_rad": 1e4}, r"strength changes .* at most"),
+        ({"kind": "multi-focus", "rings": 4}, "rings is 4; choose 10 or more"),
+        ({"kind": "multi-focus"}, r"vergences has one that .* within 0.447 dioptres of focus, 0.5"),
+        ({"kind": "focal-sweep", "far_dioptre": 3}, "near is 2 dioptres; it must be more than far"),
+        ({"kind": "focal-sweep"}, r"near 2 or far 0 changes .* within 0.447 dioptres"),
+        ({"kind": "lattice-focal", "rows": 200}, "rows is 200; choose 1 to 108"),
         (PSF | {"target": {"shape": "ring", "radius_um": 1e5}}, "the panel steers light to"),
         (PSF | {"target": {"shape": "shrinking-spiral"}}, "make a video of 2 frames or more"),
         (PSF | {"target": {"shape": "letters", "text": "§"}}, "text has '§'"),
