@@ -82,6 +82,19 @@ def psf_output_paths(path: Path, *, force: bool) -> tuple[Path, Path]:
     return path, picture
 
 
+def edof_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path]:
+    """Return the paths of a design for depth of field: design file, pattern, and its picture.
+
+    Raises UserError for a name that isn't a design file's, or files that exist.
+    """
+    if not is_design(path):
+        raise UserError(f"--out {path}: a design is written as .h5. Name such a file.")
+    picture = path.with_name(f"{path.stem}_design.png")
+    files = (path, path.with_suffix(".png"), picture)
+    require_all_writable(files, force=force)
+    return files
+
+
 def beam_output_path(path: Path, *, force: bool) -> Path:
     """Return the path of the output file for a picture of the beam along the axis."""
     if path.suffix.lower() != ".png":

@@ -369,7 +369,7 @@ class PixelIntegration:
         )
         self.plane = Plane((rows, columns), (pitch_y, pitch_x), pixels.centre)
         margin_y, margin_x = (
-            max(half - math.floor(n * one.factor / 2), 0)
+            max(half - math.ceil(n * one.factor / 2), 0)
             for half, n, one in zip(beyond, pixels.shape, self._weights, strict=True)
         )
         self.margin = (margin_y, margin_x)

@@ -9,7 +9,9 @@ import torch
 from judges import positions
 
 from optics.camera import Sensor
+from optics.plane import Plane
 from optics.sensor import (
+    PixelIntegration,
     expose,
     integrate_pixels,
     pixel_margin,
@@ -132,6 +134,32 @@ def test_pixels_integrate_a_fringe_exactly(n, factor, dtype, bound):
     assert pixels.shape == (n, n)
     assert error.size > 0
     assert error.max() <= bound
+
+
+@pytest.mark.parametrize("shape", [(40, 51), (37, 18)])
+@pytest.mark.parametrize("cycles", [(0.3, 0.97), (1.13, 0.51)])
+@pytest.mark.parametrize("tol", [1e-3, 1e-5, 1e-9])
+def test_parts_of_samples_per_pixel_integrate_a_fringe(shape, cycles, tol):
+    """Of the finest fringe along each axis; the truth is as for whole numbers of samples."""
+    pitch, centre = (2e-6, 3e-6), (1e-5, -4e-5)
+    pixels = Plane(shape, pitch, centre)
+    cutoff = (cycles[0] / pitch[0], cycles[1] / pitch[1])
+    integral = PixelIntegration(pixels, cutoff, tol=tol)
+    samples, truth = [], []
+    for axis in (0, 1):
+        turn = 2 * np.pi * cutoff[axis]
+        place = integral.plane.coordinates(axis).numpy() - centre[axis]
+        middle = pixels.coordinates(axis).numpy() - centre[axis]
+        samples.append(1 + 0.8 * np.cos(turn * place + 0.4))
+        truth.append(1 + 0.8 * np.sinc(cycles[axis]) * np.cos(turn * middle + 0.4))
+    per_pixel = integral.samples_per_pixel
+    found = integral(torch.from_numpy(np.outer(*samples))).numpy() / per_pixel
+    error = np.linalg.norm(found - np.outer(*truth)) / np.linalg.norm(np.outer(*truth))
+    assert error <= max(integral.error, 1e-12)
+    assert integral.error <= tol
+    # No more samples than half as many again as Nyquist's rate takes, and a margin.
+    assert per_pixel <= np.prod([max(1.0, 2 * 1.5 * c + 1 / 16) for c in cycles])
+    assert found.shape == shape
 
 
 def test_pixels_of_a_batch_are_those_of_each_picture():

@@ -1,0 +1,324 @@
+"""`labapp design edof`: design a pattern for depth of field, and tell what it gives."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from labapp.bench.opening import BenchFiles
+from labapp.common.console import out, print_json, print_table, terminal_progress
+from labapp.common.errors import UserError
+from labapp.edof.design_analysis import (
+    DepthCurves,
+    DepthPictures,
+    analyse_depths,
+    bound_level,
+    compute_depth_pictures,
+    rate_all_hand_made,
+)
+from labapp.edof.design_drawing import DesignDrawing, draw_design
+from labapp.edof.design_problem import EdofProblem
+from labapp.edof.design_request import EdofRequest
+from labapp.edof.design_state import DesignStateFile
+from labapp.files.bench_file import BenchFile, read_bench
+from labapp.files.design_file import DesignContents, Grid, write_design
+from labapp.files.writing import encode_image, write_atomically
+from optics.edof.pattern_rating import PatternRating
+from optics.edof.pattern_search import design_pattern
+from optics.edof.pattern_transfer import PatternTransfer
+from optics.edof.search_state import DesignResult, SearchSettings, SearchState
+from optics.progress import Cancelled, Progress
+from optics.slm import phase_to_grey
+from optics.threads import single_threaded
+
+_TIMED_STEPS = 3
+"""Steps of which the time is measured, before minutes become a number of steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedDesign:
+    """A designed pattern with everything that is told of it."""
+
+    problem: EdofProblem
+    result: DesignResult
+    phase: torch.Tensor
+    grey: np.ndarray
+    start: DepthCurves
+    design: DepthCurves
+    hand_made: dict[str, PatternRating]
+    bound: float
+    limit: torch.Tensor
+    pictures: DepthPictures
+    steps: int
+    cpu_seconds: float
+
+
+@single_threaded
+def design_edof(
+    request: EdofRequest, files: Sequence[Path], *, steps: int | None, minutes: float, as_json: bool
+) -> None:
+    """Design a pattern that extends the depth of field, write it, and print what it gives.
+
+    Parameters
+    ----------
+    request : EdofRequest
+        What is designed.
+    files : sequence of Path
+        The design file (.h5), and pictures (.png) of the pattern and of the design.
+    steps : int or None
+        Steps of the search; None for as many as `minutes` are enough for.
+    minutes : float
+        Time that the search may take, of which the number of steps is made once.
+    as_json : bool
+        Whether to print JSON for programs instead of a table.
+
+    Raises
+    ------
+    UserError
+        If the bench can't be designed for, or a file can't be read.
+    """
+    bench = read_bench(BenchFiles.with_defaults(request.bench).bench)
+    problem = EdofProblem(request, bench.build_camera())
+    try:
+        done = _design(problem, files[0], steps, minutes, quiet=as_json)
+    except ValueError as error:
+        raise UserError(f"design edof: {error}.") from error
+    _write(done, bench, files)
+    if as_json:
+        print_json({**_account(done), "files": [str(one) for one in files]})
+        return
+    print_table("Pattern for an extended depth of field", ["", "blind", "depth known"], _rows(done))
+    out.print(_notes(done), markup=False)
+    for one in files:
+        out.print(f"wrote {one}", markup=False, soft_wrap=True)
+
+
+def _design(
+    problem: EdofProblem, path: Path, steps: int | None, minutes: float, *, quiet: bool
+) -> FinishedDesign:
+    """Search for a pattern, go on from a kept state if there is one, and analyse what is found."""
+    request, started = problem.request, time.process_time()
+    transfer = problem.transfer(request.wavelengths[0])
+    start = problem.parametrisation.fit(problem.start_phase())
+    kept = DesignStateFile(path.with_suffix(".design-state"), request.as_data())
+    state = kept.read() or SearchState()
+    steps = _decide_steps(kept, steps, lambda: _steps_in(minutes, problem, transfer, start))
+    if not quiet:
+        going_on = f" (going on after step {state.step})" if state.step else ""
+        out.print(f"{steps} steps{going_on}; kept so far in {kept.path}", markup=False)
+    with terminal_progress() as progress:
+        result = _search(problem, transfer, start, steps, state, kept, progress.part(0, 0.9))
+        phase = problem.parametrisation.phase(result.parameters).detach()
+        pictures = compute_depth_pictures(problem, transfer, phase, progress.part(0.9, 1))
+    limit = problem.limit(request.wavelengths[0])
+    grey = phase_to_grey(problem.camera.panel, phase, request.wavelengths[0], request.orders)
+    done = FinishedDesign(
+        problem,
+        result,
+        phase,
+        grey.numpy(),
+        analyse_depths(problem, transfer, problem.phase(start)),
+        analyse_depths(problem, transfer, result.phase),
+        rate_all_hand_made(problem),
+        bound_level(problem, limit),
+        limit,
+        pictures,
+        steps,
+        time.process_time() - started,
+    )
+    kept.delete()
+    return done
+
+
+def _decide_steps(kept: DesignStateFile, steps: int | None, count_steps: Callable[[], int]) -> int:
+    """Return the steps of a design in all: those of its kept state, or those that are asked for.
+
+    Raises UserError if both are given and differ: the search's rate depends on all steps.
+    """
+    if kept.steps is not None and steps not in (None, kept.steps):
+        raise UserError(
+            f"--steps {steps}: the design in {kept.path} has {kept.steps} in all. Give the same "
+            "number to go on, or delete that file."
+        )
+    kept.steps = kept.steps or steps or count_steps()
+    return kept.steps
+
+
+def _search(
+    problem: EdofProblem,
+    transfer: PatternTransfer,
+    start: torch.Tensor,
+    steps: int,
+    state: SearchState,
+    kept: DesignStateFile,
+    progress: Progress,
+) -> DesignResult:
+    """Search for a pattern, and keep the state now and then, and when the search is cancelled."""
+
+    def report(fraction: float, message: str) -> None:
+        kept.write_if_due(state)
+        progress.report(fraction, message)
+
+    request = problem.request
+    try:
+        return design_pattern(
+            transfer,
+            start,
+            problem.spectrum_on(transfer.grid),
+            request.noise,
+            steps=steps,
+            generator=torch.Generator().manual_seed(request.seed),
+            criterion=request.decoder,
+            pattern=problem.phase,
+            depth_range=problem.depth_range,
+            progress=Progress(report),
+            state=state,
+        )
+    except Cancelled:
+        if state.step:
+            kept.write(state)
+        raise
+
+
+def _steps_in(
+    minutes: float, problem: EdofProblem, transfer: PatternTransfer, start: torch.Tensor
+) -> int:
+    """Return how many steps of a design fit into some minutes, by the time of a few of them."""
+    far, near = problem.depth_range
+    depths = tuple(np.linspace(far, near, SearchSettings().depths))
+    parameters = start.clone().requires_grad_()
+    times = []
+    for _ in range(_TIMED_STEPS):
+        begun = time.perf_counter()
+        found = transfer(problem.phase(parameters), depths)
+        torch.autograd.backward(found.abs().sum())
+        times.append(time.perf_counter() - begun)
+    return max(1, int(60 * minutes / min(times)))
+
+
+def _write(done: FinishedDesign, bench: BenchFile, files: Sequence[Path]) -> None:
+    """Write a design's file, the pattern as the panel shows it, and its picture."""
+    request, camera = done.problem.request, done.problem.camera
+    period = 2 * math.pi * request.orders
+    pictures = done.pictures
+    places = (pictures.pixels.coordinates(axis).numpy() for axis in (0, 1))
+    contents = DesignContents(
+        title="extended depth of field",
+        settings={"design": "edof", **request.as_data(), **_orientation(done)},
+        bench=bench.model_dump(mode="json"),
+        wavelength=request.wavelengths[0],
+        grey=done.grey[None],
+        phase=torch.remainder(done.phase, period).to(torch.float32).numpy()[None],
+        orders=request.orders,
+        frame_time=0.0,
+        pixel_pitch=camera.panel.pitch,
+        psf=Grid(pictures.psfs, *places),
+        target=None,
+        quality=_quality(done),
+    )
+    design, pattern, picture = files
+    write_design(design, contents)
+    write_atomically(pattern, encode_image(pattern, done.grey))
+    drawing = DesignDrawing(
+        done.grey,
+        pictures,
+        done.limit[0].numpy(),
+        done.start,
+        done.design,
+        done.bound,
+        request.decoder,
+    )
+    write_atomically(picture, draw_design(_title(done), drawing))
+
+
+def _orientation(done: FinishedDesign) -> dict[str, Any]:
+    """Return how the pattern of a design is shown: focus, orientation and look-up table."""
+    lens, panel = done.problem.camera.lens, done.problem.camera.panel
+    return {
+        "focus_dioptre": 1 / lens.focus_distance,
+        "orientation": "rows from the top, columns from the left, as the panel shows them",
+        "lut": "the panel's measured response" if panel.response else "linear to the panel's range",
+    }
+
+
+def _quality(done: FinishedDesign) -> dict[str, Any]:
+    """Return the figures of a design for its file; lists have a value for each rated depth."""
+    return {
+        **_account(done)["expected_psnr"],
+        "depths_dioptre": done.design.dioptres.tolist(),
+        "blind_over_depth": done.design.blind.tolist(),
+        "known_over_depth": done.design.known.tolist(),
+        "shown_dioptre": done.pictures.dioptres.tolist(),
+        "steps": done.steps,
+        "cpu_seconds": done.cpu_seconds,
+    }
+
+
+def _account(done: FinishedDesign) -> dict[str, Any]:
+    """Return what is told of a design, as plain data."""
+    request, rating = done.problem.request, done.design.rating
+    return {
+        "settings": request.as_data(),
+        "steps": done.steps,
+        "skipped_steps": done.result.skipped,
+        "cpu_seconds": done.cpu_seconds,
+        "light_in_window": rating.light,
+        "expected_psnr": {
+            "blind": rating.blind,
+            "known_depth": rating.known_depth,
+            "bound": done.bound,
+            "start_blind": done.start.rating.blind,
+            "start_known_depth": done.start.rating.known_depth,
+        },
+        "hand_made": {
+            name: {"blind": one.blind, "known_depth": one.known_depth}
+            for name, one in done.hand_made.items()
+        },
+        "spectrum": done.problem.spectrum_source,
+    }
+
+
+def _rows(done: FinishedDesign) -> list[list[str]]:
+    """Return the printed rows of a design: expected PSNR in dB, beside the bound."""
+    rated = [("designed", done.design.rating), ("start", done.start.rating)]
+    rated += [(f"{name}, hand-made", one) for name, one in done.hand_made.items()]
+    rows = [[name, f"{one.blind:.2f} dB", f"{one.known_depth:.2f} dB"] for name, one in rated]
+    return [*rows, ["bound of any pattern", "", f"{done.bound:.2f} dB"]]
+
+
+def _notes(done: FinishedDesign) -> str:
+    """Return the sentences that are printed below a design's table."""
+    request, rating = done.problem.request, done.design.rating
+    worst = done.design.known if request.decoder == "known" else done.design.blind
+    told = [
+        f"Expected PSNR of linear restoration, {request.far:g} to {request.near:g} D, noise "
+        f"{request.noise:g}, spectrum of {done.problem.spectrum_source}.",
+        f"Worst depth {worst.min():.2f} dB at {done.design.dioptres[worst.argmin()]:.2f} D. "
+        f"{100 * rating.light:.1f} % of the light reaches the window.",
+        f"{done.steps} steps, {done.cpu_seconds:.0f} s of processor time.",
+    ]
+    if done.result.skipped:
+        told.append(f"{done.result.skipped} steps had no finite gradient and were skipped.")
+    if done.problem.camera.separation:
+        told.append(
+            "Designed for the lens at the panel that gives the same PSFs on the axis where the "
+            "stop cuts nothing; the PSFs shown are those of the bench."
+        )
+    return "\n".join(told)
+
+
+def _title(done: FinishedDesign) -> str:
+    request, rating = done.problem.request, done.design.rating
+    reached = rating.known_depth if request.decoder == "known" else rating.blind
+    names = " + ".join(f"{1e9 * one:g}" for one in request.wavelengths)
+    return (
+        f"Extended depth of field, {request.far:g} to {request.near:g} D, {names} nm, "
+        f"{request.decoder}: {reached:.2f} dB expected, bound {done.bound:.2f} dB"
+    )

@@ -1,0 +1,204 @@
+"""Set up the design of a pattern that extends a bench's depth of field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from labapp.common.errors import UserError
+from labapp.edof.design_request import EdofRequest
+from labapp.files.design_file import read_design
+from optics.camera import Camera
+from optics.chain.thin_camera import collapse_to_thin_camera
+from optics.edof.depth_bound import rms_transfer_limit
+from optics.edof.frequency_grid import FrequencyGrid
+from optics.edof.full_transfer import FullTransfer
+from optics.edof.parametrisation import PhaseParametrisation, make_parametrisation
+from optics.edof.pattern_transfer import PatternTransfer
+from optics.edof.picture_preparation import convert_to_luminance, decode_srgb
+from optics.edof.picture_spectrum import NATURAL_SPECTRUM, mean_spectrum
+from optics.edof.quarter_transfer import QuarterTransfer
+from optics.edof.transfer_design import WINDOW_REACH, TransferDesign
+from optics.patterns import (
+    cubic_phase_mask,
+    even_vergences,
+    focal_sweep_axicon,
+    lattice_focal_lens,
+    multi_focus_rings,
+)
+from optics.slm import max_phase
+
+_PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
+
+_SWEEP_MARGIN = 0.075
+"""Share of the range of depths by which a swept focus goes beyond both ends, where its light would
+be least. Measured on photographs for 0 to 2 dioptres: better than none."""
+
+_CUBIC_WAVES = 20.0
+"""Waves of the cubic start at the longer side's end; of 10, 20 and 40 the best with known depth."""
+
+
+@dataclass(frozen=True, eq=False)
+class EdofProblem:
+    """What a pattern is designed for: the camera, the pictures, the noise and the depths.
+
+    camera: as the bench describes it. thin: the same with a thin lens at the panel.
+    """
+
+    request: EdofRequest
+    camera: Camera
+
+    @cached_property
+    def thin(self) -> Camera:
+        """The camera with a thin lens at the panel that gives the same PSFs on the axis.
+
+        The stop is that which light from infinity sees.
+        """
+        return collapse_to_thin_camera(self.camera, math.inf)
+
+    @cached_property
+    def parametrisation(self) -> PhaseParametrisation:
+        """The way in which the pattern is described to the search."""
+        return make_parametrisation(self.request.parametrisation, self.camera.panel.shape)
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether a quarter of the pattern is designed."""
+        return self.parametrisation.mirrored and self._has_quarters
+
+    @property
+    def _has_quarters(self) -> bool:
+        """Whether the panel has even numbers of rows and columns."""
+        return not any(n % 2 for n in self.camera.panel.shape)
+
+    @property
+    def depth_range(self) -> tuple[float, float]:
+        """The farthest and the nearest depth, dioptres."""
+        return self.request.far, self.request.near
+
+    def transfer(self, wavelength: float, *, mirrored: bool | None = None) -> PatternTransfer:
+        """Return what computes transfer functions of patterns at a wavelength in metres.
+
+        mirrored: whether the patterns are mirrored; as the designed one by default.
+        """
+        lens, panel = self.thin.lens, self.thin.panel
+        period = wavelength * lens.image_distance / (panel.pitch * self.thin.sensor.pitch)
+        reach = min(WINDOW_REACH, math.floor((period - 1) / 2))
+        design = TransferDesign(self.thin, wavelength, self.request.size, reach=reach)
+        quarter = self.mirrored if mirrored is None else mirrored and self._has_quarters
+        return QuarterTransfer(design) if quarter else FullTransfer(design)
+
+    def phase(self, parameters: torch.Tensor) -> torch.Tensor:
+        """Return the phase of parameters in the shape that `transfer` takes; differentiable."""
+        if self.mirrored:
+            return self.parametrisation.quarter_phase(parameters)
+        return self.parametrisation.phase(parameters)
+
+    def phase_at(self, band: int) -> Callable[[torch.Tensor], torch.Tensor]:
+        """Return the function from parameters to the phase at one of the wavelengths.
+
+        The panel shows the phase for the first wavelength, wrapped to the waves in use; at another
+        wavelength the same grey levels give another phase. Derivatives pass the jumps of the
+        wrapping by.
+        """
+        if band == 0:
+            return self.phase
+        first, other = (
+            max_phase(self.camera.panel, self.request.wavelengths[one]) for one in (0, band)
+        )
+        period = 2 * math.pi * self.request.orders
+
+        def seen(parameters: torch.Tensor) -> torch.Tensor:
+            return torch.remainder(self.phase(parameters), period) * (other / first)
+
+        return seen
+
+    @cached_property
+    def spectrum(self) -> torch.Tensor:
+        """The pictures' power spectrum on the half of the frequencies, float64."""
+        if self.request.pictures is None:
+            return NATURAL_SPECTRUM.on_grid(FrequencyGrid(self.request.size))
+        return mean_spectrum(_read_pictures(self.request.pictures), self.request.size)
+
+    def spectrum_on(self, grid: FrequencyGrid) -> torch.Tensor:
+        """Return the pictures' power spectrum on a grid of frequencies."""
+        return grid.select_quarter(self.spectrum) if grid.quarter else self.spectrum
+
+    @property
+    def spectrum_source(self) -> str:
+        """The source of the pictures' power spectrum, in words."""
+        if self.request.pictures is None:
+            return NATURAL_SPECTRUM.source
+        return str(self.request.pictures)
+
+    def limit(self, wavelength: float) -> torch.Tensor:
+        """Return the largest rms transfer function of any pattern on the quarter of frequencies."""
+        grid = FrequencyGrid(self.request.size, quarter=True)
+        return rms_transfer_limit(self.thin, wavelength, grid, depth_range=self.depth_range)
+
+    def start_phase(self) -> torch.Tensor:
+        """Return the phase from which the design starts, unwrapped, (rows, columns), radians.
+
+        Raises UserError for a file that has no phase for this panel.
+        """
+        name, wavelength = self.request.start, self.request.wavelengths[0]
+        if not name_is_pattern(name):
+            return _read_phase(Path(name), self.camera.panel.shape)
+        return self.pattern(name, wavelength)
+
+    def pattern(self, name: str, wavelength: float) -> torch.Tensor:
+        """Return a hand-made pattern for this camera and range of depths, radians, unwrapped."""
+        panel, (far, near) = self.camera.panel, self.depth_range
+        focus = 1 / self.thin.lens.focus_distance
+        if name == "rings":
+            return multi_focus_rings(panel, even_vergences(near, far, 10), wavelength, focus=focus)
+        if name == "sweep":
+            beyond = _SWEEP_MARGIN * (near - far)
+            return focal_sweep_axicon(panel, near + beyond, far - beyond, wavelength, focus=focus)
+        if name == "lattice":
+            return lattice_focal_lens(panel, near, far, wavelength, focus=focus)
+        y, x = panel.plane.mesh()
+        middle = math.pi / wavelength * ((near + far) / 2 - focus) * (y**2 + x**2)
+        if name == "cubic":
+            # The slope is three times the strength at the longer side's end: half a wave per pixel.
+            waves = min(_CUBIC_WAVES, 0.9 * max(panel.shape) / 12)
+            return cubic_phase_mask(panel, 2 * math.pi * waves) - middle
+        return torch.zeros(panel.shape, dtype=torch.float64)
+
+
+def name_is_pattern(name: str) -> bool:
+    """Tell whether a design's start is the name of a pattern, and no file."""
+    return name in ("rings", "sweep", "lattice", "cubic", "flat")
+
+
+def _read_phase(path: Path, shape: tuple[int, int]) -> torch.Tensor:
+    """Read the phase of a design file for another design to start from."""
+    phase = read_design(path).phase
+    if phase is None:
+        raise UserError(f"{path}: has grey levels and no phase. Start from another design.")
+    if phase.shape[1:] != shape:
+        raise UserError(
+            f"{path}: is for {phase.shape[2]}x{phase.shape[1]} pixels, and the bench's panel has "
+            f"{shape[1]}x{shape[0]}."
+        )
+    return torch.from_numpy(phase[0]).double()
+
+
+def _read_pictures(folder: Path) -> Iterator[torch.Tensor]:
+    """Yield the luminance of all pictures of a folder in linear light, white at 1."""
+    files = sorted(file for file in folder.rglob("*") if file.suffix.lower() in _PICTURES)
+    if not files:
+        raise UserError(f"--pictures {folder}: there is no picture in it. Name another folder.")
+    for file in files:
+        stored = cv2.imread(str(file), cv2.IMREAD_COLOR)
+        if stored is None:
+            raise UserError(f"{file}: not a picture that can be read.")
+        colours = torch.from_numpy(np.ascontiguousarray(stored[..., ::-1]))
+        yield convert_to_luminance(decode_srgb(colours / 255.0).movedim(2, 0))

@@ -1,0 +1,208 @@
+"""Compute the wave on the sensor from the wave on the panel, for quarter and for whole patterns.
+
+The wave on the sensor is the Fourier sum of the panel's pixels (thesis Eq. 3.1), in samples that
+are `step` turns per pixel apart. For a pattern that is mirrored about the middle of the panel it is
+real-linear in a quarter of the pixels, with cosines for kernels. Each map has `forward` and
+`adjoint`, and both leave out phase factors over the sensor, which the light doesn't show.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+
+import scipy.fft
+import torch
+
+from optics.fourier import ChirpTransform, FourierGeometry, fft
+from optics.plane import Plane
+
+
+class FieldMap(ABC):
+    """Base class of linear maps from the wave on a panel to the wave on a sensor's samples."""
+
+    @abstractmethod
+    def forward(self, wave: torch.Tensor) -> torch.Tensor:
+        """Compute the wave on the sensor, complex (rows, columns), from that on the panel."""
+
+    @abstractmethod
+    def adjoint(self, wave: torch.Tensor) -> torch.Tensor:
+        """Apply the conjugate transpose to a wave on the sensor, complex (rows, columns)."""
+
+
+class CosineMatrixMap(FieldMap):
+    """Maps a quarter of a symmetric panel's wave by two matrices, for any step.
+
+    The product with the matrix of the longer axis comes first, as it shrinks the wave most.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (rows, columns) of the quarter.
+    reach : int
+        Samples from the middle of the sensor to the window's border.
+    step : float
+        Turns per panel pixel and sample.
+    dtype : torch.dtype
+        complex64 or complex128.
+    """
+
+    def __init__(self, shape: tuple[int, int], reach: int, step: float, dtype: torch.dtype) -> None:
+        samples = torch.arange(reach + 1, dtype=torch.float64)
+        self._matrices = []
+        for count in shape:
+            middle = torch.arange(count, dtype=torch.float64) + 0.5
+            turns = torch.outer(middle, samples) * step
+            kernel = 2 * torch.cos(2 * math.pi * (turns - torch.round(turns)))
+            self._matrices.append(kernel.to(dtype.to_real()))
+
+    def forward(self, wave: torch.Tensor) -> torch.Tensor:
+        along_y, along_x = self._on_device(wave)
+        return torch.complex(*(along_y.T @ (part @ along_x) for part in (wave.real, wave.imag)))
+
+    def adjoint(self, wave: torch.Tensor) -> torch.Tensor:
+        along_y, along_x = self._on_device(wave)
+        return torch.complex(*((along_y @ part) @ along_x.T for part in (wave.real, wave.imag)))
+
+    def _on_device(self, wave: torch.Tensor) -> list[torch.Tensor]:
+        """Return the cosine matrices on the device of a panel's wave."""
+        self._matrices = [one.to(wave.device) for one in self._matrices]
+        return self._matrices
+
+
+class CosineTransformMap(FieldMap):
+    """Maps a quarter of a symmetric panel's wave by fast cosine transforms.
+
+    On other devices than the CPU, matrices compute the same sums.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (rows, columns) of the quarter; each at most `length`, and `length` is half a period.
+    reach : int
+        Samples from the middle of the sensor to the window's border.
+    length : int
+        Length of the cosine transforms; the step is 1 / (2 length) turns.
+    """
+
+    def __init__(self, shape: tuple[int, int], reach: int, length: int) -> None:
+        self._shape, self._reach, self._length = shape, reach, length
+        self._matrices: CosineMatrixMap | None = None
+
+    def forward(self, wave: torch.Tensor) -> torch.Tensor:
+        if wave.device.type != "cpu":
+            return self._matrix_map(wave.dtype).forward(wave)
+        parts = torch.stack((wave.real, wave.imag))
+        for axis in (-1, -2):
+            parts = self._transform(parts, axis)
+        return torch.complex(parts[0], parts[1])
+
+    def adjoint(self, wave: torch.Tensor) -> torch.Tensor:
+        if wave.device.type != "cpu":
+            return self._matrix_map(wave.dtype).adjoint(wave)
+        parts = torch.stack((wave.real, wave.imag))
+        for axis in (-2, -1):
+            parts = self._transpose(parts, axis)
+        return torch.complex(parts[0], parts[1])
+
+    def _matrix_map(self, dtype: torch.dtype) -> CosineMatrixMap:
+        """Return the map of the same panel's wave by matrices, for devices without scipy."""
+        if self._matrices is None:
+            step = 1 / (2 * self._length)
+            self._matrices = CosineMatrixMap(self._shape, self._reach, step, dtype)
+        return self._matrices
+
+    def _transform(self, parts: torch.Tensor, axis: int) -> torch.Tensor:
+        """Compute cosine sums over a panel's quarter along an axis (a DCT of type 2)."""
+        count = parts.shape[axis]
+        if count > self._length:
+            # Pixels beyond half a period are aliases of those before it.
+            beyond = parts.narrow(axis, self._length, count - self._length).flip(axis)
+            parts = parts.narrow(axis, 0, self._length).clone()
+            parts.narrow(axis, 2 * self._length - count, count - self._length).add_(beyond)
+        found = scipy.fft.dct(parts.numpy(), 2, n=self._length, axis=axis, overwrite_x=True)
+        return torch.from_numpy(found).narrow(axis, 0, self._reach + 1)
+
+    def _transpose(self, parts: torch.Tensor, axis: int) -> torch.Tensor:
+        """Compute the transpose of the cosine sums along an axis (a DCT of type 3)."""
+        count = self._shape[axis]
+        parts = parts.clone()
+        parts.narrow(axis, 0, 1).mul_(2)
+        found = torch.from_numpy(scipy.fft.dct(parts.numpy(), 3, n=self._length, axis=axis))
+        if count > self._length:
+            start = 2 * self._length - count
+            found = torch.cat(
+                (found, found.narrow(axis, start, count - self._length).flip(axis)), axis
+            )
+        return found.narrow(axis, 0, count)
+
+
+class FoldedMap(FieldMap):
+    """Maps the wave of a whole panel by two fast Fourier transforms of one period's length.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (rows, columns) of the panel; each less than twice `length`.
+    reach : int
+        Samples from the middle of the sensor to the window's border; less than half of `length`.
+    length : int
+        Length of the transforms; the step is 1 / length turns.
+    """
+
+    def __init__(self, shape: tuple[int, int], reach: int, length: int) -> None:
+        self._shape, self._length = shape, length
+        self._index = torch.arange(-reach, reach + 1) % length
+
+    def forward(self, wave: torch.Tensor) -> torch.Tensor:
+        return self._transform(self._transform(wave).mT).mT
+
+    def adjoint(self, wave: torch.Tensor) -> torch.Tensor:
+        rows, columns = self._shape
+        return self._transpose(self._transpose(wave.mT, rows).mT, columns)
+
+    def _transform(self, wave: torch.Tensor) -> torch.Tensor:
+        """Compute Fourier sums over a panel's pixels along the last axis."""
+        count = wave.shape[-1]
+        if count > self._length:
+            folded = wave[..., : self._length].clone()
+            folded[..., : count - self._length] += wave[..., self._length :]
+            wave = folded
+        spectrum = fft(wave.contiguous(), self._length, -1)
+        return spectrum.index_select(-1, self._index.to(wave.device))
+
+    def _transpose(self, wave: torch.Tensor, count: int) -> torch.Tensor:
+        """Compute the conjugate transpose of the Fourier sums along the last axis."""
+        spectrum = wave.new_zeros((*wave.shape[:-1], self._length))
+        spectrum[..., self._index.to(wave.device)] = wave
+        found = fft(spectrum, self._length, -1, inverse=True, scaled=False, overwrite=True)
+        if count > self._length:
+            return torch.cat((found, found[..., : count - self._length]), -1)
+        return found[..., :count]
+
+
+class ChirpMap(FieldMap):
+    """Maps the wave of a whole panel by chirp transforms, for any step.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (rows, columns) of the panel.
+    reach : int
+        Samples from the middle of the sensor to the window's border.
+    step : float
+        Turns per panel pixel and sample.
+    dtype : torch.dtype
+        complex64 or complex128.
+    """
+
+    def __init__(self, shape: tuple[int, int], reach: int, step: float, dtype: torch.dtype) -> None:
+        image = Plane((2 * reach + 1, 2 * reach + 1), (step, step))
+        geometry = FourierGeometry(Plane(shape, (1.0, 1.0)), image, 1.0)
+        self._transform = ChirpTransform(geometry, dtype)
+
+    def forward(self, wave: torch.Tensor) -> torch.Tensor:
+        return self._transform(wave)
+
+    def adjoint(self, wave: torch.Tensor) -> torch.Tensor:
+        return self._transform.adjoint(wave)

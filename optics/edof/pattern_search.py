@@ -1,0 +1,330 @@
+"""Search for the pattern from whose captures linear restoration is expected to get most.
+
+The search needs no picture: it lowers the expected error of `optics.edof.spectral_criterion`, by
+stochastic gradient descent (Adam) on the unwrapped phase.
+
+For a known depth, the error is a mean over depth, and a few random depths give an unbiased
+gradient. The error of one filter for all depths isn't: it is the least, over filters, of a mean
+over depth. At the best filter the derivative by the filter is zero, so that the gradient by the
+pattern is that of the mean with the filter held fixed. The search therefore remembers the OTFs of
+one depth in each of many equal parts of the range, takes the best filter for these, and draws
+depths from a few parts a step, replacing what it remembers of them. The filter lags by some steps,
+over which the pattern hardly changes.
+
+References
+----------
+Thesis section 5.4; D. P. Kingma and J. Ba, Adam, arXiv 1412.6980, 2015; for the memory, M. Schmidt
+et al., Math. Program. 162, 83, 2017, doi 10.1007/s10107-016-1030-6.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+
+from optics.edof.dioptres import DEPTH_RANGE, midpoint_dioptres, require_depth_range
+from optics.edof.pattern_rating import DepthMemory, PatternRating, rate_pattern
+from optics.edof.pattern_transfer import PatternTransfer
+from optics.edof.search_state import DesignResult, SearchSettings, SearchState, settings_for
+from optics.edof.spectral_criterion import error_level, filter_error, known_depth_error
+from optics.progress import Progress
+from optics.threads import single_threaded
+from optics.validation import require_count
+
+RATED_DEPTHS = 64
+"""Depths at which a design is rated, the middles of equal parts of the range. With 2 dioptres a
+wave's quarter of defocus at the panel's edge is .0088; ratings at 64 other, random depths differ by
+.1 dB at most (measured)."""
+
+MOST_FAILURES = 5
+"""Steps in a row without a finite gradient after which the search stops; chosen."""
+
+_REPORT_INTERVAL = 10
+"""Steps between two reports of progress and entries of the history; chosen."""
+
+
+@single_threaded
+def design_pattern(
+    transfer: PatternTransfer,
+    start: torch.Tensor,
+    spectrum: torch.Tensor,
+    noise: float,
+    *,
+    steps: int,
+    generator: torch.Generator,
+    criterion: Literal["blind", "known"] = "blind",
+    pattern: Callable[[torch.Tensor], torch.Tensor] | None = None,
+    depth_range: tuple[float, float] = DEPTH_RANGE,
+    settings: SearchSettings | None = None,
+    progress: Progress | None = None,
+    state: SearchState | None = None,
+) -> DesignResult:
+    """Search for the pattern whose captures are expected to be restored best over a depth range.
+
+    The start decides a lot. Measured for the thesis' camera, 2 dioptres and noise of .008: for the
+    blind criterion, rings of ten foci bring a pattern of a quarter to 21.3 dB in 600 steps. For the
+    known depth, a cubic pattern of 20 waves brings one of the whole panel from 21.9 to 23.3 dB in
+    1700 steps, and a lattice-focal lens from 22.9 to 23.0 dB in 500.
+
+    Parameters
+    ----------
+    transfer : PatternTransfer
+        Computes OTFs of patterns: `QuarterTransfer` or `FullTransfer`.
+    start : torch.Tensor
+        Parameters to start from; the phase itself in radians unless `pattern` is given.
+    spectrum : torch.Tensor
+        Power spectrum of the pictures on the frequencies of `transfer.grid`.
+    noise : float
+        Standard deviation of a pixel's noise, where white is 1.
+    steps : int
+        Steps in all, those in `state` included.
+    generator : torch.Generator
+        Source of the random depths.
+    criterion : {"blind", "known"}, optional
+        Whether one filter restores all depths, or the depth is known to the restoration.
+    pattern : callable, optional
+        Differentiable function from parameters to the phase of the transfer's shape. For a
+        `QuarterTransfer`, take `optics.quarter_symmetry.crop_quarter` of a symmetric pattern.
+    depth_range : tuple of (float, float), optional
+        Farthest and nearest depth in dioptres.
+    settings : SearchSettings, optional
+        What tunes the search; `settings_for` the criterion by default.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+    state : SearchState, optional
+        A state to go on from, and to change in place. All other arguments must then be as before.
+
+    Returns
+    -------
+    DesignResult
+        The design after the last step.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range or shapes don't fit.
+    FloatingPointError
+        If `MOST_FAILURES` steps in a row have no finite gradient.
+    """
+    require_count("steps", steps)
+    require_depth_range(depth_range)
+    if criterion not in ("blind", "known"):
+        raise ValueError(f"criterion is {criterion!r}; choose blind or known")
+    progress = progress or Progress()
+    rated = midpoint_dioptres(RATED_DEPTHS, depth_range)
+    make = pattern or _keep
+    spectrum = spectrum.to(start.device, torch.float64)
+    problem = _Problem(transfer, spectrum, noise, make, depth_range)
+    start_rating = problem.rate(start.detach().double(), rated)
+    search = _Search(
+        problem, criterion, start, steps, generator, settings or settings_for(criterion), state
+    )
+    search.run(progress)
+    reached = search.state
+    assert reached.parameters is not None
+    with torch.no_grad():
+        phase = make(reached.parameters).detach().clone()
+    return DesignResult(
+        phase,
+        reached.parameters.clone(),
+        problem.rate(reached.parameters, rated),
+        start_rating,
+        tuple(reached.history),
+        reached.skipped,
+        reached,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What a pattern is designed for: the optics, the pictures, the noise and the depths."""
+
+    transfer: PatternTransfer
+    spectrum: torch.Tensor
+    noise: float
+    pattern: Callable[[torch.Tensor], torch.Tensor]
+    depth_range: tuple[float, float]
+
+    def rate(self, parameters: torch.Tensor, dioptres: tuple[float, ...]) -> PatternRating:
+        """Rate the pattern of some parameters at depths."""
+        with torch.no_grad():
+            phase = self.pattern(parameters)
+        return rate_pattern(self.transfer, phase, self.spectrum, self.noise, dioptres)
+
+
+class _Search:
+    """The search for a pattern: the optimiser, and the OTFs that it remembers."""
+
+    def __init__(
+        self,
+        problem: _Problem,
+        criterion: str,
+        start: torch.Tensor,
+        steps: int,
+        generator: torch.Generator,
+        settings: SearchSettings,
+        state: SearchState | None,
+    ) -> None:
+        self._problem, self._blind, self._steps = problem, criterion == "blind", steps
+        self._generator, self._settings = generator, settings
+        self._shares = problem.transfer.grid.shares().to(start.device)
+        self.state = SearchState() if state is None else state
+        reached = self.state.parameters
+        self._parameters = (start if reached is None else reached).detach().double().clone()
+        self._parameters.requires_grad_()
+        self._optimiser = torch.optim.Adam(
+            [self._parameters],
+            lr=settings.rate,
+            betas=(settings.momentum, settings.square_momentum),
+            foreach=False,
+        )
+        self._failures = 0
+        # The error per pixel is tiny; Adam's guard against zero is made for gradients near 1.
+        self._scale = start.numel() / float((self._shares * problem.spectrum).sum())
+        if reached is None:
+            self._remember_all_parts()
+        else:
+            self._restore()
+
+    def run(self, progress: Progress) -> None:
+        """Take the steps of the search that are left."""
+        state = self.state
+        while state.step < self._steps:
+            progress.raise_if_cancelled()
+            self._take_step()
+            if state.step % _REPORT_INTERVAL == 0 or state.step == self._steps:
+                level = self._estimated_level()
+                state.history.append((state.step, level))
+                message = f"step {state.step} of {self._steps}: {level:.2f} dB"
+                progress.report(state.step / self._steps, message)
+
+    def _take_step(self) -> None:
+        """Draw depths, compute the gradient of the pattern's error, and change the parameters."""
+        state, rate = self.state, self._rate()
+        parts = self._draw_parts()
+        self._optimiser.zero_grad()
+        phase = self._problem.pattern(self._parameters)
+        found = self._problem.transfer(phase, self._draw_dioptres(parts))
+        error = self._error(found, parts)
+        torch.autograd.backward(error)
+        gradient = self._parameters.grad
+        assert gradient is not None
+        # A sum isn't finite if any of its terms isn't, and is computed faster than a test of each.
+        if math.isfinite(float(gradient.sum()) + float(error.detach())):
+            self._failures = 0
+            gradient.mul_(self._scale)
+            self._optimiser.param_groups[0]["lr"] = rate
+            self._optimiser.step()
+        else:
+            self._count_failure()
+        state.step += 1
+        self._save()
+
+    def _error(self, found: torch.Tensor, parts: list[int]) -> torch.Tensor:
+        """Return the error whose gradient the search follows, from OTFs of parts of the range."""
+        problem = self._problem
+        arguments = (found, problem.spectrum, self._shares, problem.noise)
+        if not self._blind:
+            error = known_depth_error(*arguments)
+            value = float(error.detach())
+            if math.isfinite(value):
+                turns = -(-self._settings.parts // self._settings.depths)
+                self.state.errors = [*self.state.errors, value][-turns:]
+            return error
+        if bool(torch.isfinite(found.detach()).all()):
+            self._remember(parts, found.detach())
+        return filter_error(self._memory.filter(), *arguments)
+
+    def _remember(self, parts: list[int], found: torch.Tensor) -> None:
+        """Replace what is remembered of parts of the depth range by new OTFs."""
+        remembered = self.state.remembered
+        assert remembered is not None
+        for part, one in zip(parts, found, strict=True):
+            self._memory.add(remembered[part], -1.0)
+            self._memory.add(one)
+            remembered[part] = one
+
+    def _remember_all_parts(self) -> None:
+        """Compute the OTFs of all parts of the depth range, for the first filter and the scale."""
+        problem, parts = self._problem, self._settings.parts
+        if not self._blind:
+            return
+        with torch.no_grad():
+            phase = problem.pattern(self._parameters)
+            self._memory = DepthMemory(parts, problem.spectrum, problem.noise)
+            kept = []
+            for dioptre in midpoint_dioptres(parts, problem.depth_range):
+                kept.append(problem.transfer(phase, (dioptre,))[0])
+                self._memory.add(kept[-1])
+            self.state.remembered = torch.stack(kept)
+
+    def _restore(self) -> None:
+        """Put optimiser, generator and remembered OTFs of a pattern's search back to its state."""
+        state, problem = self.state, self._problem
+        if state.optimiser:
+            self._optimiser.load_state_dict(state.optimiser)
+        if state.generator is not None:
+            self._generator.set_state(state.generator)
+        if self._blind:
+            assert state.total is not None
+            assert state.power is not None
+            self._memory = DepthMemory(self._settings.parts, problem.spectrum, problem.noise)
+            self._memory.total, self._memory.power = state.total.clone(), state.power.clone()
+
+    def _save(self) -> None:
+        """Write the search's optimiser, generator, parameters and sums into its state."""
+        state = self.state
+        state.parameters = self._parameters.detach()
+        state.optimiser = self._optimiser.state_dict()
+        state.generator = self._generator.get_state()
+        if self._blind:
+            state.total, state.power = self._memory.total, self._memory.power
+
+    def _draw_parts(self) -> list[int]:
+        """Draw the parts of the depth range for one step, each once before any comes again."""
+        pending, wanted = list(self.state.pending), self._settings.depths
+        if len(pending) < wanted:
+            order = torch.randperm(self._settings.parts, generator=self._generator).tolist()
+            pending = pending + [one for one in order if one not in pending]
+        self.state.pending = pending[wanted:]
+        return pending[:wanted]
+
+    def _draw_dioptres(self, parts: list[int]) -> tuple[float, ...]:
+        """Draw a random depth in each of some parts of the range, in dioptres."""
+        low, high = self._problem.depth_range
+        width = (high - low) / self._settings.parts
+        drawn = torch.rand(len(parts), generator=self._generator, dtype=torch.float64).tolist()
+        return tuple(low + width * (part + one) for part, one in zip(parts, drawn, strict=True))
+
+    def _rate(self) -> float:
+        """Return the rate of a search's next step: it grows linearly, then falls as a cosine."""
+        settings, step = self._settings, self.state.step
+        warm = min(1.0, (step + 1) / settings.warm_up)
+        fall = 0.5 * (1 + math.cos(math.pi * step / self._steps))
+        return settings.rate * warm * (settings.last_rate + (1 - settings.last_rate) * fall)
+
+    def _count_failure(self) -> None:
+        """Count a step of a pattern's search without a finite gradient; stop after too many."""
+        self._failures += 1
+        self.state.skipped += 1
+        if self._failures >= MOST_FAILURES:
+            raise FloatingPointError(
+                f"{MOST_FAILURES} steps in a row had no finite gradient, up to step "
+                f"{self.state.step}; check the start and the pattern's function for NaN"
+            )
+
+    def _estimated_level(self) -> float:
+        """Return the level in dB of a search's criterion, at the depths drawn last."""
+        if self._blind:
+            return error_level(self._memory.error(self._shares))
+        errors = self.state.errors
+        return error_level(sum(errors) / len(errors)) if errors else math.nan
+
+
+def _keep(parameters: torch.Tensor) -> torch.Tensor:
+    """Return a pattern's parameters as its phase."""
+    return parameters

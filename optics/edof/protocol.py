@@ -1,0 +1,247 @@
+"""State how patterns that extend the depth of field are evaluated, so that rows are comparable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import torch
+
+from optics.edof.dioptres import (
+    DEPTH_RANGE,
+    PUBLISHED_DIOPTRES,
+    midpoint_dioptres,
+    require_depth_range,
+    require_dioptres,
+    stratified_dioptres,
+)
+from optics.edof.picture_preparation import LightScale
+from optics.validation import require_count, require_positive, require_share
+
+Border = Literal["periodic", "true"]
+"""What lies beyond a capture: the same picture again, or the rest of a larger scene."""
+
+SSIM_WINDOW = "Gaussian, sigma 1.5, 11 x 11 pixels"
+"""The window of `optics.metrics.ssim`."""
+
+
+@dataclass(frozen=True)
+class NoiseRange:
+    """Describe the noise of captures: a standard deviation, or several over a range.
+
+    Parameters
+    ----------
+    low, high : float
+        Smallest and largest standard deviation of a pixel, relative to white, with the full
+        aperture. Positive; equal for one noise level.
+    levels : int, optional
+        Number of noise levels: the midpoints of so many equal parts of the range.
+    shot_share : float, optional
+        Share, 0 to 1, of a white pixel's variance with the full aperture that is photon noise. It
+        is proportional to the light. The rest, read noise, doesn't depend on it.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range.
+    """
+
+    low: float
+    high: float
+    levels: int = 3
+    shot_share: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive("low", self.low, "")
+        require_positive("high", self.high, "")
+        if self.low > self.high:
+            raise ValueError(f"low is {self.low:g} and high {self.high:g}; give the smaller first")
+        require_count("levels", self.levels)
+        require_share("shot_share", self.shot_share)
+
+    @property
+    def deviations(self) -> tuple[float, ...]:
+        """Standard deviations of the noise levels of captures with the full aperture."""
+        if self.low == self.high:
+            return (self.low,)
+        width = (self.high - self.low) / self.levels
+        return tuple(self.low + width * (level + 0.5) for level in range(self.levels))
+
+
+LOW_NOISE = NoiseRange(0.001, 0.015)
+"""The low noise of thesis Table 5.2."""
+
+HIGH_NOISE = NoiseRange(0.02, 0.05)
+"""The high noise of thesis Table 5.2."""
+
+
+@dataclass(frozen=True)
+class EdofProtocol:
+    """State everything that decides which score a pattern gets.
+
+    A capture of full resolution has pixels of `pixel_pitch`. With a `binning` of b, a detector
+    pixel is b x b of these: the scene is constant over a detector pixel, its image is computed at
+    full resolution, and its mean over a detector pixel is captured, before noise is added.
+
+    Parameters
+    ----------
+    name : str
+        Name of the protocol in tables.
+    wavelength : float, optional
+        Metres.
+    pixel_pitch : float, optional
+        Metres between pixels of full resolution.
+    pixel_response : {"point", "area"}, optional
+        Whether a pixel of full resolution takes the light density at its centre times its area, or
+        the light on its area.
+    psf_window : int, optional
+        Pixels of full resolution along a side of the window in which PSFs are computed. Light
+        beyond it is lost, and reported.
+    binning : int, optional
+        Pixels of full resolution along a side of a detector pixel.
+    shortest_edge : int, optional
+        Detector pixels to which a photograph's shortest edge is resized; None leaves its size.
+    crop : int, optional
+        Detector pixels along a side of the capture, which is the middle of the photograph.
+    light : {"srgb", "linear"}, optional
+        Whether a photograph's sRGB values are taken as light, or decoded to light.
+    scored_in : tuple of {"srgb", "linear"}, optional
+        Scales in which pictures are compared. Encoded values that are taken as light are compared
+        as they are, "srgb".
+    peak : float, optional
+        Peak of the PSNR, and data range of the SSIM, whose window is SSIM_WINDOW.
+    border : {"periodic", "true"}, optional
+        "periodic": the image wraps around the crop. "true": the scene is larger than the capture
+        by the whole PSF, and the decoder gets the capture alone.
+    centre : int, optional
+        Detector pixels along a side of the central part, which is scored apart.
+    noise : NoiseRange, optional
+        The noise levels. Pictures take turns: all captures of a picture have one level. One decoder
+        is built for each level, so that it is known.
+    depth_range : tuple of (float, float), optional
+        Farthest and nearest depth in dioptres, for depths off the grid and for blind decoders.
+    on_grid : tuple of float, optional
+        Depths in dioptres on the grid: those that are published.
+    off_grid_count : int, optional
+        Number of depths off the grid: one at random from each of so many equal parts of the range.
+    design_count : int, optional
+        Number of depths for which blind decoders are built: midpoints of equal parts of the range.
+    seed : int, optional
+        Seed of the depths off the grid and of the noise, which is the same for every pattern.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range, or values contradict each other.
+
+    References
+    ----------
+    Thesis section 5.7, Eq. 5.11 and Table 5.2.
+    """
+
+    name: str
+    wavelength: float = 520e-9
+    pixel_pitch: float = 3.45e-6
+    pixel_response: Literal["point", "area"] = "point"
+    psf_window: int = 941
+    binning: int = 1
+    shortest_edge: int | None = None
+    crop: int = 512
+    light: LightScale = "srgb"
+    scored_in: tuple[LightScale, ...] = ("srgb",)
+    peak: float = 1.0
+    border: Border = "periodic"
+    centre: int = 256
+    noise: NoiseRange = field(default=LOW_NOISE)
+    depth_range: tuple[float, float] = DEPTH_RANGE
+    on_grid: tuple[float, ...] = PUBLISHED_DIOPTRES
+    off_grid_count: int = 40
+    design_count: int = 32
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        for name, unit in (("wavelength", "m"), ("pixel_pitch", "m"), ("peak", "")):
+            require_positive(name, getattr(self, name), unit)
+        for name in ("psf_window", "binning", "crop", "centre", "off_grid_count", "design_count"):
+            require_count(name, getattr(self, name))
+        if self.shortest_edge is not None:
+            require_count("shortest_edge", self.shortest_edge)
+        self._require_names()
+        if self.centre > self.crop:
+            raise ValueError(f"centre is {self.centre}; it can't exceed the crop, {self.crop}")
+        require_depth_range(self.depth_range)
+        require_dioptres("on_grid", self.on_grid)
+
+    def _require_names(self) -> None:
+        """Raise ValueError for a word in an evaluation protocol that isn't one of its choices."""
+        choices = {
+            "pixel_response": ("point", "area"),
+            "light": ("srgb", "linear"),
+            "border": ("periodic", "true"),
+        }
+        for name, words in choices.items():
+            if getattr(self, name) not in words:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; choose {' or '.join(words)}")
+        if not self.scored_in or not set(self.scored_in) <= {"srgb", "linear"}:
+            raise ValueError(f"scored_in is {self.scored_in}; give srgb, linear or both")
+        if self.light == "srgb" and self.scored_in != ("srgb",):
+            raise ValueError(
+                f"scored_in is {self.scored_in}; sRGB values that are taken as light have no "
+                "linear scale: score in srgb, or simulate in linear light"
+            )
+
+    @property
+    def detector_pitch(self) -> float:
+        """Metres between detector pixels of the evaluation protocol, after binning."""
+        return self.pixel_pitch * self.binning
+
+    @property
+    def kernel_reach(self) -> int:
+        """Detector pixels from the centre of the protocol's PSF to its farthest edge."""
+        return (self.psf_window // 2 + self.binning - 1) // self.binning
+
+    @property
+    def scene_side(self) -> int:
+        """Detector pixels along a side of the scene that a capture of the protocol needs."""
+        return self.crop + (2 * self.kernel_reach if self.border == "true" else 0)
+
+    @property
+    def off_grid(self) -> tuple[float, ...]:
+        """Random depths in dioptres of the evaluation protocol, which no pattern is tuned for."""
+        generator = torch.Generator().manual_seed(self.seed)
+        return stratified_dioptres(self.off_grid_count, generator, self.depth_range)
+
+    @property
+    def test_dioptres(self) -> tuple[float, ...]:
+        """Depths in dioptres at which the protocol captures: those on the grid, then off it."""
+        return self.on_grid + self.off_grid
+
+    @property
+    def design_dioptres(self) -> tuple[float, ...]:
+        """Depths in dioptres for which the protocol's blind decoders are built."""
+        return midpoint_dioptres(self.design_count, self.depth_range)
+
+    def with_border(self, border: Border) -> EdofProtocol:
+        """Return the same evaluation protocol with another border."""
+        return replace(self, border=border)
+
+    def with_noise(self, noise: NoiseRange) -> EdofProtocol:
+        """Return the same evaluation protocol with other noise levels."""
+        return replace(self, noise=noise)
+
+
+STRICT = EdofProtocol("strict")
+"""Full resolution: 3.45 um pixels, crops of 512 x 512, sRGB values taken as light."""
+
+AUTHORS = EdofProtocol(
+    "authors",
+    binning=5,
+    shortest_edge=2048,
+    light="linear",
+    scored_in=("linear", "srgb"),
+)
+"""The published simulation's: binning 5 x 5, pictures resized to 2048 pixels, linear light.
+
+Read in the authors' code, github.com/cgtuebingen/learning_joint_design_optics_processing_edof at
+commit 1a6574c, whose fine pitch is 3.07 um, crop 920 pixels, and padding symmetric.
+"""

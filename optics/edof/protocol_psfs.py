@@ -1,0 +1,243 @@
+"""Compute the PSFs with which the evaluation protocol captures, and account for their light."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+
+from optics.accuracy import Budget
+from optics.camera import Camera
+from optics.edof.detector_psf import bin_psf
+from optics.edof.dioptres import metres_from_dioptres, require_dioptres
+from optics.edof.protocol import EdofProtocol
+from optics.edof.pupil_pattern import PupilPattern, collected_share
+from optics.plane import Plane
+from optics.psf import PSFStack
+from optics.validation import require_finite
+
+PSFSource = Callable[[PupilPattern, Sequence[float]], torch.Tensor]
+"""Computes PSFs (depths, rows, columns) of a pattern at depths in dioptres.
+
+They are in the protocol's window at full resolution, as shares of the open pupil's light.
+"""
+
+ENERGY_TOLERANCE = 4e-2
+"""Relative amount by which a PSF may sum to more than the light that its pattern collects.
+
+A PSF that is sampled at pixels' centres sums to its transfer function at zero frequency and at
+whole cycles per pixel. The full aperture of 15.36 mm passes one cycle per 3.45 um at 520 nm with a
+modulation of up to 1.9 %, for both signs of it.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class DepthPSFs:
+    """Hold the PSFs of a pattern at several depths, and how much of its light they hold.
+
+    Parameters
+    ----------
+    dioptres : tuple of float
+        Depths.
+    kernels : torch.Tensor, (depths, rows, columns), float32
+        PSFs on detector pixels with the origin at n // 2, relative to the light that the pattern
+        collects: a sum of 1 means that none is lost.
+    collected : float
+        Share of the open pupil's light that the pattern collects.
+    energies : tuple of float
+        Sums of the kernels.
+    expected_energies : tuple of float, optional
+        Energies that the PSFs should have, from a computation that is known to keep light; None
+        where there is none.
+    are_measured : bool
+        Whether the PSFs were handed in instead of computed.
+    """
+
+    dioptres: tuple[float, ...]
+    kernels: torch.Tensor
+    collected: float
+    energies: tuple[float, ...]
+    expected_energies: tuple[float, ...] | None = None
+    are_measured: bool = False
+
+
+class CameraPSFs:
+    """Computes the protocol's PSFs of patterns in a camera; a source of PSFs for an evaluation.
+
+    Stacks of PSFs are planned once for the same depths, and shorter ones for patterns that equal
+    their mirror images in both axes.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera. Its panel's unmodulated share is included.
+    protocol : EdofProtocol
+        Wavelength, pixel pitch, window and pixels' response.
+    budget : Budget, optional
+        The memory allowed, and the machine's speed.
+    tol : float, optional
+        Largest relative L2 error of a PSF from sampling and arithmetic.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        protocol: EdofProtocol,
+        *,
+        budget: Budget | None = None,
+        tol: float = 1e-3,
+    ) -> None:
+        self._camera, self._protocol = camera, protocol
+        self._budget, self._tol = budget, tol
+        self._stacks: dict[tuple[tuple[float, ...], str], PSFStack] = {}
+
+    def __call__(self, pattern: PupilPattern, dioptres: Sequence[float]) -> torch.Tensor:
+        """Compute the PSFs (depths, rows, columns) of a pattern at depths in dioptres.
+
+        They are shares of the open pupil's light, at full resolution.
+        """
+        phase, amplitude, symmetry = pattern.phase, pattern.amplitude, "none"
+        if phase is not None and amplitude is None and _is_mirrored(phase):
+            rows, columns = phase.shape
+            phase, symmetry = phase[rows // 2 :, columns // 2 :], "quarter"
+        stack = self._stack(tuple(float(one) for one in dioptres), symmetry)
+        with torch.no_grad():
+            return stack(phase, amplitude)[:, 0, 0]
+
+    def _stack(self, dioptres: tuple[float, ...], symmetry: str) -> PSFStack:
+        """Plan the PSFs for depths in dioptres, or take the plan that was made before."""
+        if (dioptres, symmetry) not in self._stacks:
+            protocol = self._protocol
+            pitch, side = protocol.pixel_pitch, protocol.psf_window
+            self._stacks[dioptres, symmetry] = PSFStack(
+                self._camera,
+                metres_from_dioptres(dioptres),
+                [protocol.wavelength],
+                Plane((side, side), (pitch, pitch)),
+                integrate=protocol.pixel_response == "area",
+                symmetry=symmetry,
+                tol=self._tol,
+                budget=self._budget,
+            )
+        return self._stacks[dioptres, symmetry]
+
+
+def _is_mirrored(phase: torch.Tensor) -> bool:
+    """Tell whether a pattern's phase equals its mirror images in both axes bit for bit."""
+    return torch.equal(phase, phase.flip(0)) and torch.equal(phase, phase.flip(1))
+
+
+def compute_depth_psfs(
+    pattern: PupilPattern,
+    dioptres: Sequence[float],
+    camera: Camera,
+    protocol: EdofProtocol,
+    source: PSFSource | None = None,
+) -> DepthPSFs:
+    """Compute the PSFs with which the protocol captures scenes behind a pattern.
+
+    Parameters
+    ----------
+    pattern : PupilPattern
+        What is in the pupil.
+    dioptres : sequence of float
+        Depths.
+    camera : Camera
+        The camera.
+    protocol : EdofProtocol
+        The protocol.
+    source : callable, optional
+        Computes the PSFs; by default `CameraPSFs` of camera and protocol.
+
+    Returns
+    -------
+    DepthPSFs
+        PSFs on detector pixels, with their energies.
+
+    Raises
+    ------
+    ValueError
+        If a depth or the pattern is invalid, or the PSFs hold more light than the pattern collects.
+    """
+    require_dioptres("dioptres", dioptres)
+    collected = collected_share(pattern, camera)
+    found = (source or CameraPSFs(camera, protocol))(pattern, dioptres)
+    return _account_for_light(found, dioptres, collected, protocol)
+
+
+def measured_depth_psfs(
+    psfs: torch.Tensor,
+    dioptres: Sequence[float],
+    collected: float,
+    protocol: EdofProtocol,
+    expected_energies: Sequence[float] | None = None,
+) -> DepthPSFs:
+    """Take measured PSFs into the protocol, after checking how much light they hold.
+
+    Parameters
+    ----------
+    psfs : torch.Tensor, (depths, rows, columns)
+        PSFs at full resolution with the origin at n // 2, as shares of the open pupil's light. They
+        mustn't be normalised to a sum of 1, because light beyond the window is lost.
+    dioptres : sequence of float
+        Depths.
+    collected : float
+        Share of the open pupil's light that the pattern collects, above 0 and up to 1.
+    protocol : EdofProtocol
+        The protocol.
+    expected_energies : sequence of float, optional
+        Share of the collected light that each PSF should hold in its window, for instance that of
+        computed PSFs in a window of the same size. Without it, an evaluation can only estimate
+        whether the PSFs were normalised.
+
+    Returns
+    -------
+    DepthPSFs
+        PSFs on detector pixels, with their energies.
+
+    Raises
+    ------
+    ValueError
+        If shapes or numbers are invalid, or the PSFs hold more light than the pattern collects.
+    """
+    require_dioptres("dioptres", dioptres)
+    if not 0 < collected <= 1:
+        raise ValueError(f"collected is {collected:g}; it is a share, above 0 and up to 1")
+    found = _account_for_light(psfs, dioptres, collected, protocol)
+    expected = None
+    if expected_energies is not None:
+        expected = tuple(float(one) for one in expected_energies)
+        if len(expected) != len(found.energies):
+            raise ValueError(
+                f"expected_energies has {len(expected)} values; give one for each of the "
+                f"{len(found.energies)} depths"
+            )
+    return replace(found, expected_energies=expected, are_measured=True)
+
+
+def _account_for_light(
+    psfs: torch.Tensor, dioptres: Sequence[float], collected: float, protocol: EdofProtocol
+) -> DepthPSFs:
+    """Check the light of PSFs at full resolution, and bring them to detector pixels."""
+    if psfs.ndim != 3 or psfs.shape[0] != len(dioptres):
+        raise ValueError(
+            f"psfs is {tuple(psfs.shape)}; give (depths, rows, columns) for {len(dioptres)} depths"
+        )
+    require_finite("psfs", psfs)
+    if max(psfs.shape[-2:]) > protocol.psf_window:
+        raise ValueError(
+            f"psfs is {tuple(psfs.shape)}; the protocol's window has {protocol.psf_window} pixels "
+            "along a side"
+        )
+    sums = [float(one.sum(dtype=torch.float64)) / collected for one in psfs]
+    for depth, energy in zip(dioptres, sums, strict=True):
+        if not 0 < energy <= 1 + ENERGY_TOLERANCE:
+            raise ValueError(
+                f"psfs hold {energy:.4g} of the collected light at {depth:g} dioptres; give shares "
+                "of the open pupil's light, which sum to 1 at most"
+            )
+    kernels = torch.stack([bin_psf(one, protocol.binning) for one in psfs])
+    kernels = (kernels / collected).to(torch.float32)
+    depths = tuple(float(one) for one in dioptres)
+    return DepthPSFs(depths, kernels, collected, tuple(sums))

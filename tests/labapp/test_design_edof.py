@@ -1,0 +1,227 @@
+"""`labapp design edof`: files, what is told, going on after an interruption, and wrong options."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+import torch
+
+import labapp.edof.command as command
+from labapp.edof.design_problem import EdofProblem
+from labapp.edof.design_request import EdofRequest
+from labapp.edof.design_state import DesignStateFile
+from labapp.files.bench_file import read_bench
+from labapp.files.design_file import read_design
+from optics.edof.search_state import SearchState
+from optics.progress import Progress
+from optics.psf import PSFOperator
+
+DEPTHS = ("--near-dioptre", "0.9", "--far-dioptre", "0.3")
+
+
+@pytest.fixture
+def options(small, tmp_path):
+    """Options of a design that takes a second, on the small bench."""
+    return [
+        *("--bench", small.bench, "--size", "64", "--steps", "4", *DEPTHS),
+        *("--out", tmp_path / "a.h5", "--json"),
+    ]
+
+
+def request_of(small, **changes) -> EdofRequest:
+    given = {
+        "bench": small.bench,
+        "wavelengths": (520e-9,),
+        "near": 0.9,
+        "far": 0.3,
+        "noise": 0.008,
+        "decoder": "blind",
+        "pictures": None,
+        "start": "rings",
+        "parametrisation": "quarter",
+        "size": 64,
+        "orders": 1,
+        "seed": 1,
+    }
+    return EdofRequest(**{**given, **changes})
+
+
+def problem_of(small, **changes) -> EdofProblem:
+    return EdofProblem(request_of(small, **changes), read_bench(small.bench).build_camera())
+
+
+def test_a_design_is_written_told_and_better_than_its_start(labapp, options, tmp_path):
+    code, out, _ = labapp("design", "edof", *options)
+    assert code == 0
+    told = json.loads(out)
+    psnr = told["expected_psnr"]
+    assert psnr["blind"] <= psnr["known_depth"] <= psnr["bound"]
+    assert all(one["known_depth"] <= psnr["bound"] for one in told["hand_made"].values())
+    assert psnr["blind"] > psnr["start_blind"]
+    assert 0 < told["light_in_window"] <= 1.002
+    made = read_design(tmp_path / "a.h5")
+    assert (cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED) == made.grey[0]).all()
+    assert cv2.imread(str(tmp_path / "a_design.png")).shape[0] > 500
+    assert made.quality["blind"] == psnr["blind"]
+    assert made.settings["focus_dioptre"] > 0
+    assert not (tmp_path / "a.design-state").exists()
+
+
+def test_the_written_psfs_are_those_of_the_written_pattern(labapp, options, small, tmp_path):
+    labapp("design", "edof", *options)
+    made = read_design(tmp_path / "a.h5")
+    assert made.phase is not None
+    camera = read_bench(small.bench).build_camera()
+    pixels = camera.sensor.window_plane(made.psf.images.shape[1:])
+    depth = made.quality["shown_dioptre"][2]
+    truth = PSFOperator(camera, 1 / depth, 520e-9, pixels, tol=1e-4)(
+        torch.from_numpy(made.phase[0])
+    ).numpy()
+    error = np.linalg.norm(made.psf.images[2] - truth) / np.linalg.norm(truth)
+    assert error <= 1e-2
+
+
+def test_a_plan_shows_a_design(labapp, options, small, tmp_path):
+    labapp("design", "edof", *options)
+    plan = tmp_path / "plan.toml"
+    plan.write_text(
+        f"""version = 1
+title = "EDoF"
+[patterns.edof]
+kind = "image"
+file = "{tmp_path / "a.h5"}"
+[[acquire]]
+targets = ["star"]
+patterns = ["edof"]
+wavelengths_nm = [520]
+exposures_ms = [1]
+"""
+    )
+    code, out, err = labapp("plan", "check", plan, "--bench", small.bench)
+    assert code == 0, out + err
+
+
+@pytest.mark.parametrize("decoder", ["blind", "known"])
+def test_a_cancelled_design_goes_on_to_the_same_pattern(small, tmp_path, decoder):
+    """Bit for bit, from the state that was kept when it was cancelled."""
+    problem = problem_of(small, decoder=decoder)
+    transfer = problem.transfer(520e-9)
+    start = problem.parametrisation.fit(problem.start_phase())
+    settings = problem.request.as_data()
+
+    def search(state, kept, progress):
+        return command._search(problem, transfer, start, 30, state, kept, progress)
+
+    whole = search(SearchState(), DesignStateFile(tmp_path / "a", settings), Progress())
+    progress = Progress(lambda fraction, _: progress.cancel() if fraction > 0.3 else None)
+    kept = DesignStateFile(tmp_path / "b", settings)
+    kept.steps = 30
+    with pytest.raises(command.Cancelled):
+        search(SearchState(), kept, progress)
+    again = DesignStateFile(tmp_path / "b", settings)
+    state = again.read()
+    assert state is not None
+    assert again.steps == 30
+    assert 0 < state.step < 30
+    assert torch.equal(search(state, again, Progress()).phase, whole.phase)
+
+
+def test_the_state_of_another_design_is_refused(small, tmp_path):
+    settings = request_of(small).as_data()
+    DesignStateFile(tmp_path / "a", settings).write(SearchState(step=3))
+    with pytest.raises(command.UserError, match=r"with noise 0.008 instead of 0.02"):
+        DesignStateFile(tmp_path / "a", {**settings, "noise": 0.02}).read()
+    (tmp_path / "a").write_bytes(b"nothing")
+    with pytest.raises(command.UserError, match="is damaged"):
+        DesignStateFile(tmp_path / "a", settings).read()
+
+
+def test_other_steps_than_those_of_the_state_are_refused(small, tmp_path):
+    kept = DesignStateFile(tmp_path / "a", {})
+    kept.steps = 20
+    assert command._decide_steps(kept, None, lambda: 5) == 20
+    with pytest.raises(command.UserError, match=r"--steps 30: the design in .* has 20 in all"):
+        command._decide_steps(kept, 30, lambda: 5)
+
+
+def test_minutes_become_steps_once(small):
+    problem = problem_of(small)
+    transfer = problem.transfer(520e-9)
+    start = problem.parametrisation.fit(problem.start_phase())
+    few, many = (command._steps_in(one, problem, transfer, start) for one in (0.01, 10.0))
+    assert few >= 1
+    assert many > 50 * few
+
+
+@pytest.mark.parametrize("name", ["rings", "sweep", "lattice", "cubic", "flat"])
+def test_every_start_suits_the_panel(small, name):
+    problem = problem_of(small)
+    phase = problem.pattern(name, 520e-9)
+    assert phase.shape == problem.camera.panel.shape
+    assert bool(phase.isfinite().all())
+
+
+def test_a_design_starts_from_another_one(labapp, options, small, tmp_path):
+    labapp("design", "edof", *options)
+    problem = problem_of(small, start=str(tmp_path / "a.h5"))
+    made = read_design(tmp_path / "a.h5")
+    assert made.phase is not None
+    assert np.array_equal(problem.start_phase().numpy(), made.phase[0])
+
+
+def test_the_spectrum_of_pictures_is_that_of_their_luminance(small, tmp_path):
+    """White noise of variance v in linear light has the spectrum v at every frequency."""
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    grey = rng.integers(0, 2, (256, 256, 1)).repeat(3, 2) * 255
+    cv2.imwrite(str(folder / "a.png"), grey.astype(np.uint8))
+    problem = problem_of(small, pictures=folder)
+    mean = float(problem.spectrum[:, 1:].mean())
+    assert abs(mean - 0.25) < 0.02
+    assert problem.spectrum_source == str(folder)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (("--near-dioptre", "0.2"), "near must be more than far"),
+        (("--noise", "0"), "--noise 0: give the standard deviation"),
+        (("--decoder", "magic"), "choose blind or known"),
+        (("--parameters", "hexagons"), "choose quarter, radial"),
+        (("--start", "nowhere.h5"), "there is no such file"),
+        (("--size", "65"), "give an even number"),
+        (("--wavelength-nm", "0"), "give one wavelength or more"),
+        (("--minutes", "1"), "give one of them"),
+    ],
+)
+def test_wrong_options_are_refused_with_what_would_be_right(labapp, options, wrong, message):
+    code, _, err = labapp("design", "edof", *options, *wrong)
+    assert code != 0
+    assert message in " ".join(err.split())
+
+
+def test_wrong_output_names_and_empty_folders_are_refused(labapp, small, tmp_path):
+    code, _, err = labapp("design", "edof", "--out", tmp_path / "a.png")
+    assert code != 0
+    assert "a design is written as .h5" in " ".join(err.split())
+    (tmp_path / "empty").mkdir()
+    code, _, err = labapp(
+        *("design", "edof", "--bench", small.bench, "--size", "64", "--steps", "1"),
+        *("--pictures", tmp_path / "empty", "--out", tmp_path / "b.h5", *DEPTHS),
+    )
+    assert code != 0
+    assert "there is no picture in it" in " ".join(err.split())
+
+
+def test_the_file_names_what_a_pattern_needs_to_be_shown(labapp, options, tmp_path):
+    labapp("design", "edof", *options)
+    with h5py.File(tmp_path / "a.h5") as file:
+        settings = json.loads(file["entry/settings"][()])
+        assert {"focus_dioptre", "orientation", "lut", "near", "far", "noise"} <= set(settings)
+        assert file["entry/wavelength"].attrs["units"] == "m"
+        assert {"steps", "cpu_seconds", "bound"} <= set(file["entry/quality"])
