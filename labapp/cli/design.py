@@ -67,8 +67,8 @@ def edof(
         str,
         typer.Option(
             help="Pattern to start from: rings, sweep, lattice, cubic, flat, or a design file. It "
-            "decides more than many steps: rings or sweep for blind, lattice or cubic for known.",
-            show_default="rings, or lattice for known",
+            "decides more than many steps: rings or sweep for blind, cubic or lattice for known.",
+            show_default="rings, or cubic for known",
         ),
     ] = "",
     parameters: Annotated[
@@ -126,7 +126,7 @@ def edof(
         noise,
         decoder,  # type: ignore[arg-type]
         pictures,
-        start or ("lattice" if known else "rings"),
+        start or ("cubic" if known else "rings"),
         parameters or ("free" if known else "quarter"),
         size,
         orders,

@@ -22,6 +22,7 @@ from labapp.edof.design_analysis import (
     bound_level,
     compute_depth_pictures,
     rate_all_hand_made,
+    rate_on_bench,
 )
 from labapp.edof.design_drawing import DesignDrawing, draw_design
 from labapp.edof.design_problem import EdofProblem
@@ -52,6 +53,7 @@ class FinishedDesign:
     grey: np.ndarray
     start: DepthCurves
     design: DepthCurves
+    on_bench: dict[float, PatternRating]
     hand_made: dict[str, PatternRating]
     bound: float
     limit: torch.Tensor
@@ -114,11 +116,12 @@ def _design(
         going_on = f" (going on after step {state.step})" if state.step else ""
         out.print(f"{steps} steps{going_on}; kept so far in {kept.path}", markup=False)
     with terminal_progress() as progress:
-        result = _search(problem, transfer, start, steps, state, kept, progress.part(0, 0.9))
+        result = _search(problem, transfer, start, steps, state, kept, progress.part(0, 0.8))
         phase = problem.parametrisation.phase(result.parameters).detach()
-        pictures = compute_depth_pictures(problem, transfer, phase, progress.part(0.9, 1))
+        pictures = compute_depth_pictures(problem, transfer, phase, progress.part(0.8, 0.85))
+        grey = phase_to_grey(problem.camera.panel, phase, request.wavelengths[0], request.orders)
+        on_bench = _rate_on_bench(problem, grey, progress.part(0.85, 1))
     limit = problem.limit(request.wavelengths[0])
-    grey = phase_to_grey(problem.camera.panel, phase, request.wavelengths[0], request.orders)
     done = FinishedDesign(
         problem,
         result,
@@ -126,6 +129,7 @@ def _design(
         grey.numpy(),
         analyse_depths(problem, transfer, problem.phase(start)),
         analyse_depths(problem, transfer, result.phase),
+        on_bench,
         rate_all_hand_made(problem),
         bound_level(problem, limit),
         limit,
@@ -135,6 +139,21 @@ def _design(
     )
     kept.delete()
     return done
+
+
+def _rate_on_bench(
+    problem: EdofProblem, grey: torch.Tensor, progress: Progress
+) -> dict[float, PatternRating]:
+    """Rate a design as the bench shows it, by wavelength in metres."""
+    wavelengths = problem.request.wavelengths
+    parts = [
+        progress.part(k / len(wavelengths), (k + 1) / len(wavelengths))
+        for k in range(len(wavelengths))
+    ]
+    return {
+        one: rate_on_bench(problem, grey, one, part)
+        for one, part in zip(wavelengths, parts, strict=True)
+    }
 
 
 def _decide_steps(kept: DesignStateFile, steps: int | None, count_steps: Callable[[], int]) -> int:
@@ -177,6 +196,7 @@ def _search(
             generator=torch.Generator().manual_seed(request.seed),
             criterion=request.decoder,
             pattern=problem.phase,
+            further_bands=problem.further_bands(),
             depth_range=problem.depth_range,
             progress=Progress(report),
             state=state,
@@ -277,6 +297,10 @@ def _account(done: FinishedDesign) -> dict[str, Any]:
             "start_blind": done.start.rating.blind,
             "start_known_depth": done.start.rating.known_depth,
         },
+        "on_bench": [
+            {"wavelength_nm": 1e9 * one, "blind": rated.blind, "known_depth": rated.known_depth}
+            for one, rated in done.on_bench.items()
+        ],
         "hand_made": {
             name: {"blind": one.blind, "known_depth": one.known_depth}
             for name, one in done.hand_made.items()
@@ -287,7 +311,12 @@ def _account(done: FinishedDesign) -> dict[str, Any]:
 
 def _rows(done: FinishedDesign) -> list[list[str]]:
     """Return the printed rows of a design: expected PSNR in dB, beside the bound."""
-    rated = [("designed", done.design.rating), ("start", done.start.rating)]
+    rated = [("designed", done.design.rating)]
+    rated += [
+        (f"designed, on this bench, {1e9 * one:g} nm", rating)
+        for one, rating in done.on_bench.items()
+    ]
+    rated += [("start", done.start.rating)]
     rated += [(f"{name}, hand-made", one) for name, one in done.hand_made.items()]
     rows = [[name, f"{one.blind:.2f} dB", f"{one.known_depth:.2f} dB"] for name, one in rated]
     return [*rows, ["bound of any pattern", "", f"{done.bound:.2f} dB"]]
@@ -306,6 +335,10 @@ def _notes(done: FinishedDesign) -> str:
     ]
     if done.result.skipped:
         told.append(f"{done.result.skipped} steps had no finite gradient and were skipped.")
+    told.append(
+        "On this bench: with the panel's grey levels, gaps and unmodulated light, on whole pixels. "
+        "All other rows, and the bound, are of a panel without them, at points."
+    )
     if done.problem.camera.separation:
         told.append(
             "Designed for the lens at the panel that gives the same PSFs on the axis where the "

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from labapp.edof.design_problem import EdofProblem
 from labapp.edof.design_request import STARTS
 from optics.edof.depth_bound import known_depth_bound
+from optics.edof.detector_psf import compute_transfer
 from optics.edof.dioptres import midpoint_dioptres
 from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.pattern_rating import DepthMemory, PatternRating, rate_pattern
@@ -23,9 +24,13 @@ from optics.plane import Plane
 from optics.progress import Progress
 from optics.psf import PSFOperator
 from optics.quarter_symmetry import crop_quarter
+from optics.slm import grey_to_phase
 
 SHOWN_DEPTHS = 6
 """Depths whose PSFs and transfer functions are shown."""
+
+_BENCH_DEPTHS = 32
+"""Depths at which a pattern is rated as the bench shows it. Chosen, as for hand-made patterns."""
 
 _HAND_MADE_DEPTHS = 32
 """Depths at which hand-made patterns are rated; twice as many change a rating by .05 dB at most
@@ -85,6 +90,53 @@ def analyse_depths(
     )
     over_depth = [np.array([error_level(one) for one in errors]) for errors in (blind, known)]
     return DepthCurves(np.array(dioptres), over_depth[0], over_depth[1], rating)
+
+
+def rate_on_bench(
+    problem: EdofProblem, grey: torch.Tensor, wavelength: float, progress: Progress
+) -> PatternRating:
+    """Rate a pattern as the bench shows it: the panel's grey levels and pixels, and all its light.
+
+    The PSFs are those of whole sensor pixels behind the bench's own camera, with the panel's
+    unmodulated light, its gaps, its phase at the wavelength and its distance from the lens.
+
+    Parameters
+    ----------
+    problem : EdofProblem
+        What the pattern was designed for.
+    grey : torch.Tensor, (rows, columns), uint8
+        What the panel shows.
+    wavelength : float
+        Metres.
+    progress : Progress
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    PatternRating
+        The expected PSNR.
+    """
+    phase, symmetry = grey_to_phase(problem.camera.panel, grey, wavelength), "none"
+    if problem.mirrored and bool((grey == grey.flip(0)).all() and (grey == grey.flip(1)).all()):
+        phase, symmetry = crop_quarter(phase), "quarter"
+    grid = FrequencyGrid(problem.request.size)
+    spectrum, shares, noise = problem.spectrum.double(), grid.shares(), problem.request.noise
+    side = 2 * problem.window_reach(wavelength) + 1
+    pixels = problem.camera.sensor.window_plane((side, side))
+    dioptres = midpoint_dioptres(_BENCH_DEPTHS, problem.depth_range)
+    memory, known, light = DepthMemory(_BENCH_DEPTHS, spectrum, noise), [], 0.0
+    for number, one in enumerate(dioptres):
+        progress.report(number / _BENCH_DEPTHS, f"on the bench, {one:.2f} D")
+        psf = PSFOperator(
+            problem.camera, 1 / one, wavelength, pixels, symmetry=symmetry, tol=1e-3, calls=1
+        )(phase)
+        found = compute_transfer(psf, (grid.size, grid.size))
+        memory.add(found)
+        known.append(float(known_depth_error(found[None], spectrum, shares, noise)))
+        light += float(psf.sum()) / _BENCH_DEPTHS
+    mean = sum(known) / len(known)
+    levels = error_level(memory.error(shares)), error_level(mean), error_level(max(known))
+    return PatternRating(*levels, light)
 
 
 def rate_all_hand_made(problem: EdofProblem) -> dict[str, PatternRating]:

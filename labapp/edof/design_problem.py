@@ -21,6 +21,7 @@ from optics.edof.depth_bound import rms_transfer_limit
 from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.full_transfer import FullTransfer
 from optics.edof.parametrisation import PhaseParametrisation, make_parametrisation
+from optics.edof.pattern_search import DesignBand
 from optics.edof.pattern_transfer import PatternTransfer
 from optics.edof.picture_preparation import convert_to_luminance, decode_srgb
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM, mean_spectrum
@@ -88,18 +89,34 @@ class EdofProblem:
 
         mirrored: whether the patterns are mirrored; as the designed one by default.
         """
-        lens, panel = self.thin.lens, self.thin.panel
-        period = wavelength * lens.image_distance / (panel.pitch * self.thin.sensor.pitch)
-        reach = min(WINDOW_REACH, math.floor((period - 1) / 2))
+        reach = self.window_reach(wavelength)
         design = TransferDesign(self.thin, wavelength, self.request.size, reach=reach)
         quarter = self.mirrored if mirrored is None else mirrored and self._has_quarters
         return QuarterTransfer(design) if quarter else FullTransfer(design)
+
+    def window_reach(self, wavelength: float) -> int:
+        """Return the sensor pixels from the middle of a PSF to the border of its window.
+
+        wavelength: metres. The light of a panel of points repeats beyond one order.
+        """
+        lens, panel = self.thin.lens, self.thin.panel
+        period = wavelength * lens.image_distance / (panel.pitch * self.thin.sensor.pitch)
+        return min(WINDOW_REACH, math.floor((period - 1) / 2))
 
     def phase(self, parameters: torch.Tensor) -> torch.Tensor:
         """Return the phase of parameters in the shape that `transfer` takes; differentiable."""
         if self.mirrored:
             return self.parametrisation.quarter_phase(parameters)
         return self.parametrisation.phase(parameters)
+
+    def further_bands(self) -> tuple[DesignBand, ...]:
+        """Return the wavelengths after the first one, for the search."""
+        found = []
+        for band in range(1, len(self.request.wavelengths)):
+            transfer = self.transfer(self.request.wavelengths[band])
+            spectrum = self.spectrum_on(transfer.grid)
+            found.append(DesignBand(transfer, spectrum, self.phase_at(band)))
+        return tuple(found)
 
     def phase_at(self, band: int) -> Callable[[torch.Tensor], torch.Tensor]:
         """Return the function from parameters to the phase at one of the wavelengths.

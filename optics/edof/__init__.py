@@ -28,7 +28,7 @@ from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.full_transfer import FullTransfer
 from optics.edof.parametrisation import PARAMETRISATIONS, make_parametrisation
 from optics.edof.pattern_rating import PatternRating, rate_pattern
-from optics.edof.pattern_search import design_pattern
+from optics.edof.pattern_search import DesignBand, design_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM, measure_picture_spectrum
 from optics.edof.protocol import AUTHORS, HIGH_NOISE, LOW_NOISE, STRICT, EdofProtocol
 from optics.edof.pupil_pattern import STOP_DIAMETERS, PupilPattern, round_stop
@@ -48,6 +48,7 @@ __all__ = [
     "STOP_DIAMETERS",
     "STRICT",
     "BlindDecoder",
+    "DesignBand",
     "DesignResult",
     "EdofProtocol",
     "FrequencyGrid",

@@ -6,9 +6,11 @@ import torch
 
 from optics.fourier import rfft2
 from optics.plane import origin_to_corner
+from optics.threads import in_full_precision
 from optics.validation import require_count
 
 
+@in_full_precision
 def bin_psf(psf: torch.Tensor, binning: int) -> torch.Tensor:
     """Compute the PSF on detector pixels that are squares of finer pixels.
 

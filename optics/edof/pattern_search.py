@@ -11,6 +11,9 @@ one depth in each of many equal parts of the range, takes the best filter for th
 depths from a few parts a step, replacing what it remembers of them. The filter lags by some steps,
 over which the pattern hardly changes.
 
+A pattern for several wavelengths has a filter for each. The steps take the wavelengths in turn, so
+that the search lowers the mean of their errors.
+
 References
 ----------
 Thesis section 5.4; D. P. Kingma and J. Ba, Adam, arXiv 1412.6980, 2015; for the memory, M. Schmidt
@@ -20,7 +23,7 @@ et al., Math. Program. 162, 83, 2017, doi 10.1007/s10107-016-1030-6.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -58,6 +61,7 @@ def design_pattern(
     generator: torch.Generator,
     criterion: Literal["blind", "known"] = "blind",
     pattern: Callable[[torch.Tensor], torch.Tensor] | None = None,
+    further_bands: Sequence[DesignBand] = (),
     depth_range: tuple[float, float] = DEPTH_RANGE,
     settings: SearchSettings | None = None,
     progress: Progress | None = None,
@@ -89,6 +93,8 @@ def design_pattern(
     pattern : callable, optional
         Differentiable function from parameters to the phase of the transfer's shape. For a
         `QuarterTransfer`, take `optics.quarter_symmetry.crop_quarter` of a symmetric pattern.
+    further_bands : sequence of DesignBand, optional
+        Further wavelengths, at which the same parameters make other phases.
     depth_range : tuple of (float, float), optional
         Farthest and nearest depth in dioptres.
     settings : SearchSettings, optional
@@ -117,26 +123,56 @@ def design_pattern(
     progress = progress or Progress()
     rated = midpoint_dioptres(RATED_DEPTHS, depth_range)
     make = pattern or _keep
-    spectrum = spectrum.to(start.device, torch.float64)
-    problem = _Problem(transfer, spectrum, noise, make, depth_range)
-    start_rating = problem.rate(start.detach().double(), rated)
+    bands = (DesignBand(transfer, spectrum, make), *further_bands)
+    problems = [
+        _Problem(
+            one.transfer,
+            one.spectrum.to(start.device, torch.float64),
+            noise,
+            one.pattern,
+            depth_range,
+        )
+        for one in bands
+    ]
+    start_rating = problems[0].rate(start.detach().double(), rated)
     search = _Search(
-        problem, criterion, start, steps, generator, settings or settings_for(criterion), state
+        problems, criterion, start, steps, generator, settings or settings_for(criterion), state
     )
     search.run(progress)
     reached = search.state
     assert reached.parameters is not None
     with torch.no_grad():
         phase = make(reached.parameters).detach().clone()
+    ratings = [one.rate(reached.parameters, rated) for one in problems]
     return DesignResult(
         phase,
         reached.parameters.clone(),
-        problem.rate(reached.parameters, rated),
+        ratings[0],
         start_rating,
         tuple(reached.history),
         reached.skipped,
         reached,
+        tuple(ratings[1:]),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class DesignBand:
+    """Describe a further wavelength for which a pattern is designed.
+
+    Parameters
+    ----------
+    transfer : PatternTransfer
+        Computes OTFs of patterns at the wavelength.
+    spectrum : torch.Tensor
+        Power spectrum of the pictures on the frequencies of `transfer.grid`.
+    pattern : callable
+        Differentiable function from parameters to the phase at the wavelength.
+    """
+
+    transfer: PatternTransfer
+    spectrum: torch.Tensor
+    pattern: Callable[[torch.Tensor], torch.Tensor]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +197,7 @@ class _Search:
 
     def __init__(
         self,
-        problem: _Problem,
+        problems: Sequence[_Problem],
         criterion: str,
         start: torch.Tensor,
         steps: int,
@@ -169,9 +205,10 @@ class _Search:
         settings: SearchSettings,
         state: SearchState | None,
     ) -> None:
-        self._problem, self._blind, self._steps = problem, criterion == "blind", steps
+        self._problems, self._blind, self._steps = problems, criterion == "blind", steps
         self._generator, self._settings = generator, settings
-        self._shares = problem.transfer.grid.shares().to(start.device)
+        first = problems[0]
+        self._shares = first.transfer.grid.shares().to(start.device)
         self.state = SearchState() if state is None else state
         reached = self.state.parameters
         self._parameters = (start if reached is None else reached).detach().double().clone()
@@ -184,11 +221,15 @@ class _Search:
         )
         self._failures = 0
         # The error per pixel is tiny; Adam's guard against zero is made for gradients near 1.
-        self._scale = start.numel() / float((self._shares * problem.spectrum).sum())
-        if reached is None:
-            self._remember_all_parts()
-        else:
+        self._scale = start.numel() / float((self._shares * first.spectrum).sum())
+        self._memories: list[DepthMemory] = []
+        if self._blind:
+            parts = settings.parts
+            self._memories = [DepthMemory(parts, one.spectrum, one.noise) for one in problems]
+        if reached is not None:
             self._restore()
+        elif self._blind:
+            self._remember_all_parts()
 
     def run(self, progress: Progress) -> None:
         """Take the steps of the search that are left."""
@@ -205,11 +246,12 @@ class _Search:
     def _take_step(self) -> None:
         """Draw depths, compute the gradient of the pattern's error, and change the parameters."""
         state, rate = self.state, self._rate()
-        parts = self._draw_parts()
+        band, parts = state.step % len(self._problems), self._draw_parts()
+        problem = self._problems[band]
         self._optimiser.zero_grad()
-        phase = self._problem.pattern(self._parameters)
-        found = self._problem.transfer(phase, self._draw_dioptres(parts))
-        error = self._error(found, parts)
+        phase = problem.pattern(self._parameters)
+        found = problem.transfer(phase, self._draw_dioptres(parts))
+        error = self._error(found, band, parts)
         torch.autograd.backward(error)
         gradient = self._parameters.grad
         assert gradient is not None
@@ -224,56 +266,51 @@ class _Search:
         state.step += 1
         self._save()
 
-    def _error(self, found: torch.Tensor, parts: list[int]) -> torch.Tensor:
-        """Return the error whose gradient the search follows, from OTFs of parts of the range."""
-        problem = self._problem
+    def _error(self, found: torch.Tensor, band: int, parts: list[int]) -> torch.Tensor:
+        """Return the error whose gradient the search follows, from OTFs of parts of the range.
+
+        band: number of the wavelength that the OTFs are of.
+        """
+        problem = self._problems[band]
         arguments = (found, problem.spectrum, self._shares, problem.noise)
         if not self._blind:
             error = known_depth_error(*arguments)
             value = float(error.detach())
             if math.isfinite(value):
-                turns = -(-self._settings.parts // self._settings.depths)
+                turns = -(-self._settings.parts // self._settings.depths) * len(self._problems)
                 self.state.errors = [*self.state.errors, value][-turns:]
             return error
         if bool(torch.isfinite(found.detach()).all()):
-            self._remember(parts, found.detach())
-        return filter_error(self._memory.filter(), *arguments)
+            self._remember(band, parts, found.detach())
+        return filter_error(self._memories[band].filter(), *arguments)
 
-    def _remember(self, parts: list[int], found: torch.Tensor) -> None:
-        """Replace what is remembered of parts of the depth range by new OTFs."""
-        remembered = self.state.remembered
-        assert remembered is not None
+    def _remember(self, band: int, parts: list[int], found: torch.Tensor) -> None:
+        """Replace what is remembered of parts of the depth range by new OTFs of a wavelength."""
+        remembered, memory = self.state.remembered[band], self._memories[band]
         for part, one in zip(parts, found, strict=True):
-            self._memory.add(remembered[part], -1.0)
-            self._memory.add(one)
+            memory.add(remembered[part], -1.0)
+            memory.add(one)
             remembered[part] = one
 
+    @torch.no_grad()
     def _remember_all_parts(self) -> None:
-        """Compute the OTFs of all parts of the depth range, for the first filter and the scale."""
-        problem, parts = self._problem, self._settings.parts
-        if not self._blind:
-            return
-        with torch.no_grad():
-            phase = problem.pattern(self._parameters)
-            self._memory = DepthMemory(parts, problem.spectrum, problem.noise)
-            kept = []
-            for dioptre in midpoint_dioptres(parts, problem.depth_range):
+        """Compute the OTFs of all parts of the depth range, for the first filters."""
+        for problem, memory in zip(self._problems, self._memories, strict=True):
+            phase, kept = problem.pattern(self._parameters), []
+            for dioptre in midpoint_dioptres(self._settings.parts, problem.depth_range):
                 kept.append(problem.transfer(phase, (dioptre,))[0])
-                self._memory.add(kept[-1])
-            self.state.remembered = torch.stack(kept)
+                memory.add(kept[-1])
+            self.state.remembered.append(torch.stack(kept))
 
     def _restore(self) -> None:
         """Put optimiser, generator and remembered OTFs of a pattern's search back to its state."""
-        state, problem = self.state, self._problem
+        state = self.state
         if state.optimiser:
             self._optimiser.load_state_dict(state.optimiser)
         if state.generator is not None:
             self._generator.set_state(state.generator)
-        if self._blind:
-            assert state.total is not None
-            assert state.power is not None
-            self._memory = DepthMemory(self._settings.parts, problem.spectrum, problem.noise)
-            self._memory.total, self._memory.power = state.total.clone(), state.power.clone()
+        for memory, (total, power) in zip(self._memories, state.sums, strict=True):
+            memory.total, memory.power = total.clone(), power.clone()
 
     def _save(self) -> None:
         """Write the search's optimiser, generator, parameters and sums into its state."""
@@ -281,8 +318,7 @@ class _Search:
         state.parameters = self._parameters.detach()
         state.optimiser = self._optimiser.state_dict()
         state.generator = self._generator.get_state()
-        if self._blind:
-            state.total, state.power = self._memory.total, self._memory.power
+        state.sums = [(one.total, one.power) for one in self._memories]
 
     def _draw_parts(self) -> list[int]:
         """Draw the parts of the depth range for one step, each once before any comes again."""
@@ -295,7 +331,7 @@ class _Search:
 
     def _draw_dioptres(self, parts: list[int]) -> tuple[float, ...]:
         """Draw a random depth in each of some parts of the range, in dioptres."""
-        low, high = self._problem.depth_range
+        low, high = self._problems[0].depth_range
         width = (high - low) / self._settings.parts
         drawn = torch.rand(len(parts), generator=self._generator, dtype=torch.float64).tolist()
         return tuple(low + width * (part + one) for part, one in zip(parts, drawn, strict=True))
@@ -320,7 +356,8 @@ class _Search:
     def _estimated_level(self) -> float:
         """Return the level in dB of a search's criterion, at the depths drawn last."""
         if self._blind:
-            return error_level(self._memory.error(self._shares))
+            errors = [one.error(self._shares) for one in self._memories]
+            return error_level(sum(errors) / len(errors))
         errors = self.state.errors
         return error_level(sum(errors) / len(errors)) if errors else math.nan
 

@@ -146,6 +146,8 @@ class _DepthTransfer(torch.autograd.Function):
 
     @staticmethod
     @torch.autograd.function.once_differentiable
+    # torch runs this with the precision of whoever asks for gradients, inside autocast or not.
+    @in_full_precision
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
         (modulation,) = ctx.saved_tensors
         transfer: PatternTransfer = ctx.transfer
@@ -158,8 +160,8 @@ class _DepthTransfer(torch.autograd.Function):
 
 
 def unit_phasor_of_phase(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Compute exp(i phase) of a pattern; the phase is wrapped in its own precision first."""
-    turns = phase / (2 * math.pi)
+    """Compute exp(i phase) of a pattern; the phase is wrapped in double precision first."""
+    turns = phase.double() / (2 * math.pi)
     angle = (2 * math.pi * (turns - torch.round(turns))).to(dtype.to_real())
     return torch.complex(torch.cos(angle), torch.sin(angle))
 

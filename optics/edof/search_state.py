@@ -84,10 +84,10 @@ class SearchState:
         The state of the random generator.
     pending : list of int
         Parts of the depth range that are still to be drawn from in this turn.
-    remembered : torch.Tensor or None
-        OTF of each part of the range, for the blind criterion.
-    total, power : torch.Tensor or None
-        Their sum, and that of their squared moduli.
+    remembered : list of torch.Tensor
+        For each wavelength, the OTF of each part of the range; empty for the known depth.
+    sums : list of tuple of torch.Tensor
+        For each wavelength, their sum, and that of their squared moduli.
     errors : list of float
         Errors of the last steps with the depth known, from which `history` is estimated.
     history : list of tuple of (int, float)
@@ -101,9 +101,8 @@ class SearchState:
     optimiser: dict[str, Any] = field(default_factory=dict)
     generator: torch.Tensor | None = None
     pending: list[int] = field(default_factory=list)
-    remembered: torch.Tensor | None = None
-    total: torch.Tensor | None = None
-    power: torch.Tensor | None = None
+    remembered: list[torch.Tensor] = field(default_factory=list)
+    sums: list[tuple[torch.Tensor, torch.Tensor]] = field(default_factory=list)
     errors: list[float] = field(default_factory=list)
     history: list[tuple[int, float]] = field(default_factory=list)
     skipped: int = 0
@@ -129,6 +128,8 @@ class DesignResult:
         Steps that were skipped because the gradient wasn't finite.
     state : SearchState
         The state after the last step.
+    further_ratings : tuple of PatternRating
+        Expected PSNR at the further wavelengths.
     """
 
     phase: torch.Tensor
@@ -138,3 +139,4 @@ class DesignResult:
     history: tuple[tuple[int, float], ...]
     skipped: int
     state: SearchState
+    further_ratings: tuple[PatternRating, ...] = ()

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 import torch
+from small_bench.files import write_small
 
 import labapp.edof.command as command
 from labapp.edof.design_problem import EdofProblem
@@ -19,6 +20,7 @@ from labapp.files.design_file import read_design
 from optics.edof.search_state import SearchState
 from optics.progress import Progress
 from optics.psf import PSFOperator
+from optics.slm import grey_to_phase, max_phase, phase_to_grey
 
 DEPTHS = ("--near-dioptre", "0.9", "--far-dioptre", "0.3")
 
@@ -30,6 +32,17 @@ def options(small, tmp_path):
         *("--bench", small.bench, "--size", "64", "--steps", "4", *DEPTHS),
         *("--out", tmp_path / "a.h5", "--json"),
     ]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A design of two wavelengths and its bench's files, made once."""
+    folder = tmp_path_factory.mktemp("design")
+    small = write_small(folder / "files")
+    request = request_of(small, wavelengths=(520e-9, 620e-9))
+    files = [folder / name for name in ("a.h5", "a.png", "a_design.png")]
+    command.design_edof(request, files, steps=4, minutes=0.0, as_json=False)
+    return small, files[0]
 
 
 def request_of(small, **changes) -> EdofRequest:
@@ -71,29 +84,29 @@ def test_a_design_is_written_told_and_better_than_its_start(labapp, options, tmp
     assert not (tmp_path / "a.design-state").exists()
 
 
-def test_the_written_psfs_are_those_of_the_written_pattern(labapp, options, small, tmp_path):
-    labapp("design", "edof", *options)
-    made = read_design(tmp_path / "a.h5")
-    assert made.phase is not None
+def test_the_written_psfs_are_those_of_the_written_pattern(made):
+    small, path = made
+    found = read_design(path)
+    assert found.phase is not None
     camera = read_bench(small.bench).build_camera()
-    pixels = camera.sensor.window_plane(made.psf.images.shape[1:])
-    depth = made.quality["shown_dioptre"][2]
+    pixels = camera.sensor.window_plane(found.psf.images.shape[1:])
+    depth = found.quality["shown_dioptre"][2]
     truth = PSFOperator(camera, 1 / depth, 520e-9, pixels, tol=1e-4)(
-        torch.from_numpy(made.phase[0])
+        torch.from_numpy(found.phase[0])
     ).numpy()
-    error = np.linalg.norm(made.psf.images[2] - truth) / np.linalg.norm(truth)
+    error = np.linalg.norm(found.psf.images[2] - truth) / np.linalg.norm(truth)
     assert error <= 1e-2
 
 
-def test_a_plan_shows_a_design(labapp, options, small, tmp_path):
-    labapp("design", "edof", *options)
+def test_a_plan_shows_a_design(labapp, made, tmp_path):
+    small, path = made
     plan = tmp_path / "plan.toml"
     plan.write_text(
         f"""version = 1
 title = "EDoF"
 [patterns.edof]
 kind = "image"
-file = "{tmp_path / "a.h5"}"
+file = "{path}"
 [[acquire]]
 targets = ["star"]
 patterns = ["edof"]
@@ -165,12 +178,12 @@ def test_every_start_suits_the_panel(small, name):
     assert bool(phase.isfinite().all())
 
 
-def test_a_design_starts_from_another_one(labapp, options, small, tmp_path):
-    labapp("design", "edof", *options)
-    problem = problem_of(small, start=str(tmp_path / "a.h5"))
-    made = read_design(tmp_path / "a.h5")
-    assert made.phase is not None
-    assert np.array_equal(problem.start_phase().numpy(), made.phase[0])
+def test_a_design_starts_from_another_one(made):
+    small, path = made
+    found = read_design(path)
+    assert found.phase is not None
+    start = problem_of(small, start=str(path)).start_phase()
+    assert np.array_equal(start.numpy(), found.phase[0])
 
 
 def test_the_spectrum_of_pictures_is_that_of_their_luminance(small, tmp_path):
@@ -218,9 +231,22 @@ def test_wrong_output_names_and_empty_folders_are_refused(labapp, small, tmp_pat
     assert "there is no picture in it" in " ".join(err.split())
 
 
-def test_the_file_names_what_a_pattern_needs_to_be_shown(labapp, options, tmp_path):
-    labapp("design", "edof", *options)
-    with h5py.File(tmp_path / "a.h5") as file:
+def test_a_further_wavelength_sees_the_grey_levels_of_the_first(made):
+    """The phase for which it's designed is that which the panel's levels make there."""
+    small, _ = made
+    problem = problem_of(small, wavelengths=(520e-9, 620e-9), parametrisation="free")
+    parameters = problem.parametrisation.fit(problem.start_phase())
+    panel = problem.camera.panel
+    grey = phase_to_grey(panel, problem.phase(parameters), 520e-9)
+    truth = grey_to_phase(panel, grey, 620e-9)
+    # The levels are whole numbers.
+    step = max_phase(panel, 620e-9) / (panel.levels - 1)
+    difference = (problem.phase_at(1)(parameters) - truth).abs()
+    assert float((difference > 0.51 * step).double().mean()) < 0.02
+
+
+def test_the_file_names_what_a_pattern_needs_to_be_shown(made):
+    with h5py.File(made[1]) as file:
         settings = json.loads(file["entry/settings"][()])
         assert {"focus_dioptre", "orientation", "lut", "near", "far", "noise"} <= set(settings)
         assert file["entry/wavelength"].attrs["units"] == "m"

@@ -10,7 +10,7 @@ from optics.camera import Camera, Lens, Panel, Sensor
 from optics.edof.dioptres import random_dioptres
 from optics.edof.full_transfer import FullTransfer
 from optics.edof.pattern_rating import rate_pattern
-from optics.edof.pattern_search import MOST_FAILURES, design_pattern
+from optics.edof.pattern_search import MOST_FAILURES, DesignBand, design_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM
 from optics.edof.quarter_transfer import QuarterTransfer
 from optics.edof.search_state import SearchSettings, SearchState
@@ -143,3 +143,36 @@ def test_bad_settings_are_named():
     for change in ({"rate": 0.0}, {"depths": 0}, {"depths": 9, "parts": 8}):
         with pytest.raises(ValueError, match=next(iter(change))):
             SearchSettings(**change)
+
+
+@pytest.mark.parametrize("criterion", ["blind", "known"])
+def test_a_pattern_for_two_wavelengths_gains_at_both(criterion):
+    """At twice the phase, the search for the first alone gains less there."""
+    transfer = QuarterTransfer(DESIGN)
+    spectrum = NATURAL_SPECTRUM.on_grid(transfer.grid)
+    name = "blind" if criterion == "blind" else "known_depth"
+    start = 3 * torch.rand(transfer.shape, generator=torch.Generator().manual_seed(3))
+    other = DesignBand(transfer, spectrum, lambda phase: 2 * phase)
+    both = _search(transfer, 120, criterion, start=start, further_bands=[other])
+    alone = _search(transfer, 60, criterion, start=start)
+
+    def level(phase):
+        dioptres = random_dioptres(32, torch.Generator().manual_seed(4), RANGE)
+        return getattr(rate_pattern(transfer, phase, spectrum, 0.01, dioptres), name)
+
+    assert level(both.phase) > level(start) + 0.2
+    assert level(2 * both.phase) > level(2 * start) + 0.2
+    assert level(2 * both.phase) > level(2 * alone.phase) + 0.1
+    assert getattr(both.further_ratings[0], name) == pytest.approx(level(2 * both.phase), abs=0.2)
+
+
+def test_a_search_for_two_wavelengths_goes_on_bit_by_bit():
+    transfer = QuarterTransfer(DESIGN)
+    spectrum = NATURAL_SPECTRUM.on_grid(transfer.grid)
+    bands = [DesignBand(transfer, spectrum, lambda phase: 2 * phase)]
+    whole = _search(transfer, 14, further_bands=bands)
+    state = SearchState()
+    with pytest.raises(Cancelled):
+        _search(transfer, 14, further_bands=bands, state=state, progress=_cancelled_at(0.7))
+    resumed = _search(transfer, 14, seed=9, further_bands=bands, state=copy.deepcopy(state))
+    assert torch.equal(resumed.phase, whole.phase)
