@@ -7,7 +7,12 @@ from functools import cached_property
 
 import torch
 
-from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
+from optics.accuracy import (
+    ErrorEstimate,
+    MachineSpeed,
+    ToleranceError,
+    unreachable_tolerance_error,
+)
 from optics.camera import Camera
 from optics.chain.cut_pixels import cut_pixel_error_share
 from optics.chain.engine import search_seconds
@@ -26,6 +31,7 @@ from optics.pupil import (
     pupil_amplitude,
     vergence_error,
 )
+from optics.quarter_symmetry import mirror_quarter
 from optics.validation import as_number, rounded_up
 
 
@@ -38,6 +44,9 @@ class CollapsedEngine(PSFEngine):
     errors are estimated (see `StopEdgeScatter` and `cut_pixel_error_share`), and the engine raises
     ToleranceError where they exceed the tolerance. They are added, because both may have the same
     sign.
+
+    mirrored: whether a quarter of a mirrored pattern is given, as for PanelEngine; only where the
+    stop's shadow leaves the panel open.
     """
 
     name = "collapsed"
@@ -48,8 +57,11 @@ class CollapsedEngine(PSFEngine):
         camera: Camera,
         search: LensGridSearch,
         transform: str | None = None,
+        *,
+        mirrored: bool = False,
     ) -> None:
         self._request, self._camera, self._search = request, camera, search
+        self._mirrored = mirrored
         n = request.numeric
         plain = numeric_camera(camera)
         if not can_collapse(plain):
@@ -64,6 +76,8 @@ class CollapsedEngine(PSFEngine):
                 'through a collapsed camera; take method="chain"'
             )
         self._require_fixed_pixel_edges(request, thin)
+        if mirrored and float(pupil_amplitude(thin).min()) < 1:
+            raise ToleranceError("the stop's shadow cuts the panel; the light isn't mirrored")
         self._edge_error, self._cut_pixel_error = search.edge_scatter.collapse_error(), 0.0
         if self._edge_error < n.tol:
             self._cut_pixel_error = self._estimate_cut_pixel_error(thin)
@@ -75,7 +89,7 @@ class CollapsedEngine(PSFEngine):
                 f'the light is worth about {rounded_up(neglected)}; take method="chain"'
             )
         inner = _thin_lens_request(request, camera, left)
-        self._panel_engine = PanelEngine(inner, thin, transform=transform)
+        self._panel_engine = PanelEngine(inner, thin, transform=transform, mirrored=mirrored)
         self._open_area_ratio = open_area(thin) / open_area(plain)
         self.precision, self.arithmetic = (
             self._panel_engine.precision,
@@ -151,12 +165,19 @@ class CollapsedEngine(PSFEngine):
     ) -> torch.Tensor:
         """Return the field behind the chain's panel."""
         shape = self._camera.panel.shape
+        if self._mirrored and phase is not None:
+            phase = mirror_quarter(phase, shape)
         factor = self.modulation_factor(phase, amplitude, shape, torch.complex64)
         return torch.ones(shape, dtype=torch.complex64) if factor is None else factor
 
     @cached_property
     def _fallback_engine(self) -> GridEngine:
-        """The chain's engine for windows so dim that light scattered at the stop's edge matters."""
+        """The chain's engine for windows so dim that light scattered at the stop's edge matters.
+
+        Raises ToleranceError for a quarter of a pattern, which that engine doesn't take.
+        """
+        if self._mirrored:
+            raise unreachable_tolerance_error(self._request.tol, self.error.value)
         chain = GridEngine(self._request, self._camera, self._search)
         chain.prepare()
         return chain

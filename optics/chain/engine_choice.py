@@ -23,7 +23,7 @@ CHAIN_METHODS = (CollapsedEngine.name, GridEngine.name, QuadratureEngine.name)
 
 
 def chain_engines(
-    request: PSFRequest, camera: Camera, method: str | None
+    request: PSFRequest, camera: Camera, method: str | None, *, mirrored: bool = False
 ) -> dict[str, Callable[[], PSFEngine]]:
     """List the engines for the PSF of a chain, whose panel stands apart from its lens.
 
@@ -36,6 +36,9 @@ def chain_engines(
     method : str or None
         One of CHAIN_METHODS, or the name of a transform, which selects CollapsedEngine with it.
         None for all engines.
+    mirrored : bool, optional
+        Whether a quarter of a mirrored pattern is given, which only CollapsedEngine takes. False by
+        default.
 
     Returns
     -------
@@ -58,7 +61,9 @@ def chain_engines(
     makers: dict[str, Callable[[], PSFEngine]] = {
         GridEngine.name: lambda: GridEngine(request, camera, search(), kinds=kinds),
         QuadratureEngine.name: lambda: QuadratureEngine(request, camera, search(), kinds=kinds),
-        CollapsedEngine.name: lambda: CollapsedEngine(request, camera, search(), transform),
+        CollapsedEngine.name: lambda: CollapsedEngine(
+            request, camera, search(), transform, mirrored=mirrored
+        ),
     }
     wanted = select_methods(makers, CollapsedEngine.name if transform else method)
     return {name: makers[name] for name in wanted}

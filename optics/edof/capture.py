@@ -99,4 +99,8 @@ def add_noise(
         return image + white * normal
     read = noise_at_light(deviation * math.sqrt(1 - shot_share), collected)
     shot_variance = (white**2 - read**2) * image.clamp(min=0.0)
-    return image + (read**2 + shot_variance).sqrt() * normal
+    variance = read**2 + shot_variance
+    # Photons alone leave darkness without noise, where the root has no finite slope.
+    noisy = variance > 0
+    deviations = torch.where(noisy, variance, 1.0).sqrt()
+    return image + torch.where(noisy, deviations, 0.0) * normal

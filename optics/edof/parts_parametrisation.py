@@ -77,7 +77,8 @@ class SumOfParts(PhaseParametrisation):
 
     def _symmetric_phase(self, parameters: torch.Tensor) -> torch.Tensor:
         short = self._short.to(parameters.device, parameters.dtype)
-        return torch.tensordot(parameters, short, dims=1)
+        # A matrix product would run in half precision under autocast, in the gradient too.
+        return (parameters[:, None, None] * short).sum(0)
 
     def _fit(self, phase: torch.Tensor) -> torch.Tensor:
         whole = self._whole.to(phase.device)

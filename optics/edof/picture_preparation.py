@@ -6,6 +6,7 @@ from typing import Literal
 
 import torch
 
+from optics.threads import in_full_precision
 from optics.validation import accepts_numpy, require_count, require_finite
 
 LightScale = Literal["linear", "srgb"]
@@ -129,6 +130,7 @@ def _resize(values: torch.Tensor, shortest_edge: int) -> torch.Tensor:
     return resized.clamp(0, 1)
 
 
+@in_full_precision
 def convert_to_luminance(channels: torch.Tensor) -> torch.Tensor:
     """Convert red, green and blue of a picture, (3, rows, columns), to their luminance.
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 
 from optics.camera import Camera
+from optics.chain import chain_engines
 from optics.psf_engines.engine import PSFEngine
 from optics.psf_engines.panel_engine import PanelEngine
 from optics.psf_engines.request import PSFRequest
@@ -94,16 +95,22 @@ def symmetric_engine(
     """Return a function that makes the engine for a symmetric pattern's PSF, or None without one.
 
     The lens' wave must be quadratic and the stop must not cut the panel; otherwise the light behind
-    a symmetric pattern isn't symmetric.
+    a symmetric pattern isn't symmetric. A panel apart from its lens must be so open that the lens
+    may as well stand at it. The function raises ToleranceError where it isn't.
     """
     if (
         symmetry == "none"
-        or camera.separation
         or request.sphere is not None
         or request.differentiable
         or not camera.lens.has_quadratic_phase
-        or float(pupil_amplitude(camera).min()) < 1
     ):
+        return None
+    if camera.separation:
+        if symmetry == "separable":
+            return None
+        collapsed = chain_engines(request, camera, "collapsed", mirrored=True)
+        return collapsed["collapsed"]
+    if float(pupil_amplitude(camera).min()) < 1:
         return None
     if symmetry == "separable":
         return lambda: SeparableEngine(request, camera)
