@@ -703,7 +703,10 @@ class _PanelMethod(CandidateMethod):
 
     @property
     def _panel_pixels(self) -> int:
-        rows, columns = self.transform.geometry.pupil.shape
+        if isinstance(self.transform, InterpolatedPixelTransform):
+            rows, columns = self.transform.field_shape
+        else:
+            rows, columns = self.transform.geometry.pupil.shape
         return rows * columns
 
     @property
