@@ -12,6 +12,9 @@ from labapp.common.errors import UserError
 CHAIN_PATTERNS = ("random", "cubic", "neutral")
 """Patterns that `labapp accuracy chain` can show on the panel."""
 
+EDOF_PARTS = ("all", "design", "psf")
+"""What `labapp accuracy edof` can measure."""
+
 FIELD_KINDS = ("smooth", "cells")
 """Kinds of field that `labapp accuracy propagate` knows."""
 
@@ -20,6 +23,12 @@ def require_pattern(name: str) -> None:
     """Raise UserError for a pattern that `labapp accuracy chain` doesn't know."""
     if name not in CHAIN_PATTERNS:
         raise UserError(f"--pattern {name}: choose {', '.join(CHAIN_PATTERNS)}.")
+
+
+def require_edof_part(name: str) -> None:
+    """Raise UserError for a part that `labapp accuracy edof` doesn't measure."""
+    if name not in EDOF_PARTS:
+        raise UserError(f"--part {name}: choose {', '.join(EDOF_PARTS)}.")
 
 
 def require_propagation(light: str, distance: float, wavelength: float) -> None:

@@ -428,6 +428,60 @@ def accuracy_multispectral_(
     accuracy_multispectral(case, as_json=rows.json, plot=rows.plot)
 
 
+@accuracy.command("edof", cls=command_with_options(CameraOptions(), RowsOutputOptions()))
+def accuracy_edof_(
+    context: typer.Context,
+    part: Annotated[
+        str,
+        typer.Option(help="What is measured: design, psf (with its gradient), or all of it."),
+    ] = "all",
+    panel: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROWSxCOLUMNSxUM",
+            show_default="the camera's, or 1080x1920x8",
+            help="Number of panel pixels, and their pitch in micrometres.",
+        ),
+    ] = None,
+    steps: Annotated[int, typer.Option(min=1, help="Largest number of steps of a design.")] = 100,
+    noise: Annotated[
+        float, typer.Option(help="Standard deviation of a pixel's noise, where white is 1.")
+    ] = 0.008,
+    size: Annotated[
+        int, typer.Option(min=32, max=2048, help="Pixels along a side of a design's pictures.")
+    ] = 256,
+    window: Annotated[
+        int, typer.Option(min=8, max=2048, help="Sensor pixels along a side of the PSFs.")
+    ] = 256,
+) -> None:
+    """Measure what patterns for an extended depth of field reach, and the time they take (--steps).
+
+    Each row of the first table is a design after a number of steps: how the pattern is described,
+    where it starts, and the depths per step. Its error is the distance in dB from the bound that no
+    pattern can pass with the depth known to the PSNR that is expected of one filter for all depths.
+    It doesn't reach zero. The second table has the methods for the PSF of a pattern and its
+    gradient at each tolerance, with relative L2 errors against a sum over the panel's pixels in
+    double precision. Rows on the front are beaten by no other row in both time and error. For
+    instance
+
+    **labapp accuracy edof --panel 108x192x16 --size 64 --window 64 --steps 30**
+    """
+    from labapp.accuracy.option_validation import require_edof_part
+
+    require_edof_part(part)
+    rows = get_option_group(context, RowsOutputOptions)
+    rows.require_writable()
+    file = get_option_group(context, CameraOptions).camera
+    from labapp.accuracy.edof_case import edof_case_from_options
+    from labapp.files.bench_file import read_camera
+
+    camera = None if file is None else read_camera(file)
+    case = edof_case_from_options(camera, panel, noise=noise, size=size, window=window)
+    from labapp.accuracy.edof import accuracy_edof
+
+    accuracy_edof(case, part=part, most_steps=steps, as_json=rows.json, plot=rows.plot)
+
+
 @accuracy.command("simulate", cls=command_with_options(PictureOptions()))
 def accuracy_simulate_(
     context: typer.Context,

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import torch
 
+from optics.edof.dioptres import require_dioptres
 from optics.edof.pattern_transfer import PatternTransfer
 from optics.edof.spectral_criterion import error_level, known_depth_error, noise_variance
+from optics.validation import require_finite
 
 
 @dataclass(frozen=True)
@@ -66,13 +68,16 @@ def rate_pattern(
     Raises
     ------
     ValueError
-        If there is no depth, or shapes don't fit.
+        If there is no depth, shapes don't fit, the pattern isn't finite, or the spectrum has no
+        power.
     """
-    if not len(dioptres):
-        raise ValueError("dioptres is empty; give one depth at least")
+    require_dioptres("dioptres", dioptres)
+    require_finite("phase", phase)
     shares, spectrum = (
         one.to(phase.device, torch.float64) for one in (transfer.grid.shares(), spectrum)
     )
+    if not float(spectrum.sum()) > 0:
+        raise ValueError("spectrum has no power; give that of pictures that aren't constant")
     memory = DepthMemory(len(dioptres), spectrum, noise)
     known, light = [], 0.0
     for dioptre in dioptres:

@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from optics.edof.dioptres import require_dioptres
 from optics.edof.field_maps import FieldMap
 from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.transfer_design import TransferDesign
@@ -78,9 +79,10 @@ class PatternTransfer(ABC):
         ----------
         phase : torch.Tensor, (rows, columns)
             Phase in radians on the panel's pixels, unwrapped or wrapped. The result is
-            differentiable in it, once.
+            differentiable in it, once. Where it isn't finite, neither are the OTFs, so that a
+            search can skip a broken step.
         dioptres : sequence of float
-            Depths.
+            Depths, 0 (infinity) or more; at least one.
 
         Returns
         -------
@@ -90,8 +92,10 @@ class PatternTransfer(ABC):
         Raises
         ------
         ValueError
-            If the pattern has another shape or isn't finite.
+            If the pattern has another shape, or a depth is negative or isn't finite, or there is
+            none.
         """
+        require_dioptres("dioptres", dioptres)
         if tuple(phase.shape) != self.shape:
             raise ValueError(f"phase is {tuple(phase.shape)}; this pattern has {self.shape} pixels")
         answer: torch.Tensor = _DepthTransfer.apply(phase, self, tuple(dioptres))  # type: ignore[no-untyped-call]

@@ -6,7 +6,6 @@ from typing import Literal
 
 import torch
 
-from optics.threads import in_full_precision
 from optics.validation import accepts_numpy, require_count, require_finite
 
 LightScale = Literal["linear", "srgb"]
@@ -130,7 +129,6 @@ def _resize(values: torch.Tensor, shortest_edge: int) -> torch.Tensor:
     return resized.clamp(0, 1)
 
 
-@in_full_precision
 def convert_to_luminance(channels: torch.Tensor) -> torch.Tensor:
     """Convert red, green and blue of a picture, (3, rows, columns), to their luminance.
 
@@ -139,4 +137,5 @@ def convert_to_luminance(channels: torch.Tensor) -> torch.Tensor:
     if channels.shape[0] == 1:
         return channels[0].contiguous()
     weights = torch.tensor(_LUMINANCE, dtype=channels.dtype)
-    return torch.einsum("c,cyx->yx", weights, channels)
+    # A matrix product would run in half precision under autocast.
+    return (weights[:, None, None] * channels).sum(0)

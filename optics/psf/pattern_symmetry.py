@@ -68,7 +68,7 @@ def expand_phase(symmetry: str, phase: torch.Tensor, shape: tuple[int, int]) -> 
     Returns
     -------
     torch.Tensor, (..., *shape)
-        Radians.
+        Radians; float64 for a separable pattern.
 
     Raises
     ------
@@ -84,7 +84,8 @@ def expand_phase(symmetry: str, phase: torch.Tensor, shape: tuple[int, int]) -> 
     if symmetry == "quarter":
         return mirror_quarter(phase, shape)
     if symmetry == "separable":
-        y, x = torch.split(phase, list(shape), dim=-1)
+        # Single precision doesn't hold the sum of thousands of waves.
+        y, x = torch.split(phase.to(torch.float64), list(shape), dim=-1)
         return y[..., :, None] + x[..., None, :]
     return phase
 

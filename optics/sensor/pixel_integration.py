@@ -47,7 +47,7 @@ class PixelIntegrationSettings:
     """
 
     error_margin: float = 4.0
-    oversampling: tuple[float, ...] = (1.1, 1.25, 1.5)
+    oversampling: tuple[float, ...] = (1.15, 1.3, 1.5)
     widest_band: float = 0.48
     samples_per_digit: float = 0.75
     max_reach: int = 96

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from hard_cases import (
     chains,
+    depth_designs,
+    depth_precision,
+    depth_protocols,
+    depth_shapes,
+    depth_waves,
+    depth_zeros,
     frames,
     gradients,
     lenses,
@@ -33,6 +39,12 @@ SUBJECTS: dict[str, list[Case]] = {
     "Patterns, frames, brackets": frames.CASES,
     "Phase retrieval": retrievals.CASES,
     "Restorations": restorations.CASES,
+    "Depth of field: waves and OTFs": depth_waves.CASES,
+    "Depth of field: spheres and shapes": depth_shapes.CASES,
+    "Depth of field: designs": depth_designs.CASES,
+    "Depth of field: mixed precision": depth_precision.CASES,
+    "Depth of field: captures": depth_protocols.CASES,
+    "Depth of field: restorations": depth_zeros.CASES,
 }
 CASES = [case for cases in SUBJECTS.values() for case in cases]
 

@@ -47,7 +47,7 @@ from optics.progress import Cancelled, Progress
 
 SMALL = OverviewSettings(
     least_tolerance=1e-3, window=12, chain_window=6, chain_panel="16x24x8", field_size=180,
-    picture_size=32, retrieval_s=1e-3,
+    picture_size=32, retrieval_s=1e-3, edof_panel="54x96x16", edof_steps=2,
 )  # fmt: skip
 
 
@@ -58,6 +58,9 @@ def quick(monkeypatch):
     monkeypatch.setattr("labapp.accuracy.deconvolve._TIMING", once)
     monkeypatch.setattr("labapp.accuracy.retrieval._TIMING", once)
     monkeypatch.setattr("labapp.accuracy.multispectral._TIMING", once)
+    monkeypatch.setattr("labapp.accuracy.edof_psf._TIMING", once)
+    monkeypatch.setattr("labapp.accuracy.edof_design.RATED_DEPTHS", 4)
+    monkeypatch.setattr("optics.edof.pattern_search.RATED_DEPTHS", 4)
     monkeypatch.setattr("labapp.accuracy.multispectral._COUNTS", (2, 4))
     monkeypatch.setattr("labapp.accuracy.multispectral._PUBLISHED_COUNTS", (2,))
 
@@ -148,8 +151,8 @@ def test_the_page_has_every_operation_and_the_numbers_of_its_data(tmp_path, monk
     data = json.loads((tmp_path / "made/here/accuracy.json").read_text())
     names = [one.name for one in OPERATIONS]
     assert names == [
-        "lens", "panel", "chain", "propagate", "simulate", "retrieval", "deconvolve",
-        "multispectral",
+        "lens", "panel", "chain", "edof-psf", "propagate", "simulate", "retrieval", "edof-design",
+        "deconvolve", "multispectral",
     ]  # fmt: skip
     assert [one["name"] for one in data["operations"]] == names
     assert data["left_out"] == []

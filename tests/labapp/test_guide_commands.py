@@ -32,6 +32,7 @@ NOT_RUN = {
     "labapp calibrate --spectra --bench colour.toml": "takes a minute: "
     "test_spectral_calibration.py does it, smaller",
     "labapp reconstruct snapshot.h5 --bands": "needs that run: test_spectral_records.py does it",
+    "labapp design edof": "takes minutes: test_design_edof.py does it, smaller",
     "labapp study psf-stability": "takes minutes: test_studies.py does it, smaller",
     "labapp study refocus": "takes half a minute: test_studies.py does it, smaller",
     "labapp study cubic-edof": "takes half a minute: test_edof_studies.py does its parts",

@@ -23,6 +23,7 @@ from labapp.accuracy.references.free_space import (
 )
 from labapp.accuracy.references.lens_integral import lens_psf
 from labapp.accuracy.references.panel_integral import ImagingChain
+from labapp.accuracy.references.panel_matrices import PanelMatrices
 from labapp.accuracy.references.psf_problem import PSFProblem
 from labapp.accuracy.references.round_lens import round_lens_psf
 from labapp.accuracy.references.samples import draw_samples
@@ -55,6 +56,19 @@ def test_open_shares_of_cells(stop):
     truth = covered(stop, 1.1e-3, plane)
     assert np.abs(open_area_shares(stop, 1.1e-3, plane) - truth).max() <= 1e-9
     assert 0 < truth.sum() < truth.size
+
+
+def test_matrices_of_a_panels_pixels():
+    camera = Camera(Panel((9, 14), 8e-6, 0.8, unmodulated=0.0), Lens(0.05, 450.0, 2.0, HEXAGON))
+    pixels, chance = Plane((6, 5), (7e-6, 5e-6), (8e-6, -11e-6)), np.random.default_rng(0)
+    phase, weights = chance.uniform(0, 6, (9, 14)), chance.uniform(size=(6, 5))
+    matrices = PanelMatrices(camera, 0.02, WAVELENGTH, pixels)
+    truth = by_panel(View(camera, pixels, 0.02, WAVELENGTH, integrate=False, phase=phase))
+    assert relative(matrices.light(phase), truth) <= 1e-9
+    way, step = chance.uniform(-1, 1, (9, 14)), 1e-4
+    ends = [(weights * matrices.light(phase + sign * step * way)).sum() for sign in (1, -1)]
+    slope = float((matrices.gradient(phase, weights) * way).sum())
+    assert slope == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-6)
 
 
 def test_cells_that_lie_beside_a_stop_are_dark():

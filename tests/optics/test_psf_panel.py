@@ -339,12 +339,12 @@ def test_light_steered_off_axis_with_defocus_keeps_the_predicted_error(
         WAVELENGTH,
         camera.sensor.window_plane((1, 400)),
         tol=0.1,
-        method="gridded FFT",
+        method="gridded FFT", pixel_tol=1e-4,
     )
     truth = quadrature_psf(camera, ramp.numpy(), 1 / (0.5 + vergence), WAVELENGTH, (1, 400))
     error = relative(operator(ramp).numpy(), truth)
     assert error <= operator.account.error
-    # What is told holds a share for pixels, which is far from reached here.
+    # A gridded FFT is taken to reach more than it does here.
     assert share < 0.9 or error > operator.account.error / 40
 
 

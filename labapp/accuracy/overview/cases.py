@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from labapp.accuracy import chain, propagate, retrieval
+from labapp.accuracy import chain, edof_case, propagate, retrieval
 from labapp.common.errors import UserError
 from labapp.files.bench_file import read_camera
 from labapp.patterns.designing.kinds import read_psf
@@ -40,6 +40,11 @@ class OverviewSettings:
         Samples along a side of the field that propagates.
     picture_size : int
         Pixels along a side of the photograph that is restored.
+    edof_panel : str
+        Panel for which patterns with an extended depth of field are designed, as for
+        `labapp accuracy edof`.
+    edof_steps : int
+        Largest number of steps of these designs.
     retrieval_s : float
         Processor seconds that one setting of phase retrieval may take.
     most_products : float
@@ -58,6 +63,8 @@ class OverviewSettings:
     chain_panel: str = "48x64x8"
     field_size: int = 192
     picture_size: int = 128
+    edof_panel: str = edof_case.THESIS_PANEL
+    edof_steps: int = 100
     retrieval_s: float = 1.0
     most_products: float = 6e11
     defocus: float = 0.8
@@ -154,6 +161,17 @@ def retrieval_goal(scope: Scope) -> tuple[RetrievalGoal, str]:
     """Return the accuracy page's target of phase retrieval, a ring, and its name."""
     spec = read_psf("ring", [], 1e9 * _WAVELENGTH, {})
     return retrieval.goal_for_camera(spec, scope.camera or read_camera(None))
+
+
+def depth_of_field_case(scope: Scope) -> edof_case.EdofCase:
+    """Return the accuracy page's camera whose depth of field is extended: the thesis' by default.
+
+    Raises UserError for a panel that can't be read.
+    """
+    settings, camera = scope.settings, scope.camera
+    panel = None if camera else settings.edof_panel
+    size, window = settings.picture_size, settings.window
+    return edof_case.edof_case_from_options(camera, panel, noise=0.008, size=size, window=window)
 
 
 def simulated_situation(progress: Progress) -> Situation:

@@ -10,6 +10,9 @@ from labapp.accuracy import (
     blurs,
     chain,
     deconvolve,
+    edof,
+    edof_design,
+    edof_psf,
     multispectral,
     propagate,
     psf,
@@ -21,6 +24,7 @@ from labapp.accuracy.overview.cases import (
     OverviewSettings,
     Scope,
     chain_case,
+    depth_of_field_case,
     field_case,
     lens_case,
     panel_case,
@@ -123,6 +127,18 @@ def _measure_spectra(scope: Scope, progress: Progress, deadline: Deadline) -> Me
     return case.name, multispectral.measure_multispectral(case, progress, deadline)
 
 
+def _measure_pattern_gradients(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
+    case = depth_of_field_case(scope)
+    rows = edof_psf.measure_gradients(case, scope.budget, progress, deadline)
+    return edof.psf_name(case), rows
+
+
+def _measure_designs(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
+    case = depth_of_field_case(scope)
+    rows = edof_design.measure_designs(case, scope.settings.edof_steps, progress, deadline)
+    return edof.design_name(case), rows
+
+
 def _measure_retrieval(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
     goal, name = retrieval_goal(scope)
     rows = retrieval.measure_retrieval(
@@ -189,6 +205,15 @@ OPERATIONS = (
         _measure_chain,
     ),
     Operation(
+        "edof-psf",
+        "PSF of a pattern, with its gradient",
+        "What each step of a design computes, for a pattern that is mirrored and separable. The "
+        "last two methods serve such patterns alone. A call is a PSF and its gradient, the first "
+        "answer a PSF with its planning.",
+        edof_psf.ERROR_NAME,
+        _measure_pattern_gradients,
+    ),
+    Operation(
         "propagate",
         "Propagation through free space",
         "The complex field on one plane, from that on another plane before it. Paraxial methods "
@@ -212,6 +237,15 @@ OPERATIONS = (
         "levels off, and more iterations don't reach any error that one may wish.",
         retrieval.ERROR_NAME,
         _measure_retrieval,
+    ),
+    Operation(
+        "edof-design",
+        "Design for depth of field",
+        "A pattern for the SLM from whose photographs one filter restores all depths best. The "
+        "error is how far the expected PSNR stays below what no pattern can pass with the depth "
+        "known, in dB: it levels off above zero.",
+        edof_design.ERROR_NAME,
+        _measure_designs,
     ),
     Operation(
         "deconvolve",

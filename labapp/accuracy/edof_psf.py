@@ -1,0 +1,276 @@
+"""Measure the error and time of PSFs with gradients, which a design computes at each step."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.accuracy.edof_case import EdofCase
+from labapp.accuracy.references.panel_matrices import PanelMatrices
+from labapp.accuracy.row_output import Columns, format_number
+from labapp.accuracy.warm_up import similar_wavelength
+from labapp.accuracy.work_precision import CALLS, CUT, Deadline, RetimingSettings, Row, mark_front
+from labapp.common.errors import UserError
+from optics.accuracy import Budget
+from optics.camera import Camera
+from optics.chain.thin_camera import collapse_to_thin_camera
+from optics.progress import Progress
+from optics.psf import PSFOperator
+from optics.psf.pattern_symmetry import expand_phase
+from optics.quarter_symmetry import crop_quarter, mirror_quarter, quarter_shape
+
+Array = NDArray[np.float64]
+
+TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
+"""Relative L2 errors that are asked for."""
+
+_METHODS: tuple[tuple[str, str | None], ...] = (
+    ("none", "matrix DFT with curved pixels"),
+    ("none", "gridded FFT"),
+    ("none", "interpolated FFT with curved pixels"),
+    ("quarter", None),
+    ("separable", None),
+)
+"""Symmetries of the pattern that a method is told, and the methods' names in the engine."""
+
+_WORDS = {
+    "matrix DFT with curved pixels": "matrices",
+    "gridded FFT": "gridded FFT",
+    "interpolated FFT with curved pixels": "interpolated FFT",
+    "quarter": "quarter, cosine transforms",
+    "separable": "separable, 1-D transforms",
+}
+
+_TIMING = RetimingSettings(short_s=0.4)
+
+_SEED = 3
+"""Seed of the pattern, and of the weights of the loss whose gradient is computed."""
+
+ERROR_NAME = "error of the PSF, relative L2"
+
+
+@dataclass(frozen=True)
+class GradientRow(Row):
+    """Measured error and time of a PSF with its gradient, by a method at a tolerance.
+
+    Attributes
+    ----------
+    error_achieved : float or None
+        Relative L2 error of the PSF.
+    gradient_error : float or None
+        Relative L2 error of the gradient of a weighted sum of the PSF.
+    cpu_s : float or None
+        Processor seconds of a PSF and its gradient together.
+    forward_s : float or None
+        Processor seconds of a PSF alone.
+    """
+
+    gradient_error: float | None = None
+    forward_s: float | None = None
+
+
+COLUMNS: Columns[GradientRow] = {
+    "PSF": lambda row: row.method,
+    "asked ": lambda row: format_number(row.tol, ".0e"),
+    "achieved ": lambda row: "failed" if row.failure else format_number(row.error_achieved, ".0e"),
+    "gradient's ": lambda row: format_number(row.gradient_error, ".0e"),
+    "first ms ": lambda row: format_number(row.first_answer_s, ".1f", 1e3),
+    "forward ms ": lambda row: format_number(row.forward_s, ".2f", 1e3),
+    "with gradient ms ": lambda row: format_number(row.cpu_s, ".2f", 1e3),
+    "": lambda row: ", ".join(
+        filter(None, ("front" * row.on_front, "chosen" * bool(row.chosen_for)))
+    ),
+}
+
+REMARK = (
+    "Relative L2 errors of the PSF and of a gradient against sums in double precision over the "
+    "panel's pixels. All methods get the same pattern, which is mirrored and separable; the last "
+    "two serve such patterns alone. first: planning and one PSF. chosen: by the automatic choice "
+    "for all patterns. One thread."
+)
+
+
+def measure_gradients(
+    case: EdofCase, budget: Budget, progress: Progress, deadline: Deadline | None = None
+) -> list[GradientRow]:
+    """Measure the error and time of a PSF with its gradient, by each method at each tolerance.
+
+    Parameters
+    ----------
+    case : EdofCase
+        Camera and window; the object is at the nearest distance.
+    budget : Budget
+        The memory allowed, and the machine's speed.
+    progress : Progress
+        Receives reports, and can cancel the work.
+    deadline : Deadline, optional
+        When measuring ends; what is left then is named as cut.
+
+    Returns
+    -------
+    list of GradientRow
+        The rows. Those that no other row beats in both time and error are marked.
+
+    Raises
+    ------
+    UserError
+        If the camera's lens isn't one that all these methods serve.
+    """
+    deadline = deadline or Deadline()
+    progress.report(0.0, "the sum over the panel's pixels")
+    exact = _ExactPSF(case)
+    rows, asked = list[GradientRow](), list(product(TOLERANCES, _METHODS))
+    for symmetry, method in _METHODS:
+        # What is loaded at first is in no row's time, and nothing that is kept serves a row.
+        with suppress(ValueError, MemoryError):
+            similar = similar_wavelength(case.wavelength)
+            plan = _plan(case, exact, budget, symmetry, method, TOLERANCES[0], similar)
+            plan()(exact.short_phase(symmetry))
+    for number, (tol, (symmetry, method)) in enumerate(asked):
+        words = _WORDS[method or symmetry]
+        progress.report((number + 1) / (len(asked) + 1), f"{words}, tol {tol:g}")
+        row = GradientRow("edof-psf", case.camera_name, words, "float32", tol)
+        if deadline.is_over:
+            rows.append(replace(row, failure=CUT))
+            continue
+        plan = _plan(case, exact, budget, symmetry, method, tol, case.wavelength)
+        try:
+            automatic = _plan(case, exact, budget, "none", None, tol, case.wavelength)
+            rows.append(_mark_choice(_measure(exact, symmetry, plan, row), automatic))
+        except (ValueError, MemoryError) as error:
+            rows.append(replace(row, failure=str(error)))
+    return mark_front(rows)
+
+
+def _plan(
+    case: EdofCase,
+    exact: _ExactPSF,
+    budget: Budget,
+    symmetry: str,
+    method: str | None,
+    tol: float,
+    wavelength: float,
+) -> Callable[[], PSFOperator]:
+    """Return what plans one method's PSF for an accuracy row."""
+    return partial(
+        PSFOperator,
+        exact.camera,
+        case.nearest_distance,
+        wavelength,
+        case.pixels,
+        integrate=False,
+        unmodulated=0.0,
+        symmetry=symmetry,
+        tol=tol,
+        method=method,
+        budget=budget,
+    )
+
+
+def _mark_choice(row: GradientRow, plan: Callable[[], PSFOperator]) -> GradientRow:
+    """Mark an accuracy row whose method is chosen for patterns of all kinds at its tolerance."""
+    try:
+        chosen = plan().account.method == row.engine
+    except (ValueError, MemoryError):
+        chosen = False
+    return replace(row, chosen_for=CALLS[-1:]) if chosen else row
+
+
+class _ExactPSF:
+    """The pattern of an accuracy case of depth of field, its exact PSF, and an exact gradient."""
+
+    def __init__(self, case: EdofCase) -> None:
+        try:
+            self.camera: Camera = collapse_to_thin_camera(case.camera, case.nearest_distance)
+        except ValueError as error:
+            raise UserError(f"PSFs aren't measured for this camera: {error}.") from error
+        chance = torch.Generator().manual_seed(_SEED)
+        self._shape = self.camera.panel.shape
+        self.phase = _draw_pattern(self._shape, chance)
+        self.weights = torch.rand(case.pixels.shape, generator=chance, dtype=torch.float64)
+        reference = PanelMatrices(self.camera, case.nearest_distance, case.wavelength, case.pixels)
+        self.light = reference.light(self.phase.numpy())
+        self._gradient = torch.from_numpy(
+            reference.gradient(self.phase.numpy(), self.weights.numpy())
+        )
+
+    def short_phase(self, symmetry: str) -> torch.Tensor:
+        """Return the pattern as a method of accuracy takes it that knows its symmetry."""
+        if symmetry == "quarter":
+            return crop_quarter(self.phase)
+        if symmetry == "separable":
+            # The phase is a sum; the first row holds that of the columns up to a constant.
+            return torch.cat([self.phase[:, 0] - self.phase[0, 0], self.phase[0]])
+        return self.phase
+
+    def gradient(self, symmetry: str) -> Array:
+        """Return the exact gradient in what `short_phase` gives: sums over what it stands for."""
+        leaf = self.short_phase(symmetry).clone().requires_grad_()
+        whole = expand_phase(symmetry, leaf, self._shape)
+        (found,) = torch.autograd.grad(whole, leaf, self._gradient)
+        return np.asarray(found.numpy())
+
+
+def _draw_pattern(shape: tuple[int, int], chance: torch.Generator) -> torch.Tensor:
+    """Draw the random phase for an accuracy case, mirrored and a sum along y and x, radians."""
+    rows, columns = quarter_shape(shape)
+    y, x = (torch.rand(n, generator=chance, dtype=torch.float64) for n in (rows, columns))
+    return mirror_quarter(2 * np.pi * (y[:, None] + x), shape)
+
+
+def _measure(
+    exact: _ExactPSF, symmetry: str, plan: Callable[[], PSFOperator], row: GradientRow
+) -> GradientRow:
+    """Measure the error and time of one method's PSF and gradient, for an accuracy row."""
+    phase = exact.short_phase(symmetry)
+    began, wall = time.process_time(), time.perf_counter()
+    operator = plan()
+    light = operator(phase)
+    first = time.process_time() - began
+    weights = exact.weights.to(light)
+
+    def differentiate() -> Any:
+        leaf = phase.clone().requires_grad_()
+        return torch.autograd.grad((operator(leaf) * weights).sum(), leaf)[0]
+
+    gradient = differentiate().numpy()
+    spent = [_seconds(job) for job in (lambda: operator(phase), differentiate)]
+    account = operator.account
+    return replace(
+        row,
+        precision=account.precision,
+        error_achieved=_relative_error(light.numpy(), exact.light),
+        error_predicted=account.error,
+        gradient_error=_relative_error(gradient, exact.gradient(symmetry)),
+        forward_s=spent[0],
+        cpu_s=spent[1],
+        wall_s=time.perf_counter() - wall,
+        first_answer_s=first,
+        peak_bytes=account.bytes,
+        engine=account.method,
+    )
+
+
+def _seconds(job: Callable[[], Any]) -> float:
+    """Return the median processor seconds of a job for an accuracy row."""
+    times = list[float]()
+    while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):
+        began = time.process_time()
+        job()
+        times.append(time.process_time() - began)
+    return statistics.median(times)
+
+
+def _relative_error(value: Any, truth: Array) -> float:
+    """Return the relative L2 error of an accuracy row's PSF or gradient."""
+    return float(np.linalg.norm(value - truth) / np.linalg.norm(truth))
