@@ -11,8 +11,8 @@ one depth in each of many equal parts of the range, takes the best filter for th
 depths from a few parts a step, replacing what it remembers of them. The filter lags by some steps,
 over which the pattern hardly changes.
 
-A pattern for several wavelengths has a filter for each. The steps take the wavelengths in turn, so
-that the search lowers the mean of their errors.
+A pattern for several wavelengths has a filter for each. The steps take the wavelengths in turn, and
+those with larger errors count for more: the search lowers a power mean of their errors.
 
 References
 ----------
@@ -258,13 +258,26 @@ class _Search:
         # A sum isn't finite if any of its terms isn't, and is computed faster than a test of each.
         if math.isfinite(float(gradient.sum()) + float(error.detach())):
             self._failures = 0
-            gradient.mul_(self._scale)
+            gradient.mul_(self._scale * self._band_weight(band, float(error.detach())))
             self._optimiser.param_groups[0]["lr"] = rate
             self._optimiser.step()
         else:
             self._count_failure()
         state.step += 1
         self._save()
+
+    def _band_weight(self, band: int, error: float) -> float:
+        """Return the weight of a wavelength's gradient, and remember its error.
+
+        It is the derivative of the power mean of the wavelengths' errors by this one's, relative to
+        that of the plain mean.
+        """
+        kept, memory = self.state.band_errors, self._settings.square_momentum
+        while len(kept) <= band:
+            kept.append(error)
+        kept[band] = memory * kept[band] + (1 - memory) * error
+        mean = sum(kept) / len(kept)
+        return (kept[band] / mean) ** (self._settings.band_power - 1)
 
     def _error(self, found: torch.Tensor, band: int, parts: list[int]) -> torch.Tensor:
         """Return the error whose gradient the search follows, from OTFs of parts of the range.

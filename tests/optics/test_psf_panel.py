@@ -339,7 +339,8 @@ def test_light_steered_off_axis_with_defocus_keeps_the_predicted_error(
         WAVELENGTH,
         camera.sensor.window_plane((1, 400)),
         tol=0.1,
-        method="gridded FFT", pixel_tol=1e-4,
+        method="gridded FFT",
+        pixel_tol=1e-4,
     )
     truth = quadrature_psf(camera, ramp.numpy(), 1 / (0.5 + vergence), WAVELENGTH, (1, 400))
     error = relative(operator(ramp).numpy(), truth)
