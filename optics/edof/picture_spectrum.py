@@ -154,11 +154,11 @@ linear light.
 def measure_picture_spectrum(pictures: torch.Tensor, size: int) -> torch.Tensor:
     """Measure the mean power spectrum of pictures, without their means, on a periodic grid.
 
-    The spectrum of a picture is |DFT|² over its number of pixels. A smaller picture is padded with
-    zeros, after its mean is subtracted, so that its spectrum is interpolated. A larger one is cut
-    into tiles. No window is applied: the step between opposite borders counts, as it does where a
-    cropped picture is taken to be periodic. Measured on the photographs of `NATURAL_SPECTRUM`: the
-    bound of `optics.edof.depth_bound` is .06 dB higher than with Hann windows of 160 pixels.
+    The spectrum of a picture is ``|DFT|²`` over its number of pixels. A smaller picture is padded
+    with zeros, after its mean is subtracted, so that its spectrum is interpolated. A larger one is
+    cut into tiles. No window is applied: the step between opposite borders counts, as it does where
+    a cropped picture is taken to be periodic. Measured on the photographs of `NATURAL_SPECTRUM`:
+    the bound of `optics.edof.depth_bound` is .06 dB higher than with Hann windows of 160 pixels.
 
     Parameters
     ----------

@@ -42,12 +42,12 @@ def focal_sweep_axicon(
     V, in dioptres, is linear either in r, or in the panel's area within r, which gives every depth
     the same light. The contrast at a spatial frequency comes from the places where V is the
     object's vergence, in the two directions across the frequency. By stationary phase it is the sum
-    of wavelength / (s |V'(r)|) over these places, relative to the pupil's area, where s is the
-    frequency as a distance in the pupil. With V linear in r it is therefore the same for all
-    depths, and has the same sign, as one filter for all depths needs. (Places along the frequency,
-    where V + r V' is the object's vergence, add a ripple over depth.) With one sweep, a direction
-    in which the panel is short doesn't reach `far`, which then lacks contrast at the frequencies
-    across that direction; more sweeps mend this.
+    of wavelength over s times the modulus of V'(r), over these places, relative to the pupil's
+    area, where s is the frequency as a distance in the pupil. With V linear in r it is therefore
+    the same for all depths, and has the same sign, as one filter for all depths needs. (Places
+    along the frequency, where V + r V' is the object's vergence, add a ripple over depth.) With one
+    sweep, a direction in which the panel is short doesn't reach `far`, which then lacks contrast at
+    the frequencies across that direction; more sweeps mend this.
 
     Parameters
     ----------

@@ -60,15 +60,15 @@ def expand_phase(symmetry: str, phase: torch.Tensor, shape: tuple[int, int]) -> 
     ----------
     symmetry : str
         One of SYMMETRIES.
-    phase : torch.Tensor, (..., *symmetric_shape(symmetry, shape))
-        Radians.
+    phase : torch.Tensor
+        Radians, ``(..., *symmetric_shape(symmetry, shape))``.
     shape : tuple of int
         Rows and columns of the panel.
 
     Returns
     -------
-    torch.Tensor, (..., *shape)
-        Radians; float64 for a separable pattern.
+    torch.Tensor
+        Radians, ``(..., *shape)``; float64 for a separable pattern.
 
     Raises
     ------
