@@ -87,7 +87,7 @@ class PSFOperatorSettings:
         it was measured; three times as much is told.
     """
 
-    pixel_tol_share: float = 0.04
+    pixel_tol_share: float = 0.01
     beside_factor: float = 8.0
     finest_pixel_tol: float = 1e-13
     derivative_tol_share: float = 0.03
@@ -148,7 +148,7 @@ class PSFOperator:
         that keeps `tol`.
     pixel_tol : float, optional
         Part of `tol` that the integration over pixels may use, relative to the light on the pixels
-        and just beside them; 0.04 of it by default. Where that light is far brighter than the
+        and just beside them; a hundredth by default. Where that light is far brighter than the
         pixels', a finer integration stands in.
     phase_slope : float, optional
         Radians per stop radius by which a phase given to a lens may change. The quadrature nodes

@@ -56,6 +56,10 @@ class PixelIntegrationSettings:
 
 _SETTINGS = PixelIntegrationSettings()
 
+_NEGLIGIBLE = 0.03
+"""Singular values of the weights' fit below this share of the tolerance, relative to the largest, are
+left out. Chosen: the fit loses far less than the tolerance."""
+
 
 def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
     """Return the transfer function of a square sensor pixel of fill factor 1, on an rfft2 grid.
@@ -156,13 +160,15 @@ def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
     # Far fewer weights than expected needn't be tried.
     start = max(first, math.floor(0.6 * _expected_reach(0.5 / band, tol)))
     for reach in range(start, first + _SETTINGS.max_reach):
-        error = max(_fit_weights(factor, band, reach, one)[1] for one in (offsets[0], offsets[-1]))
+        error = max(
+            _fit_weights(factor, band, reach, one, tol)[1] for one in (offsets[0], offsets[-1])
+        )
         if best is None or error < best[0]:
             best = error, reach
         if error <= tol:
             break
     assert best is not None
-    found = {one: _fit_weights(factor, band, best[1], one) for one in offsets}
+    found = {one: _fit_weights(factor, band, best[1], one, tol) for one in offsets}
     rows = [found[_offset(factor, pixel)][0] for pixel in range(_SETTINGS.block)]
     error = max(one[1] for one in found.values())
     return PixelWeights(torch.from_numpy(np.stack(rows)), factor, error)
@@ -179,24 +185,27 @@ def _nearest_sample(factor: Fraction, pixel: int) -> int:
 
 
 def _fit_weights(
-    factor: Fraction, band: float, reach: int, offset: float
+    factor: Fraction, band: float, reach: int, offset: float, tol: float
 ) -> tuple[NDArray[np.float64], float]:
     """Fit the weights of 2 reach + 1 samples to a sensor pixel's transfer function.
 
-    offset: of the pixel's centre from the middle sample. Returns the weights and their error.
+    offset: of the pixel's centre from the middle sample. Returns the weights and their error, which
+    shall be within `tol`. What the samples can hardly tell apart gets no weight: huge weights of
+    opposite signs would amplify rounding.
     """
     width = float(factor)
+    negligible = min(max(_NEGLIGIBLE * tol, 1e-15), 1e-6)
     fitted: NDArray[np.float64] = band * np.sin(np.pi / 2 * np.linspace(0, 1, 4 * reach + 16))
     judged: NDArray[np.float64] = np.linspace(0, band, 8 * reach + 33, dtype=np.float64)
     if offset:
         places: NDArray[np.float64] = np.arange(-reach, reach + 1, dtype=np.float64) - offset
         wanted = np.concatenate((width * np.sinc(width * fitted), np.zeros(fitted.size)))
-        weights, *_ = np.linalg.lstsq(_waves(fitted, places), wanted, rcond=1e-15)
+        weights, *_ = np.linalg.lstsq(_waves(fitted, places), wanted, rcond=negligible)
         cosines, sines = np.split(_waves(judged, places) @ weights / width, 2)
         deviation = np.hypot(cosines - np.sinc(width * judged), sines)
     else:
         half, *_ = np.linalg.lstsq(
-            _cosines(fitted, reach), width * np.sinc(width * fitted), rcond=1e-15
+            _cosines(fitted, reach), width * np.sinc(width * fitted), rcond=negligible
         )
         deviation = _cosines(judged, reach) @ half / width - np.sinc(width * judged)
         weights = np.concatenate((half[:0:-1], half))

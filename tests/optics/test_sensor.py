@@ -162,6 +162,17 @@ def test_parts_of_samples_per_pixel_integrate_a_fringe(shape, cycles, tol):
     assert found.shape == shape
 
 
+@pytest.mark.parametrize("cycles", [0.3, 1.02, 5.0, 90.0])
+@pytest.mark.parametrize("tol", [1e-3, 1e-5, 1e-9])
+def test_weights_of_a_pixels_samples_do_not_amplify_rounding(cycles, tol):
+    """Even light of 1 per sample has weights that sum to the samples; hardly more in size."""
+    integral = PixelIntegration(Plane((3, 20), (1.0, 1.0)), (0.2, cycles), tol=tol)
+    weights = integral._weights[1]
+    sums = weights.weights.sum(1) / float(weights.factor)
+    assert torch.allclose(sums, torch.ones_like(sums), atol=tol)
+    assert float(weights.weights.abs().sum(1).max()) <= 20 * float(weights.factor)
+
+
 def test_pixels_of_a_batch_are_those_of_each_picture():
     light = torch.from_numpy(np.random.default_rng(0).random((2, 3, 40, 44)))
     together = integrate_pixels(light, 4)
