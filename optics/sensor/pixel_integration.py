@@ -57,8 +57,8 @@ class PixelIntegrationSettings:
 _SETTINGS = PixelIntegrationSettings()
 
 _NEGLIGIBLE = 0.03
-"""Singular values of the weights' fit below this share of the tolerance, relative to the largest, are
-left out. Chosen: the fit loses far less than the tolerance."""
+"""Singular values of the weights' fit below this share of the tolerance, relative to the largest,
+are left out. Chosen: the fit loses far less than the tolerance."""
 
 
 def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
