@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,12 @@ from optics.edof.depth_bound import known_depth_bound
 from optics.edof.detector_psf import compute_transfer
 from optics.edof.dioptres import midpoint_dioptres
 from optics.edof.frequency_grid import FrequencyGrid
-from optics.edof.pattern_rating import DepthMemory, PatternRating, rate_pattern
+from optics.edof.pattern_rating import (
+    DepthMemory,
+    PatternRating,
+    rate_pattern,
+    rate_transfers,
+)
 from optics.edof.pattern_search import RATED_DEPTHS
 from optics.edof.pattern_transfer import PatternTransfer
 from optics.edof.quarter_transfer import QuarterTransfer
@@ -81,13 +87,8 @@ def analyse_depths(
         restoring = memory.filter()
         blind = [float(filter_error(restoring, one, spectrum, shares, noise)) for one in found]
         known = [float(known_depth_error(one, spectrum, shares, noise)) for one in found]
-        light = sum(float(one[0, 0, 0].real) for one in found) / len(found)
-    rating = PatternRating(
-        error_level(memory.error(shares)),
-        error_level(sum(known) / len(known)),
-        error_level(max(known)),
-        light,
-    )
+        rows = (one[0] for one in found)
+        rating = rate_transfers(rows, len(found), spectrum, shares, noise)
     over_depth = [np.array([error_level(one) for one in errors]) for errors in (blind, known)]
     return DepthCurves(np.array(dioptres), over_depth[0], over_depth[1], rating)
 
@@ -120,23 +121,20 @@ def rate_on_bench(
     if problem.mirrored and bool((grey == grey.flip(0)).all() and (grey == grey.flip(1)).all()):
         phase, symmetry = crop_quarter(phase), "quarter"
     grid = FrequencyGrid(problem.request.size)
-    spectrum, shares, noise = problem.spectrum.double(), grid.shares(), problem.request.noise
+    spectrum, noise = problem.spectrum.double(), problem.request.noise
     side = 2 * problem.window_reach(wavelength) + 1
     pixels = problem.camera.sensor.window_plane((side, side))
     dioptres = midpoint_dioptres(_BENCH_DEPTHS, problem.depth_range)
-    memory, known, light = DepthMemory(_BENCH_DEPTHS, spectrum, noise), [], 0.0
-    for number, one in enumerate(dioptres):
-        progress.report(number / _BENCH_DEPTHS, f"on the bench, {one:.2f} D")
-        psf = PSFOperator(
-            problem.camera, 1 / one, wavelength, pixels, symmetry=symmetry, tol=1e-3, calls=1
-        )(phase)
-        found = compute_transfer(psf, (grid.size, grid.size))
-        memory.add(found)
-        known.append(float(known_depth_error(found[None], spectrum, shares, noise)))
-        light += float(psf.sum()) / _BENCH_DEPTHS
-    mean = sum(known) / len(known)
-    levels = error_level(memory.error(shares)), error_level(mean), error_level(max(known))
-    return PatternRating(*levels, light)
+
+    def transfers() -> Iterator[torch.Tensor]:
+        for number, one in enumerate(dioptres):
+            progress.report(number / _BENCH_DEPTHS, f"on the bench, {one:.2f} D")
+            operator = PSFOperator(
+                problem.camera, 1 / one, wavelength, pixels, symmetry=symmetry, tol=1e-3, calls=1
+            )
+            yield compute_transfer(operator(phase), (grid.size, grid.size))
+
+    return rate_transfers(transfers(), _BENCH_DEPTHS, spectrum, grid.shares(), noise)
 
 
 def rate_all_hand_made(problem: EdofProblem) -> dict[str, PatternRating]:

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from labapp.common.errors import UserError
-from labapp.edof.design_request import EdofRequest
+from labapp.edof.design_request import STARTS, EdofRequest
 from labapp.files.design_file import read_design
 from optics.camera import Camera
 from optics.chain.thin_camera import collapse_to_thin_camera
@@ -119,14 +119,12 @@ class EdofProblem:
         return tuple(found)
 
     def phase_at(self, band: int) -> Callable[[torch.Tensor], torch.Tensor]:
-        """Return the function from parameters to the phase at one of the wavelengths.
+        """Return the function from parameters to the phase at a wavelength after the first one.
 
         The panel shows the phase for the first wavelength, wrapped to the waves in use; at another
         wavelength the same grey levels give another phase. Derivatives pass the jumps of the
         wrapping by.
         """
-        if band == 0:
-            return self.phase
         first, other = (
             max_phase(self.camera.panel, self.request.wavelengths[one]) for one in (0, band)
         )
@@ -166,7 +164,7 @@ class EdofProblem:
         Raises UserError for a file that has no phase for this panel.
         """
         name, wavelength = self.request.start, self.request.wavelengths[0]
-        if not name_is_pattern(name):
+        if name not in STARTS:
             return _read_phase(Path(name), self.camera.panel.shape)
         return self.pattern(name, wavelength)
 
@@ -188,11 +186,6 @@ class EdofProblem:
             waves = min(_CUBIC_WAVES, 0.9 * max(panel.shape) / 12)
             return cubic_phase_mask(panel, 2 * math.pi * waves) - middle
         return torch.zeros(panel.shape, dtype=torch.float64)
-
-
-def name_is_pattern(name: str) -> bool:
-    """Tell whether a design's start is the name of a pattern, and no file."""
-    return name in ("rings", "sweep", "lattice", "cubic", "flat")
 
 
 def _read_phase(path: Path, shape: tuple[int, int]) -> torch.Tensor:

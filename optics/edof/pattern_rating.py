@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -78,15 +78,42 @@ def rate_pattern(
     )
     if not float(spectrum.sum()) > 0:
         raise ValueError("spectrum has no power; give that of pictures that aren't constant")
-    memory = DepthMemory(len(dioptres), spectrum, noise)
+    found = (transfer(phase, (one,))[0] for one in dioptres)
+    return rate_transfers(found, len(dioptres), spectrum, shares, noise)
+
+
+def rate_transfers(
+    transfers: Iterable[torch.Tensor],
+    count: int,
+    spectrum: torch.Tensor,
+    shares: torch.Tensor,
+    noise: float,
+) -> PatternRating:
+    """Compute the expected PSNR of linear restoration from OTFs at depths, taken one by one.
+
+    Parameters
+    ----------
+    transfers : iterable of torch.Tensor, each (rows, columns)
+        OTF at each depth, relative to the light of the open pupil; the depths weigh the same.
+    count : int
+        Number of the depths.
+    spectrum, shares : torch.Tensor, (rows, columns)
+        Power spectrum of the pictures, float64, and the frequencies' shares.
+    noise : float
+        Standard deviation of a pixel's noise, where white is 1.
+
+    Returns
+    -------
+    PatternRating
+        The rating.
+    """
+    memory = DepthMemory(count, spectrum, noise)
     known, light = [], 0.0
-    for dioptre in dioptres:
-        found = transfer(phase, (dioptre,))
-        known.append(float(known_depth_error(found, spectrum, shares, noise)))
-        light += float(found[0, 0, 0].real) / len(dioptres)
-        memory.add(found[0])
-    blind = memory.error(shares)
-    mean = sum(known) / len(known)
+    for one in transfers:
+        known.append(float(known_depth_error(one[None], spectrum, shares, noise)))
+        light += float(one[0, 0].real) / count
+        memory.add(one)
+    blind, mean = memory.error(shares), sum(known) / len(known)
     return PatternRating(error_level(blind), error_level(mean), error_level(max(known)), light)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
@@ -14,6 +13,7 @@ from optics.edof.field_maps import FieldMap
 from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.transfer_design import TransferDesign
 from optics.fourier import unit_phasor
+from optics.psf_engines.engine import phase_factor
 from optics.threads import in_full_precision
 
 
@@ -103,7 +103,7 @@ class PatternTransfer(ABC):
 
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
         """Compute the complex modulation of a pattern's pixels, with the stop's open shares."""
-        phasor = unit_phasor_of_phase(phase, self._dtype)
+        phasor = phase_factor(phase, self._dtype)
         return phasor if self._amplitude is None else phasor * self._amplitude.to(phasor.device)
 
     def defocus(self, dioptre: float, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
@@ -161,13 +161,6 @@ class _DepthTransfer(torch.autograd.Function):
             total += transfer._wave_adjoint(2 * by_light * wave, one)
         by_phase = total.imag * modulation.real - total.real * modulation.imag
         return by_phase.to(ctx.phase_dtype), None, None
-
-
-def unit_phasor_of_phase(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Compute exp(i phase) of a pattern; the phase is wrapped in double precision first."""
-    turns = phase.double() / (2 * math.pi)
-    angle = (2 * math.pi * (turns - torch.round(turns))).to(dtype.to_real())
-    return torch.complex(torch.cos(angle), torch.sin(angle))
 
 
 def binned_phasors(

@@ -60,6 +60,7 @@ from optics.pupil import (
     pupil_amplitude,
     require_open_pupil,
 )
+from optics.quarter_symmetry import quarter_shape
 from optics.validation import as_number, needs_gradient, to_plain_numbers
 
 PANEL_METHODS = (
@@ -348,8 +349,8 @@ class PanelEngine(PSFEngine):
     @property
     def _pattern_shape(self) -> tuple[int, int]:
         """The shape of the patterns that the PSF engine takes, (rows, columns)."""
-        rows, columns = self._camera.panel.shape
-        return ((rows + 1) // 2, (columns + 1) // 2) if self._mirrored else (rows, columns)
+        shape = self._camera.panel.shape
+        return quarter_shape(shape) if self._mirrored else shape
 
     def _terms(self) -> tuple[list[WaveTerm], list[WaveTerm]]:
         """Return the terms of the PSF's wave in the pixels, and the first that are left out.
