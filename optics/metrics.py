@@ -102,23 +102,44 @@ def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) 
     require_positive("data_range", data_range, "")
     if min(image.shape[-2:]) < 11:
         raise ValueError(f"image is {tuple(image.shape)}; the window needs 11 x 11 samples")
+    wide = (image.to(torch.float64), reference.to(torch.float64))
+    return float(structural_similarity(wide[0][None], wide[1][None], data_range)[0])
+
+
+def structural_similarity(
+    images: torch.Tensor, references: torch.Tensor, data_range: float = 1.0
+) -> torch.Tensor:
+    """Compute the mean SSIM metric of each of many images; differentiable, as `ssim` isn't.
+
+    Parameters
+    ----------
+    images, references : torch.Tensor, (images, rows, columns)
+        Pictures, rows and columns 11 or more.
+    data_range : float, default 1
+        The range of the values.
+
+    Returns
+    -------
+    torch.Tensor, (images,)
+        SSIM in the precision of the images; see `ssim` for its window.
+    """
     radius, sigma = 5, 1.5
-    x = torch.arange(-radius, radius + 1, dtype=torch.float64)
+    x = torch.arange(-radius, radius + 1, dtype=images.dtype, device=images.device)
     window = torch.exp(-(x**2) / (2 * sigma**2))
     window = window / window.sum()
 
-    def smooth(picture: torch.Tensor) -> torch.Tensor:
-        rows = torch.nn.functional.conv2d(picture[None, None], window[None, None, :, None])
-        return torch.nn.functional.conv2d(rows, window[None, None, None, :])[0, 0]
+    def smooth(pictures: torch.Tensor) -> torch.Tensor:
+        rows = torch.nn.functional.conv2d(pictures[:, None], window[None, None, :, None])
+        return torch.nn.functional.conv2d(rows, window[None, None, None, :])[:, 0]
 
-    a, b = image.to(torch.float64), reference.to(torch.float64)
+    a, b = images, references
     mean_a, mean_b = smooth(a), smooth(b)
     var_a, var_b = smooth(a * a) - mean_a**2, smooth(b * b) - mean_b**2
     covariance = smooth(a * b) - mean_a * mean_b
     c1, c2 = (0.01 * data_range) ** 2, (0.03 * data_range) ** 2
     luminance = (2 * mean_a * mean_b + c1) / (mean_a**2 + mean_b**2 + c1)
     structure = (2 * covariance + c2) / (var_a + var_b + c2)
-    return float((luminance * structure).mean())
+    return (luminance * structure).mean((-2, -1))
 
 
 @accepts_numpy

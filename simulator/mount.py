@@ -1,9 +1,16 @@
-"""The mount of the panel before the sensor: rotation and mirroring of the panel's axes.
+"""The mount of the panel before the sensor: rotation, mirroring and shift of the panel's axes.
 
 What a pattern does to a picture turns and flips with the panel; the scene doesn't. A PSF is
 computed in the panel's axes on a finer and larger grid, and then resampled in the sensor's axes.
 Flips and quarter turns move whole samples. The rest of the rotation evaluates the Fourier series
 through the samples, because the pupil limits how fine a PSF's fringes are.
+
+Seen from a panel that is shifted by s, the lens with its stop and its aberrations is shifted by -s.
+The quadratic phase of a thin lens that is shifted is the same phase about the panel's middle and a
+prism. To paraxial order, a shift therefore has three effects: the stop and the aberrations lie
+elsewhere on the panel; the light of an object crosses the panel at another angle, which matters if
+the lens stands apart; and an image out of focus moves with the panel, by s times image distance
+times defocus. In focus, the image stays where it is.
 """
 
 from __future__ import annotations
@@ -15,10 +22,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.camera import Lens
+from optics.camera import Camera, Lens
 from optics.fourier import NonuniformTransform, fft
 from optics.plane import Plane, centred_crop, origin_to_centre, origin_to_corner
+from optics.pupil import object_to_lens_distance
 from optics.stop.aperture import Circle, Point, Polygon, Shape
+from optics.validation import as_number
+from simulator.shifted_aberrations import shift_aberrations
 
 Array = NDArray[np.float64]
 
@@ -34,21 +44,29 @@ class Mount:
 
     rotation: radians from x (columns) towards y (rows), by which a pattern's PSF is turned on the
     sensor. flip_x, flip_y: whether light that a pattern sends to larger x, or y, arrives at
-    smaller x, or y.
+    smaller x, or y. shift: metres (y, x) in the lens' axes from its axis to the panel's middle.
     """
 
     rotation: float = 0.0
     flip_x: bool = False
     flip_y: bool = False
+    shift: Point = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.rotation):
             raise ValueError(f"rotation is {self.rotation:g} rad; it must be finite")
+        if not all(math.isfinite(one) for one in self.shift):
+            raise ValueError(f"shift is {self.shift} m; give finite lengths (y, x)")
 
     @property
     def is_aligned(self) -> bool:
         """Return whether the simulator's panel and sensor are aligned, not mirrored or rotated."""
         return not (self.flip_x or self.flip_y or self.rotation % (2 * math.pi))
+
+    @property
+    def is_centred(self) -> bool:
+        """Return whether the middle of the simulator's panel lies on the lens' axis."""
+        return not any(self.shift)
 
     @property
     def _quarters(self) -> int:
@@ -61,19 +79,50 @@ class Mount:
         return self.rotation - self._quarters * math.pi / 2
 
     def lens_in_panel_axes(self, lens: Lens) -> Lens:
-        """Return the lens, aligned with the sensor, as seen in the simulator's panel axes."""
+        """Return the lens, aligned with the sensor, as seen in the simulator's panel axes.
+
+        Raises ValueError for a shifted panel before a lens that isn't thin, whose phase isn't
+        quadratic.
+        """
+        if not self.is_centred and lens.kind != "thin":
+            raise ValueError(
+                f"shift is {self.shift} m and the lens is {lens.kind}; a shift of the panel is "
+                "known for thin lenses only: leave the panel on the axis"
+            )
+        half = as_number(lens.stop_diameter) / 2
+        away = self.shift[0] / half, self.shift[1] / half
+        # The opening has to lie in the disc around the new middle, which is larger.
+        radius = 1 + math.hypot(*away)
         stop = replace(
             lens.stop,
-            opening=self._shape(lens.stop.opening),
-            obscurations=tuple(self._shape(shape) for shape in lens.stop.obscurations),
+            opening=self._shape(lens.stop.opening, away, radius),
+            obscurations=tuple(self._shape(one, away, radius) for one in lens.stop.obscurations),
         )
-        return replace(lens, stop=stop, aberrations=self._aberrations(lens))
+        moved = replace(lens, aberrations=shift_aberrations(lens.aberrations, *away, radius))
+        return replace(
+            lens, stop=stop, aberrations=self._aberrations(moved), f_number=lens.f_number / radius
+        )
 
-    def _shape(self, shape: Shape) -> Shape:
-        """Transform a shape of the lens' stop to the axes of the simulator's mounted panel."""
+    def camera_in_panel_axes(self, camera: Camera) -> Camera:
+        """Return the camera with its lens as seen in the simulator's panel axes."""
+        if self.is_aligned and self.is_centred:
+            return camera
+        return replace(camera, lens=self.lens_in_panel_axes(camera.lens))
+
+    def _shape(self, shape: Shape, away: Point, radius: float) -> Shape:
+        """Transform a shape of the lens' stop to the axes of the simulator's mounted panel.
+
+        away: (y, x) from the lens' axis to the panel's middle. radius: that of the disc in whose
+        radii the result is. Both are in stop radii.
+        """
+
+        def place(point: Point) -> Point:
+            y, x = ((one - middle) / radius for one, middle in zip(point, away, strict=True))
+            return self._point((y, x))
+
         if isinstance(shape, Polygon):
-            return Polygon(tuple(self._point(corner) for corner in shape.corners))
-        return Circle(shape.radius, self._point(shape.centre))
+            return Polygon(tuple(place(corner) for corner in shape.corners))
+        return Circle(shape.radius / radius, place(shape.centre))
 
     def _point(self, point: Point) -> Point:
         """Transform a point (y, x) on the sensor to the axes of the simulator's mounted panel.
@@ -106,9 +155,33 @@ class Mount:
                     turned[n, order] = turned.get((n, order), 0.0) + part
         return tuple((n, m, path) for (n, m), path in turned.items())
 
-    def place_in_panel_axes(self, place: Point) -> Point:
-        """Transform a place (y, x) on the sensor to the axes of the simulator's mounted panel."""
-        return self._point(place)
+    def place_in_panel_axes(self, place: Point, camera: Camera, distance: float) -> Point:
+        """Transform the place of a point's image to the axes of the simulator's mounted panel.
+
+        place: metres (y, x) on the sensor. distance: metres from the point to the panel. The result
+        is the place at which a lens before the panel's middle would image the point.
+        """
+        scale = camera.magnification(distance)
+        y, x = (one + scale * away for one, away in zip(place, self.shift, strict=True))
+        return self._point((y, x))
+
+    def image_shift(self, camera: Camera, distance: float) -> Point:
+        """Return how far a shift of the simulator's panel moves a point's image, metres (y, x).
+
+        The point is `distance` metres from the panel. Every ray of a point out of focus lands
+        beside the image by its height at the lens times image distance times defocus in dioptres.
+        The result is in the sensor's axes.
+        """
+        lens = camera.lens
+        vergence = 1 / object_to_lens_distance(camera, distance) - 1 / as_number(
+            lens.focus_distance
+        )
+        scale = as_number(lens.image_distance) * as_number(vergence)
+        return self.shift[0] * scale, self.shift[1] * scale
+
+    def image_shift_in_panel_axes(self, camera: Camera, distance: float) -> Point:
+        """Return the shift of a point's image in the axes of the simulator's panel, metres."""
+        return self._point(self.image_shift(camera, distance))
 
     def plane_in_panel_axes(self, plane: Plane) -> Plane:
         """Return the plane in the axes of the simulator's panel on which to compute a PSF.

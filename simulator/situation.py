@@ -36,12 +36,12 @@ class SituationCache:
 class Situation:
     """All that a picture, and each decision about its effects, may depend on.
 
-    camera: the real camera with its sensor. mount: rotation and mirroring of the panel. target:
-    what stands before the camera, with its light. band: what the filter transmits. panel_content:
-    what the panel shows. exposure_start, exposure: seconds; with a rolling shutter, those of the
-    first row. path: what polariser, panel and splitter do to the two polarisations, or None where
-    the bench doesn't say. numerics: relative error that numerical methods may make. cache: results
-    that were computed for this situation.
+    camera: the real camera with its sensor. mount: rotation, mirroring and shift of the panel.
+    target: what stands before the camera, with its light. band: what the filter transmits.
+    panel_content: what the panel shows. exposure_start, exposure: seconds; with a rolling shutter,
+    those of the first row. path: what polariser, panel and splitter do to the two polarisations, or
+    None where the bench doesn't say. numerics: relative error that numerical methods may make.
+    cache: results that were computed for this situation.
     """
 
     camera: Camera
@@ -81,12 +81,23 @@ class Situation:
         return math.hypot(*self.target.velocity) * scale * self.exposure_span
 
     @property
+    def image_shift(self) -> float:
+        """Return how far a shift of the panel moves images at most in a simulated situation.
+
+        The distance is in metres on the sensor, for the part of the target that is farthest from
+        focus.
+        """
+        distances = {min(self.picture_probe.distances), max(self.picture_probe.distances)}
+        return max(math.hypot(*self.mount.image_shift(self.camera, one)) for one in distances)
+
+    @property
     def picture_probe(self) -> PictureProbe:
         """Return the probe of the target's unblurred picture in a simulated situation."""
         if self.cache.picture_probe is None:
             middle = self.exposure / 2
             shift = (self.target.velocity[0] * middle, self.target.velocity[1] * middle)
-            self.cache.picture_probe = PictureProbe(self.target, self.camera, self.band, shift)
+            camera = self.mount.camera_in_panel_axes(self.camera)
+            self.cache.picture_probe = PictureProbe(self.target, camera, self.band, shift)
         return self.cache.picture_probe
 
     @property
@@ -94,7 +105,10 @@ class Situation:
         """Return the probe of the shown pattern's or video's PSFs in a simulated situation."""
         if self.cache.pattern_probe is None:
             self.cache.pattern_probe = PatternProbe(
-                self.camera, self.panel_content, self.wavelength, self.picture_probe.distances
+                self.mount.camera_in_panel_axes(self.camera),
+                self.panel_content,
+                self.wavelength,
+                self.picture_probe.distances,
             )
         return self.cache.pattern_probe
 

@@ -35,8 +35,8 @@ class World:
 
     camera: the real camera, which may differ from its description. scene: the scene's targets. tol:
     relative error of mean picture and noise up to which effects may be left out. forced: effects to
-    be on, off or at a level, whatever error that makes. mount: rotation and mirroring of the panel.
-    path: what polariser, panel and splitter do to the light, where that is known. clock: the
+    be on, off or at a level, whatever error that makes. mount: rotation, mirroring and shift of the
+    panel. path: what polariser, panel and splitter do to the light, where that is known. clock: the
     bench's clock. faults: faults of its devices. memory: bytes that are kept for later pictures.
     The devices set the panel's content, `band` and `target`. Pictures are computed from these, and
     only when something has changed.

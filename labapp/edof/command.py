@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,15 +27,16 @@ from labapp.edof.design_analysis import (
 from labapp.edof.design_drawing import DesignDrawing, draw_design
 from labapp.edof.design_problem import EdofProblem
 from labapp.edof.design_request import EdofRequest
+from labapp.edof.design_search import search_pattern
 from labapp.edof.design_state import DesignStateFile
 from labapp.files.bench_file import BenchFile, read_bench
 from labapp.files.design_file import DesignContents, Grid, write_design
+from labapp.files.state_file import StateFile
 from labapp.files.writing import encode_image, write_atomically
 from optics.edof.pattern_rating import PatternRating
-from optics.edof.pattern_search import design_pattern
 from optics.edof.pattern_transfer import PatternTransfer
 from optics.edof.search_state import DesignResult, SearchSettings, SearchState
-from optics.progress import Cancelled, Progress
+from optics.progress import Progress
 from optics.slm import phase_to_grey
 from optics.threads import single_threaded
 
@@ -109,14 +110,15 @@ def _design(
     request, started = problem.request, time.process_time()
     transfer = problem.transfer(request.wavelengths[0])
     start = problem.parametrisation.fit(problem.start_phase())
-    kept = DesignStateFile(path.with_suffix(".design-state"), request.as_data())
+    file = StateFile(path.with_suffix(".design-state"), "design")
+    steps = steps or file.read_steps() or _steps_in(minutes, problem, transfer, start)
+    kept = DesignStateFile(file, {**request.as_data(), "steps": steps})
     state = kept.read() or SearchState()
-    steps = _decide_steps(kept, steps, lambda: _steps_in(minutes, problem, transfer, start))
     if not quiet:
         going_on = f" (going on after step {state.step})" if state.step else ""
-        out.print(f"{steps} steps{going_on}; kept so far in {kept.path}", markup=False)
+        out.print(f"{steps} steps{going_on}; kept so far in {file.path}", markup=False)
     with terminal_progress() as progress:
-        result = _search(problem, transfer, start, steps, state, kept, progress.part(0, 0.8))
+        result = search_pattern(problem, transfer, start, steps, state, kept, progress.part(0, 0.8))
         phase = problem.parametrisation.phase(result.parameters).detach()
         pictures = compute_depth_pictures(problem, transfer, phase, progress.part(0.8, 0.85))
         grey = phase_to_grey(problem.camera.panel, phase, request.wavelengths[0], request.orders)
@@ -137,7 +139,7 @@ def _design(
         steps,
         time.process_time() - started,
     )
-    kept.delete()
+    file.delete()
     return done
 
 
@@ -154,57 +156,6 @@ def _rate_on_bench(
         one: rate_on_bench(problem, grey, one, part)
         for one, part in zip(wavelengths, parts, strict=True)
     }
-
-
-def _decide_steps(kept: DesignStateFile, steps: int | None, count_steps: Callable[[], int]) -> int:
-    """Return the steps of a design in all: those of its kept state, or those that are asked for.
-
-    Raises UserError if both are given and differ: the search's rate depends on all steps.
-    """
-    if kept.steps is not None and steps not in (None, kept.steps):
-        raise UserError(
-            f"--steps {steps}: the design in {kept.path} has {kept.steps} in all. Give the same "
-            "number to go on, or delete that file."
-        )
-    kept.steps = kept.steps or steps or count_steps()
-    return kept.steps
-
-
-def _search(
-    problem: EdofProblem,
-    transfer: PatternTransfer,
-    start: torch.Tensor,
-    steps: int,
-    state: SearchState,
-    kept: DesignStateFile,
-    progress: Progress,
-) -> DesignResult:
-    """Search for a pattern, and keep the state now and then, and when the search is cancelled."""
-
-    def report(fraction: float, message: str) -> None:
-        kept.write_if_due(state)
-        progress.report(fraction, message)
-
-    request = problem.request
-    try:
-        return design_pattern(
-            transfer,
-            start,
-            problem.spectrum_on(transfer.grid),
-            request.noise,
-            steps=steps,
-            generator=torch.Generator().manual_seed(request.seed),
-            criterion=request.decoder,
-            pattern=problem.phase,
-            further_bands=problem.further_bands(),
-            depth_range=problem.depth_range,
-            progress=Progress(report),
-            state=state,
-        )
-    except Cancelled:
-        if state.step:
-            kept.write(state)
-        raise
 
 
 def _steps_in(

@@ -15,7 +15,7 @@ import torch
 from labapp.common.errors import UserError
 from labapp.edof.design_request import STARTS, EdofRequest
 from labapp.files.design_file import read_design
-from optics.camera import Camera
+from optics.camera import Camera, Panel
 from optics.chain.thin_camera import collapse_to_thin_camera
 from optics.edof.depth_bound import rms_transfer_limit
 from optics.edof.frequency_grid import FrequencyGrid
@@ -24,7 +24,7 @@ from optics.edof.parametrisation import PhaseParametrisation, make_parametrisati
 from optics.edof.pattern_search import DesignBand
 from optics.edof.pattern_transfer import PatternTransfer
 from optics.edof.picture_preparation import convert_to_luminance, decode_srgb
-from optics.edof.picture_spectrum import NATURAL_SPECTRUM, mean_spectrum
+from optics.edof.picture_spectrum import NATURAL_SPECTRUM, SpectrumModel, mean_spectrum
 from optics.edof.quarter_transfer import QuarterTransfer
 from optics.edof.transfer_design import WINDOW_REACH, TransferDesign
 from optics.patterns import (
@@ -34,7 +34,7 @@ from optics.patterns import (
     lattice_focal_lens,
     multi_focus_rings,
 )
-from optics.slm import max_phase
+from optics.slm import grey_to_phase, max_phase
 
 _PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 
@@ -50,11 +50,13 @@ _CUBIC_WAVES = 20.0
 class EdofProblem:
     """What a pattern is designed for: the camera, the pictures, the noise and the depths.
 
-    camera: as the bench describes it. thin: the same with a thin lens at the panel.
+    camera: as the bench describes it. thin: the same with a thin lens at the panel. natural: the
+    power spectrum that pictures have if the request names none.
     """
 
     request: EdofRequest
     camera: Camera
+    natural: SpectrumModel = NATURAL_SPECTRUM
 
     @cached_property
     def thin(self) -> Camera:
@@ -90,7 +92,9 @@ class EdofProblem:
         mirrored: whether the patterns are mirrored; as the designed one by default.
         """
         reach = self.window_reach(wavelength)
-        design = TransferDesign(self.thin, wavelength, self.request.size, reach=reach)
+        design = TransferDesign(
+            self.thin, wavelength, self.request.size, self.request.binning, reach
+        )
         quarter = self.mirrored if mirrored is None else mirrored and self._has_quarters
         return QuarterTransfer(design) if quarter else FullTransfer(design)
 
@@ -139,7 +143,7 @@ class EdofProblem:
     def spectrum(self) -> torch.Tensor:
         """The pictures' power spectrum on the half of the frequencies, float64."""
         if self.request.pictures is None:
-            return NATURAL_SPECTRUM.on_grid(FrequencyGrid(self.request.size))
+            return self.natural.on_grid(FrequencyGrid(self.request.size))
         return mean_spectrum(_read_pictures(self.request.pictures), self.request.size)
 
     def spectrum_on(self, grid: FrequencyGrid) -> torch.Tensor:
@@ -150,7 +154,7 @@ class EdofProblem:
     def spectrum_source(self) -> str:
         """The source of the pictures' power spectrum, in words."""
         if self.request.pictures is None:
-            return NATURAL_SPECTRUM.source
+            return self.natural.source
         return str(self.request.pictures)
 
     def limit(self, wavelength: float) -> torch.Tensor:
@@ -165,7 +169,7 @@ class EdofProblem:
         """
         name, wavelength = self.request.start, self.request.wavelengths[0]
         if name not in STARTS:
-            return _read_phase(Path(name), self.camera.panel.shape)
+            return _read_phase(Path(name), self.camera.panel)
         return self.pattern(name, wavelength)
 
     def pattern(self, name: str, wavelength: float) -> torch.Tensor:
@@ -188,16 +192,23 @@ class EdofProblem:
         return torch.zeros(panel.shape, dtype=torch.float64)
 
 
-def _read_phase(path: Path, shape: tuple[int, int]) -> torch.Tensor:
-    """Read the phase of a design file for another design to start from."""
-    phase = read_design(path).phase
-    if phase is None:
-        raise UserError(f"{path}: has grey levels and no phase. Start from another design.")
-    if phase.shape[1:] != shape:
+def _read_phase(path: Path, panel: Panel) -> torch.Tensor:
+    """Read the phase of a design file for another design to start from.
+
+    Of grey levels alone, it is the phase that the bench's panel shows.
+    """
+    contents = read_design(path)
+    rows, columns = contents.grey.shape[1:]
+    if (rows, columns) != panel.shape:
         raise UserError(
-            f"{path}: is for {phase.shape[2]}x{phase.shape[1]} pixels, and the bench's panel has "
-            f"{shape[1]}x{shape[0]}."
+            f"{path}: is for {columns}x{rows} pixels, and the bench's panel has "
+            f"{panel.shape[1]}x{panel.shape[0]}."
         )
+    if contents.phase is None:
+        return grey_to_phase(
+            panel, torch.from_numpy(contents.grey[0]), contents.wavelength
+        ).double()
+    phase = contents.phase
     return torch.from_numpy(phase[0]).double()
 
 

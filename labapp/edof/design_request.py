@@ -44,6 +44,8 @@ class EdofRequest:
         Whole waves of the panel's range that the pattern uses.
     seed : int
         Of all random numbers.
+    binning : int, optional
+        Sensor pixels along a side of the squares that are averaged into a pixel of the pictures.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class EdofRequest:
     size: int
     orders: int
     seed: int
+    binning: int = 1
 
     def __post_init__(self) -> None:
         if not 0 <= self.far < self.near < math.inf:

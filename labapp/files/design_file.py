@@ -17,6 +17,9 @@
         efficiency, steered_share, contrast, nrmse    by moment
         method, iterations, cpu_seconds
         seen_nrmse                     by picture of the bench's camera; of refined designs only
+    decoder/ (NXcollection)  what was trained to decode photographs behind the pattern, if it was
+        settings             of the decoder, its training and its data (JSON)
+        weights/             of its network, float16, by name
 """
 
 from __future__ import annotations
@@ -60,6 +63,14 @@ class Grid:
 
 
 @dataclass(frozen=True, eq=False)
+class DecoderContents:
+    """The decoder in a design file: its settings as plain data, and its network's weights."""
+
+    settings: Mapping[str, Any]
+    weights: Mapping[str, NDArray[np.float16]]
+
+
+@dataclass(frozen=True, eq=False)
 class DesignContents:
     """The contents of a design file; the module's docstring gives shapes and units."""
 
@@ -75,6 +86,7 @@ class DesignContents:
     psf: Grid
     target: Grid | None
     quality: Mapping[str, Any]
+    decoder: DecoderContents | None = None
 
 
 def write_design(path: Path, contents: DesignContents) -> None:
@@ -122,6 +134,7 @@ def read_design(path: Path) -> DesignContents:
             quality={
                 name: _decode_value(value[()]) for name, value in entry.get("quality", {}).items()
             },
+            decoder=_read_decoder(entry["decoder"]) if "decoder" in entry else None,
         )
 
 
@@ -141,6 +154,12 @@ def _open_design(path: Path) -> Iterator[h5py.File]:
         raise UserError(f"{path}: cannot be read as HDF5: {error}.") from error
     except (KeyError, ValueError, TypeError) as error:
         raise UserError(f"{path}: is damaged: {error}. Make it again.") from error
+
+
+def _read_decoder(group: h5py.Group) -> DecoderContents:
+    """Return the decoder in a design file."""
+    weights = {name: np.asarray(value[()]) for name, value in group["weights"].items()}
+    return DecoderContents(json.loads(group["settings"][()]), weights)
 
 
 def _read_grid(group: h5py.Group, signal: str) -> Grid:
@@ -192,6 +211,17 @@ def _write_contents(file: h5py.File, contents: DesignContents) -> None:
         quality = nexus.create_group(entry, "quality", "NXcollection")
         for name, value in contents.quality.items():
             quality[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
+    if contents.decoder is not None:
+        _write_decoder(entry, contents.decoder)
+
+
+def _write_decoder(entry: h5py.Group, decoder: DecoderContents) -> None:
+    """Write the decoder of a design file's pattern."""
+    group = nexus.create_group(entry, "decoder", "NXcollection")
+    group["settings"] = np.bytes_(json.dumps(decoder.settings).encode())
+    weights = nexus.create_group(group, "weights", "NXcollection")
+    for name, value in decoder.weights.items():
+        weights[name] = value
 
 
 def _grid(entry: h5py.Group, name: str, signal: str, grid: Grid) -> None:

@@ -95,6 +95,18 @@ def edof_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path]:
     return files
 
 
+def trained_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path]:
+    """Return the output paths of a trained pattern: design file, pattern, and list of the data.
+
+    Raises UserError for a name that isn't a design file's, or files that exist.
+    """
+    if not is_design(path):
+        raise UserError(f"--out {path}: pattern and decoder are written as .h5. Name such a file.")
+    files = (path, path.with_suffix(".png"), path.with_name(f"{path.stem}_data.json"))
+    require_all_writable(files, force=force)
+    return files
+
+
 def beam_output_path(path: Path, *, force: bool) -> Path:
     """Return the path of the output file for a picture of the beam along the axis."""
     if path.suffix.lower() != ".png":

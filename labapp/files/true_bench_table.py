@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Field, model_validator
 from labapp.files.quantities import Amount, Finite, Positive, Share
 from labapp.files.reading import FileModel
 from optics.camera import Camera, Lens, Panel
+from optics.pupil import open_area
 from optics.slm import PhaseResponse
 from optics.zernike import require_zernike_indices
 from simulator.mount import Mount
@@ -124,14 +125,30 @@ class TrueLensTable(FileModel):
 
 
 class MountTable(FileModel):
-    """Orientation of the panel relative to the sensor: mirrored, then rotated from x towards y."""
+    """Orientation and place of the panel: mirrored, then rotated from x towards y, then shifted.
+
+    shift_mm is [y, x] from the lens' axis to the panel's middle, in the axes of the sensor.
+    """
 
     rotation_deg: Finite = 0.0
     flip_x: bool = False
     flip_y: bool = False
+    shift_mm: tuple[Finite, Finite] = (0.0, 0.0)
 
     def build(self) -> Mount:
-        return Mount(math.radians(self.rotation_deg % 360), self.flip_x, self.flip_y)
+        y, x = self.shift_mm
+        return Mount(
+            math.radians(self.rotation_deg % 360), self.flip_x, self.flip_y, (y * 1e-3, x * 1e-3)
+        )
+
+    def require_light(self, camera: Camera) -> None:
+        """Raise ValueError if the panel is shifted out of the stop, or can't be shifted."""
+        if not open_area(self.build().camera_in_panel_axes(camera)):
+            y, x = self.shift_mm
+            raise ValueError(
+                f"shift_mm is [{y:g}, {x:g}]; the panel then lies beside the stop, and no light "
+                "passes: give a smaller shift"
+            )
 
 
 class TrueBenchTable(FileModel):
@@ -149,7 +166,9 @@ class TrueBenchTable(FileModel):
         """
         panel = _with_table_in_errors("panel", lambda: self.panel.apply(nominal.panel))
         lens = _with_table_in_errors("lens", lambda: self.lens.apply(nominal.lens))
-        return replace(nominal, panel=panel, lens=lens)
+        true = replace(nominal, panel=panel, lens=lens)
+        _with_table_in_errors("mount", lambda: self.mount.require_light(true))
+        return true
 
 
 def _times(value: float | None, unit: float) -> float | None:

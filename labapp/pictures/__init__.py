@@ -1,1 +1,1 @@
-"""Merge, measure, restore and report recorded pictures, and train the networks for restoration."""
+"""Merge, measure, restore and report recorded pictures; the networks that restoration uses."""

@@ -17,7 +17,7 @@ from optics.deconvolution.denoiser import load_denoiser
 from optics.deconvolution.method import Denoise
 
 BUNDLED_WEIGHTS = bundled_path("denoiser.npz")
-"""Weights of the bundled denoiser, trained by `labapp train`; SOURCES.txt names the pictures."""
+"""Weights of the bundled denoiser, trained by `labapp train denoiser`; see SOURCES.txt."""
 
 
 @functools.cache
@@ -34,7 +34,7 @@ def read_denoiser(path: Path) -> Denoise:
         return load_denoiser(weights).denoise
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise UserError(
-            f"{path}: not a denoiser's weights: {error} Write some with labapp train."
+            f"{path}: not a denoiser's weights: {error} Write some with labapp train denoiser."
         ) from None
 
 

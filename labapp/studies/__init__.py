@@ -46,6 +46,11 @@ STUDIES: dict[str, StudyEntry] = {
     "cubic-edof": StudyEntry(
         "cubic_edof", "Fig. 2.15-2.17", "more depth of field, by a cubic phase"
     ),
+    "edof": StudyEntry(
+        "edof",
+        "Fig. 5.7-5.13, Tab. 5.1, 5.2",
+        "all depths from one photograph, by a designed pattern",
+    ),
     "deconvolution": StudyEntry("deconvolution", "Fig. 2.9", "a blurred photograph, restored"),
     "multispectral": StudyEntry(
         "multispectral", "Fig. 4.3-4.8, Tab. 4.1", "six spectral bands from one photograph"

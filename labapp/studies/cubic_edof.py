@@ -17,7 +17,7 @@ from labapp.pictures.analysis.score import Score, score
 from labapp.pictures.analysis.star_psf import measure_psf
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.cubic_edof import STUDY
-from labapp.studies.catalogue.cubic_edof import EdofSettings as EdofSettings
+from labapp.studies.catalogue.cubic_edof import CubicEdofSettings as CubicEdofSettings
 from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
 from labapp.studies.figure_drawing import draw_log, draw_pattern, draw_photograph
 from labapp.studies.stars import acquisition_block, build_study_plan, correlation
@@ -44,7 +44,7 @@ _PUBLISHED = {
 }
 
 
-def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
+def plan(settings: CubicEdofSettings, camera: Camera) -> PlanFile:
     """Plan the study: stars and a scene at two depths, with the open aperture and the cubic phase.
 
     The scene is also taken with all of it in focus.
@@ -60,7 +60,7 @@ def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
     )
 
 
-def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> StudyResults:
+def evaluate(record: Record, settings: CubicEdofSettings, progress: Progress) -> StudyResults:
     """Evaluate the study: compare PSFs and MTFs in and out of focus, and restore the pictures."""
     brackets = merge_all(record, progress.part(0, 0.2))
     camera = record.bench.build_camera()
@@ -102,7 +102,7 @@ PSFsByStarAndPattern = dict[tuple[str, str], Picture]
 
 
 def _psf(
-    record: Record, brackets: list[Bracket], star: str, pattern: str, settings: EdofSettings
+    record: Record, brackets: list[Bracket], star: str, pattern: str, settings: CubicEdofSettings
 ) -> Picture:
     roles = Reconstruction(
         star=star, coded=pattern, wavelength_nm=settings.wavelength_nm, psf_window_px=128
@@ -114,7 +114,7 @@ def _restore_pictures(
     record: Record,
     brackets: list[Bracket],
     psfs: PSFsByStarAndPattern,
-    settings: EdofSettings,
+    settings: CubicEdofSettings,
     progress: Progress,
 ) -> dict[str, Picture]:
     """Restore the study's pictures in several ways; the sharp picture's white is about 1."""
@@ -158,7 +158,7 @@ def _to_numpy(image: torch.Tensor) -> Picture:
 
 def frame_layer_indices(shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Return which depth layer of the study's scene each pixel of a frame sees: 0 near, 1 far."""
-    depth = read_grey(bundled_path("studies/edof-depth.png"))
+    depth = read_grey(bundled_path("studies/cubic-edof-depth.png"))
     rows, columns = shape[-2:]
     # A pixel of the photograph has this side on the sensor, in sensor pixels. The photograph is
     # 1.05 times as large as it must be to cover the frame.
@@ -173,7 +173,7 @@ def frame_layer_indices(shape: tuple[int, ...]) -> NDArray[np.int64]:
     return np.where(depth[down[:, None], along] == 2, 0, 1)
 
 
-def _defocus_and_strength(camera: Camera, settings: EdofSettings) -> tuple[float, float]:
+def _defocus_and_strength(camera: Camera, settings: CubicEdofSettings) -> tuple[float, float]:
     """Return the study's defocus of the far star in waves, and its cubic phase's strength in rad.
 
     Both are the values at the edge of the panel on its longer axis.

@@ -103,7 +103,7 @@ def blind_wiener(spectrum: Spectrum) -> BlindDecoder:
 
     def build(design: torch.Tensor, noise: float) -> Restore:
         response = blind_filter(design, on_grid(design.shape[-2]), noise)
-        return _apply_filter(response, noise)
+        return restore_by_filter(response, noise)
 
     return BlindDecoder("blind Wiener", build)
 
@@ -126,7 +126,7 @@ def known_depth_wiener(spectrum: Spectrum) -> KnownDepthDecoder:
 
     def build(transfer: torch.Tensor, noise: float) -> Restore:
         response = blind_filter(transfer[None], on_grid(transfer.shape[-2]), noise)
-        return _apply_filter(response, noise)
+        return restore_by_filter(response, noise)
 
     return KnownDepthDecoder("known-depth Wiener", build)
 
@@ -174,7 +174,7 @@ def decoding_transfers(psfs: DepthPSFs, protocol: EdofProtocol) -> torch.Tensor:
     return torch.stack([compute_transfer(one, period) for one in psfs.kernels])
 
 
-def _apply_filter(response: torch.Tensor, noise: float) -> Restore:
+def restore_by_filter(response: torch.Tensor, noise: float) -> Restore:
     """Return the function that restores captures by a filter, given on the grid of rfft2.
 
     A capture that is smaller than the filter's period is extended beyond its border first.

@@ -64,20 +64,26 @@ class DepthLayers(Effect):
         """Bound the L2 error of the depth-layer effect at a level, in electrons per second."""
         distances = s.picture_probe.distances
         nodes = depth_nodes(distances, LEVELS.depths[level])
-        return s.picture_probe.change_bound([_gain(s.camera, d, nodes[d]) for d in distances])
+        beside = math.hypot(*s.mount.shift)
+        return s.picture_probe.change_bound(
+            [_gain(s.camera, d, nodes[d], beside) for d in distances]
+        )
 
 
-def _gain(camera: Camera, distance: float, nodes: list[tuple[float, float]]) -> Gain:
+def _gain(
+    camera: Camera, distance: float, nodes: list[tuple[float, float]], beside: float = 0.0
+) -> Gain:
     """Bound the transfer function error of the depth-layer effect for one layer, by frequency.
 
-    nodes: the distances whose PSFs' weighted mean stands for the layer's, and their weights. Light
-    from the pupil's rim lands elsewhere by ρ. Between two nodes the mean is linear in the defocus;
-    the transfer function's second derivative by the defocus is at most (2π k R)², so that the mean
-    misses an eighth of that times the squared step between the nodes.
+    nodes: the distances whose PSFs' weighted mean stands for the layer's, and their weights.
+    beside: metres from the lens' axis to the panel's middle. Light from the pupil's rim lands
+    elsewhere by ρ. Between two nodes the mean is linear in the defocus; the transfer function's
+    second derivative by the defocus is at most (2π k R)², so that the mean misses an eighth of that
+    times the squared step between the nodes.
     """
-    moved = [_displacement(camera, distance, node) for node, _ in nodes]
+    moved = [_displacement(camera, distance, node, beside) for node, _ in nodes]
     first = sum(share * rho for rho, (_, share) in zip(moved, nodes, strict=True))
-    step = _displacement(camera, nodes[0][0], nodes[-1][0]) if len(nodes) > 1 else 0.0
+    step = _displacement(camera, nodes[0][0], nodes[-1][0], beside) if len(nodes) > 1 else 0.0
     shadow = max((_shadow_change_share(camera, distance, node) for node, _ in nodes), default=0.0)
 
     def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -89,17 +95,18 @@ def _gain(camera: Camera, distance: float, nodes: list[tuple[float, float]]) -> 
     return gain
 
 
-def _displacement(camera: Camera, one: float, other: float) -> float:
+def _displacement(camera: Camera, one: float, other: float, beside: float = 0.0) -> float:
     """Return how far rim light moves on the sensor between two distances, for the depth effect.
 
     Rim light comes from the edge of the panel, or of the stop's shadow on it. The distances are
-    object distances; the result is in metres.
+    object distances; the result is in metres. beside: metres from the lens' axis to the panel's
+    middle, by which the rim may be farther from the axis.
     """
     bent = abs(_wave_curvature(camera, one) - _wave_curvature(camera, other))
     panel = camera.panel
     half = math.hypot(*(n * panel.pitch / 2 for n in panel.shape))
     radius = min(half, max(_stop_shadow_radius(camera, one), _stop_shadow_radius(camera, other)))
-    return as_number(camera.ray_matrix_b) * bent * radius
+    return as_number(camera.ray_matrix_b) * bent * (radius + beside)
 
 
 def _wave_curvature(camera: Camera, distance: float) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -90,7 +90,10 @@ def _on_pixel(s: Situation, density: float) -> float:
     density *= _brighter(s)
     if s.camera.separation:
         # Off the axis, light passes another part of the panel: amplitudes add.
-        lit = open_area(s.camera) / (s.wavelength * as_number(s.camera.ray_matrix_b)) ** 2
+        lit = (
+            open_area(s.mount.camera_in_panel_axes(s.camera))
+            / (s.wavelength * as_number(s.camera.ray_matrix_b)) ** 2
+        )
         density = (math.sqrt(density) + illuminated_area_change(s) * math.sqrt(lit)) ** 2
     return min(density * s.camera.sensor.pitch**2, 1.0)
 
@@ -144,7 +147,9 @@ def illuminated_area_change(s: Situation) -> float:
     corner = math.hypot(*(n * sensor.pitch / 2 for n in sensor.shape))
     moved = as_number(s.camera.separation) * corner / lens.image_distance
     distance = min(s.picture_probe.distances)
-    lit = open_area(s.camera) * share_through_stop(s.camera, distance, (0.0, 0.0))
+    camera = s.mount.camera_in_panel_axes(s.camera)
+    axis = s.mount.place_in_panel_axes((0.0, 0.0), camera, distance)
+    lit = open_area(camera) * share_through_stop(camera, distance, axis)
     width = min(as_number(lens.stop_diameter), max(s.camera.panel.shape) * s.camera.panel.pitch)
     return min(2 * moved * 2 * width / lit, 2.0) if lit else 2.0
 
@@ -166,9 +171,7 @@ def vignetting_samples(
 
     The share is computed at 9 x 9 places from corner to corner of `shape` pixels.
     """
-    camera = s.camera
-    if not s.mount.is_aligned:
-        camera = replace(camera, lens=s.mount.lens_in_panel_axes(camera.lens))
+    camera = s.mount.camera_in_panel_axes(s.camera)
     rows, columns = (n * camera.sensor.pitch / 8 for n in shape)
     plane = Plane((9, 9), (rows, columns))
     return torch.stack([vignetting(camera, s.mount, plane, d) for d in distances])

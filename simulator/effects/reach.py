@@ -78,8 +78,9 @@ def _window_half_side(s: Situation, level: int, longest: float) -> float:
     """Return the metres from a PSF window's centre to its side at a level of the reach effect.
 
     The metres hold at the band's centre. They are scaled from the longest wavelength to the centre.
+    Light that a shifted panel moves out of the window is beyond it.
     """
-    half = (LEVELS.windows[level] / 2 - 1) * s.camera.sensor.pitch
+    half = (LEVELS.windows[level] / 2 - 1) * s.camera.sensor.pitch - s.image_shift
     turned = abs(math.cos(2 * s.mount.rotation)) < 1 - 1e-9
     return half * s.wavelength / longest / (math.sqrt(2) if turned else 1.0)
 

@@ -188,8 +188,19 @@ class OccludingCompositor(Compositor):
             else:
                 hidden = [way.cover_spectrum(number, node, cell, count) for way in self.paths]
                 share = samples(sum(hidden[1:], hidden[0]), "occlusion")
+                share /= self._followed_share(number, node, cell, count)
                 behind = [composite_over(a, b, share) for a, b in zip(behind, front, strict=True)]
         return behind
+
+    def _followed_share(self, number: int, node: int, cell: ExposureCell, count: int) -> float:
+        """Return the share of a layer's rendered light that the paths to the sensor carry.
+
+        Without the panel's side orders it is less than 1, and a cover hides all of it.
+        """
+        if len(self.paths) > 1:
+            return 1.0
+        first = self.spreading.places[0]
+        return float(self.spreading.psf(number, node, first, cell, count).sum()) or 1.0
 
 
 def composite_over(

@@ -62,9 +62,7 @@ class Kernels:
     ) -> None:
         self._s, self._recipe, self._cache, self._ledger = s, recipe, cache, ledger
         self._check = check
-        camera = replace(s.camera, panel=recipe.panel)
-        if not s.mount.is_aligned:
-            camera = replace(camera, lens=s.mount.lens_in_panel_axes(camera.lens))
+        camera = s.mount.camera_in_panel_axes(replace(s.camera, panel=recipe.panel))
         self.camera: Camera = camera
         sensor, finer = camera.sensor, recipe.samples_per_pixel
         self.plane = sensor.window_plane(psf_window(s, recipe.window)).with_finer_pitch(finer)
@@ -185,11 +183,19 @@ class Kernels:
         """Return the factor that renders an off-axis PSF as bright as one on the axis."""
         if not (self.camera.separation and any(point.place)):
             return 1.0
-        here = share_through_stop(
-            self.camera, point.distance, self._s.mount.place_in_panel_axes(point.place)
+        here, axis = (
+            share_through_stop(
+                self.camera, point.distance, self._place_in_panel_axes(point.distance, place)
+            )
+            for place in (point.place, (0.0, 0.0))
         )
-        axis = share_through_stop(self.camera, point.distance, (0.0, 0.0))
         return axis / here if here else 0.0
+
+    def _place_in_panel_axes(
+        self, distance: float, place: tuple[float, float]
+    ) -> tuple[float, float]:
+        """Return the place of a rendered point's image in the panel's axes, metres (y, x)."""
+        return self._s.mount.place_in_panel_axes(place, self.camera, distance)
 
     def _window(self, order: Order | None) -> Plane:
         """Return the window's plane on which a PSF is rendered.
@@ -205,6 +211,14 @@ class Kernels:
             plane = self._s.mount.plane_in_panel_axes(plane)
         return replace(plane, centre=self._order_offset(point.wavelength, order))
 
+    def _without_image_shift(self, plane: Plane, distance: float) -> Plane:
+        """Return the plane on which a centred panel has the light that is rendered on a plane."""
+        if self._s.mount.is_centred:
+            return plane
+        moved = self._s.mount.image_shift_in_panel_axes(self.camera, distance)
+        y, x = (one - away for one, away in zip(plane.centre, moved, strict=True))
+        return replace(plane, centre=(y, x))
+
     def _operator(
         self, point: PointSource, order: Order, tol: float | None = None
     ) -> PSFOperator | RayOperator:
@@ -212,8 +226,9 @@ class Kernels:
 
         Unmodulated light is left to the modulator.
         """
-        plane, tol = self._around(point, order), tol or self._s.numerics
-        place = self._s.mount.place_in_panel_axes(point.place)
+        tol = tol or self._s.numerics
+        plane = self._without_image_shift(self._around(point, order), point.distance)
+        place = self._place_in_panel_axes(point.distance, point.place)
         camera, recipe = self.camera, self._recipe
         if not recipe.diffraction:
             return RayOperator(camera, point.distance, point.wavelength, plane, place)

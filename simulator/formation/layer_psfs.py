@@ -23,7 +23,7 @@ class LayerPSFs:
     def __init__(
         self, s: Situation, recipe: Recipe, kernels: Kernels, objects: ObjectSpectra
     ) -> None:
-        self._recipe, self._kernels, self._places = recipe, kernels, objects.places
+        self._recipe, self._kernels, self.places = recipe, kernels, objects.places
         self.layers = s.target.for_camera(s.camera).layers
         found = wavelengths(s, recipe, [part for layer in self.layers for part in layer.parts])
         self.nodes = found.nodes
@@ -85,7 +85,7 @@ class LayerPSFs:
         """Return the effect to which the ledger ascribes the work of rendering a PSF."""
         if self.nodes[node].leak:
             return "out-of-band leak"
-        if place != self._places[0]:
+        if place != self.places[0]:
             return "field position"
         if distance != self._first:
             return "depth layers"

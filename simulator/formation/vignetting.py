@@ -32,7 +32,13 @@ def _relative_stop_transmission(
     camera: Camera, mount: Mount, plane: Plane, distance: float
 ) -> torch.Tensor:
     """Return a rendered image's vignetting by the stop: light through it, relative to the axis."""
-    axis = share_through_stop(camera, distance, (0.0, 0.0))
+
+    def share(y: float, x: float) -> float:
+        return share_through_stop(
+            camera, distance, mount.place_in_panel_axes((y, x), camera, distance)
+        )
+
+    axis = share(0.0, 0.0)
     if not axis:
         raise ValueError(
             "the stop hides the panel from the middle of the field; no light passes: move the "
@@ -40,17 +46,7 @@ def _relative_stop_transmission(
         )
     ends = [(float(one.min()), float(one.max())) for one in plane.mesh()]
     grid = [np.linspace(low, high, 33) for low, high in ends]
-    known = np.array(
-        [
-            [
-                share_through_stop(
-                    camera, distance, mount.place_in_panel_axes((float(y), float(x)))
-                )
-                for x in grid[1]
-            ]
-            for y in grid[0]
-        ]
-    )
+    known = np.array([[share(float(y), float(x)) for x in grid[1]] for y in grid[0]])
     down = _interpolate(known / axis, plane.coordinates(0).numpy(), grid[0])
     return torch.from_numpy(_interpolate(down.T, plane.coordinates(1).numpy(), grid[1]).T)
 

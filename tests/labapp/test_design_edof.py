@@ -17,6 +17,7 @@ from labapp.edof.design_request import EdofRequest
 from labapp.edof.design_state import DesignStateFile
 from labapp.files.bench_file import read_bench
 from labapp.files.design_file import read_design
+from labapp.files.state_file import StateFile
 from optics.edof.search_state import SearchState
 from optics.progress import Progress
 from optics.psf import PSFOperator
@@ -124,41 +125,40 @@ def test_a_cancelled_design_goes_on_to_the_same_pattern(small, tmp_path, decoder
     problem = problem_of(small, decoder=decoder)
     transfer = problem.transfer(520e-9)
     start = problem.parametrisation.fit(problem.start_phase())
-    settings = problem.request.as_data()
+    settings = {**problem.request.as_data(), "steps": 30}
 
     def search(state, kept, progress):
         return command._search(problem, transfer, start, 30, state, kept, progress)
 
-    whole = search(SearchState(), DesignStateFile(tmp_path / "a", settings), Progress())
+    whole = search(
+        SearchState(), DesignStateFile(StateFile(tmp_path / "a", "design"), settings), Progress()
+    )
     progress = Progress(lambda fraction, _: progress.cancel() if fraction > 0.3 else None)
-    kept = DesignStateFile(tmp_path / "b", settings)
-    kept.steps = 30
+    kept = DesignStateFile(StateFile(tmp_path / "b", "design"), settings)
     with pytest.raises(command.Cancelled):
         search(SearchState(), kept, progress)
-    again = DesignStateFile(tmp_path / "b", settings)
+    assert StateFile(tmp_path / "b", "design").read_steps() == 30
+    again = DesignStateFile(StateFile(tmp_path / "b", "design"), settings)
     state = again.read()
     assert state is not None
-    assert again.steps == 30
     assert 0 < state.step < 30
     assert torch.equal(search(state, again, Progress()).phase, whole.phase)
 
 
 def test_the_state_of_another_design_is_refused(small, tmp_path):
-    settings = request_of(small).as_data()
-    DesignStateFile(tmp_path / "a", settings).write(SearchState(step=3))
-    with pytest.raises(command.UserError, match=r"with noise 0.008 instead of 0.02"):
-        DesignStateFile(tmp_path / "a", {**settings, "noise": 0.02}).read()
+    settings = {**request_of(small).as_data(), "steps": 20}
+    file = StateFile(tmp_path / "a", "design")
+    DesignStateFile(file, settings).write(SearchState(step=3))
+    with pytest.raises(command.UserError, match=r"a design with noise 0.008 instead of 0.02"):
+        DesignStateFile(file, {**settings, "noise": 0.02}).read()
+    with pytest.raises(command.UserError, match=r"a design with steps 20 instead of 30"):
+        DesignStateFile(file, {**settings, "steps": 30}).read()
+    file.write(settings, {"nothing": 1})
+    with pytest.raises(command.UserError, match="is damaged"):
+        DesignStateFile(file, settings).read()
     (tmp_path / "a").write_bytes(b"nothing")
     with pytest.raises(command.UserError, match="is damaged"):
-        DesignStateFile(tmp_path / "a", settings).read()
-
-
-def test_other_steps_than_those_of_the_state_are_refused(small, tmp_path):
-    kept = DesignStateFile(tmp_path / "a", {})
-    kept.steps = 20
-    assert command._decide_steps(kept, None, lambda: 5) == 20
-    with pytest.raises(command.UserError, match=r"--steps 30: the design in .* has 20 in all"):
-        command._decide_steps(kept, 30, lambda: 5)
+        file.read_steps()
 
 
 def test_minutes_become_steps_once(small):

@@ -9,7 +9,7 @@ import pytest
 from labapp.files.reading import bundled_path
 from labapp.studies.cubic_edof import (
     STAR_DISTANCES,
-    EdofSettings,
+    CubicEdofSettings,
     _defocus_and_strength,
     _depth_invariance_row,
     _zeros_row,
@@ -37,7 +37,7 @@ def test_layers_lie_where_the_photograph_has_them():
     """Of a frame like the photograph: a pixel's layer is that of the place 1.05 times nearer to the
     middle."""
     layers = frame_layer_indices((512, 768))
-    depth = cv2.imread(str(bundled_path("studies/edof-depth.png")), cv2.IMREAD_UNCHANGED)
+    depth = cv2.imread(str(bundled_path("studies/cubic-edof-depth.png")), cv2.IMREAD_UNCHANGED)
     for y, x in ((100, 300), (400, 200), (400, 500), (256, 384), (500, 700)):
         v, u = round((y - 256) / 1.05) + 256, round((x - 384) / 1.05) + 384
         assert layers[y, x] == (0 if depth[v, u] == 2 else 1)
@@ -60,7 +60,7 @@ def test_the_plates_psf_depends_less_on_depth_and_is_a_product():
     camera, wavelength = Camera(), 550e-9
     pixels = camera.sensor.window_plane((128, 128))
     psfs = {}
-    for pattern, strength in (("neutral", 0.0), ("cubic", EdofSettings().strength_rad)):
+    for pattern, strength in (("neutral", 0.0), ("cubic", CubicEdofSettings().strength_rad)):
         phase = cubic_phase_mask(camera.panel, strength)
         for star, distance in STAR_DISTANCES.items():
             made = psf(camera, phase, distance=distance, wavelength=wavelength, pixels=pixels)
@@ -73,14 +73,14 @@ def test_the_plates_psf_depends_less_on_depth_and_is_a_product():
 
 
 def test_the_plate_has_no_zeros_where_the_open_aperture_has():
-    row = _zeros_row(*_defocus_and_strength(Camera(), EdofSettings()))
+    row = _zeros_row(*_defocus_and_strength(Camera(), CubicEdofSettings()))
     assert row.value > 0.1
     assert row.ours.startswith("open 0.0")
 
 
 def test_the_far_layer_is_as_far_as_its_star():
     """The middles of two layers at even steps of one over the distance."""
-    text = bundled_path("studies/edof.toml").read_text()
+    text = bundled_path("studies/cubic-edof.toml").read_text()
     assert "offset_px = 340.909" in text
     near, far = (1000 / (v * 90.909 + 340.909) for v in (2, 1))
     step = (1 / near - 1 / far) / 2

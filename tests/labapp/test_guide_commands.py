@@ -36,6 +36,7 @@ NOT_RUN = {
     "labapp study psf-stability": "takes minutes: test_studies.py does it, smaller",
     "labapp study refocus": "takes half a minute: test_studies.py does it, smaller",
     "labapp study cubic-edof": "takes half a minute: test_edof_studies.py does its parts",
+    "labapp study edof": "takes minutes: test_edof_study.py does it, smaller",
     "labapp study deconvolution": "takes half a minute: test_edof_studies.py does its parts",
     "labapp accuracy multispectral": "takes half a minute: test_multispectral_accuracy.py does it",
     "labapp study multispectral": "takes minutes: test_spectral_studies.py does it, smaller",

@@ -100,7 +100,7 @@ REFUSED = {
     "reconstruct old.h5 --bands 0.45,0.7": "--bands 0.45,0.7: in micrometres?",
     "reconstruct old.h5 --bands all --out new.png": "the ending says the kind of a cube",
     "reconstruct old.h5 --light A": "--light: means something with --bands only",
-    "train . --out new.npy": "weights are written as .npz",
+    "train denoiser . --out new.npy": "weights are written as .npz",
     "refine old.h5": "there is no --out",
     "calibrate": "--out is missing",
     "devices --bench none.toml": "none.toml: cannot be read",

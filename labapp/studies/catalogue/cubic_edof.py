@@ -10,7 +10,7 @@ from labapp.files.quantities import Positive
 from labapp.studies.contract import Study, StudySettings
 
 
-class EdofSettings(StudySettings):
+class CubicEdofSettings(StudySettings):
     """Hold the study's settings: the strength of the cubic phase, and the exposures."""
 
     QUICK: ClassVar[dict[str, Any]] = {"scene_ms": [400], "iterations": 6}
@@ -41,8 +41,8 @@ STUDY = Study(
         "a photograph with parts at both distances is taken with and without the plate, and "
         "restored with one PSF, and with the PSF of each depth."
     ),
-    settings=EdofSettings,
+    settings=CubicEdofSettings,
     module="labapp.studies.cubic_edof",
-    scene="studies/edof.toml",
-    bench="studies/edof-bench.toml",
+    scene="studies/cubic-edof.toml",
+    bench="studies/cubic-edof-bench.toml",
 )

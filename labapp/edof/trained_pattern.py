@@ -1,0 +1,151 @@
+"""A pattern with the decoder that was trained for it, as a design file holds them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from labapp.common.errors import UserError
+from labapp.files.bench_file import BenchFile
+from labapp.files.design_file import DecoderContents, read_design
+from labapp.files.reading import bundled_path, validate
+from optics.camera import Camera
+from optics.edof.frequency_grid import FrequencyGrid
+from optics.edof.learned import DecoderNetwork, DecoderSettings
+from optics.edof.picture_spectrum import SpectrumModel
+from optics.slm import grey_to_phase
+
+BUNDLED_PATTERN = bundled_path("edof.h5")
+"""The pattern and decoder that come with the application; SOURCES.txt says how they were made."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedPattern:
+    """A pattern that extends the depth of field, with the network that decodes its photographs.
+
+    Attributes
+    ----------
+    path : Path
+        The design file.
+    camera : Camera
+        The camera that it was trained for.
+    wavelength : float
+        Metres.
+    grey : numpy.ndarray, (rows, columns), uint8
+        The pattern as the panel shows it.
+    network : DecoderNetwork
+        The decoder's network.
+    spectrum : SpectrumModel
+        Power spectrum of the pictures that the filter before the network takes to be there.
+    config : mapping
+        The configuration of the training, as plain data.
+    account : mapping
+        Steps, scores and data of the training, as plain data.
+    """
+
+    path: Path
+    camera: Camera
+    wavelength: float
+    grey: np.ndarray
+    network: DecoderNetwork
+    spectrum: SpectrumModel
+    config: Mapping[str, Any]
+    account: Mapping[str, Any]
+
+    @property
+    def phase(self) -> torch.Tensor:
+        """The phase that the panel of the training's camera shows, (rows, columns), radians."""
+        return grey_to_phase(self.camera.panel, torch.from_numpy(self.grey), self.wavelength)
+
+    @property
+    def depth_range(self) -> tuple[float, float]:
+        """The farthest and the nearest depth of the training, dioptres."""
+        return float(self.config["far_dioptre"]), float(self.config["near_dioptre"])
+
+    @property
+    def binning(self) -> int:
+        """Sensor pixels along a side of the squares that are averaged into a pixel."""
+        return int(self.config["scenes"]["binning"])
+
+    def spectrum_on_grid(self, side: int) -> torch.Tensor:
+        """Return the power spectrum of pictures on the grid of rfft2 for side x side pixels."""
+        return self.spectrum.on_grid(FrequencyGrid(side))
+
+
+@functools.cache
+def bundled_trained_pattern() -> TrainedPattern:
+    """Return the pattern with decoder that comes with the application."""
+    return read_trained_pattern(BUNDLED_PATTERN)
+
+
+def read_trained_pattern(path: Path) -> TrainedPattern:
+    """Read a pattern with its decoder from a design file.
+
+    Raises UserError if the file is no design file, has no decoder, or is damaged.
+    """
+    contents = read_design(path)
+    if contents.decoder is None:
+        raise UserError(
+            f"{path}: holds a pattern without a decoder. Train one: labapp train edof, with "
+            f'start = "{path.name}" in its [pattern] table.'
+        )
+    stored = contents.decoder.settings
+    try:
+        network = DecoderNetwork(DecoderSettings.from_data(stored["decoder"]))
+        network.load_state_dict(
+            {
+                name: torch.from_numpy(value.astype(np.float32))
+                for name, value in contents.decoder.weights.items()
+            }
+        )
+        spectrum = SpectrumModel(
+            tuple(tuple(row) for row in stored["spectrum"]["coefficients"]),
+            stored["spectrum"]["source"],
+        )
+        config, account = stored["config"], stored["account"]
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        reason = str(error).partition("\n")[0]
+        raise UserError(f"{path}: its decoder is damaged: {reason}. Train it again.") from error
+    bench = validate(dict(contents.bench), BenchFile, str(path))
+    return TrainedPattern(
+        path,
+        bench.build_camera(),
+        contents.wavelength,
+        contents.grey[0],
+        network.requires_grad_(False).eval(),
+        spectrum,
+        config,
+        account,
+    )
+
+
+def decoder_contents(
+    network: DecoderNetwork,
+    spectrum: SpectrumModel,
+    config: Mapping[str, Any],
+    account: Mapping[str, Any],
+) -> DecoderContents:
+    """Return what a design file holds of a trained decoder; `read_trained_pattern` reads it.
+
+    The weights are rounded to half precision.
+    """
+    settings = {
+        "decoder": network.settings.as_data(),
+        "spectrum": {
+            "coefficients": [list(row) for row in spectrum.coefficients],
+            "source": spectrum.source,
+        },
+        "config": dict(config),
+        "account": dict(account),
+    }
+    weights = {
+        name: value.detach().cpu().to(torch.float16).numpy()
+        for name, value in network.state_dict().items()
+    }
+    return DecoderContents(settings, weights)

@@ -1,1 +1,0 @@
-"""Train the denoising network for plug-and-play restoration from pictures."""

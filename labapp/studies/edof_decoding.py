@@ -1,0 +1,288 @@
+"""Decode the pictures of the study of extended depth of field, and score them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from labapp.common.errors import UserError
+from labapp.pictures.analysis.brackets import Bracket, Picture, find_bracket
+from labapp.runs.record.reader import Record
+from labapp.studies.catalogue.edof import EdofSettings
+from labapp.studies.edof_pattern import DESIGNED, NEUTRAL, PATTERNS, shown_pattern
+from optics import metrics
+from optics.camera import Camera
+from optics.edof.decoders import blind_wiener, decoding_transfers
+from optics.edof.frequency_grid import FrequencyGrid
+from optics.edof.picture_preparation import encode_srgb
+from optics.edof.picture_spectrum import NATURAL_SPECTRUM
+from optics.edof.protocol import STRICT, EdofProtocol
+from optics.edof.protocol_psfs import compute_depth_psfs
+from optics.edof.pupil_pattern import PupilPattern
+from optics.plane import centred_crop
+from optics.progress import Progress
+
+PRINT, OBJECTS = "photograph", "objects"
+"""Begin the names of the scene's targets: a print at many distances, and objects at several."""
+
+SHARP = "sharp"
+"""Ends the names of the targets that show the same things in focus."""
+
+_WHITE_PERCENTILE = 99.9
+"""Of the picture in focus; a few brighter pixels don't count. Chosen."""
+
+Restore = Callable[[torch.Tensor, float], torch.Tensor]
+"""Restores a picture (rows, columns), white at 1, with noise of a standard deviation."""
+
+
+@dataclass(frozen=True, eq=False)
+class NamedDecoder:
+    """Hold a decoder of the study.
+
+    Attributes
+    ----------
+    name : str
+        Name in tables.
+    is_blind : bool or None
+        Whether it isn't told the depth; None for pictures that aren't decoded.
+    restore : callable
+        Restores a picture; see Restore.
+    """
+
+    name: str
+    is_blind: bool | None
+    restore: Restore
+
+    @property
+    def label(self) -> str:
+        """Return the decoder's name for a row of the study, with what it is told."""
+        if self.is_blind is None:
+            return self.name
+        return f"{self.name}, {'blind' if self.is_blind else 'told the depth'}"
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedPicture:
+    """Hold a picture of the study, as taken or decoded, with its scores.
+
+    Attributes
+    ----------
+    image : Picture
+        (rows, columns) of the decoded part of the frame; white is 1.
+    psnr, srgb_psnr, ssim : float
+        In dB, in linear light and in sRGB values, with peak 1; SSIM in sRGB values, with range 1.
+        All of the scored part.
+    noise : float
+        Standard deviation of a pixel's noise as taken, where white is 1.
+    """
+
+    image: Picture
+    psnr: float
+    srgb_psnr: float
+    ssim: float
+    noise: float
+
+
+PictureKey = tuple[str, str, str]
+"""Target, pattern, and label of the decoder."""
+
+
+def photograph_name(distance: float) -> str:
+    """Return the name of the study's print at a distance in metres."""
+    return f"{PRINT}-{distance * 100:.0f}cm"
+
+
+def decoders_of(
+    pattern: PupilPattern, camera: Camera, settings: EdofSettings
+) -> list[NamedDecoder]:
+    """Return the decoders with which the study decodes pictures behind a pattern.
+
+    The first one gives pictures back as they are.
+    """
+    protocol = bench_protocol(camera, settings)
+    return [
+        NamedDecoder("as taken", None, lambda picture, noise: picture),
+        NamedDecoder("one Wiener filter", True, _wiener(pattern, camera, protocol)),
+    ]
+
+
+def bench_protocol(camera: Camera, settings: EdofSettings) -> EdofProtocol:
+    """Return the protocol by which the study's decoders take the camera's PSFs."""
+    side = decoded_side(camera, settings)
+    return replace(
+        STRICT,
+        name="bench",
+        wavelength=settings.wavelength_nm * 1e-9,
+        pixel_pitch=camera.sensor.pitch,
+        pixel_response="area",
+        crop=side,
+        centre=min(settings.scored_px, side),
+        border="true",
+    )
+
+
+def decoded_side(camera: Camera, settings: EdofSettings) -> int:
+    """Return the pixels along a side of the part of the frame that the study decodes."""
+    return min(settings.frame_px, *camera.sensor.shape)
+
+
+def _wiener(pattern: PupilPattern, camera: Camera, protocol: EdofProtocol) -> Restore:
+    """Return one Wiener filter for all depths, made for a pattern's simulated PSFs."""
+    psfs = compute_depth_psfs(pattern, protocol.design_dioptres, camera, protocol)
+    decoder = blind_wiener(lambda side: NATURAL_SPECTRUM.on_grid(FrequencyGrid(side)))
+    built: dict[float, Callable[[torch.Tensor], torch.Tensor]] = {}
+
+    def restore(picture: torch.Tensor, noise: float) -> torch.Tensor:
+        if noise not in built:
+            built.clear()
+            built[noise] = decoder.build(decoding_transfers(psfs, protocol), noise)
+        return built[noise](picture)
+
+    return restore
+
+
+@dataclass(frozen=True, eq=False)
+class SharpPicture:
+    """Hold what pictures of one kind in the study should be.
+
+    Attributes
+    ----------
+    image : Picture
+        (rows, columns) of the part of the frame that is decoded; white is 1.
+    white : float
+        Electrons per second of a white pixel.
+    """
+
+    image: Picture
+    white: float
+
+
+def find_sharp_pictures(
+    record: Record, brackets: list[Bracket], settings: EdofSettings
+) -> dict[str, SharpPicture]:
+    """Find what the study's prints and objects look like in focus; UserError if they are dark."""
+    found = {}
+    for kind in (PRINT, OBJECTS) if settings.layered else (PRINT,):
+        light = _take_picture(record, brackets, f"{kind}-{SHARP}", NEUTRAL, settings).light
+        white = float(np.percentile(light, _WHITE_PERCENTILE))
+        if not white > 0:
+            raise UserError(
+                f"{record.path}: the picture {kind}-{SHARP} is dark. Expose it longer: the "
+                "setting 'sharp_ms'."
+            )
+        found[kind] = SharpPicture(light / white, white)
+    return found
+
+
+def decode_pictures(
+    record: Record,
+    brackets: list[Bracket],
+    sharp: Mapping[str, SharpPicture],
+    settings: EdofSettings,
+    progress: Progress,
+) -> dict[PictureKey, DecodedPicture]:
+    """Decode all pictures of the study's record behind all patterns, and score them.
+
+    Raises UserError if pictures are missing or clipped.
+    """
+    camera = record.bench.build_camera()
+    prints = [photograph_name(one) for one in settings.distances_m]
+    found: dict[PictureKey, DecodedPicture] = {}
+    for number, name in enumerate(PATTERNS):
+        progress.report(number / len(PATTERNS), f"decoders for {name}")
+        pattern = shown_pattern(record, name, camera, settings.wavelength_nm * 1e-9)
+        decoders = decoders_of(pattern, camera, settings)
+        for kind, truth in sharp.items():
+            targets = prints if kind == PRINT else [OBJECTS]
+            found |= _decode_kind(record, brackets, targets, name, decoders, truth, settings)
+    return found
+
+
+def _decode_kind(
+    record: Record,
+    brackets: list[Bracket],
+    targets: list[str],
+    pattern: str,
+    decoders: list[NamedDecoder],
+    truth: SharpPicture,
+    settings: EdofSettings,
+) -> dict[PictureKey, DecodedPicture]:
+    """Decode the study's pictures of one kind, which have one noise, behind one pattern."""
+    taken = [_take_picture(record, brackets, one, pattern, settings) for one in targets]
+    # One filter serves all of them: a noise of its own would tell a decoder something of the depth.
+    noise = float(np.sqrt(np.mean([one.variance for one in taken]))) / truth.white
+    found = {}
+    for target, picture in zip(targets, taken, strict=True):
+        image = torch.from_numpy(picture.light / truth.white).to(torch.float32)
+        for decoder in decoders:
+            restored = decoder.restore(image, noise).double().numpy()
+            found[target, pattern, decoder.label] = score_picture(
+                restored, truth.image, noise, settings
+            )
+    return found
+
+
+def score_picture(
+    image: Picture, truth: Picture, noise: float, settings: EdofSettings
+) -> DecodedPicture:
+    """Score a picture of the study against what it should be; both have white at 1."""
+    side = min(settings.scored_px, *image.shape)
+    seen, wanted = (
+        centred_crop(torch.from_numpy(np.asarray(one, np.float64)), (side, side))
+        for one in (image, truth)
+    )
+    coded, aim = (encode_srgb(one.clamp(0, 1)) for one in (seen, wanted))
+    return DecodedPicture(
+        image,
+        metrics.psnr(seen, wanted),
+        metrics.psnr(coded, aim),
+        metrics.ssim(coded, aim),
+        noise,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _TakenPicture:
+    """The middle of a picture of the study as taken: electrons per second, and mean variance."""
+
+    light: Picture
+    variance: float
+
+
+def _take_picture(
+    record: Record, brackets: list[Bracket], target: str, pattern: str, settings: EdofSettings
+) -> _TakenPicture:
+    """Cut the part that is decoded out of a picture of the study's record."""
+    wavelength = settings.wavelength_nm * 1e-9
+    bracket = find_bracket(brackets, target, pattern, wavelength, record.path)
+    side = min(settings.frame_px, *bracket.rate.shape)
+    light, variance = (
+        centred_crop(torch.from_numpy(np.asarray(one, np.float64)), (side, side)).numpy()
+        for one in (bracket.rate, bracket.variance)
+    )
+    known = np.isfinite(variance)
+    if not known.all():
+        raise UserError(
+            f"{record.path}: {int((~known).sum())} pixels of {target} with {pattern} are clipped "
+            "in every exposure. Expose it shorter: the settings 'scene_ms' and 'sharp_ms'."
+        )
+    return _TakenPicture(light, float(variance.mean()))
+
+
+def mean_scores(
+    found: Mapping[PictureKey, DecodedPicture], pattern: str, label: str
+) -> list[DecodedPicture]:
+    """Return the study's decoded prints behind a pattern by a decoder, near ones first."""
+    return [
+        one
+        for (target, name, decoder), one in found.items()
+        if target.startswith(PRINT) and (name, decoder) == (pattern, label)
+    ]
+
+
+def labels_of(found: Mapping[PictureKey, DecodedPicture]) -> list[str]:
+    """Return the labels of all decoders of the study, in order."""
+    return list(dict.fromkeys(label for _, name, label in found if name == DESIGNED))

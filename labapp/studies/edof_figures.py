@@ -1,0 +1,152 @@
+"""Figures of the study of extended depth of field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from labapp.pictures.analysis.brackets import Picture
+from labapp.runs.record.reader import Record
+from labapp.studies.catalogue.edof import EdofSettings
+from labapp.studies.contract import StudyFigure
+from labapp.studies.edof_decoding import OBJECTS, PRINT, SharpPicture, labels_of, photograph_name
+from labapp.studies.edof_pattern import DESIGNED, NEUTRAL, PATTERNS, RINGS
+from labapp.studies.edof_rows import Pictures, PSFs
+from labapp.studies.figure_drawing import draw_log, draw_pattern, draw_photograph
+
+
+def draw_results(
+    record: Record,
+    psfs: PSFs,
+    pictures: Pictures,
+    sharp: Mapping[str, SharpPicture],
+    settings: EdofSettings,
+) -> list[StudyFigure]:
+    """Draw the study's figures: PSFs over depth, scores over depth, and decoded pictures."""
+    found = [
+        _psfs_figure(record, psfs, settings),
+        _scores_figure(psfs, pictures, settings),
+        _prints_figure(pictures, sharp[PRINT], settings),
+    ]
+    return [*found, _objects_figure(pictures, sharp[OBJECTS])] if settings.layered else found
+
+
+def _psfs_figure(record: Record, psfs: PSFs, settings: EdofSettings) -> StudyFigure:
+    """Draw the study's measured and simulated PSFs at all distances, each pattern on one scale."""
+    distances = settings.distances_m
+    figure = Figure(figsize=(2.0 * len(distances) + 3.8, 8.6), dpi=100, layout="constrained")
+    widths = [1.8, *[1.0] * len(distances)]
+    grid = figure.add_gridspec(4, len(widths), width_ratios=widths)
+    for number, name in enumerate((DESIGNED, RINGS)):
+        first = 2 * number
+        _draw_bright_pattern(
+            figure.add_subplot(grid[first : first + 2, 0]), record.pattern(name), name
+        )
+        peak = max(float(psfs[name, distance].measured.max()) for distance in distances)
+        for column, distance in enumerate(distances, 1):
+            for row, kind in enumerate(("measured", "simulated"), first):
+                axes = figure.add_subplot(grid[row, column])
+                draw_log(axes, getattr(psfs[name, distance], kind), f"{kind}, {distance:g} m", peak)
+    return StudyFigure(
+        "PSFs over depth",
+        figure,
+        f"Fig. 5.7 and 5.8: {settings.psf_px} pixels along a side, 4 decades below the brightest "
+        "pixel of a pattern. Measured on stars, unmodulated light included.",
+    )
+
+
+def _draw_bright_pattern(axes: Axes, grey: NDArray[np.uint8], title: str) -> None:
+    """Draw a study's pattern that uses a part of the grey levels, from black to white."""
+    shown = grey.astype(np.float64) * (255 / max(int(grey.max()), 1))
+    draw_pattern(axes, shown.round().astype(np.uint8), title)
+
+
+def _scores_figure(psfs: PSFs, pictures: Pictures, settings: EdofSettings) -> StudyFigure:
+    """Draw the study's distances of PSFs, and the PSNR of decoded prints, over depth."""
+    depths = [1 / distance for distance in settings.distances_m]
+    figure = Figure(figsize=(13, 4.6), dpi=100, layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for name in (DESIGNED, RINGS):
+        own = [psfs[name, distance] for distance in settings.distances_m]
+        (line,) = left.plot(depths, [100 * one.beside_noise for one in own], "o-", label=name)
+        left.plot(
+            depths, [100 * one.noise for one in own], ":", color=line.get_color(),
+            label=f"{name}, noise alone",
+        )  # fmt: skip
+    left.set(
+        xlabel="depth / dioptres",
+        ylabel="L2 distance / %",
+        title="PSFs, measured to simulated",
+        ylim=(0, None),
+    )
+    left.legend(fontsize=9)
+    styles = ["--", "-", "-.", ":"]
+    colours = {DESIGNED: "C0", RINGS: "C1", NEUTRAL: "C2"}
+    for name in PATTERNS:
+        for label, style in zip(labels_of(pictures), styles, strict=False):
+            levels = [
+                pictures[photograph_name(one), name, label].psnr for one in settings.distances_m
+            ]
+            right.plot(depths, levels, "o" + style, color=colours[name], label=f"{name}; {label}")
+    right.set(xlabel="depth / dioptres", ylabel="PSNR / dB, linear light", title="Print")
+    right.legend(fontsize=8)
+    return StudyFigure(
+        "Over depth", figure, "0 dioptres is infinity. Distances of PSFs are without noise's part."
+    )
+
+
+def _prints_figure(pictures: Pictures, sharp: SharpPicture, settings: EdofSettings) -> StudyFigure:
+    """Draw the study's prints at three distances, as taken and decoded."""
+    distances = sorted(settings.distances_m)
+    chosen = sorted({distances[0], distances[len(distances) // 2], distances[-1]})
+    shown = {f"{one:g} m": photograph_name(one) for one in chosen}
+    return StudyFigure(
+        "Prints at several distances",
+        _picture_rows(pictures, shown, sharp, settings.scored_px),
+        "Fig. 5.9 to 5.11: each pattern as taken, and decoded; PSNR in linear light. The part that "
+        "is scored.",
+    )
+
+
+def _objects_figure(pictures: Pictures, sharp: SharpPicture) -> StudyFigure:
+    """Draw the study's objects that hide each other, as taken and decoded."""
+    return StudyFigure(
+        "Objects that hide each other",
+        _picture_rows(pictures, {OBJECTS: OBJECTS}, sharp, None),
+        "Fig. 5.13: a filter takes a picture for a convolution, which it isn't where an object "
+        "hides a part of the light behind it. PSNR is of the middle.",
+    )
+
+
+def _picture_rows(
+    pictures: Pictures, targets: Mapping[str, str], sharp: SharpPicture, side: int | None
+) -> Figure:
+    """Draw pictures of the study: a row for each target, columns for patterns and decoders.
+
+    targets: names of the targets by their words in titles. The first column is what they should be.
+    """
+    columns = [(name, label) for name in PATTERNS for label in labels_of(pictures)]
+    size = 2.9 * (len(columns) + 1), 3.5 * len(targets) + 0.3
+    figure = Figure(figsize=size, dpi=100, layout="constrained")
+    axes = figure.subplots(len(targets), len(columns) + 1, squeeze=False)
+    # An empty title leaves room that constrained layout doesn't leave above square axes.
+    figure.suptitle(" ")
+    for line, (title, target) in zip(axes, targets.items(), strict=True):
+        draw_photograph(line[0], _middle(sharp.image, side), "in focus", 1.0)
+        for one, (name, label) in zip(line[1:], columns, strict=True):
+            found = pictures[target, name, label]
+            words = f"{title}, {name}\n{label}, {found.psnr:.1f} dB"
+            draw_photograph(one, _middle(found.image, side), words, 1.0)
+    return figure
+
+
+def _middle(image: Picture, side: int | None) -> Picture:
+    """Cut the middle out of a picture of the study; None leaves it whole."""
+    if side is None or side >= min(image.shape):
+        return image
+    top, left = ((n - side) // 2 for n in image.shape)
+    return np.asarray(image[top : top + side, left : left + side])

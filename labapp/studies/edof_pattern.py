@@ -1,0 +1,76 @@
+"""The pattern of the study of extended depth of field, and the patterns beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from labapp.common.errors import UserError
+from labapp.files.reading import bundled_path
+from labapp.runs.record.reader import Record
+from labapp.studies.catalogue.edof import EdofSettings
+from optics.camera import Camera
+from optics.edof.dioptres import DEPTH_RANGE
+from optics.edof.pupil_pattern import PupilPattern
+from optics.slm import Modulator
+
+DESIGNED, RINGS, NEUTRAL = "designed", "rings", "neutral"
+"""Names in the study's plan of the designed pattern, of hand-made rings, and of no pattern."""
+
+PATTERNS = (DESIGNED, RINGS, NEUTRAL)
+
+_PACKAGED = "edof-package/pattern.h5"
+"""The packaged pattern, in labapp/data."""
+
+
+def pattern_tables(settings: EdofSettings) -> dict[str, Any]:
+    """Return the plan tables of the study's patterns; UserError if the design file is missing."""
+    far, near = DEPTH_RANGE
+    return {
+        DESIGNED: {"kind": "image", "file": str(_design_path(settings))},
+        RINGS: {
+            "kind": "multi-focus",
+            "near_dioptre": near,
+            "far_dioptre": far,
+            "wavelength_nm": settings.wavelength_nm,
+        },
+    }
+
+
+def _design_path(settings: EdofSettings) -> Path:
+    """Return the path of the design file that the study shows."""
+    path = Path(settings.pattern).expanduser() if settings.pattern else bundled_path(_PACKAGED)
+    if not path.is_file():
+        raise UserError(
+            f"study edof: there is no pattern {path}. Make one (labapp design edof --out edof.h5), "
+            "and give it: pattern=edof.h5"
+        )
+    return path.absolute()
+
+
+def shown_pattern(record: Record, name: str, camera: Camera, wavelength: float) -> PupilPattern:
+    """Return what a study's record showed as a pattern in the pupil, by the bench's description.
+
+    wavelength: metres.
+    """
+    return pattern_in_pupil(name, torch.from_numpy(record.pattern(name)), camera, wavelength)
+
+
+def pattern_in_pupil(
+    name: str, grey: torch.Tensor, camera: Camera, wavelength: float
+) -> PupilPattern:
+    """Return what grey levels of a study do to light in the pupil, as far as the panel is known.
+
+    A panel that is calibrated has a response and a flatness; fringing dims pixels beside a jump of
+    the phase.
+    """
+    modulator = Modulator(camera.panel, wavelength)
+    phase = modulator.phase(grey)
+    panel = camera.panel
+    if not (panel.coupling or panel.gap_reflection or panel.flatness or panel.illumination):
+        return PupilPattern(name, phase)
+    field = modulator.modulation(phase)
+    amplitude = field.abs()
+    return PupilPattern(name, field.angle(), amplitude / amplitude.max())

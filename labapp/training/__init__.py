@@ -1,0 +1,1 @@
+"""Train networks and patterns: one loop for all, and what is trained."""

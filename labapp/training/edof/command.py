@@ -1,0 +1,344 @@
+"""`labapp train edof`: design a pattern, train its decoder, train both together, and write them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from labapp.common.console import out, print_table
+from labapp.edof.design_problem import EdofProblem
+from labapp.edof.design_search import search_pattern
+from labapp.edof.design_state import DesignStateFile
+from labapp.edof.trained_pattern import decoder_contents
+from labapp.files.bench_file import BenchFile, read_bench
+from labapp.files.design_file import DesignContents, Grid, write_design
+from labapp.files.state_file import StateFile
+from labapp.files.writing import encode_image, write_atomically
+from labapp.training.command import show_progress, train_for_command
+from labapp.training.edof.captures import MixedPictures, SceneSampler
+from labapp.training.edof.config import EdofTrainingConfig
+from labapp.training.edof.decoder_task import DecoderTask, decoder_schedule
+from labapp.training.edof.joint_task import JointTask, PatternWithDecoder, joint_schedule
+from labapp.training.edof.optics_table import tabulate_optics
+from labapp.training.edof.training_data import measure_spectrum, read_pictures
+from labapp.training.loop import TrainingResult
+from labapp.training.manifest import DataManifest
+from labapp.training.processes import Processes, join_processes
+from labapp.training.step_count import count_steps
+from labapp.training.task import TrainingTask
+from optics.edof.learned import DecoderNetwork
+from optics.edof.picture_spectrum import SpectrumModel
+from optics.edof.search_state import SearchState
+from optics.psf import PSFOperator
+from optics.slm import phase_to_grey
+from optics.threads import single_threaded
+
+_SHOWN_DEPTHS, _SHOWN_PIXELS = 3, 129
+"""Depths and pixels along a side of the PSFs in the file. Chosen, so that it stays small."""
+
+_STEPS_AHEAD = 8
+"""Steps of which scenes are drawn while a GPU trains. Chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingRequest:
+    """What `labapp train edof` is asked for.
+
+    Attributes
+    ----------
+    config : EdofTrainingConfig
+        What is trained, and how.
+    folder : Path
+        The folder that the configuration's paths are relative to.
+    pictures : sequence of Path
+        Folders of photographs; none for drawn pictures alone.
+    test_pictures : sequence of Path
+        Pictures, folders or fingerprints of what the result will be tested on.
+    steps : int or None
+        Steps in all.
+    minutes : float or None
+        Time of which the number of steps is made once, in the place of `steps`.
+    device : {"auto", "cpu", "cuda"}
+        What to compute on.
+    """
+
+    config: EdofTrainingConfig
+    folder: Path
+    pictures: Sequence[Path]
+    test_pictures: Sequence[Path]
+    steps: int | None
+    minutes: float | None
+    device: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Stages:
+    """The steps of the two stages of a training."""
+
+    decoder: int
+    joint: int
+
+
+@single_threaded
+def train_edof(request: TrainingRequest, files: Sequence[Path]) -> None:
+    """Train a pattern for depth of field with its decoder, and write both.
+
+    Parameters
+    ----------
+    request : TrainingRequest
+        What is trained.
+    files : sequence of Path
+        The design file (.h5), the pattern (.png), and the list of the data (.json).
+
+    Raises
+    ------
+    UserError
+        If the configuration, the pictures, the device or a kept state can't be used.
+    """
+    started = time.process_time()
+    with join_processes(request.device) as processes:
+        training = _EdofTraining(request, files, processes)
+        training.run()
+        if processes.is_writer:
+            training.write(time.process_time() - started)
+
+
+class _EdofTraining:
+    """A training of a pattern with its decoder, stage by stage."""
+
+    def __init__(
+        self, request: TrainingRequest, files: Sequence[Path], processes: Processes
+    ) -> None:
+        config = request.config
+        self._request, self._files, self._processes = request, files, processes
+        with show_progress(processes) as progress:
+            photographs, self._manifest = read_pictures(
+                request.pictures, request.test_pictures, config, progress
+            )
+        pictures = MixedPictures(photographs, config.scenes.procedural_share)
+        ahead = _STEPS_AHEAD if processes.device.type == "cuda" else 0
+        self._sampler = SceneSampler(pictures, config, ahead)
+        asked = config.design_request(request.folder)
+        assert asked.bench is not None
+        self._bench: BenchFile = read_bench(asked.bench)
+        self._spectrum: SpectrumModel = measure_spectrum(pictures, config)
+        self._design_problem = EdofProblem(asked, self._bench.build_camera(), self._spectrum)
+        scenes = replace(asked, size=config.training.side)
+        self._problem = EdofProblem(scenes, self._design_problem.camera, self._spectrum)
+        self._settings = {"config": config.as_data(), "data": _digest(self._manifest)}
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(config.seed)
+            self._network = DecoderNetwork(config.decoder.settings(config.scenes.light))
+        self._network.to(processes.device)
+        self._account: dict[str, Any] = {}
+
+    def run(self) -> None:
+        """Go through the stages of the training of pattern and decoder."""
+        config, processes = self._request.config, self._processes
+        parameters = self._design()
+        table = tabulate_optics(self._problem, parameters, config).to(processes.device)
+        task = DecoderTask(self._network, table, self._sampler, config, self._settings)
+        stages = self._count_stages(task, parameters)
+        task = DecoderTask(
+            self._network,
+            table,
+            self._sampler,
+            config,
+            {**self._settings, "joint_steps": stages.joint},
+        )
+        if processes.is_writer:
+            out.print(f"{stages.decoder} steps of the decoder, {stages.joint} joint ones")
+        schedule = decoder_schedule(config, stages.decoder)
+        alone = train_for_command(task, schedule, self._state("decoder"), processes)
+        self._network.load_state_dict(alone.weights)
+        self._account |= {
+            "decoder_steps": stages.decoder,
+            "decoder_skipped": alone.skipped,
+            "decoder_validation": alone.history[-1][1],
+            "history": [list(one) for one in alone.history],
+            "joint_steps": 0,
+        }
+        self._parameters = parameters
+        if stages.joint:
+            self._train_jointly(stages.joint)
+
+    def write(self, cpu_seconds: float) -> None:
+        """Write the trained pattern with its decoder, and print what was reached."""
+        config, camera = self._request.config, self._problem.camera
+        design, pattern, listed = self._files
+        phase = self._problem.parametrisation.phase(self._parameters).detach()
+        wavelength = config.wavelength_nm * 1e-9
+        grey = phase_to_grey(camera.panel, phase, wavelength, 1).numpy()
+        self._account |= {
+            "seed": config.seed,
+            "processes": self._processes.count,
+            "device": self._processes.device.type,
+            "cpu_seconds": cpu_seconds,
+            "data": _digest(self._manifest),
+        }
+        contents = DesignContents(
+            title="extended depth of field, with decoder",
+            settings={"design": "edof", **self._problem.request.as_data()},
+            bench=self._bench.model_dump(mode="json"),
+            wavelength=wavelength,
+            grey=grey[None],
+            phase=None,
+            orders=1,
+            frame_time=0.0,
+            pixel_pitch=camera.panel.pitch,
+            psf=self._psfs(phase, wavelength),
+            target=None,
+            quality={"validation": float(self._validation())},
+            decoder=decoder_contents(
+                self._network, self._spectrum, config.as_data(), self._account
+            ),
+        )
+        write_design(design, contents)
+        write_atomically(pattern, encode_image(pattern, grey))
+        if self._manifest is not None:
+            self._manifest.write(listed)
+        for name in ("design", "decoder", "joint"):
+            self._state(name).unlink(missing_ok=True)
+        self._print(cpu_seconds)
+
+    def _design(self) -> torch.Tensor:
+        """Design the pattern without pictures, in the writing process, for all of them."""
+        config, problem = self._request.config, self._design_problem
+        start = problem.parametrisation.fit(problem.start_phase())
+        steps = config.pattern.design_steps
+        holder = torch.nn.Module()
+        holder.register_buffer("pattern", start.detach().clone().double())
+        if steps and self._processes.is_writer:
+            out.print(f"{steps} steps of the pattern, without pictures")
+            file = StateFile(self._state("design"), "design")
+            kept = DesignStateFile(file, {**self._settings, "steps": steps})
+            transfer = problem.transfer(problem.request.wavelengths[0])
+            with show_progress(self._processes) as progress:
+                state = kept.read() or SearchState()
+                result = search_pattern(problem, transfer, start, steps, state, kept, progress)
+            kept.write(state)
+            holder.get_buffer("pattern").copy_(result.parameters)
+        holder.to(self._processes.device)
+        self._processes.share_weights(holder)
+        shared: torch.Tensor = holder.get_buffer("pattern").cpu()
+        return shared
+
+    def _train_jointly(self, steps: int) -> None:
+        """Train pattern and decoder together, and keep that only if validation improves."""
+        task, before = self._joint_task(self._parameters), self._joint_task(self._parameters)
+        first = float(before.validate())
+        schedule = joint_schedule(self._request.config, steps)
+        kept = self._state("joint")
+        decoder = {name: value.clone() for name, value in self._network.state_dict().items()}
+        result: TrainingResult = train_for_command(task, schedule, kept, self._processes)
+        last = result.history[-1][1]
+        self._account |= {
+            "joint_steps": steps,
+            "joint_skipped": result.skipped,
+            "joint_validation": [first, last],
+            "joint_accepted": last > first,
+        }
+        if last > first:
+            joint = task.module
+            joint.load_state_dict(result.weights)
+            assert isinstance(joint, PatternWithDecoder)
+            self._parameters = joint.pattern.detach().cpu().clone()
+        else:
+            self._network.load_state_dict(decoder)
+
+    def _joint_task(self, parameters: torch.Tensor) -> JointTask:
+        """Return the joint training of the network as it is and a pattern."""
+        module = PatternWithDecoder(self._network, parameters).to(self._processes.device)
+        return JointTask(
+            module,
+            self._problem,
+            self._sampler,
+            self._request.config,
+            self._processes,
+            self._settings,
+        )
+
+    def _count_stages(self, task: TrainingTask, parameters: torch.Tensor) -> _Stages:
+        """Return the steps of both stages: those of a kept state, or those that are asked for."""
+        request, config = self._request, self._request.config
+        kept = StateFile(self._state("decoder"), "training").read_settings()
+        if kept is not None:
+            return _Stages(int(kept["steps"]), int(kept["joint_steps"]))
+        share = config.joint.share
+        if request.minutes is None:
+            steps = request.steps or DEFAULT_STEPS
+            joint = round(steps * share)
+            return _Stages(max(steps - joint, 1), joint)
+        alone = count_steps(
+            task, decoder_schedule(config, 1000), request.minutes * (1 - share), self._processes
+        )
+        if not share:
+            return _Stages(alone, 0)
+        both = self._joint_task(parameters)
+        joint = count_steps(
+            both, joint_schedule(config, 1000), request.minutes * share, self._processes
+        )
+        return _Stages(alone, joint)
+
+    def _state(self, stage: str) -> Path:
+        """Return the file that keeps the state of a stage of the training."""
+        return self._files[0].with_suffix(f".{stage}-state")
+
+    def _validation(self) -> float:
+        """Return the validation score of the trained pattern and decoder, in dB."""
+        if self._account.get("joint_accepted"):
+            return float(self._account["joint_validation"][1])
+        return float(self._account["decoder_validation"])
+
+    def _psfs(self, phase: torch.Tensor, wavelength: float) -> Grid:
+        """Compute PSFs of the trained pattern at some depths, for its file."""
+        camera, (far, near) = self._problem.camera, self._problem.depth_range
+        side = min(_SHOWN_PIXELS, *camera.sensor.shape)
+        pixels = camera.sensor.window_plane((side, side))
+        found = []
+        for one in np.linspace(far, near, _SHOWN_DEPTHS):
+            distance = 1 / one if one > 0 else math.inf
+            operator = PSFOperator(camera, distance, wavelength, pixels, calls=1, tol=1e-2)
+            found.append(operator(phase).to(torch.float32))
+        return Grid.from_tensor(torch.stack(found), pixels)
+
+    def _print(self, cpu_seconds: float) -> None:
+        """Print what the training of pattern and decoder reached."""
+        account, decoder = self._account, self._network.settings
+        knowledge = "blind" if decoder.is_blind else "told the depth"
+        rows = [
+            ["decoder", f"{knowledge}, {count_weights(self._network):,} weights"],
+            ["decoder alone", f"{account['decoder_validation']:.2f} dB in validation"],
+        ]
+        if account["joint_steps"]:
+            first, last = account["joint_validation"]
+            kept = "kept" if account["joint_accepted"] else "not kept, as it is no better"
+            rows.append(["trained jointly", f"{first:.2f} to {last:.2f} dB, {kept}"])
+        rows.append(["processor time", f"{cpu_seconds / 60:.1f} min"])
+        print_table("Pattern with decoder", ["", ""], rows)
+        for note in [] if self._manifest is None else self._manifest.notes():
+            out.print(f"note: {note}", markup=False)
+        listed = self._files if self._manifest is not None else self._files[:2]
+        for one in listed:
+            out.print(f"wrote {one}", markup=False, soft_wrap=True)
+
+
+DEFAULT_STEPS = 20000
+"""Steps of a training, unless others or minutes are asked for. Chosen."""
+
+
+def count_weights(network: torch.nn.Module) -> int:
+    """Return the number of weights of a decoder's network."""
+    return sum(one.numel() for one in network.parameters())
+
+
+def _digest(manifest: DataManifest | None) -> str:
+    """Return the checksum of a training's data; "drawn" without photographs."""
+    return "drawn" if manifest is None else manifest.digest

@@ -1,0 +1,183 @@
+"""Train the decoder behind a pattern that stays as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+
+from labapp.training.edof.captures import (
+    Captures,
+    DrawnScene,
+    SceneSampler,
+    capture_scenes,
+    unmodulated_shares,
+)
+from labapp.training.edof.config import EdofTrainingConfig
+from labapp.training.edof.optics_table import OpticsTable
+from labapp.training.schedule import TrainingSchedule
+from labapp.training.task import VALIDATION_STEP
+from optics.edof.learned import DecoderNetwork, WienerFront
+from optics.edof.learned.learned_decoder import fit_psf
+from optics.edof.learned.unmodulated_light import add_unmodulated_light
+from optics.fourier import irfft2
+from optics.metrics import structural_similarity
+from optics.plane import origin_to_centre
+
+_LEAST_ERROR = 1e-5
+"""Mean squared error that is added before its logarithm, 50 dB: constant scenes, whose error can
+vanish, mustn't decide the training. Chosen."""
+
+
+def decoder_schedule(config: EdofTrainingConfig, steps: int) -> TrainingSchedule:
+    """Return the schedule with which a decoder is trained behind a pattern."""
+    table = config.training
+    return TrainingSchedule(
+        steps,
+        table.first_rate,
+        table.last_rate,
+        min(table.warm_up, steps - 1),
+        table.average_decay,
+        table.clip,
+        table.validation_interval,
+        config.seed,
+    )
+
+
+class DecoderTask:
+    """The training of a decoder on captures behind a pattern, whose optics are tabulated.
+
+    Parameters
+    ----------
+    network : DecoderNetwork
+        The network, on the device of the training.
+    optics : OpticsTable
+        The pattern's transfer functions, on the same device.
+    sampler : SceneSampler
+        Draws the scenes.
+    config : EdofTrainingConfig
+        How it is trained.
+    settings : mapping
+        Everything that the result depends on, as plain data.
+    """
+
+    def __init__(
+        self,
+        network: DecoderNetwork,
+        optics: OpticsTable,
+        sampler: SceneSampler,
+        config: EdofTrainingConfig,
+        settings: Mapping[str, Any],
+    ) -> None:
+        self._network, self._optics, self._sampler = network, optics, sampler
+        self._config, self._settings = config, settings
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Everything that the decoder's training depends on besides its schedule."""
+        return self._settings
+
+    @property
+    def module(self) -> torch.nn.Module:
+        """The decoder's network."""
+        return self._network
+
+    @property
+    def samples(self) -> int:
+        """Scenes of a step of the decoder's training."""
+        return self._config.training.samples
+
+    def parameter_groups(self) -> list[dict[str, Any]]:
+        """Return all weights of the decoder's network, as one group."""
+        return [{"params": list(self._network.parameters()), "rate": 1.0}]
+
+    def losses(self, step: int, samples: Sequence[int]) -> torch.Tensor:
+        """Return the losses of decoded scenes of a step."""
+        drawn = self._sampler.draw(step, samples)
+        return scene_losses(self._decode(drawn), self._config)
+
+    @torch.no_grad()
+    def validate(self) -> float:
+        """Return the mean PSNR in dB of decoded validation scenes, planes and layered ones."""
+        return validation_score(self._sampler, self._config, self._decode)
+
+    def _decode(self, drawn: Sequence[DrawnScene]) -> tuple[torch.Tensor, Captures]:
+        """Capture scenes behind the pattern, and decode them."""
+        optics = self._optics
+        places = [depth_indices(optics.chances, one.depths) for one in drawn]
+        shares = unmodulated_shares(drawn)
+        transfers = [
+            add_unmodulated_light(optics.transfers[one], optics.flat[one], float(share))
+            for one, share in zip(places, shares, strict=True)
+        ]
+        captures = capture_scenes(drawn, transfers, linear=self._config.scenes.light == "linear")
+        front = optics.statistics.front(shares.to(captures.pictures.device))
+        return decode_captures(self._network, captures, front, transfers), captures
+
+
+def depth_indices(chances: torch.Tensor, depths: np.ndarray) -> list[int]:
+    """Return which of the tabulated depths of a training random numbers from 0 to 1 choose."""
+    ends = torch.cumsum(chances, 0).numpy()
+    found = np.searchsorted(ends / ends[-1], depths, side="right")
+    return [int(one) for one in np.minimum(found, len(ends) - 1)]
+
+
+def decode_captures(
+    network: DecoderNetwork,
+    captures: Captures,
+    front: WienerFront,
+    transfers: Sequence[torch.Tensor],
+) -> torch.Tensor:
+    """Decode captures in training, with what the decoder's settings let it have.
+
+    transfers: of each capture's layers, the nearest first. A decoder that is told the depth is told
+    that of the farthest layer.
+    """
+    settings = network.settings
+    filtered = psfs = None
+    if settings.front == "blind":
+        filtered = front(captures.pictures, captures.noise)
+    if settings.front == "known" or settings.psf_channel:
+        own = torch.stack([one[-1] for one in transfers])
+        if settings.front == "known":
+            known = WienerFront.of_known_depths(own, front.spectrum)
+            filtered = known(captures.pictures, captures.noise)
+        if settings.psf_channel:
+            side = int(own.shape[-2])
+            psf = origin_to_centre(irfft2(own, (side, side)))
+            psfs = fit_psf(psf, (side, side))[:, None]
+    decoded: torch.Tensor = network(captures.pictures, captures.noise, filtered, psfs)
+    return decoded
+
+
+def scene_losses(
+    decoded: tuple[torch.Tensor, Captures], config: EdofTrainingConfig
+) -> torch.Tensor:
+    """Return the loss of each decoded scene of a training step, (scenes,)."""
+    pictures, captures = decoded
+    errors = (pictures - captures.truth).square().mean((1, 2, 3))
+    if config.training.loss == "squared":
+        return errors
+    levels = (errors + _LEAST_ERROR).log()
+    if not config.training.structure_weight:
+        return levels
+    alike = structural_similarity(pictures[:, 0], captures.truth[:, 0])
+    return levels + config.training.structure_weight * (1 - alike)
+
+
+def validation_score(sampler: SceneSampler, config: EdofTrainingConfig, decode: Any) -> float:
+    """Return the mean PSNR in dB of validation scenes that a training's decoder restores.
+
+    decode: takes scenes, and gives their decoded pictures and captures.
+    """
+    levels = []
+    count, most = config.training.validation_scenes, config.training.samples
+    for start in range(0, count, most):
+        chosen = range(start, min(start + most, count))
+        drawn = sampler.draw(VALIDATION_STEP, chosen, "validation")
+        pictures, captures = decode(drawn)
+        errors = (pictures - captures.truth).square().mean((1, 2, 3)).double()
+        levels.append(-10 * torch.log10(errors + 1e-10))
+    return float(torch.cat(levels).mean())

@@ -1,0 +1,235 @@
+"""Train a pattern together with its decoder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import nn
+
+from labapp.edof.design_problem import EdofProblem
+from labapp.training.edof.captures import (
+    Captures,
+    DrawnScene,
+    SceneSampler,
+    capture_scenes,
+    unmodulated_shares,
+)
+from labapp.training.edof.config import EdofTrainingConfig
+from labapp.training.edof.decoder_task import (
+    decode_captures,
+    depth_indices,
+    scene_losses,
+    validation_score,
+)
+from labapp.training.edof.optics_table import (
+    compute_transfers,
+    training_dioptres,
+    transfer_on_axis,
+)
+from labapp.training.processes import Processes
+from labapp.training.schedule import TrainingSchedule
+from optics.edof.learned import DecoderNetwork
+from optics.edof.learned.unmodulated_light import DepthStatistics, add_unmodulated_light
+
+_LEAST_GRADIENT = 1e-14
+"""Adam's guard against zero for the pattern. Its usual one, 1e-8, is as large as the gradient by
+one of half a million pixels."""
+
+
+def joint_schedule(config: EdofTrainingConfig, steps: int) -> TrainingSchedule:
+    """Return the schedule with which a pattern is trained with its decoder."""
+    table, own = config.training, config.joint
+    return TrainingSchedule(
+        steps,
+        own.first_rate,
+        own.last_rate,
+        min(table.warm_up, steps - 1),
+        table.average_decay,
+        table.clip,
+        table.validation_interval,
+        config.seed + 1,
+    )
+
+
+class PatternWithDecoder(nn.Module):
+    """Holds the parameters of a pattern and the network of its decoder, which train together.
+
+    Parameters
+    ----------
+    network : DecoderNetwork
+        The decoder's network.
+    parameters : torch.Tensor
+        The pattern's parameters, radians.
+    """
+
+    def __init__(self, network: DecoderNetwork, parameters: torch.Tensor) -> None:
+        super().__init__()
+        self.network = network
+        self.pattern = nn.Parameter(parameters.detach().clone().to(torch.float64))
+
+
+class JointTask:
+    """The training of a pattern with its decoder, through the optics between them.
+
+    The transfer functions of all parts of the range of depths are remembered, for the filter and
+    for scenes with several layers. Each scene has one layer whose transfer function is computed
+    anew, for the derivative by the pattern, and then remembered. The filter is held constant in
+    each step, as it is nearly the best for the pattern.
+
+    Parameters
+    ----------
+    module : PatternWithDecoder
+        What is trained, its network on the device of the training.
+    problem : EdofProblem
+        The optics, for scenes of the training's side.
+    sampler : SceneSampler
+        Draws the scenes.
+    config : EdofTrainingConfig
+        How it is trained.
+    processes : Processes
+        The processes that share the scenes of a step.
+    settings : mapping
+        Everything that the result depends on, as plain data.
+    """
+
+    def __init__(
+        self,
+        module: PatternWithDecoder,
+        problem: EdofProblem,
+        sampler: SceneSampler,
+        config: EdofTrainingConfig,
+        processes: Processes,
+        settings: Mapping[str, Any],
+    ) -> None:
+        self._module, self._problem, self._sampler = module, problem, sampler
+        self._config, self._processes, self._settings = config, processes, settings
+        self._transfer = problem.transfer(problem.request.wavelengths[0])
+        self._dioptres = training_dioptres(config, config.joint.parts)
+        self._spectrum = problem.spectrum.to(processes.device, torch.float32)
+        self._remembered = self._compute_all()
+        self._flat = self._compute_all(flat=True)
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Everything that the joint training depends on besides its schedule."""
+        return self._settings
+
+    @property
+    def module(self) -> torch.nn.Module:
+        """The pattern's parameters and its decoder's network."""
+        return self._module
+
+    @property
+    def samples(self) -> int:
+        """Scenes of a step of the joint training."""
+        return self._config.joint.samples
+
+    def parameter_groups(self) -> list[dict[str, Any]]:
+        """Return the decoder's weights, and the pattern's parameters with a rate of their own."""
+        own = self._config.joint
+        return [
+            {"params": list(self._module.network.parameters()), "rate": 1.0},
+            {
+                "params": [self._module.pattern],
+                "rate": own.pattern_rate / own.first_rate,
+                "eps": _LEAST_GRADIENT,
+            },
+        ]
+
+    def losses(self, step: int, samples: Sequence[int]) -> torch.Tensor:
+        """Return the losses of decoded scenes of a step, differentiable by the pattern too."""
+        drawn = self._sampler.draw(step, samples)
+        # The scenes take turns in which of their layers passes the derivative on.
+        pairs = zip(samples, drawn, strict=True)
+        chosen = [(step + one) % len(scene.depths) for one, scene in pairs]
+        depths = [scene.depths[k] for scene, k in zip(drawn, chosen, strict=True)]
+        phase = self._problem.phase(self._module.pattern)
+        places = [min(int(d * len(self._dioptres)), len(self._dioptres) - 1) for d in depths]
+        fresh = transfer_on_axis(self._transfer, phase, self._depths(depths, places))
+        self._remember(places, fresh)
+        transfers = []
+        for scene, k, own in zip(drawn, chosen, fresh, strict=True):
+            each = list(self._remembered[self._places(scene)])
+            each[k] = own
+            transfers.append(torch.stack(each))
+        decoded = self._decode(drawn, transfers)
+        return scene_losses(decoded, self._config)
+
+    @torch.no_grad()
+    def validate(self) -> float:
+        """Return the mean PSNR in dB of validation scenes behind the pattern as it is now.
+
+        The scenes are those of the decoder's training.
+        """
+        kept, self._remembered = self._remembered, self._compute_all()
+        try:
+            return validation_score(
+                self._sampler,
+                self._config,
+                lambda drawn: self._decode(
+                    drawn, [self._remembered[self._places(one)] for one in drawn]
+                ),
+            )
+        finally:
+            self._remembered = kept
+
+    def extra_state(self) -> dict[str, Any]:
+        """Return the transfer functions that the joint training remembers."""
+        return {"remembered": self._remembered.cpu()}
+
+    def load_extra_state(self, state: dict[str, Any]) -> None:
+        """Take over the transfer functions that a joint training remembered."""
+        self._remembered = state["remembered"].to(self._processes.device)
+
+    def _decode(
+        self, drawn: Sequence[DrawnScene], transfers: Sequence[torch.Tensor]
+    ) -> tuple[torch.Tensor, Captures]:
+        """Capture scenes, and decode them behind the filter of all remembered depths."""
+        shares = unmodulated_shares(drawn)
+        mixed = [
+            add_unmodulated_light(one, self._flat[self._places(scene)], float(share))
+            for one, scene, share in zip(transfers, drawn, shares, strict=True)
+        ]
+        captures = capture_scenes(drawn, mixed, linear=self._config.scenes.light == "linear")
+        known = DepthStatistics.of_transfers(self._remembered, self._flat, self._spectrum)
+        front = known.front(shares.to(self._processes.device))
+        return decode_captures(self._module.network, captures, front, mixed), captures
+
+    def _depths(self, depths: Sequence[float], places: Sequence[int]) -> list[float]:
+        """Return the depths in dioptres that random numbers from 0 to 1 choose.
+
+        places: the parts of the range that they are in, which give them where distances are named.
+        """
+        config = self._config
+        if config.depths.distances_m:
+            return [self._dioptres[one] for one in places]
+        low, high = config.far_dioptre, config.near_dioptre
+        return [low + (high - low) * one for one in depths]
+
+    def _places(self, scene: DrawnScene) -> list[int]:
+        """Return the parts of the range of depths that a scene's layers are in."""
+        count = len(self._remembered)
+        even = torch.full((count,), 1 / count, dtype=torch.float64)
+        return depth_indices(even, scene.depths)
+
+    def _remember(self, places: Sequence[int], fresh: torch.Tensor) -> None:
+        """Replace what is remembered of parts of the range by what all processes computed."""
+        device = self._processes.device
+        where = self._processes.gather(torch.tensor(places, device=device)).tolist()
+        found = self._processes.gather(fresh)
+        remembered = self._remembered.clone()
+        for place, one in zip(where, found, strict=True):
+            if bool(torch.isfinite(one.real).all() and torch.isfinite(one.imag).all()):
+                remembered[place] = one
+        self._remembered = remembered
+
+    @torch.no_grad()
+    def _compute_all(self, *, flat: bool = False) -> torch.Tensor:
+        """Compute the transfer functions of all parts of the range, for the pattern as it is.
+
+        flat: for a flat pattern instead, as unmodulated light sees it.
+        """
+        phase = self._problem.phase(self._module.pattern)
+        return compute_transfers(self._transfer, phase * (not flat), self._dioptres)

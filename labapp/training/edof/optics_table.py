@@ -1,0 +1,140 @@
+"""Transfer functions of a pattern over depth, computed once for the training of its decoder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+
+from labapp.edof.design_problem import EdofProblem
+from labapp.training.edof.config import EdofTrainingConfig
+from optics.edof.dioptres import dioptres_from_metres, midpoint_dioptres
+from optics.edof.learned.unmodulated_light import DepthStatistics
+from optics.edof.pattern_transfer import PatternTransfer
+from optics.edof.quarter_transfer import QuarterTransfer
+from optics.progress import Progress
+
+
+@dataclass(frozen=True, eq=False)
+class OpticsTable:
+    """Holds the transfer functions of a pattern at the depths of its decoder's training.
+
+    Attributes
+    ----------
+    dioptres : tuple of float
+        Depths.
+    transfers : torch.Tensor, (depths, side, side // 2 + 1), complex64
+        Transfer functions about the optical axis, on the grid of rfft2.
+    flat : torch.Tensor, (depths, side, side // 2 + 1), complex64
+        Those of a flat pattern, for unmodulated light.
+    chances : torch.Tensor, (depths,)
+        Probability of each depth in training.
+    statistics : DepthStatistics
+        What the filter for all depths follows from.
+    """
+
+    dioptres: tuple[float, ...]
+    transfers: torch.Tensor
+    flat: torch.Tensor
+    chances: torch.Tensor
+    statistics: DepthStatistics
+
+    def to(self, device: torch.device) -> OpticsTable:
+        """Return the pattern's table on a device."""
+        transfers, flat = self.transfers.to(device), self.flat.to(device)
+        statistics = DepthStatistics.of_transfers(transfers, flat, self.statistics.spectrum)
+        return OpticsTable(self.dioptres, transfers, flat, self.chances, statistics)
+
+
+@torch.no_grad()
+def tabulate_optics(
+    problem: EdofProblem,
+    parameters: torch.Tensor,
+    config: EdofTrainingConfig,
+    progress: Progress | None = None,
+) -> OpticsTable:
+    """Compute the transfer functions of a pattern at the depths of its decoder's training.
+
+    Parameters
+    ----------
+    problem : EdofProblem
+        The optics, for scenes of the training's side.
+    parameters : torch.Tensor
+        The pattern's parameters.
+    config : EdofTrainingConfig
+        Which depths, and how often each.
+    progress : Progress, optional
+        Told how far the work is.
+
+    Returns
+    -------
+    OpticsTable
+        The table, on the processor.
+    """
+    transfer = problem.transfer(problem.request.wavelengths[0])
+    phase = problem.phase(parameters)
+    dioptres = training_dioptres(config)
+    progress = progress or Progress()
+    transfers = compute_transfers(transfer, phase, dioptres, progress.part(0, 0.5))
+    flat = compute_transfers(transfer, torch.zeros_like(phase), dioptres, progress.part(0.5, 1))
+    statistics = DepthStatistics.of_transfers(transfers, flat, problem.spectrum)
+    return OpticsTable(dioptres, transfers, flat, depth_chances(transfers, config), statistics)
+
+
+def compute_transfers(
+    transfer: PatternTransfer,
+    phase: torch.Tensor,
+    dioptres: Sequence[float],
+    progress: Progress | None = None,
+) -> torch.Tensor:
+    """Compute a pattern's transfer functions at many depths, one after the other.
+
+    Returns (depths, side, side // 2 + 1), complex64.
+    """
+    found = []
+    for number, one in enumerate(dioptres):
+        if progress is not None:
+            progress.report(number / len(dioptres), f"transfer function at {one:.2f} dioptres")
+        found.append(transfer_on_axis(transfer, phase, (one,))[0])
+    return torch.stack(found)
+
+
+def transfer_on_axis(
+    transfer: PatternTransfer, phase: torch.Tensor, dioptres: Sequence[float]
+) -> torch.Tensor:
+    """Compute a pattern's transfer functions about the optical axis; differentiable.
+
+    Returns (depths, side, side // 2 + 1), complex64.
+    """
+    found = transfer(phase, tuple(dioptres))
+    if isinstance(transfer, QuarterTransfer):
+        found = transfer.on_axis(found, dioptres)
+    return found.to(torch.complex64)
+
+
+def training_dioptres(config: EdofTrainingConfig, count: int | None = None) -> tuple[float, ...]:
+    """Return the depths in dioptres at which a training knows the pattern's optics, farthest first.
+
+    count: parts of the range of depths, if no distances are given; the configuration's by default.
+    """
+    if config.depths.distances_m:
+        return tuple(sorted(dioptres_from_metres(config.depths.distances_m)))
+    depth_range = (config.far_dioptre, config.near_dioptre)
+    return midpoint_dioptres(count or config.depths.count, depth_range)
+
+
+def depth_chances(transfers: torch.Tensor, config: EdofTrainingConfig) -> torch.Tensor:
+    """Return the probability of each depth in training, (depths,), float64.
+
+    With the importance "focus-shift" it is proportional to the change of the PSF from depth to
+    depth. In metres that is thesis Eq. 5.10: the density of distances d is |dh/dd|, and a distance
+    of d metres is 1/d dioptres, so that the density of dioptres D is |dh/dD|.
+    """
+    count = len(transfers)
+    if config.depths.importance == "even" or config.depths.distances_m or count < 3:
+        return torch.full((count,), 1 / count, dtype=torch.float64)
+    steps = (transfers[1:] - transfers[:-1]).abs().square().sum((1, 2)).sqrt().double()
+    # The change at a depth is the mean of that from the depth before and to the next.
+    changes = torch.cat([steps[:1], (steps[1:] + steps[:-1]) / 2, steps[-1:]])
+    return changes / changes.sum()

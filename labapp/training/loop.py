@@ -1,0 +1,210 @@
+"""Train a task: the one loop for all that is trained.
+
+Each step lowers the mean loss of its samples by Adam; the result is the running mean of the
+weights. All random numbers of a step follow from the seed, the step and the sample, so that a
+training that was interrupted ends in the same weights as one that wasn't, bit for bit where as many
+processes with one thread each run on the same kind of machine.
+
+References
+----------
+D. P. Kingma and J. Ba, Adam, arXiv 1412.6980, 2015; for the mean of the weights, B. T. Polyak and
+A. B. Juditsky, SIAM J. Control Optim. 30, 838, 1992, doi 10.1137/0330046.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+
+from labapp.files.state_file import StateFile
+from labapp.training.processes import Processes
+from labapp.training.schedule import TrainingSchedule
+from labapp.training.state import TrainingState
+from labapp.training.task import TrainingTask
+from optics.progress import Cancelled, Progress
+from optics.threads import single_threaded
+
+MOST_FAILURES = 5
+"""Steps in a row without a finite loss and gradient after which a training halts; chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingResult:
+    """What a training ended with.
+
+    Attributes
+    ----------
+    weights : dict of str to torch.Tensor
+        Running mean of the weights after the last step, by their names in the module.
+    history : tuple of tuple of (int, float)
+        Step and score of each validation; the last one is of `weights`.
+    steps : int
+        Steps in all, those that were skipped included.
+    skipped : int
+        Steps that were skipped because loss or gradient weren't finite.
+    work : tuple of int
+        Samples that each process computed, since the training was started or continued.
+    """
+
+    weights: dict[str, torch.Tensor]
+    history: tuple[tuple[int, float], ...]
+    steps: int
+    skipped: int
+    work: tuple[int, ...]
+
+
+@single_threaded
+def run_training(
+    task: TrainingTask,
+    schedule: TrainingSchedule,
+    kept: StateFile | None = None,
+    processes: Processes | None = None,
+    progress: Progress | None = None,
+) -> TrainingResult:
+    """Train a task to the end of its schedule, and return the averaged weights.
+
+    Parameters
+    ----------
+    task : TrainingTask
+        What is trained, on what; its module holds the last weights afterwards.
+    schedule : TrainingSchedule
+        How long and how fast.
+    kept : StateFile, optional
+        File of the state. Training goes on from it if it is there, and writes it at each
+        validation, when it was last written `labapp.files.state_file.WRITE_INTERVAL` seconds ago,
+        and when the training is cancelled. It stays when the training ends.
+    processes : Processes, optional
+        The processes that share the samples; this one alone by default.
+    progress : Progress, optional
+        Receives a report of every step, and can cancel the training after one.
+
+    Returns
+    -------
+    TrainingResult
+        The averaged weights, and how they were reached.
+
+    Raises
+    ------
+    UserError
+        If the kept state is damaged, is of other settings, or can't be written.
+    ValueError
+        If the task doesn't fit the processes or the precision of the loop, or its settings and the
+        schedule contradict each other.
+    FloatingPointError
+        If `MOST_FAILURES` steps in a row have no finite loss and gradient.
+    Cancelled
+        If progress, in any of the processes, asked for it.
+    """
+    processes, progress = processes or Processes(), progress or Progress()
+    settings = describe_training(task, schedule)
+    state = TrainingState(task, schedule, processes)
+    _load(state, kept, settings)
+
+    def keep() -> None:
+        if kept is not None and processes.is_writer:
+            kept.write(settings, state.as_data())
+
+    with _flush_denormals():
+        while True:
+            if _validation_is_due(state, schedule):
+                state.validate()
+                keep()
+            if state.step >= schedule.steps:
+                break
+            loss = state.take_step()
+            if state.failures >= MOST_FAILURES:
+                raise FloatingPointError(_describe_failure(state))
+            stop = not _report(progress, state, schedule, loss)
+            if processes.agree(stop):
+                keep()
+                raise Cancelled("cancelled")
+            if kept is not None and kept.is_due():
+                keep()
+    own_work = torch.tensor([state.samples_computed], device=processes.device)
+    return TrainingResult(
+        state.average,
+        tuple(state.history),
+        state.step,
+        state.skipped,
+        tuple(processes.gather(own_work).tolist()),
+    )
+
+
+def describe_training(task: TrainingTask, schedule: TrainingSchedule) -> dict[str, Any]:
+    """Return everything that the result of a training depends on, as plain data.
+
+    Raises ValueError if a setting of the task contradicts the schedule's of the same name.
+    """
+    scheduled = asdict(schedule)
+    for name, value in task.settings.items():
+        if name in scheduled and scheduled[name] != value:
+            raise ValueError(
+                f"{name} is {value} in the task's settings and {scheduled[name]} in the schedule; "
+                "make them the same, or name the task's setting otherwise"
+            )
+    return {**scheduled, **task.settings}
+
+
+def _load(state: TrainingState, kept: StateFile | None, settings: dict[str, Any]) -> None:
+    """Load the kept state of a training if there is one; UserError if it is damaged."""
+    stored = None if kept is None else kept.read(settings)
+    if kept is None or stored is None:
+        return
+    try:
+        state.load_data(stored)
+    except (LookupError, RuntimeError, TypeError, ValueError) as error:
+        raise kept.describe_damage(error) from error
+
+
+def _validation_is_due(state: TrainingState, schedule: TrainingSchedule) -> bool:
+    """Whether a training should validate now: it has reached such a step and not done so yet."""
+    reached = state.step == schedule.steps or (
+        state.step > 0 and state.step % schedule.validation_interval == 0
+    )
+    return reached and (not state.history or state.history[-1][0] < state.step)
+
+
+def _report(
+    progress: Progress, state: TrainingState, schedule: TrainingSchedule, loss: float
+) -> bool:
+    """Report a training's step, and return whether it may go on.
+
+    Whether to stop is only returned, because all processes have to stop after the same step.
+    """
+    message = f"step {state.step}/{schedule.steps}, loss {loss:.4g}"
+    if state.history:
+        message += f", validation {state.history[-1][1]:.2f}"
+    if state.skipped:
+        message += f", {state.skipped} skipped"
+    try:
+        progress.report(state.step / schedule.steps, message)
+    except Cancelled:
+        return False
+    return True
+
+
+def _describe_failure(state: TrainingState) -> str:
+    """Return the message of a training that halts because its steps fail."""
+    first = state.step - state.failures + 1
+    return (
+        f"steps {first} to {state.step} of the training had no finite loss and gradient "
+        f"({state.skipped} such steps in all). Lower the learning rate, or look for numbers in the "
+        "data that aren't finite. The state that was kept before is as it was."
+    )
+
+
+@contextmanager
+def _flush_denormals() -> Iterator[None]:
+    """Round denormal numbers to 0 while a network is trained; they slow processors.
+
+    Other code in the process needs denormal numbers: without them SciPy's KDTree recurses forever.
+    """
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)

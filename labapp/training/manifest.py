@@ -1,0 +1,270 @@
+"""List the pictures that something is trained on: their contents, licences and use.
+
+The list is kept beside the trained weights, so that anybody can see what they were trained on, and
+whether a test picture was among it.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Literal
+
+from pydantic import Field, RootModel
+
+from labapp.common.errors import UserError, suggest_spelling
+from labapp.files.reading import FileModel, read_bytes, read_file
+from labapp.files.writing import write_atomically
+from labapp.training.picture_files import list_pictures
+
+Split = Literal["training", "validation"]
+"""What a picture is used for: to change weights, or to choose between them."""
+
+NOT_STATED = "not stated"
+"""The licence of a picture for which its folder states none."""
+
+_LICENCE_FILES = ("licences.toml", "LICENCES.toml")
+
+_VALIDATION_SHARE = 8
+"""One picture in so many is for validation. Chosen: about 25 of 200."""
+
+_Text = Annotated[str, Field(min_length=1)]
+
+
+class ManifestPicture(FileModel):
+    """A picture of a training's data.
+
+    Attributes
+    ----------
+    folder : str
+        Name of the folder it was in, without the folders above.
+    path : str
+        Path in the folder, with slashes.
+    sha256 : str
+        Checksum of the file, 64 hexadecimal digits.
+    bytes : int
+        Size of the file.
+    licence : str
+        From the folder's `licences.toml`, or "not stated".
+    split : {"training", "validation"}
+        What it is used for.
+    """
+
+    folder: str
+    path: _Text
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    bytes: Annotated[int, Field(gt=0)]
+    licence: _Text
+    split: Split
+
+
+class LeftOutPicture(FileModel):
+    """A file that was left out, as another one of the training's data has the same bytes.
+
+    Attributes
+    ----------
+    folder, path : str
+        The file, as in `ManifestPicture`.
+    same_as : str
+        Path of the file that was taken.
+    """
+
+    folder: str
+    path: _Text
+    same_as: _Text
+
+
+class DataManifest(FileModel):
+    """The pictures that something was trained on, ordered by checksum.
+
+    Attributes
+    ----------
+    version : int
+        Of the file's layout.
+    pictures : tuple of ManifestPicture
+        All pictures.
+    left_out : tuple of LeftOutPicture
+        Copies that were left out.
+    longest_side : int or None
+        Pixels of the longest side to which large pictures were averaged down, as they would have
+        taken too much memory; None if they weren't.
+    """
+
+    version: Literal[1] = 1
+    pictures: tuple[ManifestPicture, ...]
+    left_out: tuple[LeftOutPicture, ...] = ()
+    longest_side: Annotated[int, Field(gt=0)] | None = None
+
+    @property
+    def digest(self) -> str:
+        """Checksum of what a training depends on: contents, splits and size of the pictures."""
+        lines = [f"{one.sha256} {one.split}" for one in self.pictures]
+        return hashlib.sha256("\n".join([*lines, str(self.longest_side)]).encode()).hexdigest()
+
+    def notes(self) -> list[str]:
+        """Return what a user should know about the training's data, one sentence each."""
+        notes = []
+        silent = [one.path for one in self.pictures if one.licence == NOT_STATED]
+        if silent:
+            notes.append(
+                f"{len(silent)} of {len(self.pictures)} pictures have no stated licence, "
+                f"{silent[0]} for one: state it in {_LICENCE_FILES[0]} in their folder."
+            )
+        if self.left_out:
+            first = self.left_out[0]
+            notes.append(
+                f"{len(self.left_out)} copies were left out: {first.path} is the same file as "
+                f"{first.same_as}, for one."
+            )
+        if self.longest_side is not None:
+            notes.append(
+                f"Pictures were averaged down to a longest side of {self.longest_side} pixels, as "
+                "they would have taken too much memory."
+            )
+        return notes
+
+    def write(self, path: Path) -> None:
+        """Write the list of training pictures as JSON, which `read_manifest` reads."""
+        text = json.dumps(self.model_dump(), indent=1, ensure_ascii=False) + "\n"
+        write_atomically(path, text.encode())
+
+
+@dataclass(frozen=True)
+class ListedFile:
+    """A training picture's file, and its entry in the list of the data."""
+
+    file: Path
+    entry: ManifestPicture
+
+
+def read_manifest(path: Path) -> DataManifest:
+    """Read the list of training pictures that `DataManifest.write` wrote; UserError if invalid."""
+    return read_file(path, DataManifest)
+
+
+def list_training_files(
+    folders: Sequence[Path],
+) -> tuple[list[ListedFile], tuple[LeftOutPicture, ...]]:
+    """List the different pictures of folders, with licences, and split them.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        Folders of pictures. A file `licences.toml` in one states licences: a table from a file's
+        name, its path in the folder or a pattern with * and ? to the licence's text. The first
+        entry that fits counts; a pattern counts only where no name does.
+
+    Returns
+    -------
+    files : list of ListedFile
+        Ordered by checksum, so that neither names nor places of files influence a training.
+    left_out : tuple of LeftOutPicture
+        Files with the same bytes as one that was taken.
+
+    Raises
+    ------
+    UserError
+        If a folder is missing or has no picture, if there is only one picture in all, or if a file
+        of licences is invalid.
+    """
+    if not folders:
+        raise UserError("There is no folder of pictures to train on. Name one.")
+    taken: dict[str, tuple[Path, ManifestPicture]] = {}
+    left_out = []
+    for folder in folders:
+        files = list_pictures(folder)
+        licences = _read_licences(folder, files)
+        for file in files:
+            entry = _describe(folder, file, licences[file])
+            if entry.sha256 not in taken:
+                taken[entry.sha256] = file, entry
+            elif file.resolve() != taken[entry.sha256][0].resolve():
+                same = taken[entry.sha256][1].path
+                left_out.append(LeftOutPicture(folder=entry.folder, path=entry.path, same_as=same))
+    splits = split_by_checksum(taken)
+    listed = [
+        ListedFile(file, entry.model_copy(update={"split": splits[checksum]}))
+        for checksum, (file, entry) in sorted(taken.items())
+    ]
+    return listed, tuple(left_out)
+
+
+def split_by_checksum(checksums: Iterable[str]) -> dict[str, Split]:
+    """Assign training pictures to training and validation by their checksums alone.
+
+    One in eight is for validation. A picture therefore stays where it is when others are added,
+    unless it was needed so that neither is empty.
+
+    Raises
+    ------
+    UserError
+        If there are fewer than two pictures.
+    """
+    ordered = sorted(checksums)
+    if len(ordered) < 2:
+        raise UserError(
+            "There is only one picture. Training and validation need different ones: add another."
+        )
+    splits: dict[str, Split] = {
+        one: "validation" if int(one, 16) % _VALIDATION_SHARE == 0 else "training"
+        for one in ordered
+    }
+    kinds = set(splits.values())
+    if "validation" not in kinds:
+        splits[ordered[0]] = "validation"
+    if "training" not in kinds:
+        splits[ordered[-1]] = "training"
+    return splits
+
+
+class _Licences(RootModel[dict[str, _Text]]):
+    """A file of licences: from a name, a path or a pattern to a licence's text."""
+
+
+def _describe(folder: Path, file: Path, licence: str) -> ManifestPicture:
+    """Return the entry of a training picture's file, with its split still open."""
+    data = read_bytes(file)
+    if not data:
+        raise UserError(f"{file}: is empty. Take it out of the folder, or replace it.")
+    return ManifestPicture(
+        folder=folder.resolve().name,
+        path=file.relative_to(folder).as_posix(),
+        sha256=hashlib.sha256(data).hexdigest(),
+        bytes=len(data),
+        licence=licence,
+        split="training",
+    )
+
+
+def _read_licences(folder: Path, files: Sequence[Path]) -> dict[Path, str]:
+    """Return the licences of a folder's training pictures."""
+    names = {one.name for one in folder.iterdir()}
+    source = next((folder / one for one in _LICENCE_FILES if one in names), None)
+    table = {} if source is None else read_file(source, _Licences).root
+    paths = {file: file.relative_to(folder).as_posix() for file in files}
+    for key in table:
+        if not any(_fits(key, path) for path in paths.values()):
+            known = [*paths.values(), *(file.name for file in files)]
+            raise UserError(
+                f"{source}: key {key!r} fits no picture. {suggest_spelling(key, known)}"
+                "Name a picture of the folder, or a pattern such as *.jpg."
+            )
+    return {file: _find_licence(table, path) for file, path in paths.items()}
+
+
+def _find_licence(table: dict[str, str], path: str) -> str:
+    """Return the licence that a folder's table states for a picture."""
+    for exact in (path, PurePosixPath(path).name):
+        if exact in table:
+            return table[exact]
+    return next((text for key, text in table.items() if _fits(key, path)), NOT_STATED)
+
+
+def _fits(key: str, path: str) -> bool:
+    """Tell whether a key of a table of licences is for a picture."""
+    name = PurePosixPath(path).name
+    return key in (path, name) or any(fnmatch.fnmatchcase(one, key) for one in (path, name))

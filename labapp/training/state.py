@@ -1,0 +1,167 @@
+"""Hold a training's weights, their running mean and the optimiser, and take single steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+
+from labapp.training.processes import Processes
+from labapp.training.schedule import TrainingSchedule
+from labapp.training.task import RememberingTask, TrainingTask
+
+_PRECISIONS = (torch.float32, torch.float64)
+
+
+class TrainingState:
+    """The state of a training, from which it goes on bit by bit as it would have.
+
+    Parameters
+    ----------
+    task : TrainingTask
+        What is trained, on what.
+    schedule : TrainingSchedule
+        How long and how fast.
+    processes : Processes
+        The processes that share the samples.
+
+    Attributes
+    ----------
+    average : dict of str to torch.Tensor
+        Running mean of the weights, by their names in the module.
+    step : int
+        Steps so far, those that were skipped included.
+    skipped : int
+        Steps so far without a finite loss and gradient, which changed nothing.
+    failures : int
+        How many of these were the last ones in a row.
+    history : list of tuple of (int, float)
+        Step and score of each validation.
+    samples_computed : int
+        Samples that this process computed, since the training was started or continued.
+    """
+
+    def __init__(
+        self, task: TrainingTask, schedule: TrainingSchedule, processes: Processes
+    ) -> None:
+        _require_suitable(task, processes)
+        self._task, self._schedule, self._processes = task, schedule, processes
+        self._parameters = [one for one in task.module.parameters() if one.requires_grad]
+        groups = [dict(one) for one in task.parameter_groups()]
+        self._factors = [float(one.pop("rate")) for one in groups]
+        # Not foreach: one parameter after the other computes the same on every machine.
+        self._optimiser = torch.optim.Adam(groups, lr=schedule.first_rate, foreach=False)
+        processes.share_weights(task.module)
+        self.average = _copy_weights(task.module)
+        self.step = self.skipped = self.failures = self.samples_computed = 0
+        self.history: list[tuple[int, float]] = []
+
+    def take_step(self) -> float:
+        """Take a step of the training, and return its mean loss over the samples of all processes.
+
+        If the loss or the gradient isn't finite, the step is counted as skipped, and the weights
+        stay as they are.
+        """
+        own = self._processes.own_samples(self._task.samples)
+        self._optimiser.zero_grad(set_to_none=True)
+        losses = self._task.losses(self.step, own)
+        if losses.shape != (len(own),):
+            raise ValueError(f"losses are {tuple(losses.shape)}; return one for each of {len(own)}")
+        share = losses.sum() / self._task.samples
+        share.backward()  # type: ignore[no-untyped-call]
+        self.samples_computed += len(own)
+        self._processes.sum_gradients(self._parameters)
+        loss = self._processes.sum_number(share.item())
+        self._apply_gradients(loss)
+        self.step += 1
+        return loss
+
+    def validate(self) -> float:
+        """Rate the averaged weights of the training, and note the score in the history."""
+        with self._averaged_weights(), torch.no_grad():
+            score = float(self._task.validate())
+        self.history.append((self.step, score))
+        return score
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the state of the training as tensors in dicts and lists, and plain data."""
+        return {
+            "module": self._task.module.state_dict(),
+            "average": self.average,
+            "optimiser": self._optimiser.state_dict(),
+            "step": self.step,
+            "skipped": self.skipped,
+            "failures": self.failures,
+            "history": self.history,
+            "extra": self._task.extra_state() if isinstance(self._task, RememberingTask) else {},
+        }
+
+    def load_data(self, data: dict[str, Any]) -> None:
+        """Take over a training's state from `as_data`.
+
+        Raises LookupError, RuntimeError, TypeError or ValueError if it doesn't fit the task.
+        """
+        self._task.module.load_state_dict(data["module"])
+        self._optimiser.load_state_dict(data["optimiser"])
+        for name, value in self.average.items():
+            value.copy_(data["average"][name])
+        self.step, self.skipped = int(data["step"]), int(data["skipped"])
+        self.failures = int(data["failures"])
+        self.history = [(int(step), float(score)) for step, score in data["history"]]
+        if isinstance(self._task, RememberingTask):
+            self._task.load_extra_state(data["extra"])
+
+    def _apply_gradients(self, loss: float) -> None:
+        """Change the weights of the training by the gradients, unless they or the loss fail."""
+        longest = self._schedule.clip or math.inf
+        norm = torch.nn.utils.clip_grad_norm_(self._parameters, longest, foreach=False)
+        if not (math.isfinite(loss) and math.isfinite(norm.item())):
+            self.skipped += 1
+            self.failures += 1
+            return
+        self.failures = 0
+        rate = self._schedule.rate(self.step)
+        for group, factor in zip(self._optimiser.param_groups, self._factors, strict=True):
+            group["lr"] = rate * factor
+        self._optimiser.step()
+        self._update_average()
+
+    def _update_average(self) -> None:
+        """Move the running mean of the training's weights towards the new ones."""
+        decay = self._schedule.decay(self.step + 1 - self.skipped)
+        for name, value in self._task.module.state_dict().items():
+            if value.is_floating_point():
+                self.average[name].lerp_(value, 1 - decay)
+            else:
+                self.average[name].copy_(value)
+
+    @contextmanager
+    def _averaged_weights(self) -> Iterator[None]:
+        """Put the averaged weights into the training's module while the block runs."""
+        module = self._task.module
+        own = _copy_weights(module)
+        module.load_state_dict(self.average)
+        try:
+            yield
+        finally:
+            module.load_state_dict(own)
+
+
+def _copy_weights(module: torch.nn.Module) -> dict[str, torch.Tensor]:
+    """Return a copy of a trained module's weights, by name."""
+    return {name: value.detach().clone() for name, value in module.state_dict().items()}
+
+
+def _require_suitable(task: TrainingTask, processes: Processes) -> None:
+    """Raise ValueError if a training task has too few samples, or weights in half precision."""
+    if task.samples < processes.count:
+        raise ValueError(
+            f"samples is {task.samples} for {processes.count} processes; start fewer processes, so "
+            "that each has a sample of every step"
+        )
+    for name, value in task.module.named_parameters():
+        if value.dtype not in _PRECISIONS:
+            raise ValueError(f"{name} is {value.dtype}; train in float32 or float64")

@@ -1,0 +1,189 @@
+"""The learned decoder: a linear filter's picture and the capture, refined by a network."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+import torch
+from torch import nn
+
+from optics.edof.learned.tiles import apply_in_tiles
+from optics.edof.learned.u_net import NetworkShape, UNet
+from optics.edof.picture_preparation import LightScale
+
+Front = Literal["blind", "known", "none"]
+"""The filter before the network: one for all depths, that of the capture's depth, or none."""
+
+_NOISE_SCALE = 20.0
+"""Factor of the channel that holds the noise level, so that usual levels are near 1. Chosen."""
+
+_DARKEST, _BRIGHTEST = -0.25, 1.5
+"""Least and largest light that the network is given, where white is 1. What a filter makes beyond
+them is ringing, whose size tells nothing more. Chosen."""
+
+_LINEAR_BELOW = 0.0031308
+"""Light below which the sRGB encoding is linear (IEC 61966-2-1)."""
+
+
+@dataclass(frozen=True)
+class DecoderSettings:
+    """Describe a learned decoder of captures with an extended depth of field.
+
+    Parameters
+    ----------
+    shape : NetworkShape, optional
+        The network's size.
+    front : {"blind", "known", "none"}, optional
+        The filter before the network. A decoder with "known" is told the depth of each capture.
+    psf_channel : bool, optional
+        Whether the network is given the true PSF of each capture as a channel, as the published
+        code does. Such a decoder is told the depth, too.
+    light : {"srgb", "linear"}, optional
+        The light of captures: "linear" light is sRGB-encoded for the network, and its result
+        decoded again, so that dark and bright parts count as the eye sees them. "srgb": values are
+        taken as they are.
+
+    Raises
+    ------
+    ValueError
+        If a word isn't one of its choices.
+    """
+
+    shape: NetworkShape = field(default_factory=NetworkShape)
+    front: Front = "blind"
+    psf_channel: bool = False
+    light: LightScale = "srgb"
+
+    def __post_init__(self) -> None:
+        if self.front not in ("blind", "known", "none"):
+            raise ValueError(f"front is {self.front!r}; choose blind, known or none")
+        if self.light not in ("srgb", "linear"):
+            raise ValueError(f"light is {self.light!r}; choose srgb or linear")
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether the decoder gets nothing that depends on a capture's depth but the capture."""
+        return self.front != "known" and not self.psf_channel
+
+    @property
+    def inputs(self) -> int:
+        """Channels that the decoder's network is given."""
+        return 2 + (self.front != "none") + self.psf_channel
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the decoder's settings as plain data, from which they can be made again."""
+        return {**asdict(self), "shape": self.shape.as_data()}
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> DecoderSettings:
+        """Make a decoder's settings from plain data; ValueError for unknown or missing names."""
+        try:
+            return cls(**{**data, "shape": NetworkShape.from_data(data["shape"])})
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"data isn't the settings of a decoder: {error}") from None
+
+
+class DecoderNetwork(nn.Module):
+    """The network of a learned decoder, which corrects a filter's picture of a capture.
+
+    Parameters
+    ----------
+    settings : DecoderSettings
+        What it is given, and its size.
+    """
+
+    def __init__(self, settings: DecoderSettings) -> None:
+        super().__init__()
+        self.settings = settings
+        self.refining = UNet(settings.shape, settings.inputs)
+
+    def forward(
+        self,
+        captures: torch.Tensor,
+        noise: torch.Tensor,
+        filtered: torch.Tensor | None = None,
+        psfs: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """Decode captures of an extended depth of field, in the scale in which they're compared.
+
+        Parameters
+        ----------
+        captures : torch.Tensor, (pictures, 1, rows, columns)
+            Captures, where white is 1. The sides are multiples of ``settings.shape.multiple``.
+        noise : torch.Tensor, (pictures,)
+            Standard deviation of each capture's noise.
+        filtered : torch.Tensor, of the shape of `captures`, optional
+            What the front made of the captures; with a front only.
+        psfs : torch.Tensor, of the shape of `captures`, optional
+            The PSFs, centred, with peaks of 1; with a PSF channel only.
+
+        Returns
+        -------
+        torch.Tensor, of the shape of `captures`
+            The pictures; sRGB-encoded if the captures are linear light.
+        """
+        channels = [captures] if filtered is None else [captures, filtered]
+        channels = [self._encode(one) for one in channels]
+        base = channels[-1]
+        level = (_NOISE_SCALE * noise)[:, None, None, None].expand_as(captures)
+        channels = [*channels, level] if psfs is None else [*channels, level, psfs]
+        return base + self.refining(torch.cat(channels, 1))
+
+    @torch.no_grad()
+    def restore(
+        self,
+        capture: torch.Tensor,
+        noise: float,
+        filtered: torch.Tensor | None = None,
+        psf: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """Decode one capture of any size, in tiles without seams.
+
+        Parameters
+        ----------
+        capture, filtered, psf : torch.Tensor, (rows, columns)
+            As for calling the network, without their first two axes.
+        noise : float
+            Standard deviation of the noise.
+
+        Returns
+        -------
+        torch.Tensor, (rows, columns)
+            The picture in the light of the capture.
+        """
+        given = [one for one in (capture, filtered, psf) if one is not None]
+        stacked = torch.stack(given).to(torch.float32)[None]
+        level = stacked.new_tensor([noise])
+
+        def decode(tile: torch.Tensor) -> torch.Tensor:
+            parts = list(torch.split(tile, 1, 1))
+            front = parts[1] if filtered is not None else None
+            return self(parts[0], level, front, parts[-1] if psf is not None else None)
+
+        shape = self.settings.shape
+        found = apply_in_tiles(decode, stacked, shape.multiple, shape.reach)[0, 0]
+        return decode_screen(found) if self.settings.light == "linear" else found
+
+    def _encode(self, light: torch.Tensor) -> torch.Tensor:
+        """Encode light for the decoder's network, if its settings say so."""
+        if self.settings.light == "srgb":
+            return light
+        return encode_screen(light)
+
+
+def encode_screen(light: torch.Tensor) -> torch.Tensor:
+    """Encode linear light as sRGB for a decoder, whose filter may leave light below 0 or above 1.
+
+    The encoding goes on below 0 along its straight start, and above 1 by the same power; light
+    beyond -0.25 and 1.5 is set to these.
+    """
+    light = light.clamp(_DARKEST, _BRIGHTEST)
+    curved = 1.055 * light.clamp(min=_LINEAR_BELOW) ** (1 / 2.4) - 0.055
+    return torch.where(light > _LINEAR_BELOW, curved, 12.92 * light)
+
+
+def decode_screen(values: torch.Tensor) -> torch.Tensor:
+    """Decode a decoder's sRGB values to linear light; the inverse of `encode_screen`."""
+    curved = ((values.clamp(min=12.92 * _LINEAR_BELOW) + 0.055) / 1.055) ** 2.4
+    return torch.where(values > 12.92 * _LINEAR_BELOW, curved, values / 12.92)

@@ -1,0 +1,173 @@
+"""The network that refines what a linear filter restored: a U-Net of residual blocks."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from optics.validation import require_count
+
+
+@dataclass(frozen=True)
+class NetworkShape:
+    """Describe the size of a U-Net that decodes captures of an extended depth of field.
+
+    Parameters
+    ----------
+    channels : int, optional
+        Channels at the finest level; each coarser level has twice as many.
+    levels : int, optional
+        Levels of resolution: 3 or 4 in the thesis.
+    fold : int, optional
+        Pixels of a side that the finest level folds into channels, so that it works at a `fold`-th
+        of the resolution. 1 works on the pixels themselves.
+    convolutions : int, optional
+        Convolutions of a residual block, 2 or more.
+    dilations : tuple of int, optional
+        Dilations of the coarsest block's convolutions in turn, instead of 1 everywhere. They widen
+        what a pixel of the result sees.
+    overlapping : bool, optional
+        Whether levels are joined by kernels that overlap, 3 x 3 downwards and 4 x 4 upwards, as in
+        the thesis, instead of 2 x 2, which take less time.
+
+    Raises
+    ------
+    ValueError
+        If a number is too small.
+
+    References
+    ----------
+    Thesis section 5.4 and Fig. 5.3; Ronneberger et al. 2015, doi 10.1007/978-3-319-24574-4_28.
+    """
+
+    channels: int = 16
+    levels: int = 4
+    fold: int = 2
+    convolutions: int = 2
+    dilations: tuple[int, ...] = ()
+    overlapping: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("channels", "levels", "fold", "convolutions"):
+            require_count(name, getattr(self, name))
+        for one in self.dilations:
+            require_count("dilations", one)
+
+    @property
+    def multiple(self) -> int:
+        """Pixels of which both sides of the network's pictures must be multiples."""
+        return self.fold * 2 ** (self.levels - 1)
+
+    @property
+    def reach(self) -> int:
+        """Most pixels, along an axis, from a pixel of the network's result to what decides it."""
+        finest = self.fold
+        reach = 2 * finest + finest
+        for level in range(self.levels):
+            size = finest * 2**level
+            if level < self.levels - 1:
+                reach += 2 * self.convolutions * size
+                # Joining two levels reaches to the border of a coarser pixel and, with kernels that
+                # overlap, into the next one.
+                reach += 2 * (2 * size if self.overlapping else size)
+            else:
+                reach += sum(self._bottom_dilations) * size
+        return reach
+
+    @property
+    def _bottom_dilations(self) -> tuple[int, ...]:
+        """Dilation of each convolution of the network's coarsest block."""
+        return self.dilations or (1,) * self.convolutions
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the network's shape as plain data, from which it can be made again."""
+        return {**asdict(self), "dilations": list(self.dilations)}
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> NetworkShape:
+        """Make a network's shape from plain data; ValueError for unknown or missing names."""
+        try:
+            return cls(**{**data, "dilations": tuple(data.get("dilations", ()))})
+        except TypeError as error:
+            raise ValueError(f"data isn't the shape of a network: {error}") from None
+
+
+class UNet(nn.Module):
+    """A network that computes a correction of pictures from some channels of information.
+
+    It has no statistics of batches (unlike the thesis' batch renormalisation), so that a picture is
+    decoded alike in any company. A skip connection adds the encoder's values at each level. It
+    starts as zero: the last convolution's weights are 0.
+
+    Parameters
+    ----------
+    shape : NetworkShape
+        Its size.
+    inputs : int
+        Channels of the input.
+    """
+
+    def __init__(self, shape: NetworkShape, inputs: int) -> None:
+        super().__init__()
+        self.shape = shape
+        widths = [shape.channels * 2**level for level in range(shape.levels)]
+        down, up = ((3, 1), (4, 1)) if shape.overlapping else ((2, 0), (2, 0))
+        self.head = nn.Conv2d(inputs * shape.fold**2, widths[0], 3, padding=1)
+        plain = (1,) * shape.convolutions
+        self.descending = nn.ModuleList(_ResidualBlock(width, plain) for width in widths[:-1])
+        self.down = nn.ModuleList(
+            nn.Conv2d(fine, coarse, down[0], 2, padding=down[1])
+            for fine, coarse in itertools.pairwise(widths)
+        )
+        self.bottom = _ResidualBlock(widths[-1], shape.dilations or plain)
+        self.up = nn.ModuleList(
+            nn.ConvTranspose2d(coarse, fine, up[0], 2, padding=up[1])
+            for fine, coarse in itertools.pairwise(widths)
+        )
+        self.ascending = nn.ModuleList(_ResidualBlock(width, plain) for width in widths[:-1])
+        self.tail = nn.Conv2d(widths[0], shape.fold**2, 3, padding=1)
+        nn.init.zeros_(self.tail.weight)
+        assert self.tail.bias is not None
+        nn.init.zeros_(self.tail.bias)
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def forward(self, pictures: torch.Tensor) -> torch.Tensor:
+        """Compute the correction of pictures, (pictures, 1, rows, columns), for their decoding.
+
+        pictures: (pictures, inputs, rows, columns), rows and columns multiples of
+        ``shape.multiple``.
+        """
+        folded = functional.pixel_unshuffle(pictures, self.shape.fold)
+        head = self.head(folded.contiguous(memory_format=torch.channels_last))
+        values, kept = head, []
+        for block, down in zip(self.descending, self.down, strict=True):
+            kept.append(block(values))
+            values = down(kept[-1])
+        values = self.bottom(values)
+        for level in reversed(range(len(kept))):
+            values = self.ascending[level](self.up[level](values) + kept[level])
+        return functional.pixel_shuffle(self.tail(values + head), self.shape.fold)
+
+
+class _ResidualBlock(nn.Module):
+    """A residual block of the decoder's U-Net: convolutions of 3 x 3 with a skip connection.
+
+    See He et al. 2016, doi 10.1109/CVPR.2016.90.
+    """
+
+    def __init__(self, width: int, dilations: tuple[int, ...]) -> None:
+        super().__init__()
+        self.convolutions = nn.ModuleList(
+            nn.Conv2d(width, width, 3, padding=one, dilation=one) for one in dilations
+        )
+
+    def forward(self, values: torch.Tensor) -> torch.Tensor:
+        found = values
+        for number, convolution in enumerate(self.convolutions):
+            found = convolution(torch.relu(found) if number else found)
+        return values + found
