@@ -97,6 +97,25 @@ def edof(
     orders: Annotated[
         int, typer.Option(min=1, help="Whole waves of the panel's range that the pattern uses.")
     ] = 1,
+    fringing_um: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Fringing that the pattern shall stand: micrometres (standard deviation) by which "
+            "neighbouring pixels of the panel blur its phase. Jumps where the phase is wrapped "
+            "suffer most, so the search then moves the phase as it is displayed. labapp calibrate "
+            "measures it; 0 for a panel without.",
+            show_default="the bench's",
+        ),
+    ] = None,
+    response_error: Annotated[
+        float,
+        typer.Option(
+            metavar="E",
+            help="Error of the panel's response that the pattern shall stand, as a share of its "
+            "phase, to both sides: .05 for a look-up table that is known to 5 %.",
+        ),
+    ] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
     bench: BenchOption = None,
     force: ForceOption = False,
@@ -131,6 +150,8 @@ def edof(
         size,
         orders,
         seed,
+        fringing=None if fringing_um is None else fringing_um * 1e-6,
+        response_error=response_error,
     )
     files = edof_output_paths(out, force=force)
     use_one_thread()

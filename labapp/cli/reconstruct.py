@@ -8,6 +8,12 @@ from typing import Annotated, Any
 import typer
 
 from labapp.cli.app import app
+from labapp.cli.restoration_kinds import (
+    decode_photograph_file,
+    reconstruct_cube,
+    refuse_options,
+    require_options_of_one_kind,
+)
 from labapp.cli.shared_options import ForceOption, JsonOption, readable_path
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
@@ -111,9 +117,19 @@ def reconstruct(
         bool,
         typer.Option(
             "--grey",
-            help="Restore one band of a record with colour filters, for light of one colour.",
+            help="Restore one band of a record with colour filters, for light of one colour. With "
+            "--decoder, also of a colour picture.",
         ),
     ] = False,
+    decoder: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.h5|edof",
+            help="Decode a photograph behind a trained pattern, at all depths at once: design file "
+            "of labapp train edof, or edof for the bundled one.",
+            show_default="a PSF undone",
+        ),
+    ] = None,
     bands: Annotated[
         str | None,
         typer.Option(
@@ -162,14 +178,15 @@ def reconstruct(
             metavar="FILE",
             help="Restored picture to write: .tiff or .npy (light, float) or .png. With --bands: "
             ".h5, or .hdr for ENVI, with a .raw beside it.",
-            show_default="*_restored.tiff or *_cube.h5 beside the input",
+            show_default="*_restored.tiff, *_decoded.tiff or *_cube.h5 beside the input",
         ),
     ] = None,
     picture: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE.png",
-            help="Drawing to write: before, after, PSF and residual; with --bands, each band.",
+            help="Drawing to write: before, after, PSF and residual; with --decoder, PSF and "
+            "pattern; with --bands, each band.",
             show_default="*_before_after.png or *_bands.png",
         ),
     ] = None,
@@ -187,7 +204,8 @@ def reconstruct(
 ) -> None:
     """Restore a photograph that was blurred by a PSF (--psf), and show before and after.
 
-    With **--bands**, restore a spectral cube instead.
+    With **--decoder**, decode a photograph behind a trained pattern; with **--bands**, restore a
+    spectral cube.
 
     Colours of a picture are restored band by band; those of a record whose sensor has colour
     filters are restored together from the bare pixels, with the PSF of the star in each colour. Its
@@ -204,6 +222,16 @@ def reconstruct(
     neutral star. For instance
 
     **labapp reconstruct first-light/run.h5 --budget 2 --out restored.png**
+
+    **--decoder FILE.h5** takes no PSF: the photograph was taken through a pattern that extends the
+    depth of field, and its decoder, which **labapp train edof** trained with it, makes it sharp at
+    all depths at once. It is blind: it sees the photograph and isn't told any depth. The pattern in
+    a record must be the decoder's; phases are compared, because a calibrated panel shows them by
+    other grey levels. The decoder's filter is made for the record's camera; a picture file is taken
+    to be of the camera of the training. Clipped and dead pixels are filled first, and counted. For
+    instance
+
+    **labapp reconstruct run.h5 --decoder edof --out sharp.png**
 
     **--bands 450,500,550** takes the record's photograph through the coded pattern for a snapshot
     of all bands at once. Where a filter is always in the beam, it is the sum of the photographs at
@@ -226,18 +254,36 @@ def reconstruct(
         "--white": white, "--light": light, "--calibration": calibration,
         "--refine": refine or None,
     }  # fmt: skip
-    _require_options_of_one_kind(bands, photograph_only, spectral_only)
+    not_decoding = {
+        "--psf": psf, "--blind": blind, "--method": None if method == AUTO else method,
+        "--budget": budget, "--weight": weight, "--refine-psf": refine_psf or None,
+        "--border": None if border == "unknown" else border, "--star": star,
+    }  # fmt: skip
+    if decoder is not None and bands is not None:
+        raise UserError("--decoder and --bands are both given. Leave one of the two out.")
+    require_options_of_one_kind(bands, photograph_only, spectral_only)
+    if decoder is not None:
+        refuse_options("--decoder", not_decoding)
     if bands is not None:
         named: dict[str, Any] = {"psf": psf, "target": target, "pattern": pattern, "star": star}
         named |= {"white": white, "noise": noise, "border": border, "truth": truth}
         named |= {"calibration": calibration, "refines": refine}
         outputs = (out, picture)
-        _reconstruct_spectra(
+        reconstruct_cube(
             source, bands, named, outputs, light or "D65", weight, force=force, as_json=json
         )
         return
     from labapp.files.output_paths import restoration_output_paths
 
+    wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
+    selected = (target, pattern, wavelength, frame, star, grey)
+    told: dict[str, Any] = {"noise": noise, "border": border, "clip": clip, "dark": dark}
+    told |= {"blind": blind, "truth": truth}
+    if decoder is not None:
+        decode_photograph_file(
+            source, decoder, selected, linear, told, (out, picture), force=force, as_json=json
+        )
+        return
     places = restoration_output_paths(
         source, out, picture, (psf, truth), blind=blind is not None, force=force
     )
@@ -248,51 +294,7 @@ def reconstruct(
     from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
     from labapp.pictures.reconstructing.restoration_request import RestorationRequest
 
-    wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
-    chosen = RecordSelection(target, pattern, wavelength, frame, star, grey)
-    told: dict[str, Any] = {"noise": noise, "border": border, "clip": clip, "dark": dark}
-    told |= {"blind": blind, "truth": truth}
-    asked = RestorationRequest(source, psf, chosen, linear, **told)
+    asked = RestorationRequest(source, psf, RecordSelection(*selected), linear, **told)
     restore(
         asked, MethodChoice(method, budget, weight, refine_psf), OutputFiles(*places), as_json=json
     )
-
-
-def _reconstruct_spectra(
-    source: Path,
-    bands: str,
-    named: dict[str, Any],
-    outputs: tuple[Path | None, Path | None],
-    light: str,
-    weight: float | None,
-    *,
-    force: bool,
-    as_json: bool,
-) -> None:
-    """Restore the spectral cube of a record, as the command's options say."""
-    from labapp.files.output_paths import spectral_output_paths
-    from labapp.spectral.band_list import parse_bands
-
-    wavelengths = parse_bands(bands)
-    inputs = (named["psf"], named["truth"], named["calibration"])
-    places = spectral_output_paths(source, *outputs, inputs, force=force)
-    use_one_thread()
-    from labapp.spectral.command import SpectralFiles, reconstruct_spectra
-    from labapp.spectral.request import SpectralRequest
-
-    request = SpectralRequest(source, wavelengths, **named)
-    reconstruct_spectra(request, SpectralFiles(*places), light, weight, as_json=as_json)
-
-
-def _require_options_of_one_kind(
-    bands: str | None, photograph_only: dict[str, Any], spectral_only: dict[str, Any]
-) -> None:
-    """Raise UserError for options that mean nothing to the kind of restoration of the command."""
-    refused = spectral_only if bands is None else photograph_only
-    given = next((name for name, value in refused.items() if value is not None), None)
-    if given is not None and bands is None:
-        raise UserError(
-            f"{given}: means something with --bands only. Add --bands, or leave it out."
-        )
-    if given is not None:
-        raise UserError(f"{given}: means nothing with --bands. Leave one of the two out.")

@@ -34,6 +34,7 @@ from labapp.files.design_file import DesignContents, Grid, write_design
 from labapp.files.state_file import StateFile
 from labapp.files.writing import encode_image, write_atomically
 from optics.edof.pattern_rating import PatternRating
+from optics.edof.pattern_search import DesignBand
 from optics.edof.pattern_transfer import PatternTransfer
 from optics.edof.search_state import DesignResult, SearchSettings, SearchState
 from optics.progress import Progress
@@ -119,7 +120,7 @@ def _design(
         out.print(f"{steps} steps{going_on}; kept so far in {file.path}", markup=False)
     with terminal_progress() as progress:
         result = search_pattern(problem, transfer, start, steps, state, kept, progress.part(0, 0.8))
-        phase = problem.parametrisation.phase(result.parameters).detach()
+        phase = problem.whole_phase(result.parameters).detach()
         pictures = compute_depth_pictures(problem, transfer, phase, progress.part(0.8, 0.85))
         grey = phase_to_grey(problem.camera.panel, phase, request.wavelengths[0], request.orders)
         on_bench = _rate_on_bench(problem, grey, progress.part(0.85, 1))
@@ -165,13 +166,17 @@ def _steps_in(
     far, near = problem.depth_range
     depths = tuple(np.linspace(far, near, SearchSettings().depths))
     parameters = start.clone().requires_grad_()
-    times = []
-    for _ in range(_TIMED_STEPS):
-        begun = time.perf_counter()
-        found = transfer(problem.phase(parameters), depths)
-        torch.autograd.backward(found.abs().sum())
-        times.append(time.perf_counter() - begun)
-    return max(1, int(60 * minutes / min(times)))
+    seconds = []
+    for band in (DesignBand(transfer, start, problem.phase), *problem.further_bands()):
+        times = []
+        for _ in range(_TIMED_STEPS):
+            begun = time.perf_counter()
+            found = band.transfer(band.pattern(parameters), depths)
+            torch.autograd.backward(found.abs().sum())
+            times.append(time.perf_counter() - begun)
+        seconds.append(min(times))
+    # The search takes the bands in turn.
+    return max(1, int(60 * minutes * len(seconds) / sum(seconds)))
 
 
 def _write(done: FinishedDesign, bench: BenchFile, files: Sequence[Path]) -> None:
@@ -182,7 +187,12 @@ def _write(done: FinishedDesign, bench: BenchFile, files: Sequence[Path]) -> Non
     places = (pictures.pixels.coordinates(axis).numpy() for axis in (0, 1))
     contents = DesignContents(
         title="extended depth of field",
-        settings={"design": "edof", **request.as_data(), **_orientation(done)},
+        settings={
+            "design": "edof",
+            **request.as_data(),
+            "fringing": done.problem.fringing,
+            **_orientation(done),
+        },
         bench=bench.model_dump(mode="json"),
         wavelength=request.wavelengths[0],
         grey=done.grey[None],

@@ -13,13 +13,14 @@ import numpy as np
 import torch
 
 from labapp.common.errors import UserError
-from labapp.edof.design_request import STARTS, EdofRequest
+from labapp.edof.design_request import PIXEL_PARAMETRISATIONS, STARTS, EdofRequest
 from labapp.files.design_file import read_design
 from optics.camera import Camera, Panel
 from optics.chain.thin_camera import collapse_to_thin_camera
 from optics.edof.depth_bound import rms_transfer_limit
 from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.full_transfer import FullTransfer
+from optics.edof.panel_conditions import ConditionTransfer, PanelCondition, fold_into_range
 from optics.edof.parametrisation import PhaseParametrisation, make_parametrisation
 from optics.edof.pattern_search import DesignBand
 from optics.edof.pattern_transfer import PatternTransfer
@@ -108,18 +109,59 @@ class EdofProblem:
         return min(WINDOW_REACH, math.floor((period - 1) / 2))
 
     def phase(self, parameters: torch.Tensor) -> torch.Tensor:
-        """Return the phase of parameters in the shape that `transfer` takes; differentiable."""
-        if self.mirrored:
-            return self.parametrisation.quarter_phase(parameters)
-        return self.parametrisation.phase(parameters)
+        """Return the phase of parameters in the shape that `transfer` takes; differentiable.
+
+        It is unwrapped, or as the panel displays it where the design knows of conditions.
+        """
+        short = self.mirrored and self.parametrisation.quarter_phase(parameters)
+        phase = self.parametrisation.phase(parameters) if short is False else short
+        return fold_into_range(phase, self._displayed_top) if self.conditions else phase
+
+    def whole_phase(self, parameters: torch.Tensor) -> torch.Tensor:
+        """Return the phase of parameters on all of the panel's pixels, radians; differentiable."""
+        phase = self.parametrisation.phase(parameters)
+        return fold_into_range(phase, self._displayed_top) if self.conditions else phase
+
+    @cached_property
+    def conditions(self) -> tuple[PanelCondition, ...]:
+        """The conditions of the panel that the pattern shall stand, besides none.
+
+        An error of the response comes together with the fringing.
+        """
+        blur, error = self.fringing, self.request.response_error
+        still = (PanelCondition(blur),) if blur else ()
+        wrong = (1 - error, 1 + error) if error else ()
+        return (*still, *(PanelCondition(blur, one) for one in wrong))
+
+    @property
+    def fringing(self) -> float:
+        """Standard deviation of the blur by fringing fields that the pattern shall stand, metres.
+
+        Where the request says nothing it is the panel's own, for patterns of pixels.
+        """
+        if self.request.fringing is not None:
+            return self.request.fringing
+        by_pixels = self.request.parametrisation in PIXEL_PARAMETRISATIONS
+        return self.camera.panel.coupling if by_pixels else 0.0
+
+    @property
+    def _displayed_top(self) -> float:
+        """Largest displayed phase in radians: a level of the panel below the whole waves in use."""
+        panel = self.camera.panel
+        level = max_phase(panel, self.request.wavelengths[0]) / (panel.levels - 1)
+        return 2 * math.pi * self.request.orders - level
 
     def further_bands(self) -> tuple[DesignBand, ...]:
-        """Return the wavelengths after the first one, for the search."""
-        found = []
-        for band in range(1, len(self.request.wavelengths)):
-            transfer = self.transfer(self.request.wavelengths[band])
-            spectrum = self.spectrum_on(transfer.grid)
-            found.append(DesignBand(transfer, spectrum, self.phase_at(band)))
+        """Return the wavelengths after the first one, and the conditions at all, for the search."""
+        count = len(self.request.wavelengths)
+        transfers = [self.transfer(one) for one in self.request.wavelengths]
+        patterns = [self.phase, *(self.phase_at(band) for band in range(1, count))]
+        spectra = [self.spectrum_on(one.grid) for one in transfers]
+        found = [DesignBand(transfers[k], spectra[k], patterns[k]) for k in range(1, count)]
+        for condition in self.conditions:
+            for k in range(count):
+                transfer = ConditionTransfer(transfers[k], condition)
+                found.append(DesignBand(transfer, spectra[k], patterns[k], filter_of=k))
         return tuple(found)
 
     def phase_at(self, band: int) -> Callable[[torch.Tensor], torch.Tensor]:
@@ -163,14 +205,23 @@ class EdofProblem:
         return rms_transfer_limit(self.thin, wavelength, grid, depth_range=self.depth_range)
 
     def start_phase(self) -> torch.Tensor:
-        """Return the phase from which the design starts, unwrapped, (rows, columns), radians.
+        """Return the phase from which the design starts, (rows, columns), radians.
 
-        Raises UserError for a file that has no phase for this panel.
+        It is unwrapped, or as the panel displays it where the design knows of conditions. Raises
+        UserError for a file that has no phase for this panel.
         """
         name, wavelength = self.request.start, self.request.wavelengths[0]
         if name not in STARTS:
-            return _read_phase(Path(name), self.camera.panel)
-        return self.pattern(name, wavelength)
+            phase = _read_phase(Path(name), self.camera.panel)
+        else:
+            phase = self.pattern(name, wavelength)
+        return self._displayed(phase) if self.conditions else phase
+
+    def _displayed(self, phase: torch.Tensor) -> torch.Tensor:
+        """Return a phase as it is displayed: one that isn't already, in the middle of the range."""
+        if float(phase.min()) >= 0 and float(phase.max()) <= 2 * math.pi * self.request.orders:
+            return phase
+        return torch.remainder(phase, 2 * math.pi) + math.pi * (self.request.orders - 1)
 
     def pattern(self, name: str, wavelength: float) -> torch.Tensor:
         """Return a hand-made pattern for this camera and range of depths, radians, unwrapped."""

@@ -15,6 +15,12 @@ STARTS = ("rings", "sweep", "lattice", "cubic", "flat")
 PARAMETRISATION_NAMES = ("quarter", "radial", "free", "separable", "separable-mirrored")
 """Ways to describe the pattern that is designed."""
 
+PIXEL_PARAMETRISATIONS = ("quarter", "free")
+"""Those by pixels, which can show a phase that is wrapped: others can't know of fringing."""
+
+_LARGEST_RESPONSE_ERROR = 0.5
+"""Chosen: a panel whose response is off by more is to be measured, not to be designed for."""
+
 
 @dataclass(frozen=True)
 class EdofRequest:
@@ -46,6 +52,12 @@ class EdofRequest:
         Of all random numbers.
     binning : int, optional
         Sensor pixels along a side of the squares that are averaged into a pixel of the pictures.
+    fringing : float or None, optional
+        Standard deviation in metres by which fringing fields blur the panel's phase, which the
+        pattern shall stand; None for the bench's own where the pattern is described by pixels.
+    response_error : float, optional
+        Relative error of the panel's response, to both sides, which the pattern shall stand; 0 to
+        .5.
 
     Raises
     ------
@@ -66,6 +78,8 @@ class EdofRequest:
     orders: int
     seed: int
     binning: int = 1
+    fringing: float | None = None
+    response_error: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.far < self.near < math.inf:
@@ -89,10 +103,31 @@ class EdofRequest:
                 f"--start {self.start}: there is no such file. Choose {', '.join(STARTS)}, or give "
                 "a design file (.h5)."
             )
+        self._require_conditions()
         if self.size % 2:
             raise UserError(f"--size {self.size}: give an even number of pixels.")
         if not self.wavelengths or any(not 0 < one < math.inf for one in self.wavelengths):
             raise UserError("--wavelength-nm: give one wavelength or more, in nanometres.")
+
+    def _require_conditions(self) -> None:
+        """Raise UserError for conditions of the panel that no pattern can be designed for."""
+        if self.fringing is not None and not 0 <= self.fringing < math.inf:
+            raise UserError(
+                f"--fringing-um {1e6 * self.fringing:g}: give micrometres, 0 or more, such as 4.8."
+            )
+        if not 0 <= self.response_error <= _LARGEST_RESPONSE_ERROR:
+            raise UserError(
+                f"--response-error {self.response_error:g}: give a share of the response, 0 to "
+                f"{_LARGEST_RESPONSE_ERROR:g}, such as 0.05."
+            )
+        if (self.fringing or self.response_error) and (
+            self.parametrisation not in PIXEL_PARAMETRISATIONS
+        ):
+            raise UserError(
+                f"--parameters {self.parametrisation}: can't stand fringing or an error of the "
+                f"response; choose {' or '.join(PIXEL_PARAMETRISATIONS)}, or leave out "
+                "--fringing-um and --response-error."
+            )
 
     def as_data(self) -> dict[str, Any]:
         """Return the options as plain data, for the design file and to compare with a state's."""

@@ -13,15 +13,15 @@ import torch
 
 from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile
-from labapp.files.design_file import DecoderContents, read_design
-from labapp.files.reading import bundled_path, validate
+from labapp.files.design_file import DecoderContents, bundled_trained_design, read_design
+from labapp.files.reading import validate
 from optics.camera import Camera
 from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.learned import DecoderNetwork, DecoderSettings
 from optics.edof.picture_spectrum import SpectrumModel
 from optics.slm import grey_to_phase
 
-BUNDLED_PATTERN = bundled_path("edof.h5")
+BUNDLED_PATTERN = bundled_trained_design()
 """The pattern and decoder that come with the application; SOURCES.txt says how they were made."""
 
 

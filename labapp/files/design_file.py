@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 import labapp
 from labapp.common.errors import UserError
 from labapp.files import nexus
+from labapp.files.reading import bundled_path
 
 if TYPE_CHECKING:
     import torch
@@ -47,6 +48,11 @@ if TYPE_CHECKING:
 
 DEFINITION = "labapp_design"
 _GREY = "entry/pattern/grey"
+
+
+def bundled_trained_design() -> Path:
+    """Return the path of the bundled design file of a pattern with its trained decoder."""
+    return bundled_path("edof.h5")
 
 
 @dataclass(frozen=True, eq=False)

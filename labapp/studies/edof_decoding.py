@@ -12,11 +12,18 @@ from labapp.common.errors import UserError
 from labapp.pictures.analysis.brackets import Bracket, Picture, find_bracket
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.edof import EdofSettings
-from labapp.studies.edof_pattern import DESIGNED, NEUTRAL, PATTERNS, shown_pattern
+from labapp.studies.edof_pattern import (
+    DESIGNED,
+    NEUTRAL,
+    PATTERNS,
+    shown_pattern,
+    trained_pattern,
+)
 from optics import metrics
 from optics.camera import Camera
-from optics.edof.decoders import blind_wiener, decoding_transfers
+from optics.edof.decoders import BlindDecoder, blind_wiener, decoding_transfers
 from optics.edof.frequency_grid import FrequencyGrid
+from optics.edof.learned import learned_decoder
 from optics.edof.picture_preparation import encode_srgb
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM
 from optics.edof.protocol import STRICT, EdofProtocol
@@ -103,10 +110,19 @@ def decoders_of(
     The first one gives pictures back as they are.
     """
     protocol = bench_protocol(camera, settings)
-    return [
+    psfs = compute_depth_psfs(pattern, protocol.design_dioptres, camera, protocol)
+    transfers = decoding_transfers(psfs, protocol)
+    wiener = blind_wiener(lambda side: NATURAL_SPECTRUM.on_grid(FrequencyGrid(side)))
+    decoders = [
         NamedDecoder("as taken", None, lambda picture, noise: picture),
-        NamedDecoder("one Wiener filter", True, _wiener(pattern, camera, protocol)),
+        NamedDecoder("one Wiener filter", True, _build_restore(wiener, transfers)),
     ]
+    trained = trained_pattern(settings)
+    learned = learned_decoder(trained.network, trained.spectrum_on_grid)
+    if isinstance(learned, BlindDecoder):
+        network = NamedDecoder("filter and network", True, _build_restore(learned, transfers))
+        decoders.append(network)
+    return decoders
 
 
 def bench_protocol(camera: Camera, settings: EdofSettings) -> EdofProtocol:
@@ -129,16 +145,14 @@ def decoded_side(camera: Camera, settings: EdofSettings) -> int:
     return min(settings.frame_px, *camera.sensor.shape)
 
 
-def _wiener(pattern: PupilPattern, camera: Camera, protocol: EdofProtocol) -> Restore:
-    """Return one Wiener filter for all depths, made for a pattern's simulated PSFs."""
-    psfs = compute_depth_psfs(pattern, protocol.design_dioptres, camera, protocol)
-    decoder = blind_wiener(lambda side: NATURAL_SPECTRUM.on_grid(FrequencyGrid(side)))
+def _build_restore(decoder: BlindDecoder, transfers: torch.Tensor) -> Restore:
+    """Return what a blind decoder of the study restores pictures by, for simulated PSFs."""
     built: dict[float, Callable[[torch.Tensor], torch.Tensor]] = {}
 
     def restore(picture: torch.Tensor, noise: float) -> torch.Tensor:
         if noise not in built:
             built.clear()
-            built[noise] = decoder.build(decoding_transfers(psfs, protocol), noise)
+            built[noise] = decoder.build(transfers, noise)
         return built[noise](picture)
 
     return restore

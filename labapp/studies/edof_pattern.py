@@ -8,7 +8,14 @@ from typing import Any
 import torch
 
 from labapp.common.errors import UserError
-from labapp.files.reading import bundled_path
+from labapp.edof.trained_pattern import (
+    BUNDLED_PATTERN,
+    TrainedPattern,
+    bundled_trained_pattern,
+    read_trained_pattern,
+)
+from labapp.files.design_file import read_design
+from labapp.files.output_paths import is_design
 from labapp.runs.record.reader import Record
 from labapp.studies.catalogue.edof import EdofSettings
 from optics.camera import Camera
@@ -21,15 +28,12 @@ DESIGNED, RINGS, NEUTRAL = "designed", "rings", "neutral"
 
 PATTERNS = (DESIGNED, RINGS, NEUTRAL)
 
-_PACKAGED = "edof-package/pattern.h5"
-"""The packaged pattern, in labapp/data."""
-
 
 def pattern_tables(settings: EdofSettings) -> dict[str, Any]:
     """Return the plan tables of the study's patterns; UserError if the design file is missing."""
     far, near = DEPTH_RANGE
     return {
-        DESIGNED: {"kind": "image", "file": str(_design_path(settings))},
+        DESIGNED: {"kind": "image", "file": str(design_path(settings))},
         RINGS: {
             "kind": "multi-focus",
             "near_dioptre": near,
@@ -39,9 +43,17 @@ def pattern_tables(settings: EdofSettings) -> dict[str, Any]:
     }
 
 
-def _design_path(settings: EdofSettings) -> Path:
+def trained_pattern(settings: EdofSettings) -> TrainedPattern:
+    """Return the pattern whose decoder the study takes: its own, or else the bundled one's."""
+    path = design_path(settings)
+    if not is_design(path) or read_design(path).decoder is None:
+        return bundled_trained_pattern()
+    return read_trained_pattern(path)
+
+
+def design_path(settings: EdofSettings) -> Path:
     """Return the path of the design file that the study shows."""
-    path = Path(settings.pattern).expanduser() if settings.pattern else bundled_path(_PACKAGED)
+    path = Path(settings.pattern).expanduser() if settings.pattern else BUNDLED_PATTERN
     if not path.is_file():
         raise UserError(
             f"study edof: there is no pattern {path}. Make one (labapp design edof --out edof.h5), "

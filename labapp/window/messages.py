@@ -134,14 +134,19 @@ class ReconnectDevice(Command):
 class ReconstructRun(Command):
     """Restore the blurred photograph of a record.
 
-    `budget` is the processor time in seconds; with None, the method takes its usual time. `grey`
-    asks for one band of a sensor with colour filters.
+    `method` is one of optics.deconvolution.method_names, or DECODER. `budget` is the processor time
+    in seconds; with None, the method takes its usual time. `grey` asks for one band of a sensor
+    with colour filters.
     """
 
     path: Path
     method: str
     budget: float | None
     grey: bool = False
+
+
+DECODER = "decoder"
+"""The method that decodes a photograph behind a trained pattern, by the decoder of the pattern."""
 
 
 @dataclass(frozen=True)
@@ -498,12 +503,13 @@ class ReconstructionResult:
         Unit of the noise.
     weight : float or None
         Regularisation weight.
-    iterations : int
-        Iterations of the solver.
-    residual : float
-        The photograph less the blurred estimate, rms, over the noise.
+    iterations : int or None
+        Iterations of the solver; None for a decoder.
+    residual : float or None
+        The photograph less the blurred estimate, rms, over the noise; None for a decoder, which
+        doesn't know the depth by which to blur.
     verdict : str
-        Judgement of the residual, in words.
+        Judgement of the residual, in words; remarks on the photograph for a decoder.
     cpu_seconds : float
         Processor time of the restoration.
     """
@@ -520,8 +526,8 @@ class ReconstructionResult:
     noise_source: str
     unit: str
     weight: float | None
-    iterations: int
-    residual: float
+    iterations: int | None
+    residual: float | None
     verdict: str
     cpu_seconds: float
 

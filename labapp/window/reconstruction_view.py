@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QAction
+from PySide6.QtGui import QAction, QStandardItemModel
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.window.before_after_view import BeforeAfterView
-from labapp.window.messages import ReconstructionResult
+from labapp.window.messages import DECODER, ReconstructionResult
 from labapp.window.spectral_messages import RecordBands, SpectralResult
 from labapp.window.spectral_view import SpectralView
 from labapp.window.widgets import fill_layout, make_label, make_tool_button
@@ -28,6 +28,14 @@ METHODS = {
     **{one.title[0].upper() + one.title[1:]: name for name, one in RESTORATIONS.items()},
 }
 """Names of the restoration methods in the engine, by their titles in the window."""
+
+DECODER_TITLE = "Depth of field: decoder"
+"""The title of the choice that decodes a photograph behind a trained pattern."""
+
+_NO_DECODER = (
+    "For a photograph through the pattern Extended depth of field, or through a design file with a "
+    "decoder: labapp train edof"
+)
 
 _EMPTY = (
     "Nothing is reconstructed yet: acquire a bracket (F6) or open a run, then reconstruct it (F7)."
@@ -56,7 +64,8 @@ class ReconstructionView(QWidget):
     def __init__(self, reconstruct: QAction, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.method = QComboBox(self)
-        self.method.addItems(list(METHODS))
+        self.method.addItems([*METHODS, DECODER_TITLE])
+        self._allow_decoder("")
         # On a small screen, the longest names are cut short.
         self.method.setMaximumWidth(self.method.sizeHint().width())
         shrinking = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
@@ -87,6 +96,7 @@ class ReconstructionView(QWidget):
         self._pages = QStackedWidget(self)
         self._described, self._hint = _EMPTY, ""
         self.bands.toggled.connect(self._choose_bands)
+        self.method.currentTextChanged.connect(self._choose_decoder)
         self.before.pressed.connect(lambda: self._show_before(True))
         self.before.released.connect(lambda: self._show_before(False))
         self.save.clicked.connect(self.save_requested)
@@ -101,8 +111,10 @@ class ReconstructionView(QWidget):
 
         The seconds are None for the usual time.
         """
-        method = METHODS[self.method.currentText()]
-        return method, self.budget.value() or None, self.grey.isChecked()
+        title, grey = self.method.currentText(), self.grey.isChecked()
+        if title == DECODER_TITLE:
+            return DECODER, None, grey
+        return METHODS[title], self.budget.value() or None, grey
 
     @property
     def wanted_bands(self) -> str | None:
@@ -141,7 +153,22 @@ class ReconstructionView(QWidget):
             if several
             else ""
         )
+        self._allow_decoder(found.decoder)
         self.note.setText(self._described + self._hint)
+
+    def _allow_decoder(self, decoder: str) -> None:
+        """Offer the window's decoder, of the design file of this name; "" offers none."""
+        index = self.method.findText(DECODER_TITLE)
+        model = self.method.model()
+        assert isinstance(model, QStandardItemModel)
+        model.item(index).setEnabled(bool(decoder))
+        model.item(index).setToolTip(f"Blind, by {decoder}" if decoder else _NO_DECODER)
+        if not decoder and self.method.currentIndex() == index:
+            self.method.setCurrentIndex(0)
+
+    def _choose_decoder(self, title: str) -> None:
+        """Disable the window's field for the time where a decoder is chosen, which has one time."""
+        self.budget.setEnabled(title != DECODER_TITLE)
 
     def _choose_bands(self, on: bool) -> None:
         """Show the fields of the window that count for a cube, or those for a photograph."""
@@ -179,9 +206,15 @@ def describe_result(result: ReconstructionResult) -> str:
             f"Against the neutral photograph PSNR {before:.1f} to {after:.1f} dB, "
             f"SSIM {was:.3f} to {now:.3f}. "
         )
+    noise = f"Noise {result.noise:.3g} {result.unit}, {result.noise_source}. "
+    steps = "" if result.iterations is None else f"{result.iterations} iterations in "
+    judged = f"{result.verdict} " if result.verdict else ""
+    if result.residual is not None:
+        judged = f"Residual {result.residual:.2f} of the noise, {result.verdict}. "
     return (
-        f"{result.source}: {result.method}{weight}, {result.iterations} iterations in "
-        f"{result.cpu_seconds:.2f} s of processor time. {scores}Noise {result.noise:.3g} "
-        f"{result.unit}, {result.noise_source}. Residual {result.residual:.2f} of the noise, "
-        f"{result.verdict}. Drag the divider; zoom with the wheel, double-click to fit."
+        f"{result.source}: {result.method}{weight}, {steps}{result.cpu_seconds:.2f} s of processor "
+        f"time. {scores}{noise}{judged}{_HANDLING}"
     )
+
+
+_HANDLING = "Drag the divider; zoom with the wheel, double-click to fit."

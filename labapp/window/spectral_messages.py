@@ -48,10 +48,14 @@ class ShowCubeColours(Command):
 
 @dataclass(frozen=True)
 class RecordBands:
-    """Tell the window at which wavelengths, in metres, a record has the coded photograph."""
+    """Tell the window at which wavelengths, in metres, a record has the coded photograph.
+
+    `decoder` names the design file whose decoder belongs to the coded pattern; empty without one.
+    """
 
     path: Path
     wavelengths: tuple[float, ...]
+    decoder: str = ""
 
 
 @dataclass(frozen=True, eq=False)

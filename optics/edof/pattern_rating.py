@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 
 from optics.edof.dioptres import require_dioptres
-from optics.edof.pattern_transfer import PatternTransfer
+from optics.edof.pattern_transfer import DepthTransfer
 from optics.edof.spectral_criterion import error_level, known_depth_error, noise_variance
 from optics.validation import require_finite
 
@@ -37,7 +37,7 @@ class PatternRating:
 
 @torch.no_grad()
 def rate_pattern(
-    transfer: PatternTransfer,
+    transfer: DepthTransfer,
     phase: torch.Tensor,
     spectrum: torch.Tensor,
     noise: float,
@@ -49,7 +49,7 @@ def rate_pattern(
 
     Parameters
     ----------
-    transfer : PatternTransfer
+    transfer : DepthTransfer
         Computes the OTFs.
     phase : torch.Tensor, (rows, columns)
         The pattern, radians.

@@ -14,6 +14,9 @@ over which the pattern hardly changes.
 A pattern for several wavelengths has a filter for each. The steps take the wavelengths in turn, and
 those with larger errors count for more: the search lowers a power mean of their errors.
 
+A pattern for several conditions of the panel at one wavelength has one filter for all of them,
+because a decoder doesn't know the condition; the search lowers the plain mean of their errors.
+
 References
 ----------
 Thesis section 5.4; D. P. Kingma and J. Ba, Adam, arXiv 1412.6980, 2015; for the memory, M. Schmidt
@@ -31,7 +34,7 @@ import torch
 
 from optics.edof.dioptres import DEPTH_RANGE, midpoint_dioptres, require_depth_range
 from optics.edof.pattern_rating import DepthMemory, PatternRating, rate_pattern
-from optics.edof.pattern_transfer import PatternTransfer
+from optics.edof.pattern_transfer import DepthTransfer
 from optics.edof.search_state import DesignResult, SearchSettings, SearchState, settings_for
 from optics.edof.spectral_criterion import error_level, filter_error, known_depth_error
 from optics.progress import Progress
@@ -52,7 +55,7 @@ _REPORT_INTERVAL = 10
 
 @single_threaded
 def design_pattern(
-    transfer: PatternTransfer,
+    transfer: DepthTransfer,
     start: torch.Tensor,
     spectrum: torch.Tensor,
     noise: float,
@@ -76,7 +79,7 @@ def design_pattern(
 
     Parameters
     ----------
-    transfer : PatternTransfer
+    transfer : DepthTransfer
         Computes OTFs of patterns: `QuarterTransfer` or `FullTransfer`.
     start : torch.Tensor
         Parameters to start from; the phase itself in radians unless `pattern` is given.
@@ -94,7 +97,8 @@ def design_pattern(
         Differentiable function from parameters to the phase of the transfer's shape. For a
         `QuarterTransfer`, take `optics.quarter_symmetry.crop_quarter` of a symmetric pattern.
     further_bands : sequence of DesignBand, optional
-        Further wavelengths, at which the same parameters make other phases.
+        Further wavelengths, at which the same parameters make other phases, and further conditions
+        of the panel.
     depth_range : tuple of (float, float), optional
         Farthest and nearest depth in dioptres.
     settings : SearchSettings, optional
@@ -112,7 +116,8 @@ def design_pattern(
     Raises
     ------
     ValueError
-        If a number is out of range or shapes don't fit.
+        If a number is out of range, shapes don't fit, or a band takes the filter of one that isn't
+        before it.
     FloatingPointError
         If `MOST_FAILURES` steps in a row have no finite gradient.
     """
@@ -134,10 +139,10 @@ def design_pattern(
         )
         for one in bands
     ]
+    filters = _number_filters(bands)
     start_rating = problems[0].rate(start.detach().double(), rated)
-    search = _Search(
-        problems, criterion, start, steps, generator, settings or settings_for(criterion), state
-    )
+    settings = settings or settings_for(criterion)
+    search = _Search(problems, filters, criterion, start, steps, generator, settings, state)
     search.run(progress)
     reached = search.state
     assert reached.parameters is not None
@@ -158,28 +163,50 @@ def design_pattern(
 
 @dataclass(frozen=True, eq=False)
 class DesignBand:
-    """Describe a further wavelength for which a pattern is designed.
+    """Describe a further wavelength, or condition of the panel, for which a pattern is designed.
 
     Parameters
     ----------
-    transfer : PatternTransfer
-        Computes OTFs of patterns at the wavelength.
+    transfer : DepthTransfer
+        Computes OTFs of patterns at the wavelength and in the condition.
     spectrum : torch.Tensor
         Power spectrum of the pictures on the frequencies of `transfer.grid`.
     pattern : callable
         Differentiable function from parameters to the phase at the wavelength.
+    filter_of : int, optional
+        Number of the band whose filter restores this one too; 0 is the search's own, and 1 the
+        first further one. By default the band has a filter of its own.
     """
 
-    transfer: PatternTransfer
+    transfer: DepthTransfer
     spectrum: torch.Tensor
     pattern: Callable[[torch.Tensor], torch.Tensor]
+    filter_of: int | None = None
+
+
+def _number_filters(bands: Sequence[DesignBand]) -> list[int]:
+    """Return the number of the filter that restores each band of a pattern's search.
+
+    Raises ValueError for a band that takes the filter of one that isn't before it.
+    """
+    found: list[int] = []
+    for number, band in enumerate(bands):
+        if band.filter_of is None:
+            found.append(max(found, default=-1) + 1)
+            continue
+        if not 0 <= band.filter_of < number:
+            raise ValueError(
+                f"filter_of of band {number} is {band.filter_of}; name a band before it, from 0"
+            )
+        found.append(found[band.filter_of])
+    return found
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
     """What a pattern is designed for: the optics, the pictures, the noise and the depths."""
 
-    transfer: PatternTransfer
+    transfer: DepthTransfer
     spectrum: torch.Tensor
     noise: float
     pattern: Callable[[torch.Tensor], torch.Tensor]
@@ -198,6 +225,7 @@ class _Search:
     def __init__(
         self,
         problems: Sequence[_Problem],
+        filters: Sequence[int],
         criterion: str,
         start: torch.Tensor,
         steps: int,
@@ -206,6 +234,7 @@ class _Search:
         state: SearchState | None,
     ) -> None:
         self._problems, self._blind, self._steps = problems, criterion == "blind", steps
+        self._filters = filters
         self._generator, self._settings = generator, settings
         first = problems[0]
         self._shares = first.transfer.grid.shares().to(start.device)
@@ -224,8 +253,10 @@ class _Search:
         self._scale = start.numel() / float((self._shares * first.spectrum).sum())
         self._memories: list[DepthMemory] = []
         if self._blind:
-            parts = settings.parts
-            self._memories = [DepthMemory(parts, one.spectrum, one.noise) for one in problems]
+            for number in range(max(filters) + 1):
+                one = problems[filters.index(number)]
+                count = settings.parts * filters.count(number)
+                self._memories.append(DepthMemory(count, one.spectrum, one.noise))
         if reached is not None:
             self._restore()
         elif self._blind:
@@ -267,17 +298,19 @@ class _Search:
         self._save()
 
     def _band_weight(self, band: int, error: float) -> float:
-        """Return the weight of a wavelength's gradient, and remember its error.
+        """Return the weight of a band's gradient, and remember its error.
 
-        It is the derivative of the power mean of the wavelengths' errors by this one's, relative to
-        that of the plain mean.
+        It is the derivative of the power mean of the filters' errors by this one's, relative to
+        that of the plain mean. A filter's error is the mean over its bands.
         """
         kept, memory = self.state.band_errors, self._settings.square_momentum
         while len(kept) <= band:
             kept.append(error)
         kept[band] = memory * kept[band] + (1 - memory) * error
-        mean = sum(kept) / len(kept)
-        return (kept[band] / mean) ** (self._settings.band_power - 1)
+        seen = self._filters[: len(kept)]
+        own = [one for one, number in zip(kept, seen, strict=True) if number == seen[band]]
+        relative = (sum(own) / len(own)) / (sum(kept) / len(kept))
+        return relative ** (self._settings.band_power - 1)
 
     def _error(self, found: torch.Tensor, band: int, parts: list[int]) -> torch.Tensor:
         """Return the error whose gradient the search follows, from OTFs of parts of the range.
@@ -295,11 +328,15 @@ class _Search:
             return error
         if bool(torch.isfinite(found.detach()).all()):
             self._remember(band, parts, found.detach())
-        return filter_error(self._memories[band].filter(), *arguments)
+        return filter_error(self._memory(band).filter(), *arguments)
+
+    def _memory(self, band: int) -> DepthMemory:
+        """Return the sums of OTFs of which the filter of a wavelength or condition is made."""
+        return self._memories[self._filters[band]]
 
     def _remember(self, band: int, parts: list[int], found: torch.Tensor) -> None:
         """Replace what is remembered of parts of the depth range by new OTFs of a wavelength."""
-        remembered, memory = self.state.remembered[band], self._memories[band]
+        remembered, memory = self.state.remembered[band], self._memory(band)
         for part, one in zip(parts, found, strict=True):
             memory.add(remembered[part], -1.0)
             memory.add(one)
@@ -308,7 +345,8 @@ class _Search:
     @torch.no_grad()
     def _remember_all_parts(self) -> None:
         """Compute the OTFs of all parts of the depth range, for the first filters."""
-        for problem, memory in zip(self._problems, self._memories, strict=True):
+        for band, problem in enumerate(self._problems):
+            memory = self._memory(band)
             phase, kept = problem.pattern(self._parameters), []
             for dioptre in midpoint_dioptres(self._settings.parts, problem.depth_range):
                 kept.append(problem.transfer(phase, (dioptre,))[0])

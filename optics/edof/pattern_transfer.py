@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 
@@ -15,6 +15,17 @@ from optics.edof.transfer_design import TransferDesign
 from optics.fourier import unit_phasor
 from optics.psf_engines.engine import phase_factor
 from optics.threads import in_full_precision
+
+
+class DepthTransfer(Protocol):
+    """Anything that computes OTFs of patterns at depths on a grid of frequencies."""
+
+    @property
+    def grid(self) -> FrequencyGrid:
+        """The frequencies of the OTFs."""
+
+    def __call__(self, phase: torch.Tensor, dioptres: Sequence[float]) -> torch.Tensor:
+        """Compute the OTFs (depths, rows, columns) of a pattern at depths in dioptres."""
 
 
 class PatternTransfer(ABC):
@@ -101,6 +112,56 @@ class PatternTransfer(ABC):
         answer: torch.Tensor = _DepthTransfer.apply(phase, self, tuple(dioptres))  # type: ignore[no-untyped-call]
         return answer
 
+    @in_full_precision
+    def of_field(self, field: torch.Tensor, dioptres: Sequence[float]) -> torch.Tensor:
+        """Compute the OTFs at depths behind pixels whose field is known, as a call does.
+
+        Parameters
+        ----------
+        field : torch.Tensor, (rows, columns), complex
+            Field of each pixel where light of amplitude 1 falls on it, without the stop. The result
+            is differentiable in it, once.
+        dioptres : sequence of float
+            Depths, 0 (infinity) or more; at least one.
+
+        Returns
+        -------
+        torch.Tensor, (depths, rows, columns)
+            OTF at each depth on the frequencies of `grid`.
+
+        Raises
+        ------
+        ValueError
+            If the field has another shape, or a depth is negative or isn't finite, or there is
+            none.
+        """
+        require_dioptres("dioptres", dioptres)
+        if tuple(field.shape) != self.shape:
+            raise ValueError(f"field is {tuple(field.shape)}; this pattern has {self.shape} pixels")
+        open_field = field.to(self._dtype)
+        if self._amplitude is not None:
+            open_field = open_field * self._amplitude.to(field.device)
+        answer: torch.Tensor = _FieldTransfer.apply(open_field, self, tuple(dioptres))  # type: ignore[no-untyped-call]
+        return answer
+
+    def _depth_waves(
+        self, modulation: torch.Tensor, dioptres: Sequence[float]
+    ) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
+        """Compute the OTF of a modulated panel at each depth, and its wave on the samples."""
+        waves = [self.wave(modulation, one) for one in dioptres]
+        return [self._transfer(one.real.square() + one.imag.square()) for one in waves], waves
+
+    def _gradient_by_modulation(
+        self, gradient: torch.Tensor, waves: Sequence[torch.Tensor], dioptres: Sequence[float]
+    ) -> torch.Tensor:
+        """Compute the gradient by a panel's modulation from that by its OTFs at depths."""
+        total: torch.Tensor | None = None
+        for one, wave, by_transfer in zip(dioptres, waves, gradient, strict=True):
+            found = self._wave_adjoint(2 * self._transfer_adjoint(by_transfer) * wave, one)
+            total = found if total is None else total.add_(found)
+        assert total is not None
+        return total
+
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
         """Compute the complex modulation of a pattern's pixels, with the stop's open shares."""
         phasor = phase_factor(phase, self._dtype)
@@ -140,12 +201,10 @@ class _DepthTransfer(torch.autograd.Function):
         modulation = transfer.modulation(phase.detach())
         ctx.transfer, ctx.dioptres, ctx.phase_dtype = transfer, dioptres, phase.dtype
         ctx.save_for_backward(modulation)
-        ctx.waves, found = [], []
-        for one in dioptres:
-            wave = transfer.wave(modulation, one)
-            found.append(transfer._transfer(wave.real.square() + wave.imag.square()))
-            if ctx.needs_input_grad[0]:
-                ctx.waves.append(wave)
+        if ctx.needs_input_grad[0]:
+            found, ctx.waves = transfer._depth_waves(modulation, dioptres)
+        else:
+            found = [transfer._depth_waves(modulation, (one,))[0][0] for one in dioptres]
         return torch.stack(found)
 
     @staticmethod
@@ -154,13 +213,29 @@ class _DepthTransfer(torch.autograd.Function):
     @in_full_precision
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
         (modulation,) = ctx.saved_tensors
-        transfer: PatternTransfer = ctx.transfer
-        total = torch.zeros_like(modulation)
-        for one, wave, by_transfer in zip(ctx.dioptres, ctx.waves, gradient, strict=True):
-            by_light = transfer._transfer_adjoint(by_transfer)
-            total += transfer._wave_adjoint(2 * by_light * wave, one)
+        total = ctx.transfer._gradient_by_modulation(gradient, ctx.waves, ctx.dioptres)
         by_phase = total.imag * modulation.real - total.real * modulation.imag
         return by_phase.to(ctx.phase_dtype), None, None
+
+
+class _FieldTransfer(torch.autograd.Function):
+    """The autograd function of the OTFs of a panel's field at depths, one depth at a time."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, field: torch.Tensor, transfer: PatternTransfer, dioptres: tuple[float, ...]
+    ) -> torch.Tensor:
+        found, waves = transfer._depth_waves(field.detach(), dioptres)
+        ctx.transfer, ctx.dioptres = transfer, dioptres
+        ctx.waves = waves if ctx.needs_input_grad[0] else []
+        return torch.stack(found)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    @in_full_precision
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
+        by_field = ctx.transfer._gradient_by_modulation(gradient, ctx.waves, ctx.dioptres)
+        return by_field, None, None
 
 
 def binned_phasors(

@@ -89,11 +89,12 @@ class SearchState:
     pending : list of int
         Parts of the depth range that are still to be drawn from in this turn.
     remembered : list of torch.Tensor
-        For each wavelength, the OTF of each part of the range; empty for the known depth.
+        For each wavelength and condition, the OTF of each part of the range; empty for the known
+        depth.
     sums : list of tuple of torch.Tensor
-        For each wavelength, their sum, and that of their squared moduli.
+        For each filter, their sum, and that of their squared moduli.
     band_errors : list of float
-        Errors of the wavelengths, each averaged over its last steps.
+        Errors of the wavelengths and conditions, each averaged over its last steps.
     errors : list of float
         Errors of the last steps with the depth known, from which `history` is estimated.
     history : list of tuple of (int, float)

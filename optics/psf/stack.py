@@ -14,7 +14,7 @@ from optics.camera import Camera
 from optics.chain import GridEngine, panel_spectrum
 from optics.plane import Plane
 from optics.psf.operator import PSFOperator
-from optics.psf.pattern_symmetry import symmetric_shape
+from optics.psf.pattern_symmetry import expand_phase, symmetric_shape
 from optics.psf_engines.amplitude_scale import normalise_amplitude
 from optics.threads import in_full_precision
 from optics.validation import accepts_numpy
@@ -74,7 +74,8 @@ class PSFStack:
                 raise ValueError(f"{name} is empty; give one at least")
         self._budget = budget or Budget()
         self.pixels = pixels
-        self._pattern_shape = symmetric_shape(settings.get("symmetry", "none"), camera.panel.shape)
+        self._symmetry, self._panel_shape = settings.get("symmetry", "none"), camera.panel.shape
+        self._pattern_shape = symmetric_shape(self._symmetry, self._panel_shape)
         plan = partial(PSFOperator, camera, pixels=pixels, budget=self._budget, **settings)
         self.operators = [
             [[plan(distance=z, wavelength=w, field=one) for one in fields] for w in wavelengths]
@@ -171,20 +172,28 @@ class PSFStack:
     ) -> list[torch.Tensor]:
         """Compute the PSFs of one colour band of the stack."""
         operators, shared = self._operators_of_band(band), self._shared_spectra[band]
-        spectrum = shared.spectrum(phase, amplitude)
-        straight = None
-        if phase is not None and any(one.needs_unmodulated_psf(amplitude) for one in operators):
-            straight = shared.spectrum(None, amplitude)
+        # A symmetric pattern with an amplitude is computed by operators with other grids.
+        can_share = shared.is_planned and (self._symmetry == "none" or amplitude is None)
+        spectrum = straight = None
+        if can_share:
+            spectrum = shared.spectrum(self._expand(phase), amplitude)
+            if phase is not None and any(one.needs_unmodulated_psf(amplitude) for one in operators):
+                straight = shared.spectrum(None, amplitude)
         again = self._needs_recomputation(spectrum)
         found = []
         for one in operators:
-            known = (spectrum, straight) if shared.can_serve(one) else (None, None)
+            serves = can_share and shared.can_serve(one)
+            known = (spectrum, straight) if serves else (None, None)
             if again and known[0] is not None:
                 light = checkpoint(one.evaluate, phase, amplitude, *known, use_reentrant=False)
             else:
                 light = one.evaluate(phase, amplitude, *known)
             found.append(light)
         return found
+
+    def _expand(self, phase: torch.Tensor | None) -> torch.Tensor | None:
+        """Expand the phase of a symmetric pattern to all pixels of the PSF stack's panel."""
+        return None if phase is None else expand_phase(self._symmetry, phase, self._panel_shape)
 
     def _needs_recomputation(self, spectrum: torch.Tensor | None) -> bool:
         """Tell whether derivatives of the PSF stack should compute sensor fields again.
@@ -227,14 +236,16 @@ class _SharedSpectrum:
             one.use_shared_spectrum(lengths, held)
             one.prepare()
 
+    @property
+    def is_planned(self) -> bool:
+        """Whether there are operators that can use one spectrum of the panel."""
+        return bool(self._engines)
+
     def can_serve(self, operator: PSFOperator) -> bool:
         return any(operator.engine is one for one in self._engines)
 
-    def spectrum(
-        self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
-    ) -> torch.Tensor | None:
-        if not self._engines:
-            return None
+    def spectrum(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+        """Compute the spectrum of a panel's pattern, which is given on all pixels."""
         first = self._engines[0]
         return panel_spectrum(
             first.propagator, first.panel_field(phase, normalise_amplitude(amplitude, 2)[0])

@@ -35,24 +35,30 @@ QuadratureRule = tuple[tuple[float, tuple[float, ...]], ...]
 phases in the phase at the node."""
 
 
-def fringing_field_mean(phase: torch.Tensor, sigma: float, side: float) -> torch.Tensor:
+def fringing_field_mean(
+    phase: torch.Tensor, sigma: float, side: float, nodes: int | None = None
+) -> torch.Tensor:
     """Compute the complex mean field of each SLM pixel, with the phase blurred by fringing fields.
 
     The mean of exp(i blurred phase) is taken over the pixel's active area. phase: radians, (...,
     rows, columns). sigma: standard deviation of the blur, in pixels. side: side of the square that
-    modulates, in pixels. The panel's outermost pixels are continued.
+    modulates, in pixels. The panel's outermost pixels are continued. nodes: points along a pixel's
+    side of which the mean is taken; by default as many as keep the error to TOL.
 
     The blurred staircase is a sum of error functions, which can be evaluated at any point. The
-    mean is taken over Gauss-Legendre nodes inside the pixel, as many as the largest step needs,
-    and no array is finer than the panel. The result can be differentiated once. The nodes are
-    computed again for the gradient, so that the memory stays that of a few pictures.
+    mean is taken over Gauss-Legendre nodes inside the pixel, by default as many as the largest
+    step needs, and no array is finer than the panel. The result can be differentiated once. The
+    nodes are computed again for the gradient, so that the memory stays that of a few pictures.
 
     Raises ValueError for phase steps that need more than 32 nodes.
     """
-    down, along = (
-        _quadrature_rule(sigma, side, _round_up_step(_largest_step(phase, axis)))
-        for axis in (-2, -1)
-    )
+    if nodes is None:
+        down, along = (
+            _quadrature_rule(sigma, side, _round_up_step(_largest_step(phase, axis)))
+            for axis in (-2, -1)
+        )
+    else:
+        down = along = _nodes(sigma, _gauss_nodes_on((-side / 2, side / 2), nodes))
     return _FringingFieldMean.apply(phase, down, along)  # type: ignore[no-untyped-call]
 
 

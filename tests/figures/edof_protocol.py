@@ -35,9 +35,9 @@ from optics.patterns import (
 from optics.quarter_symmetry import crop_quarter
 from optics.threads import single_threaded
 
-_DATA = Path(__file__).parents[3] / "shared/data/natural"
+DATA = Path(__file__).parents[3] / "shared/data/natural"
 
-_JUDGED = ("01", "04", "07", "11", "15", "18", "22", "24")
+JUDGED = ("01", "04", "07", "11", "15", "18", "22", "24")
 """Numbers of the Kodak photographs: every third of those that are there, and the last."""
 
 CAMERA = Camera(Panel(unmodulated=0.0), Lens(0.1, 5.6, math.inf), Sensor(pitch=3.45e-6))
@@ -55,7 +55,7 @@ _BASELINE_GOALS = {"cubic, 1 wave": 19.0, "cubic": 20.2, "log asphere": 21.0, "r
 _BASELINE_ERROR = 0.3
 """Goals in dB. The baselines' are those of an independent study, on two of Kodak's photographs."""
 
-_SCENE_SIDE = 1536
+SCENE_SIDE = 1536
 """Pixels to which the shortest edge of a photograph is resized whose border is true."""
 
 _CUBICS = (10.0, 20.0, 40.0)
@@ -65,10 +65,10 @@ _CUBICS = (10.0, 20.0, 40.0)
 @single_threaded
 def edof_protocol_figures(folder: Path) -> list[Figure]:
     """Strict protocol with both noises, a true border, and the published simulation's protocol."""
-    if not (_DATA / "kodak").is_dir():
+    if not (DATA / "kodak").is_dir():
         why = "not measured: the photographs aren't beside the checkout"
         return [Figure("patterns for depth of field on photographs", "see the goals", why, None)]
-    return [*strict_figures(_JUDGED), *border_figures(), authors_figure()]
+    return [*strict_figures(JUDGED), *border_figures(), authors_figure()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class _Strict:
 
 def strict_figures(names: Sequence[str]) -> list[Figure]:
     """The designed pattern beside hand-made ones: periodic scenes, one Wiener filter."""
-    pictures = [_read(_DATA / f"kodak/kodim{name}.png") for name in names]
+    pictures = [read_photograph(DATA / f"kodak/kodim{name}.png") for name in names]
     decoder = _wiener(STRICT)
     made = hand_made()
     designed = PupilPattern("designed", design(STRICT))
@@ -194,8 +194,8 @@ def _stop_figure(table: EvaluationTable) -> Figure:
 
 def border_figures() -> list[Figure]:
     """The same scenes with what lies beyond the frame, and as if they were periodic."""
-    pictures = _unsplash(slice(3, 6))
-    resized = replace(STRICT, shortest_edge=_SCENE_SIDE)
+    pictures = unsplash(slice(3, 6))
+    resized = replace(STRICT, shortest_edge=SCENE_SIDE)
     decoder, designed = _wiener(resized), PupilPattern("designed", design(STRICT))
     true, periodic = (
         _evaluate([designed], pictures, resized.with_border(border), decoder)
@@ -221,7 +221,7 @@ def border_figures() -> list[Figure]:
 
 def authors_figure() -> Figure:
     """Pixels five times larger, photographs of 2048 pixels in linear light."""
-    pictures, decoder = _unsplash(slice(3, 6)), _wiener(AUTHORS)
+    pictures, decoder = unsplash(slice(3, 6)), _wiener(AUTHORS)
     designed = PupilPattern("designed", design(AUTHORS))
     table = _evaluate([designed], pictures, AUTHORS, decoder)
     linear, coded = (
@@ -250,7 +250,7 @@ def design(protocol: EdofProtocol) -> torch.Tensor:
     if protocol.binning == 1:
         spectrum = NATURAL_SPECTRUM.on_grid(transfer.grid)
     else:
-        trained = measure_training_spectrum(_unsplash(slice(3)), protocol)(optics.size)
+        trained = measure_training_spectrum(unsplash(slice(3)), protocol)(optics.size)
         spectrum = transfer.grid.select_quarter(trained)
     found = design_pattern(
         transfer,
@@ -291,9 +291,11 @@ def _rings() -> torch.Tensor:
 @cache
 def _wiener(protocol: EdofProtocol) -> BlindDecoder:
     """One filter for all depths, for the spectrum of photographs that nothing is judged on."""
-    pictures = _unsplash(slice(3))
+    pictures = unsplash(slice(3))
     if protocol.shortest_edge is None:
-        pictures = [_read(path) for path in sorted((_DATA / "bsds500_train").glob("*.jpg"))]
+        pictures = [
+            read_photograph(path) for path in sorted((DATA / "bsds500_train").glob("*.jpg"))
+        ]
     return blind_wiener(measure_training_spectrum(pictures, protocol))
 
 
@@ -310,11 +312,11 @@ def _row(table: EvaluationTable, pattern: str) -> ScoreRow:
     return table.find(pattern, "blind Wiener")
 
 
-def _unsplash(some: slice) -> list[torch.Tensor]:
-    return [_read(path) for path in sorted((_DATA / "unsplash").glob("*.jpg"))[some]]
+def unsplash(some: slice) -> list[torch.Tensor]:
+    return [read_photograph(path) for path in sorted((DATA / "unsplash").glob("*.jpg"))[some]]
 
 
-def _read(path: Path) -> torch.Tensor:
+def read_photograph(path: Path) -> torch.Tensor:
     """sRGB values of a photograph: red, green, blue, uint8."""
     stored = cv2.imread(str(path), cv2.IMREAD_COLOR)
     assert stored is not None

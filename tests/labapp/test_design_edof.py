@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import cv2
 import h5py
@@ -12,14 +13,16 @@ import torch
 from small_bench.files import write_small
 
 import labapp.edof.command as command
+from labapp.common.errors import UserError
 from labapp.edof.design_problem import EdofProblem
 from labapp.edof.design_request import EdofRequest
+from labapp.edof.design_search import search_pattern
 from labapp.edof.design_state import DesignStateFile
 from labapp.files.bench_file import read_bench
 from labapp.files.design_file import read_design
 from labapp.files.state_file import StateFile
 from optics.edof.search_state import SearchState
-from optics.progress import Progress
+from optics.progress import Cancelled, Progress
 from optics.psf import PSFOperator
 from optics.slm import grey_to_phase, max_phase, phase_to_grey
 
@@ -128,14 +131,14 @@ def test_a_cancelled_design_goes_on_to_the_same_pattern(small, tmp_path, decoder
     settings = {**problem.request.as_data(), "steps": 30}
 
     def search(state, kept, progress):
-        return command._search(problem, transfer, start, 30, state, kept, progress)
+        return search_pattern(problem, transfer, start, 30, state, kept, progress)
 
     whole = search(
         SearchState(), DesignStateFile(StateFile(tmp_path / "a", "design"), settings), Progress()
     )
     progress = Progress(lambda fraction, _: progress.cancel() if fraction > 0.3 else None)
     kept = DesignStateFile(StateFile(tmp_path / "b", "design"), settings)
-    with pytest.raises(command.Cancelled):
+    with pytest.raises(Cancelled):
         search(SearchState(), kept, progress)
     assert StateFile(tmp_path / "b", "design").read_steps() == 30
     again = DesignStateFile(StateFile(tmp_path / "b", "design"), settings)
@@ -251,3 +254,55 @@ def test_the_file_names_what_a_pattern_needs_to_be_shown(made):
         assert {"focus_dioptre", "orientation", "lut", "near", "far", "noise"} <= set(settings)
         assert file["entry/wavelength"].attrs["units"] == "m"
         assert {"steps", "cpu_seconds", "bound"} <= set(file["entry/quality"])
+
+
+@pytest.mark.parametrize("orders", [1, 2])
+def test_a_design_for_fringing_stays_within_the_panels_range(labapp, small, tmp_path, orders):
+    """The phase isn't wrapped again when it is shown, and the file tells of the conditions."""
+    code, _, err = labapp(
+        *("design", "edof", "--bench", small.bench, "--size", "64", "--steps", "6", *DEPTHS),
+        *("--orders", orders, "--fringing-um", "3", "--response-error", ".05"),
+        *("--out", tmp_path / "a.h5"),
+    )
+    assert code == 0, err
+    found = read_design(tmp_path / "a.h5")
+    assert found.settings["fringing"] == pytest.approx(3e-6)
+    assert found.settings["response_error"] == 0.05
+    panel = read_bench(small.bench).build_camera().panel
+    shown = grey_to_phase(panel, torch.from_numpy(found.grey[0]), 520e-9)
+    step = max_phase(panel, 520e-9) / (panel.levels - 1)
+    assert float((shown - torch.from_numpy(found.phase[0])).abs().max()) <= 0.51 * step
+    assert found.phase.max() <= orders * 2 * np.pi - 0.99 * step
+
+
+def test_the_conditions_of_a_design_share_the_wavelengths_filters(small):
+    problem = problem_of(
+        small, wavelengths=(520e-9, 620e-9), fringing=3e-6, response_error=0.1, start="flat"
+    )
+    bands = problem.further_bands()
+    assert [one.filter_of for one in bands] == [None, 0, 1, 0, 1, 0, 1]
+    assert [one.response for one in problem.conditions] == pytest.approx([1, 0.9, 1.1])
+    assert {one.coupling for one in problem.conditions} == {3e-6}
+
+
+def test_without_a_request_the_bench_says_how_its_pixels_couple(small):
+    camera = read_bench(small.bench).build_camera()
+    coupled = replace(camera, panel=replace(camera.panel, coupling=2e-6))
+    assert EdofProblem(request_of(small), camera).conditions == ()
+    (found,) = EdofProblem(request_of(small), coupled).conditions
+    assert found.coupling == 2e-6
+    radial = request_of(small, parametrisation="radial")
+    assert EdofProblem(radial, coupled).conditions == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fringing": -1e-6}, "--fringing-um -1"),
+        ({"response_error": 0.7}, "--response-error 0.7"),
+        ({"fringing": 1e-6, "parametrisation": "radial"}, "choose quarter or free"),
+    ],
+)
+def test_conditions_that_no_design_can_stand_are_refused(small, change, message):
+    with pytest.raises(UserError, match=message):
+        request_of(small, **change)

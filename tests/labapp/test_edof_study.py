@@ -172,8 +172,9 @@ def test_one_filter_sharpens_what_is_out_of_focus(monkeypatch):
         Sensor(shape=(64, 64), pitch=3.45e-6),
     )
     settings = EdofSettings(frame_px=64, scored_px=32)
-    plain, wiener = decoders_of(PupilPattern("none"), camera, settings)
+    plain, wiener, network = decoders_of(PupilPattern("none"), camera, settings)
     assert (plain.label, wiener.label) == ("as taken", "one Wiener filter, blind")
+    assert network.label == "filter and network, blind"
     truth = np.zeros((64, 64))
     truth[:, 32:] = 1.0
     # The panel's size times .03 dioptres times the focal length, in pixels.

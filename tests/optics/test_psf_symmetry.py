@@ -192,3 +192,17 @@ def test_a_mirrored_pattern_apart_from_an_open_lens_takes_a_quarter(distance):
     assert relative(one(given).numpy(), truth.numpy()) <= 3e-2
     strict = PSFOperator(camera, distance, WAVELENGTH, pixels, symmetry="quarter", tol=1e-3)
     assert relative(strict(given).numpy(), truth.numpy()) <= 2e-3
+
+
+def test_a_stack_apart_from_its_lens_takes_a_quarter():
+    """Its PSFs are computed from one spectrum of the whole panel, as those of single operators."""
+    camera = replace(open_camera((12, 16)), separation=0.05)
+    pixels, given = Plane((9, 8), (20e-6, 20e-6)), random_pattern("quarter", (12, 16))
+    settings = {"symmetry": "quarter", "integrate": False, "tol": 1e-2}
+    stack = PSFStack(camera, (1.0, 0.5), (WAVELENGTH,), pixels, **settings)
+    whole = expand_phase("quarter", given, camera.panel.shape)
+    half = torch.full(given.shape, math.sqrt(0.5))
+    for light in (stack(given), 2 * stack(given, half)):
+        for distance, found in zip((1.0, 0.5), light[:, 0, 0], strict=True):
+            plain = PSFOperator(camera, distance, WAVELENGTH, pixels, integrate=False, tol=1e-3)
+            assert relative(found.numpy(), plain(whole).numpy()) <= 1.2e-2

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import cv2
 import numpy as np
@@ -12,12 +14,19 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from labapp.common.figure_png import figure_to_png
+from labapp.edof.decoder_facts import describe_decoder
 from labapp.files.photograph_file import Light, encode_srgb
+from labapp.pictures.reconstructing.decoding import DecodedPhotograph
+from labapp.pictures.reconstructing.decoding_request import DecodingProblem
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from labapp.pictures.reconstructing.restoration import RestoredPicture
 
 _TITLE_WIDTH = 170
 """Characters of a line of the title."""
+
+_DRAWN_PSF = 257
+"""Pixels along a side of the part of a mean PSF that is drawn. Chosen: most of its light is there,
+and its rings can be told apart."""
 
 
 def draw_before_after(
@@ -27,21 +36,54 @@ def draw_before_after(
 
     `captions` are the titles of the photograph before and after.
     """
-    rows, columns = problem.light.shape[1:]
+    title = f"{problem.source}: {outcome.method}, {outcome.verdict}"
+    beside = (
+        partial(_draw_psf, psf=problem.psf),
+        partial(_draw_residual, residual=outcome.residual_map),
+    )
+    shown = [
+        screen_levels(problem.to_screen(light), problem.white)
+        for light in (problem.blurred_bands, outcome.light)
+    ]
+    return _draw(title, shown, captions, beside)
+
+
+def draw_before_decoded(
+    posed: DecodingProblem, decoded: DecodedPhotograph, captions: tuple[str, str]
+) -> bytes:
+    """Draw a photograph before and after its decoding as PNG, and return the file's bytes.
+
+    Beside them are the pattern and the mean PSF over depths. `captions` are the titles of the
+    photograph before and after.
+    """
+    problem, white = posed.problem, posed.white
+    title = f"{problem.source}: {describe_decoder(posed.pattern)}"
+    beside = (
+        partial(_draw_psf, psf=middle_of_psf(problem.psf), name="Mean PSF"),
+        partial(_draw_pattern, grey=posed.pattern.grey),
+    )
+    shown = [screen_levels(light, white) for light in (problem.light, decoded.light)]
+    return _draw(title, shown, captions, beside)
+
+
+def _draw(
+    title: str,
+    pictures: Sequence[NDArray[np.uint8]],
+    captions: tuple[str, str],
+    beside: tuple[Callable[[Axes], None], Callable[[Axes], None]],
+) -> bytes:
+    """Draw a picture before and after restoration, and two more drawings beside them, as PNG."""
+    rows, columns = pictures[0].shape[:2]
     tall = 5.4 * min(max(rows / columns, 0.5), 1.6)
     figure = Figure(figsize=(14.5, tall + 0.9), dpi=110, layout="constrained")
-    title = f"{problem.source}: {outcome.method}, {outcome.verdict}"
     figure.suptitle(textwrap.fill(title, _TITLE_WIDTH), fontsize=11)
     grid = figure.add_gridspec(2, 3, width_ratios=[1, 1, 0.46])
-    before, after = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[:, 1])
-    for axes, light, title in zip(
-        (before, after), (problem.blurred_bands, outcome.light), captions, strict=True
-    ):
-        shown = screen_levels(problem.to_screen(light), problem.white)
+    for column, (shown, caption) in enumerate(zip(pictures, captions, strict=True)):
+        axes = figure.add_subplot(grid[:, column])
         axes.imshow(shown, cmap="gray", vmin=0, vmax=255)
-        _strip_ticks(axes, title)
-    _draw_psf(figure.add_subplot(grid[0, 2]), problem.psf)
-    _draw_residual(figure.add_subplot(grid[1, 2]), outcome.residual_map)
+        _strip_ticks(axes, caption)
+    for row, draw in enumerate(beside):
+        draw(figure.add_subplot(grid[row, 2]))
     return figure_to_png(figure)
 
 
@@ -59,13 +101,19 @@ def screen_levels(light: Light, white: float) -> NDArray[np.uint8]:
     return encode_srgb(picture[..., 0] if picture.shape[-1] == 1 else picture)
 
 
-def _draw_psf(axes: Axes, psf: Light) -> None:
+def middle_of_psf(psf: Light) -> Light:
+    """Return the middle of a PSF that is larger than its drawing has room for."""
+    top, left = (max(n - _DRAWN_PSF, 0) // 2 for n in psf.shape[1:])
+    return psf[:, top : psf.shape[1] - top, left : psf.shape[2] - left]
+
+
+def _draw_psf(axes: Axes, psf: Light, name: str = "PSF") -> None:
     """Draw the PSF with which a picture was restored."""
     mean = psf.mean(0)
     peak, lowest_ratio = float(mean.max()), 1e-4
     norm = LogNorm(peak * lowest_ratio, peak)
     drawn = axes.imshow(np.maximum(mean, peak * lowest_ratio), cmap="magma", norm=norm)
-    _strip_ticks(axes, f"PSF, {psf.shape[2]} x {psf.shape[1]} pixels, 4 decades")
+    _strip_ticks(axes, f"{name}, {psf.shape[2]} x {psf.shape[1]} pixels, 4 decades")
     axes.figure.colorbar(drawn, ax=axes, shrink=0.85, pad=0.02)
 
 
@@ -79,6 +127,12 @@ def _draw_residual(axes: Axes, residual: Light) -> None:
     drawn = axes.imshow(mean, cmap="RdBu_r", vmin=-4.0, vmax=4.0)
     _strip_ticks(axes, "Unexplained, in units of the noise")
     axes.figure.colorbar(drawn, ax=axes, shrink=0.85, pad=0.02)
+
+
+def _draw_pattern(axes: Axes, grey: NDArray[np.uint8]) -> None:
+    """Draw the grey levels of the pattern that a picture was taken through."""
+    axes.imshow(grey, cmap="gray")
+    _strip_ticks(axes, f"Pattern, {grey.shape[1]} x {grey.shape[0]} pixels")
 
 
 def _strip_ticks(axes: Axes, title: str) -> None:

@@ -12,6 +12,7 @@ from labapp.common.console import out, print_json, print_message, print_table, t
 from labapp.common.speed import machine_speed
 from labapp.files.writing import encode_image, write_atomically
 from labapp.pictures.analysis.colour_filters import ColourFilters
+from labapp.pictures.analysis.score import ReferencePicture, Score
 from labapp.pictures.reconstructing.before_after import draw_before_after
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem
@@ -99,14 +100,21 @@ def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[st
         ["verdict", _verdict_with_options(outcome)],
         ["processor time", f"{outcome.cpu_seconds:.2f} s"],
     ]
-    if (known := problem.reference) is not None and outcome.scores is not None:
-        before, after = outcome.scores
-        gain = f"{before.psnr:.2f} to {after.psnr:.2f} dB, {after.psnr - before.psnr:+.2f}"
-        rows.append(["PSNR", f"{gain} ({known.crop}, peak {known.white:g})"])
-        if np.isfinite(after.ssim):
-            rows.append(["SSIM", f"{before.ssim:.3f} to {after.ssim:.3f}"])
-        rows.append(["against", known.source])
-    return rows
+    return rows + score_rows(problem.reference, outcome.scores)
+
+
+def score_rows(
+    known: ReferencePicture | None, scores: tuple[Score, Score] | None
+) -> list[list[str]]:
+    """Return the printed rows on a picture's scores before and after; none without a truth."""
+    if known is None or scores is None:
+        return []
+    before, after = scores
+    gain = f"{before.psnr:.2f} to {after.psnr:.2f} dB, {after.psnr - before.psnr:+.2f}"
+    rows = [["PSNR", f"{gain} ({known.crop}, peak {known.white:g})"]]
+    if np.isfinite(after.ssim):
+        rows.append(["SSIM", f"{before.ssim:.3f} to {after.ssim:.3f}"])
+    return [*rows, ["against", known.source]]
 
 
 def _describe_colours(filters: ColourFilters) -> str:
@@ -162,7 +170,7 @@ def _as_data(
         "dead_share": float((~np.isfinite(problem.light)).mean()),
         "colours": _colours_as_data(problem.filters),
         "cpu_s": outcome.cpu_seconds,
-        "score": _score(problem, outcome),
+        "score": score_as_data(problem.reference, outcome.scores),
         "notes": list(problem.notes),
         "file": str(files.data),
         "picture": str(files.picture),
@@ -183,11 +191,12 @@ def _colours_as_data(filters: ColourFilters | None) -> dict[str, Any] | None:
     }
 
 
-def _score(problem: RestorationProblem, outcome: RestoredPicture) -> dict[str, Any] | None:
+def score_as_data(
+    known: ReferencePicture | None, scores: tuple[Score, Score] | None
+) -> dict[str, Any] | None:
     """Return the picture's scores before and after its restoration for JSON; None without any."""
-    known = problem.reference
-    if known is None or outcome.scores is None:
+    if known is None or scores is None:
         return None
     told: dict[str, Any] = {"against": known.source, "crop": known.crop, "peak": known.white}
-    scores = [one.as_data for one in outcome.scores]
-    return told | {name: [one[name] for one in scores] for name in scores[0]}
+    found = [one.as_data for one in scores]
+    return told | {name: [one[name] for one in found] for name in found[0]}

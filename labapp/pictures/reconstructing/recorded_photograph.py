@@ -190,6 +190,10 @@ def read_recorded_photograph(
     """
     with Record(path) as record:
         roles = _choose_roles(record, choice)
+        if not star:
+            # The neutral photograph, unlike the PSF, needs no star.
+            plan = record.plan.reconstruct or Reconstruction(coded=roles.coded)
+            roles = roles.model_copy(update={"neutral": plan.neutral})
         names = {roles.photograph, roles.star} if star else {roles.photograph}
         merged = merge_all(record, progress.part(0, 0.9), names)
         found = find_photograph(record, merged, roles, star=star, frame=choice.frame)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,12 +17,25 @@ from labapp.pictures.analysis.score import ReferencePicture
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from labapp.pictures.reconstructing.psf_files import read_psf_file
 from labapp.pictures.reconstructing.recorded_photograph import (
+    RecordedPhotograph,
     RecordSelection,
     is_record,
     read_recorded_photograph,
 )
 from optics.operators.blur import BORDERS, Border
 from optics.progress import Progress
+
+
+@dataclass(frozen=True, eq=False)
+class PictureToRestore:
+    """A picture that was read from a file: its light, (bands, rows, columns), and clipped pixels.
+
+    `read` is the picture as the file has it.
+    """
+
+    read: InputPhotograph
+    light: Light
+    clipped: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -115,31 +129,30 @@ class RestorationRequest:
             f"--truth {self.truth}: is {is_} (bands, rows, columns); it must be {wanted}."
         )
 
-    def _problem_from_picture(self, progress: Progress) -> RestorationProblem:
-        choice = self.choice
-        if choice.target is not None:
-            raise UserError(f"--target {choice.target}: {self.source} is no record. Leave it out.")
-        if self.psf is None and self.blind is None:
+    def read_picture(self, progress: Progress) -> PictureToRestore:
+        """Read the picture to restore from its file; UserError if that is wrong."""
+        if self.choice.target is not None:
             raise UserError(
-                f"{self.source}: what has blurred it? Give its PSF: --psf FILE, or let it be "
-                "looked for: --blind SIZE."
+                f"--target {self.choice.target}: {self.source} is no record. Leave it out."
             )
         progress.report(0, f"reading {self.source.name}")
-        read = read_photograph(self.source, linear=self.linear, frame=choice.frame)
+        read = read_photograph(self.source, linear=self.linear, frame=self.choice.frame)
         light, clipped = read.light - self._dark_level(read), self._clipped_pixels(read)
         self._require_reference_shape(light.shape)
-        if self.psf is None:
-            psf, told, notes = self._estimate_psf(light, clipped, progress)
-        else:
-            (psf, notes), told = read_psf_file(self.psf, len(read.levels), choice), str(self.psf)
-        unit = "of white" if read.is_srgb else "levels"
+        return PictureToRestore(read, light, clipped)
+
+    def build_picture_problem(
+        self, picture: PictureToRestore, psf: Light, psf_source: str, notes: Sequence[str] = ()
+    ) -> RestorationProblem:
+        """Build the restoration problem of a picture that was read from a file, and a PSF."""
+        read, light = picture.read, picture.light
         return RestorationProblem(
             np.where(np.isfinite(light), light, np.nan).astype(np.float32),
             psf,
-            clipped,
+            picture.clipped,
             str(self.source),
-            told,
-            unit,
+            psf_source,
+            "of white" if read.is_srgb else "levels",
             _full_scale(read),
             read.is_srgb or read.levels.dtype.kind == "f",
             self.noise,
@@ -148,15 +161,38 @@ class RestorationRequest:
             reference=self.reference,
         )
 
-    def _problem_from_record(self, progress: Progress) -> RestorationProblem:
+    def read_record(self, progress: Progress, *, star: bool) -> RecordedPhotograph:
+        """Read the photograph to restore from its record; the PSF is read if `star` is true.
+
+        Raises UserError for options that a record doesn't have.
+        """
         for name in ("clip", "dark", "linear"):
             if getattr(self, name) is not None:
                 raise UserError(
                     f"--{name}: {self.source} is a record, which knows its own. Leave it out."
                 )
-        unknown = self.psf is None and self.blind is None
-        found = read_recorded_photograph(self.source, self.choice, progress, star=unknown)
+        found = read_recorded_photograph(self.source, self.choice, progress, star=star)
         self._require_reference_shape((found.band_count, *found.light.shape[1:]))
+        return found
+
+    def _problem_from_picture(self, progress: Progress) -> RestorationProblem:
+        if self.psf is None and self.blind is None:
+            raise UserError(
+                f"{self.source}: what has blurred it? Give its PSF: --psf FILE, or let it be "
+                "looked for: --blind SIZE."
+            )
+        picture = self.read_picture(progress)
+        notes: Sequence[str]
+        if self.psf is None:
+            psf, told, notes = self._estimate_psf(picture.light, picture.clipped, progress)
+        else:
+            psf, notes = read_psf_file(self.psf, len(picture.read.levels), self.choice)
+            told = str(self.psf)
+        return self.build_picture_problem(picture, psf, told, notes)
+
+    def _problem_from_record(self, progress: Progress) -> RestorationProblem:
+        unknown = self.psf is None and self.blind is None
+        found = self.read_record(progress, star=unknown)
         psf, told, notes = None, "", list[str]()
         if self.blind is not None:
             if found.filters is not None:

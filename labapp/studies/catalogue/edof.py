@@ -24,7 +24,8 @@ class EdofSettings(StudySettings):
     }
 
     pattern: Annotated[
-        str, Field(description="design file of labapp design edof; empty: the packaged pattern")
+        str,
+        Field(description="file of labapp train edof or design edof; empty: the bundled pattern"),
     ] = ""
     distances_m: Annotated[
         tuple[Positive, ...],
@@ -65,7 +66,8 @@ STUDY = Study(
         "Stars, a print and objects that hide each other are photographed with the designed "
         "pattern, with hand-made rings and without a pattern. Stars give the PSFs, which are "
         "compared with simulated ones. Pictures are decoded by one Wiener filter for all "
-        "distances, and compared with pictures of the same things in focus."
+        "distances, alone and with the trained network behind it, and compared with pictures of "
+        "the same things in focus."
     ),
     settings=EdofSettings,
     module="labapp.studies.edof",

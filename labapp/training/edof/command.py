@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-import math
+import hashlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
-from labapp.common.console import out, print_table
+from labapp.common.console import out
 from labapp.edof.design_problem import EdofProblem
 from labapp.edof.design_search import search_pattern
 from labapp.edof.design_state import DesignStateFile
-from labapp.edof.trained_pattern import decoder_contents
 from labapp.files.bench_file import BenchFile, read_bench
-from labapp.files.design_file import DesignContents, Grid, write_design
 from labapp.files.state_file import StateFile
-from labapp.files.writing import encode_image, write_atomically
 from labapp.training.command import show_progress, train_for_command
 from labapp.training.edof.captures import MixedPictures, SceneSampler
 from labapp.training.edof.config import EdofTrainingConfig
 from labapp.training.edof.decoder_task import DecoderTask, decoder_schedule
 from labapp.training.edof.joint_task import JointTask, PatternWithDecoder, joint_schedule
 from labapp.training.edof.optics_table import tabulate_optics
+from labapp.training.edof.requirements import require_samples, require_usable
+from labapp.training.edof.result import TrainedResult, print_result, write_result
 from labapp.training.edof.training_data import measure_spectrum, read_pictures
 from labapp.training.loop import TrainingResult
 from labapp.training.manifest import DataManifest
@@ -36,12 +34,10 @@ from labapp.training.task import TrainingTask
 from optics.edof.learned import DecoderNetwork
 from optics.edof.picture_spectrum import SpectrumModel
 from optics.edof.search_state import SearchState
-from optics.psf import PSFOperator
-from optics.slm import phase_to_grey
 from optics.threads import single_threaded
 
-_SHOWN_DEPTHS, _SHOWN_PIXELS = 3, 129
-"""Depths and pixels along a side of the PSFs in the file. Chosen, so that it stays small."""
+DEFAULT_STEPS = 20000
+"""Steps of a training, unless others or minutes are asked for. Chosen."""
 
 _STEPS_AHEAD = 8
 """Steps of which scenes are drawn while a GPU trains. Chosen."""
@@ -100,10 +96,12 @@ def train_edof(request: TrainingRequest, files: Sequence[Path]) -> None:
     Raises
     ------
     UserError
-        If the configuration, the pictures, the device or a kept state can't be used.
+        If the configuration, the bench, the pictures, the device or a kept state can't be used, or
+        there are more processes than scenes of a step.
     """
     started = time.process_time()
     with join_processes(request.device) as processes:
+        require_samples(request.config, processes)
         training = _EdofTraining(request, files, processes)
         training.run()
         if processes.is_writer:
@@ -132,7 +130,15 @@ class _EdofTraining:
         self._design_problem = EdofProblem(asked, self._bench.build_camera(), self._spectrum)
         scenes = replace(asked, size=config.training.side)
         self._problem = EdofProblem(scenes, self._design_problem.camera, self._spectrum)
-        self._settings = {"config": config.as_data(), "data": _digest(self._manifest)}
+        self._start = self._design_problem.start_phase()
+        require_usable(self._problem, self._start, config)
+        # All that the result depends on: files by their content, not by their name.
+        self._settings = {
+            **config.as_settings(),
+            "data": _digest(self._manifest),
+            "bench checksum": _checksum(self._bench.model_dump_json().encode()),
+            "start checksum": _checksum(self._start.numpy().tobytes()),
+        }
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self._network = DecoderNetwork(config.decoder.settings(config.scenes.light))
@@ -156,7 +162,9 @@ class _EdofTraining:
         if processes.is_writer:
             out.print(f"{stages.decoder} steps of the decoder, {stages.joint} joint ones")
         schedule = decoder_schedule(config, stages.decoder)
-        alone = train_for_command(task, schedule, self._state("decoder"), processes)
+        alone = train_for_command(
+            task, schedule, self._state("decoder"), processes, steps=stages.decoder
+        )
         self._network.load_state_dict(alone.weights)
         self._account |= {
             "decoder_steps": stages.decoder,
@@ -171,47 +179,32 @@ class _EdofTraining:
 
     def write(self, cpu_seconds: float) -> None:
         """Write the trained pattern with its decoder, and print what was reached."""
-        config, camera = self._request.config, self._problem.camera
-        design, pattern, listed = self._files
-        phase = self._problem.parametrisation.phase(self._parameters).detach()
-        wavelength = config.wavelength_nm * 1e-9
-        grey = phase_to_grey(camera.panel, phase, wavelength, 1).numpy()
         self._account |= {
-            "seed": config.seed,
+            "seed": self._request.config.seed,
             "processes": self._processes.count,
             "device": self._processes.device.type,
             "cpu_seconds": cpu_seconds,
             "data": _digest(self._manifest),
         }
-        contents = DesignContents(
-            title="extended depth of field, with decoder",
-            settings={"design": "edof", **self._problem.request.as_data()},
-            bench=self._bench.model_dump(mode="json"),
-            wavelength=wavelength,
-            grey=grey[None],
-            phase=None,
-            orders=1,
-            frame_time=0.0,
-            pixel_pitch=camera.panel.pitch,
-            psf=self._psfs(phase, wavelength),
-            target=None,
-            quality={"validation": float(self._validation())},
-            decoder=decoder_contents(
-                self._network, self._spectrum, config.as_data(), self._account
-            ),
+        result = TrainedResult(
+            self._request.config,
+            self._bench,
+            self._problem,
+            self._spectrum,
+            self._problem.whole_phase(self._parameters).detach(),
+            self._network,
+            self._manifest,
+            self._account,
         )
-        write_design(design, contents)
-        write_atomically(pattern, encode_image(pattern, grey))
-        if self._manifest is not None:
-            self._manifest.write(listed)
+        write_result(result, self._files)
         for name in ("design", "decoder", "joint"):
             self._state(name).unlink(missing_ok=True)
-        self._print(cpu_seconds)
+        print_result(result, self._files)
 
     def _design(self) -> torch.Tensor:
         """Design the pattern without pictures, in the writing process, for all of them."""
         config, problem = self._request.config, self._design_problem
-        start = problem.parametrisation.fit(problem.start_phase())
+        start = problem.parametrisation.fit(self._start)
         steps = config.pattern.design_steps
         holder = torch.nn.Module()
         holder.register_buffer("pattern", start.detach().clone().double())
@@ -237,7 +230,9 @@ class _EdofTraining:
         schedule = joint_schedule(self._request.config, steps)
         kept = self._state("joint")
         decoder = {name: value.clone() for name, value in self._network.state_dict().items()}
-        result: TrainingResult = train_for_command(task, schedule, kept, self._processes)
+        result: TrainingResult = train_for_command(
+            task, schedule, kept, self._processes, steps=steps
+        )
         last = result.history[-1][1]
         self._account |= {
             "joint_steps": steps,
@@ -268,14 +263,14 @@ class _EdofTraining:
     def _count_stages(self, task: TrainingTask, parameters: torch.Tensor) -> _Stages:
         """Return the steps of both stages: those of a kept state, or those that are asked for."""
         request, config = self._request, self._request.config
+        share = config.joint.share
+        if request.steps is not None:
+            return _share_steps(request.steps, share)
         kept = StateFile(self._state("decoder"), "training").read_settings()
         if kept is not None:
-            return _Stages(int(kept["steps"]), int(kept["joint_steps"]))
-        share = config.joint.share
+            return _Stages(int(kept["steps"]), int(kept.get("joint_steps", 0)))
         if request.minutes is None:
-            steps = request.steps or DEFAULT_STEPS
-            joint = round(steps * share)
-            return _Stages(max(steps - joint, 1), joint)
+            return _share_steps(DEFAULT_STEPS, share)
         alone = count_steps(
             task, decoder_schedule(config, 1000), request.minutes * (1 - share), self._processes
         )
@@ -291,54 +286,18 @@ class _EdofTraining:
         """Return the file that keeps the state of a stage of the training."""
         return self._files[0].with_suffix(f".{stage}-state")
 
-    def _validation(self) -> float:
-        """Return the validation score of the trained pattern and decoder, in dB."""
-        if self._account.get("joint_accepted"):
-            return float(self._account["joint_validation"][1])
-        return float(self._account["decoder_validation"])
 
-    def _psfs(self, phase: torch.Tensor, wavelength: float) -> Grid:
-        """Compute PSFs of the trained pattern at some depths, for its file."""
-        camera, (far, near) = self._problem.camera, self._problem.depth_range
-        side = min(_SHOWN_PIXELS, *camera.sensor.shape)
-        pixels = camera.sensor.window_plane((side, side))
-        found = []
-        for one in np.linspace(far, near, _SHOWN_DEPTHS):
-            distance = 1 / one if one > 0 else math.inf
-            operator = PSFOperator(camera, distance, wavelength, pixels, calls=1, tol=1e-2)
-            found.append(operator(phase).to(torch.float32))
-        return Grid.from_tensor(torch.stack(found), pixels)
-
-    def _print(self, cpu_seconds: float) -> None:
-        """Print what the training of pattern and decoder reached."""
-        account, decoder = self._account, self._network.settings
-        knowledge = "blind" if decoder.is_blind else "told the depth"
-        rows = [
-            ["decoder", f"{knowledge}, {count_weights(self._network):,} weights"],
-            ["decoder alone", f"{account['decoder_validation']:.2f} dB in validation"],
-        ]
-        if account["joint_steps"]:
-            first, last = account["joint_validation"]
-            kept = "kept" if account["joint_accepted"] else "not kept, as it is no better"
-            rows.append(["trained jointly", f"{first:.2f} to {last:.2f} dB, {kept}"])
-        rows.append(["processor time", f"{cpu_seconds / 60:.1f} min"])
-        print_table("Pattern with decoder", ["", ""], rows)
-        for note in [] if self._manifest is None else self._manifest.notes():
-            out.print(f"note: {note}", markup=False)
-        listed = self._files if self._manifest is not None else self._files[:2]
-        for one in listed:
-            out.print(f"wrote {one}", markup=False, soft_wrap=True)
-
-
-DEFAULT_STEPS = 20000
-"""Steps of a training, unless others or minutes are asked for. Chosen."""
-
-
-def count_weights(network: torch.nn.Module) -> int:
-    """Return the number of weights of a decoder's network."""
-    return sum(one.numel() for one in network.parameters())
+def _share_steps(steps: int, share: float) -> _Stages:
+    """Return the steps of both stages of a training, of so many in all and a joint share."""
+    joint = round(steps * share)
+    return _Stages(max(steps - joint, 1), joint)
 
 
 def _digest(manifest: DataManifest | None) -> str:
     """Return the checksum of a training's data; "drawn" without photographs."""
     return "drawn" if manifest is None else manifest.digest
+
+
+def _checksum(content: bytes) -> str:
+    """Return a short checksum of what a training depends on, by which another one is noticed."""
+    return hashlib.sha256(content).hexdigest()[:16]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import torch
 
 from labapp.training.edof.captures import (
@@ -16,6 +15,7 @@ from labapp.training.edof.captures import (
     unmodulated_shares,
 )
 from labapp.training.edof.config import EdofTrainingConfig
+from labapp.training.edof.depth_choice import depth_indices
 from labapp.training.edof.optics_table import OpticsTable
 from labapp.training.schedule import TrainingSchedule
 from labapp.training.task import VALIDATION_STEP
@@ -115,13 +115,6 @@ class DecoderTask:
         captures = capture_scenes(drawn, transfers, linear=self._config.scenes.light == "linear")
         front = optics.statistics.front(shares.to(captures.pictures.device))
         return decode_captures(self._network, captures, front, transfers), captures
-
-
-def depth_indices(chances: torch.Tensor, depths: np.ndarray) -> list[int]:
-    """Return which of the tabulated depths of a training random numbers from 0 to 1 choose."""
-    ends = torch.cumsum(chances, 0).numpy()
-    found = np.searchsorted(ends / ends[-1], depths, side="right")
-    return [int(one) for one in np.minimum(found, len(ends) - 1)]
 
 
 def decode_captures(

@@ -19,10 +19,10 @@ from labapp.training.edof.captures import (
 from labapp.training.edof.config import EdofTrainingConfig
 from labapp.training.edof.decoder_task import (
     decode_captures,
-    depth_indices,
     scene_losses,
     validation_score,
 )
+from labapp.training.edof.depth_choice import choose_dioptres, depth_chances, depth_indices
 from labapp.training.edof.optics_table import (
     compute_transfers,
     training_dioptres,
@@ -32,6 +32,10 @@ from labapp.training.processes import Processes
 from labapp.training.schedule import TrainingSchedule
 from optics.edof.learned import DecoderNetwork
 from optics.edof.learned.unmodulated_light import DepthStatistics, add_unmodulated_light
+
+_FIRST_STEP = 2**31
+"""Number of the first step for the random scenes. Chosen: the decoder's own training takes fewer
+steps, so that no scene comes again."""
 
 _LEAST_GRADIENT = 1e-14
 """Adam's guard against zero for the pattern. Its usual one, 1e-8, is as large as the gradient by
@@ -110,6 +114,8 @@ class JointTask:
         self._spectrum = problem.spectrum.to(processes.device, torch.float32)
         self._remembered = self._compute_all()
         self._flat = self._compute_all(flat=True)
+        # By the PSFs before the joint training, so that the scenes' depths stay the same in it.
+        self._chances = depth_chances(self._remembered, config).cpu()
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -140,15 +146,15 @@ class JointTask:
 
     def losses(self, step: int, samples: Sequence[int]) -> torch.Tensor:
         """Return the losses of decoded scenes of a step, differentiable by the pattern too."""
-        drawn = self._sampler.draw(step, samples)
+        drawn = self._sampler.draw(_FIRST_STEP + step, samples)
         # The scenes take turns in which of their layers passes the derivative on.
         pairs = zip(samples, drawn, strict=True)
         chosen = [(step + one) % len(scene.depths) for one, scene in pairs]
         depths = [scene.depths[k] for scene, k in zip(drawn, chosen, strict=True)]
         phase = self._problem.phase(self._module.pattern)
-        places = [min(int(d * len(self._dioptres)), len(self._dioptres) - 1) for d in depths]
-        fresh = transfer_on_axis(self._transfer, phase, self._depths(depths, places))
-        self._remember(places, fresh)
+        places = depth_indices(self._chances, depths)
+        dioptres = self._choose_dioptres(depths, places)
+        fresh = self._compute_fresh(phase, dioptres, step, samples, places)
         transfers = []
         for scene, k, own in zip(drawn, chosen, fresh, strict=True):
             each = list(self._remembered[self._places(scene)])
@@ -156,6 +162,32 @@ class JointTask:
             transfers.append(torch.stack(each))
         decoded = self._decode(drawn, transfers)
         return scene_losses(decoded, self._config)
+
+    def _compute_fresh(
+        self,
+        phase: torch.Tensor,
+        dioptres: Sequence[float],
+        step: int,
+        samples: Sequence[int],
+        places: Sequence[int],
+    ) -> torch.Tensor:
+        """Compute a transfer function for each scene of a step, and remember those to remember.
+
+        The scenes take turns in the panel's conditions that the pattern shall stand. What the panel
+        shows as it should be is remembered, as the filter knows of nothing else.
+        """
+        ways = (None, *self._problem.conditions)
+        turns = [(step + one // 2) % len(ways) for one in samples]
+        found: dict[int, torch.Tensor] = {}
+        for way in sorted(set(turns)):
+            own = [k for k, turn in enumerate(turns) if turn == way]
+            there = [dioptres[k] for k in own]
+            each = transfer_on_axis(self._transfer, phase, there, ways[way])
+            found.update(zip(own, each, strict=True))
+        fresh = torch.stack([found[k] for k in range(len(samples))])
+        known = [place if turn == 0 else -1 for place, turn in zip(places, turns, strict=True)]
+        self._remember(known, fresh)
+        return fresh
 
     @torch.no_grad()
     def validate(self) -> float:
@@ -197,7 +229,7 @@ class JointTask:
         front = known.front(shares.to(self._processes.device))
         return decode_captures(self._module.network, captures, front, mixed), captures
 
-    def _depths(self, depths: Sequence[float], places: Sequence[int]) -> list[float]:
+    def _choose_dioptres(self, depths: Sequence[float], places: Sequence[int]) -> list[float]:
         """Return the depths in dioptres that random numbers from 0 to 1 choose.
 
         places: the parts of the range that they are in, which give them where distances are named.
@@ -205,14 +237,11 @@ class JointTask:
         config = self._config
         if config.depths.distances_m:
             return [self._dioptres[one] for one in places]
-        low, high = config.far_dioptre, config.near_dioptre
-        return [low + (high - low) * one for one in depths]
+        return choose_dioptres(self._chances, depths, (config.far_dioptre, config.near_dioptre))
 
     def _places(self, scene: DrawnScene) -> list[int]:
         """Return the parts of the range of depths that a scene's layers are in."""
-        count = len(self._remembered)
-        even = torch.full((count,), 1 / count, dtype=torch.float64)
-        return depth_indices(even, scene.depths)
+        return depth_indices(self._chances, scene.depths)
 
     def _remember(self, places: Sequence[int], fresh: torch.Tensor) -> None:
         """Replace what is remembered of parts of the range by what all processes computed."""
@@ -221,7 +250,9 @@ class JointTask:
         found = self._processes.gather(fresh)
         remembered = self._remembered.clone()
         for place, one in zip(where, found, strict=True):
-            if bool(torch.isfinite(one.real).all() and torch.isfinite(one.imag).all()):
+            if place >= 0 and bool(
+                torch.isfinite(one.real).all() and torch.isfinite(one.imag).all()
+            ):
                 remembered[place] = one
         self._remembered = remembered
 

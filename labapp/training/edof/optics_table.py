@@ -9,8 +9,10 @@ import torch
 
 from labapp.edof.design_problem import EdofProblem
 from labapp.training.edof.config import EdofTrainingConfig
+from labapp.training.edof.depth_choice import depth_chances
 from optics.edof.dioptres import dioptres_from_metres, midpoint_dioptres
 from optics.edof.learned.unmodulated_light import DepthStatistics
+from optics.edof.panel_conditions import ConditionTransfer, PanelCondition
 from optics.edof.pattern_transfer import PatternTransfer
 from optics.edof.quarter_transfer import QuarterTransfer
 from optics.progress import Progress
@@ -101,13 +103,18 @@ def compute_transfers(
 
 
 def transfer_on_axis(
-    transfer: PatternTransfer, phase: torch.Tensor, dioptres: Sequence[float]
+    transfer: PatternTransfer,
+    phase: torch.Tensor,
+    dioptres: Sequence[float],
+    condition: PanelCondition | None = None,
 ) -> torch.Tensor:
     """Compute a pattern's transfer functions about the optical axis; differentiable.
 
-    Returns (depths, side, side // 2 + 1), complex64.
+    condition: of the panel; as it should be by default. Returns (depths, side, side // 2 + 1),
+    complex64.
     """
-    found = transfer(phase, tuple(dioptres))
+    seen = transfer if condition is None else ConditionTransfer(transfer, condition)
+    found = seen(phase, tuple(dioptres))
     if isinstance(transfer, QuarterTransfer):
         found = transfer.on_axis(found, dioptres)
     return found.to(torch.complex64)
@@ -122,19 +129,3 @@ def training_dioptres(config: EdofTrainingConfig, count: int | None = None) -> t
         return tuple(sorted(dioptres_from_metres(config.depths.distances_m)))
     depth_range = (config.far_dioptre, config.near_dioptre)
     return midpoint_dioptres(count or config.depths.count, depth_range)
-
-
-def depth_chances(transfers: torch.Tensor, config: EdofTrainingConfig) -> torch.Tensor:
-    """Return the probability of each depth in training, (depths,), float64.
-
-    With the importance "focus-shift" it is proportional to the change of the PSF from depth to
-    depth. In metres that is thesis Eq. 5.10: the density of distances d is |dh/dd|, and a distance
-    of d metres is 1/d dioptres, so that the density of dioptres D is |dh/dD|.
-    """
-    count = len(transfers)
-    if config.depths.importance == "even" or config.depths.distances_m or count < 3:
-        return torch.full((count,), 1 / count, dtype=torch.float64)
-    steps = (transfers[1:] - transfers[:-1]).abs().square().sum((1, 2)).sqrt().double()
-    # The change at a depth is the mean of that from the depth before and to the next.
-    changes = torch.cat([steps[:1], (steps[1:] + steps[:-1]) / 2, steps[-1:]])
-    return changes / changes.sum()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,7 @@ from labapp.window.engine.jobs import Jobs
 from labapp.window.engine.pattern_designer import SETTINGS, PatternDesigner
 from labapp.window.engine.plan_building import validate_pattern
 from labapp.window.messages import (
+    DECODER,
     ComputePreview,
     ForecastAccuracy,
     MeasureAccuracy,
@@ -32,6 +34,7 @@ from optics.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
     from labapp.window.engine.cube_restoration import CubeRestoration
+    from labapp.window.engine.decoding import Decoding
     from labapp.window.engine.reconstruction import Restoration
 
 
@@ -51,7 +54,7 @@ class BackgroundJobs:
         self._camera = bench.description
         self._world = bench.camera_world
         self._designer = PatternDesigner(self._camera)
-        self._last_restoration: Restoration | CubeRestoration | None = None
+        self._last_restoration: Restoration | Decoding | CubeRestoration | None = None
         # With two threads, a pattern needn't wait for a reconstruction.
         self._threads = ThreadPoolExecutor(2, "beside")
 
@@ -78,10 +81,12 @@ class BackgroundJobs:
     def reconstruct(self, command: ReconstructRun) -> None:
         def work(progress: Progress) -> None:
             # Its libraries take a second to load, for which the first picture needn't wait.
+            from labapp.window.engine.decoding import decode_record
             from labapp.window.engine.reconstruction import reconstruct_record
 
-            self._last_restoration = reconstruct_record(command, progress)
-            self._channel.send(self._last_restoration.result_message)
+            restore = decode_record if command.method == DECODER else reconstruct_record
+            self._last_restoration = restored = restore(command, progress)
+            self._channel.send(restored.result_message)
 
         self._start("reconstruction", work)
 
@@ -110,8 +115,10 @@ class BackgroundJobs:
     def list_bands(self, command: ListBands) -> None:
         def work(progress: Progress) -> None:
             from labapp.window.engine.cube_restoration import list_bands
+            from labapp.window.engine.decoding import find_decoder
 
-            self._channel.send(list_bands(command.path))
+            decoder = find_decoder(command.path) or ""
+            self._channel.send(replace(list_bands(command.path), decoder=Path(decoder).name))
 
         self._start("bands", work)
 

@@ -7,13 +7,16 @@ import torch
 from optics.edof.capture_border import extend_antisymmetrically
 from optics.edof.detector_psf import compute_transfer
 from optics.edof.learned.wiener_front import WienerFront
+from optics.edof.spectral_criterion import noise_variance
 from optics.fourier import fast_fft_length, irfft2, rfft2
-from optics.plane import centred_crop, centred_pad, origin_to_centre
+from optics.plane import centred_crop, origin_to_centre
+from optics.validation import require_finite
 
-_LARGEST_PERIOD = 2048
+_LARGEST_PERIOD = 6144
 """Most pixels along a side of one transform; larger captures are filtered in parts.
 
-Chosen: transforms of this size take 35 MB, and little of their result is thrown away."""
+Chosen: transforms of this size take 600 MB. Measured on 3000 x 4096 pixels: one transform takes
+0.7 s, and parts of 2048 pixels 1.6 s, with as much memory."""
 
 
 class CaptureFilter:
@@ -25,9 +28,15 @@ class CaptureFilter:
         The front, on a grid of n x n. Its filter reaches n / 2 pixels to each side.
     noise : float
         Standard deviation of the captures' noise, where white is 1.
+
+    Raises
+    ------
+    ValueError
+        If the noise is negative or isn't finite.
     """
 
     def __init__(self, front: WienerFront, noise: float) -> None:
+        noise_variance(noise)
         self._noise = noise
         response = front.response(torch.tensor([noise]))[0]
         side = int(response.shape[-2])
@@ -39,17 +48,16 @@ class CaptureFilter:
     def __call__(self, capture: torch.Tensor) -> torch.Tensor:
         """Filter a capture (rows, columns), as if its scene went on beyond the frame.
 
-        The capture is extended antisymmetrically, by the filter's reach or its own size.
+        The capture is extended antisymmetrically, by the filter's reach or its own size. Raises
+        ValueError if it isn't finite.
         """
+        require_finite("capture", capture)
         shape = (int(capture.shape[0]), int(capture.shape[1]))
-        period = tuple(self._extended(n) for n in shape)
-        mean = capture.mean()
-        whole = extend_antisymmetrically(capture, (period[0], period[1]), self._noise)
+        period = (self._extended(shape[0]), self._extended(shape[1]))
+        whole = extend_antisymmetrically(capture, period, self._noise)
         if max(period) <= _LARGEST_PERIOD:
             return centred_crop(self._filter(whole), shape)
-        # Beyond the extension is the mean, to which it fades.
-        more = (period[0] + 2 * self._reach, period[1] + 2 * self._reach)
-        return centred_crop(self._filter_in_parts(centred_pad(whole - mean, more)), shape) + mean
+        return centred_crop(self._filter_in_parts(whole), shape)
 
     def _extended(self, length: int) -> int:
         """Return the pixels of a side of the extension of a capture with `length` pixels."""
@@ -65,22 +73,30 @@ class CaptureFilter:
         return irfft2(rfft2(picture) * self._kept[shape], shape)
 
     def _filter_in_parts(self, picture: torch.Tensor) -> torch.Tensor:
-        """Filter a large picture in overlapping parts, whose outermost pixels are dropped.
+        """Filter a large periodic picture in overlapping parts, whose outermost pixels are dropped.
 
-        This is the overlap-save method. What lies nearer to the picture's border than the kernel's
-        reach isn't computed; it stays 0.
+        This is the overlap-save method. The result is that of one transform, apart from rounding.
+        """
+        rows, columns = (self._parts(n) for n in picture.shape)
+        found = torch.empty_like(picture)
+        for above, own_rows, inner_rows in rows:
+            for beside, own_columns, inner_columns in columns:
+                filtered = self._filter(picture[above[:, None], beside])
+                found[own_rows, own_columns] = filtered[inner_rows, inner_columns]
+        return found
+
+    def _parts(self, length: int) -> list[tuple[torch.Tensor, slice, slice]]:
+        """Return the parts of an axis of a large picture: all that fits one transform is one part.
+
+        Of each part: the pixels that are transformed, those of the picture that it gives, and where
+        they lie in it.
         """
         side, reach = _LARGEST_PERIOD, self._reach
-        step = side - 2 * reach
-        found = torch.zeros_like(picture)
-        rows, columns = picture.shape
-        for top in range(0, rows - 2 * reach, step):
-            for left in range(0, columns - 2 * reach, step):
-                part = picture[top : top + side, left : left + side]
-                height, width = part.shape
-                padded = torch.nn.functional.pad(part, (0, side - width, 0, side - height))
-                middle = self._filter(padded)[reach : height - reach, reach : width - reach]
-                found[top + reach : top + height - reach, left + reach : left + width - reach] = (
-                    middle
-                )
+        if length <= side:
+            return [(torch.arange(length), slice(0, length), slice(0, length))]
+        step, found = side - 2 * reach, []
+        for start in range(0, length, step):
+            count = min(step, length - start)
+            pixels = torch.arange(start - reach, start - reach + side) % length
+            found.append((pixels, slice(start, start + count), slice(reach, reach + count)))
         return found

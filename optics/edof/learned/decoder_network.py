@@ -8,9 +8,11 @@ from typing import Any, Literal
 import torch
 from torch import nn
 
-from optics.edof.learned.tiles import apply_in_tiles
+from optics.edof.learned.tiles import apply_in_tiles, tile_side
 from optics.edof.learned.u_net import NetworkShape, UNet
 from optics.edof.picture_preparation import LightScale
+from optics.edof.spectral_criterion import noise_variance
+from optics.validation import require_finite, require_same_shape
 
 Front = Literal["blind", "known", "none"]
 """The filter before the network: one for all depths, that of the capture's depth, or none."""
@@ -122,7 +124,14 @@ class DecoderNetwork(nn.Module):
         -------
         torch.Tensor, of the shape of `captures`
             The pictures; sRGB-encoded if the captures are linear light.
+
+        Raises
+        ------
+        ValueError
+            If something that the settings ask for is missing, something else is given, shapes
+            differ, or the sides aren't such multiples.
         """
+        self._require_given(captures, filtered, psfs)
         channels = [captures] if filtered is None else [captures, filtered]
         channels = [self._encode(one) for one in channels]
         base = channels[-1]
@@ -137,6 +146,7 @@ class DecoderNetwork(nn.Module):
         noise: float,
         filtered: torch.Tensor | None = None,
         psf: torch.Tensor | None = None,
+        tile: int | None = None,
     ) -> torch.Tensor:
         """Decode one capture of any size, in tiles without seams.
 
@@ -146,12 +156,24 @@ class DecoderNetwork(nn.Module):
             As for calling the network, without their first two axes.
         noise : float
             Standard deviation of the noise.
+        tile : int, optional
+            Pixels along a side of the part of the result that one tile gives; by default as many
+            as take about 750 MB.
 
         Returns
         -------
         torch.Tensor, (rows, columns)
             The picture in the light of the capture.
+
+        Raises
+        ------
+        ValueError
+            As for calling the network, and if the capture isn't finite, or the noise is negative or
+            isn't finite.
         """
+        require_finite("capture", capture)
+        noise_variance(noise)
+        require_same_shape("capture", capture, filtered=filtered, psf=psf)
         given = [one for one in (capture, filtered, psf) if one is not None]
         stacked = torch.stack(given).to(torch.float32)[None]
         level = stacked.new_tensor([noise])
@@ -162,8 +184,28 @@ class DecoderNetwork(nn.Module):
             return self(parts[0], level, front, parts[-1] if psf is not None else None)
 
         shape = self.settings.shape
-        found = apply_in_tiles(decode, stacked, shape.multiple, shape.reach)[0, 0]
+        side = tile_side(shape.channels, shape.fold) if tile is None else tile
+        found = apply_in_tiles(decode, stacked, shape.multiple, shape.reach, side)[0, 0]
         return decode_screen(found) if self.settings.light == "linear" else found
+
+    def _require_given(
+        self, captures: torch.Tensor, filtered: torch.Tensor | None, psfs: torch.Tensor | None
+    ) -> None:
+        """Raise ValueError unless the decoder's network gets what its settings say."""
+        front, channel = self.settings.front, self.settings.psf_channel
+        if (filtered is None) != (front == "none"):
+            wanted = "give what it made of captures" if filtered is None else "leave filtered out"
+            raise ValueError(f"front is {front}; {wanted}")
+        if (psfs is None) == channel:
+            wanted = "give the PSFs of captures" if psfs is None else "leave psfs out"
+            raise ValueError(f"psf_channel is {channel}; {wanted}")
+        require_same_shape("captures", captures, filtered=filtered, psfs=psfs)
+        multiple = self.settings.shape.multiple
+        if captures.ndim != 4 or any(n % multiple for n in captures.shape[-2:]):
+            raise ValueError(
+                f"captures are {tuple(captures.shape)}; give (pictures, 1, rows, columns) with "
+                f"sides that are multiples of {multiple}"
+            )
 
     def _encode(self, light: torch.Tensor) -> torch.Tensor:
         """Encode light for the decoder's network, if its settings say so."""

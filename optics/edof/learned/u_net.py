@@ -57,6 +57,10 @@ class NetworkShape:
             require_count(name, getattr(self, name))
         for one in self.dilations:
             require_count("dilations", one)
+        if self.convolutions < 2:
+            raise ValueError(
+                f"convolutions is {self.convolutions}; choose 2 or more: ReLUs are between them"
+            )
 
     @property
     def multiple(self) -> int:
@@ -142,16 +146,15 @@ class UNet(nn.Module):
         pictures: (pictures, inputs, rows, columns), rows and columns multiples of
         ``shape.multiple``.
         """
-        folded = functional.pixel_unshuffle(pictures, self.shape.fold)
-        head = self.head(folded.contiguous(memory_format=torch.channels_last))
+        head = self.head(_fold(pictures, self.shape.fold))
         values, kept = head, []
         for block, down in zip(self.descending, self.down, strict=True):
             kept.append(block(values))
             values = down(kept[-1])
         values = self.bottom(values)
         for level in reversed(range(len(kept))):
-            values = self.ascending[level](self.up[level](values) + kept[level])
-        return functional.pixel_shuffle(self.tail(values + head), self.shape.fold)
+            values = self.ascending[level](self.up[level](values).add_(kept[level]))
+        return functional.pixel_shuffle(self.tail(values.add_(head)), self.shape.fold)
 
 
 class _ResidualBlock(nn.Module):
@@ -167,7 +170,20 @@ class _ResidualBlock(nn.Module):
         )
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
+        # In place, which gradients allow here: no other operation needs what is overwritten.
         found = values
         for number, convolution in enumerate(self.convolutions):
-            found = convolution(torch.relu(found) if number else found)
-        return values + found
+            found = convolution(found.relu_() if number else found)
+        result: torch.Tensor = found.add_(values)
+        return result
+
+
+def _fold(pictures: torch.Tensor, fold: int) -> torch.Tensor:
+    """Fold squares of pixels into channels for the decoder's U-Net, as pixel_unshuffle does.
+
+    The channels come last in memory, in one copy.
+    """
+    count, channels, rows, columns = pictures.shape
+    squares = pictures.reshape(count, channels, rows // fold, fold, columns // fold, fold)
+    last = squares.permute(0, 2, 4, 1, 3, 5).reshape(count, rows // fold, columns // fold, -1)
+    return last.permute(0, 3, 1, 2)

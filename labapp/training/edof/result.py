@@ -1,0 +1,138 @@
+"""Write a trained pattern with its decoder, and print what its training reached."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from labapp.common.console import out, print_table
+from labapp.edof.design_problem import EdofProblem
+from labapp.edof.trained_pattern import decoder_contents
+from labapp.files.bench_file import BenchFile
+from labapp.files.design_file import DesignContents, Grid, write_design
+from labapp.files.writing import encode_image, write_atomically
+from labapp.training.edof.config import EdofTrainingConfig
+from labapp.training.manifest import DataManifest
+from optics.camera import Camera
+from optics.edof.learned import DecoderNetwork
+from optics.edof.picture_spectrum import SpectrumModel
+from optics.psf import PSFOperator
+from optics.slm import phase_to_grey
+
+_SHOWN_DEPTHS, _SHOWN_PIXELS = 3, 129
+"""Depths and pixels along a side of the PSFs in the file. Chosen, so that it stays small."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedResult:
+    """A pattern and its decoder at the end of their training.
+
+    Attributes
+    ----------
+    config : EdofTrainingConfig
+        What was trained.
+    bench : BenchFile
+        The bench that it was trained for.
+    problem : EdofProblem
+        The optics in training.
+    spectrum : SpectrumModel
+        Power spectrum of the pictures.
+    phase : torch.Tensor, (rows, columns)
+        The pattern, radians.
+    network : DecoderNetwork
+        The decoder's network.
+    manifest : DataManifest or None
+        The list of the photographs; None without.
+    account : mapping
+        Steps, scores and data of the training, as plain data.
+    """
+
+    config: EdofTrainingConfig
+    bench: BenchFile
+    problem: EdofProblem
+    spectrum: SpectrumModel
+    phase: torch.Tensor
+    network: DecoderNetwork
+    manifest: DataManifest | None
+    account: Mapping[str, Any]
+
+    @property
+    def validation(self) -> float:
+        """The validation score of the trained pattern and decoder, in dB."""
+        if self.account.get("joint_accepted"):
+            return float(self.account["joint_validation"][1])
+        return float(self.account["decoder_validation"])
+
+
+def write_result(result: TrainedResult, files: Sequence[Path]) -> None:
+    """Write a trained pattern and its decoder to the design file, pattern and list of the data.
+
+    Raises UserError if a file can't be written.
+    """
+    camera, wavelength = result.problem.camera, result.config.wavelength
+    design, pattern, listed = files
+    grey = phase_to_grey(camera.panel, result.phase, wavelength, 1).numpy()
+    contents = DesignContents(
+        title="extended depth of field, with decoder",
+        settings={"design": "edof", **result.problem.request.as_data()},
+        bench=result.bench.model_dump(mode="json"),
+        wavelength=wavelength,
+        grey=grey[None],
+        phase=None,
+        orders=1,
+        frame_time=0.0,
+        pixel_pitch=camera.panel.pitch,
+        psf=_compute_psfs(result, camera, wavelength),
+        target=None,
+        quality={"validation": result.validation},
+        decoder=decoder_contents(
+            result.network, result.spectrum, result.config.as_data(), result.account
+        ),
+    )
+    write_design(design, contents)
+    write_atomically(pattern, encode_image(pattern, grey))
+    if result.manifest is not None:
+        result.manifest.write(listed)
+
+
+def print_result(result: TrainedResult, files: Sequence[Path]) -> None:
+    """Print what the training of a pattern and its decoder reached, and which files it wrote."""
+    account, decoder = result.account, result.network.settings
+    knowledge = "blind" if decoder.is_blind else "told the depth"
+    rows = [
+        ["decoder", f"{knowledge}, {count_weights(result.network):,} weights"],
+        ["decoder alone", f"{account['decoder_validation']:.2f} dB in validation"],
+    ]
+    if account["joint_steps"]:
+        first, last = account["joint_validation"]
+        kept = "kept" if account["joint_accepted"] else "not kept, as it is no better"
+        rows.append(["trained jointly", f"{first:.2f} to {last:.2f} dB, {kept}"])
+    rows.append(["processor time", f"{account['cpu_seconds'] / 60:.1f} min"])
+    print_table("Pattern with decoder", ["", ""], rows)
+    for note in [] if result.manifest is None else result.manifest.notes():
+        out.print(f"note: {note}", markup=False)
+    for one in files if result.manifest is not None else files[:2]:
+        out.print(f"wrote {one}", markup=False, soft_wrap=True)
+
+
+def count_weights(network: torch.nn.Module) -> int:
+    """Return the number of weights of a decoder's network."""
+    return sum(one.numel() for one in network.parameters())
+
+
+def _compute_psfs(result: TrainedResult, camera: Camera, wavelength: float) -> Grid:
+    """Compute PSFs of the trained pattern at some depths, for its file."""
+    side = min(_SHOWN_PIXELS, *camera.sensor.shape)
+    pixels = camera.sensor.window_plane((side, side))
+    found = []
+    for one in np.linspace(*result.problem.depth_range, _SHOWN_DEPTHS):
+        distance = 1 / one if one > 0 else math.inf
+        operator = PSFOperator(camera, distance, wavelength, pixels, calls=1, tol=1e-2)
+        found.append(operator(result.phase).to(torch.float32))
+    return Grid.from_tensor(torch.stack(found), pixels)
