@@ -112,8 +112,9 @@ def edof(
         Path,
         typer.Option(
             metavar="FILE.h5",
-            help="Design file to write, with pattern and decoder; FILE.png, the pattern, and "
-            "FILE_data.json, the list of the photographs, are written beside it.",
+            help="Design file to write, with pattern and decoder; FILE.png, the pattern, "
+            "FILE_training.png, scores and decoded scenes, and FILE_data.json, the list of the "
+            "photographs, are written beside it.",
         ),
     ] = Path("edof.h5"),
     steps: Annotated[

@@ -95,14 +95,15 @@ def edof_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path]:
     return files
 
 
-def trained_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path]:
-    """Return the output paths of a trained pattern: design file, pattern, and list of the data.
+def trained_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path, Path]:
+    """Return the output paths of a trained pattern: design file, pattern, picture, list of data.
 
     Raises UserError for a name that isn't a design file's, or files that exist.
     """
     if not is_design(path):
         raise UserError(f"--out {path}: pattern and decoder are written as .h5. Name such a file.")
-    files = (path, path.with_suffix(".png"), path.with_name(f"{path.stem}_data.json"))
+    picture, listed = (f"{path.stem}_training.png", f"{path.stem}_data.json")
+    files = (path, path.with_suffix(".png"), path.with_name(picture), path.with_name(listed))
     require_all_writable(files, force=force)
     return files
 

@@ -14,6 +14,7 @@ from figures import Figure
 from figures.edof_decoder import evaluate_trained
 from figures.edof_protocol import DATA, JUDGED, read_photograph, unsplash
 from labapp.edof.trained_pattern import TrainedPattern, read_trained_pattern
+from labapp.files.output_paths import trained_output_paths
 from labapp.training.edof.command import TrainingRequest, train_edof
 from labapp.training.edof.config import EdofTrainingConfig
 from optics.edof.protocol import AUTHORS, STRICT, EdofProtocol
@@ -161,7 +162,7 @@ def _train(folder: Path, name: str, changes: Mapping[str, Any], steps: int) -> T
         None,
         "cpu",
     )
-    train_edof(request, (out, out.with_suffix(".png"), out.with_suffix(".json")))
+    train_edof(request, trained_output_paths(out, force=True))
     return read_trained_pattern(out)
 
 

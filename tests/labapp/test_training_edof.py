@@ -40,7 +40,7 @@ def accept_always(monkeypatch):
 def test_pattern_and_decoder_are_written_and_read(straight):
     result, folder = straight
     names = {one.name for one in folder.iterdir()}
-    assert names == {"bench", "train.toml", "a.h5", "a.png"}
+    assert names == {"bench", "train.toml", "a.h5", "a.png", "a_training.png"}
     read = read_trained_pattern(folder / "a.h5")
     assert read.network.settings == result.network.settings
     assert (read.grey == cv2.imread(str(folder / "a.png"), cv2.IMREAD_UNCHANGED)).all()

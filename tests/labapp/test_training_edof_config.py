@@ -131,7 +131,8 @@ def test_a_start_of_another_panel_is_refused(tmp_path):
     write_files(tmp_path)
     assert train(tmp_path, "--steps", "1").exit_code == 0
     (tmp_path / "a.h5").rename(tmp_path / "start.h5")
-    (tmp_path / "a.png").unlink()
+    for name in ("a.png", "a_training.png"):
+        (tmp_path / name).unlink()
     write_files(tmp_path, {"pattern": {"start": "start.h5"}})
     bench = tmp_path / "bench" / "bench.toml"
     bench.write_text(bench.read_text().replace("width = 192", "width = 160"))

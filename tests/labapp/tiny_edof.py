@@ -30,9 +30,11 @@ import labapp.training.edof.command as command
 from labapp.edof.design_problem import EdofProblem
 from labapp.files import state_file
 from labapp.files.bench_file import read_bench
+from labapp.files.output_paths import trained_output_paths
 from labapp.training.edof.captures import MixedPictures, SceneSampler
 from labapp.training.edof.config import EdofTrainingConfig, read_edof_config
 from labapp.training.edof.decoder_task import DecoderTask
+from labapp.training.edof.drawing import ShownScene
 from labapp.training.edof.joint_task import JointTask, PatternWithDecoder
 from labapp.training.edof.optics_table import OpticsTable, tabulate_optics
 from labapp.training.edof.result import TrainedResult
@@ -138,9 +140,9 @@ def train(
     written: list[TrainedResult] = []
     write = command.write_result
 
-    def note(result: TrainedResult, files: list[Path]) -> None:
+    def note(result: TrainedResult, scenes: list[ShownScene], files: list[Path]) -> None:
         written.append(result)
-        write(result, files)
+        write(result, scenes, files)
 
     path = folder / "train.toml"
     request = command.TrainingRequest(
@@ -148,7 +150,7 @@ def train(
     )
     command.write_result = note
     try:
-        command.train_edof(request, [folder / name for name in ("a.h5", "a.png", "a_data.json")])
+        command.train_edof(request, trained_output_paths(folder / "a.h5", force=True))
     finally:
         command.write_result = write
     return written[0] if written else None

@@ -21,6 +21,7 @@ from labapp.training.command import show_progress, train_for_command
 from labapp.training.edof.captures import MixedPictures, SceneSampler
 from labapp.training.edof.config import EdofTrainingConfig
 from labapp.training.edof.decoder_task import DecoderTask, decoder_schedule
+from labapp.training.edof.drawing import ShownScene, choose_scenes
 from labapp.training.edof.joint_task import JointTask, PatternWithDecoder, joint_schedule
 from labapp.training.edof.optics_table import tabulate_optics
 from labapp.training.edof.requirements import require_samples, require_usable
@@ -38,6 +39,9 @@ from optics.threads import single_threaded
 
 DEFAULT_STEPS = 20000
 """Steps of a training, unless others or minutes are asked for. Chosen."""
+
+_SHOWN_DEPTHS = 16
+"""Depths of the scenes in the training's picture. Chosen."""
 
 _STEPS_AHEAD = 8
 """Steps of which scenes are drawn while a GPU trains. Chosen."""
@@ -91,7 +95,8 @@ def train_edof(request: TrainingRequest, files: Sequence[Path]) -> None:
     request : TrainingRequest
         What is trained.
     files : sequence of Path
-        The design file (.h5), the pattern (.png), and the list of the data (.json).
+        The design file (.h5), the pattern (.png), its picture with scores and decoded scenes
+        (.png), and the list of the data (.json).
 
     Raises
     ------
@@ -196,10 +201,20 @@ class _EdofTraining:
             self._manifest,
             self._account,
         )
-        write_result(result, self._files)
+        write_result(result, self._choose_scenes(), self._files)
         for name in ("design", "decoder", "joint"):
             self._state(name).unlink(missing_ok=True)
         print_result(result, self._files)
+
+    def _choose_scenes(self) -> list[ShownScene]:
+        """Decode a few validation scenes behind the trained pattern, for its picture."""
+        config = self._request.config
+        few = config.depths.model_copy(update={"count": _SHOWN_DEPTHS})
+        config = config.model_copy(update={"depths": few})
+        table = tabulate_optics(self._problem, self._parameters, config)
+        table = table.to(self._processes.device)
+        task = DecoderTask(self._network, table, self._sampler, config, self._settings)
+        return choose_scenes(task, self._sampler)
 
     def _design(self) -> torch.Tensor:
         """Design the pattern without pictures, in the writing process, for all of them."""
@@ -239,6 +254,7 @@ class _EdofTraining:
             "joint_skipped": result.skipped,
             "joint_validation": [first, last],
             "joint_accepted": last > first,
+            "joint_history": [list(one) for one in result.history],
         }
         if last > first:
             joint = task.module

@@ -20,6 +20,7 @@ from labapp.training.edof.optics_table import OpticsTable
 from labapp.training.schedule import TrainingSchedule
 from labapp.training.task import VALIDATION_STEP
 from optics.edof.learned import DecoderNetwork, WienerFront
+from optics.edof.learned.decoder_network import encode_screen
 from optics.edof.learned.learned_decoder import fit_psf
 from optics.edof.learned.unmodulated_light import add_unmodulated_light
 from optics.fourier import irfft2
@@ -102,6 +103,21 @@ class DecoderTask:
     def validate(self) -> float:
         """Return the mean PSNR in dB of decoded validation scenes, planes and layered ones."""
         return validation_score(self._sampler, self._config, self._decode)
+
+    @torch.no_grad()
+    def decode_scene(self, scene: DrawnScene) -> tuple[torch.Tensor, ...]:
+        """Capture a scene, and return it as captured, as filtered, as decoded, and as it is.
+
+        Each is (side, side), in the scale in which decoders are compared. The filter is the one for
+        all depths, whatever the decoder has.
+        """
+        decoded, captures = self._decode([scene])
+        shares = unmodulated_shares([scene]).to(captures.pictures.device)
+        filtered = self._optics.statistics.front(shares)(captures.pictures, captures.noise)
+        shown = [captures.pictures, filtered]
+        if self._config.scenes.light == "linear":
+            shown = [encode_screen(one) for one in shown]
+        return tuple(one[0, 0] for one in (*shown, decoded, captures.truth))
 
     def _decode(self, drawn: Sequence[DrawnScene]) -> tuple[torch.Tensor, Captures]:
         """Capture scenes behind the pattern, and decode them."""

@@ -18,6 +18,7 @@ from labapp.files.bench_file import BenchFile
 from labapp.files.design_file import DesignContents, Grid, write_design
 from labapp.files.writing import encode_image, write_atomically
 from labapp.training.edof.config import EdofTrainingConfig
+from labapp.training.edof.drawing import ShownScene, draw_training
 from labapp.training.manifest import DataManifest
 from optics.camera import Camera
 from optics.edof.learned import DecoderNetwork
@@ -70,13 +71,13 @@ class TrainedResult:
         return float(self.account["decoder_validation"])
 
 
-def write_result(result: TrainedResult, files: Sequence[Path]) -> None:
-    """Write a trained pattern and its decoder to the design file, pattern and list of the data.
+def write_result(result: TrainedResult, scenes: list[ShownScene], files: Sequence[Path]) -> None:
+    """Write a trained pattern and its decoder: design file, pattern, picture, list of the data.
 
-    Raises UserError if a file can't be written.
+    scenes: those that the picture shows. Raises UserError if a file can't be written.
     """
     camera, wavelength = result.problem.camera, result.config.wavelength
-    design, pattern, listed = files
+    design, pattern, picture, listed = files
     grey = phase_to_grey(camera.panel, result.phase, wavelength, 1).numpy()
     contents = DesignContents(
         title="extended depth of field, with decoder",
@@ -97,6 +98,7 @@ def write_result(result: TrainedResult, files: Sequence[Path]) -> None:
     )
     write_design(design, contents)
     write_atomically(pattern, encode_image(pattern, grey))
+    write_atomically(picture, draw_training(_title(result), grey, _histories(result), scenes))
     if result.manifest is not None:
         result.manifest.write(listed)
 
@@ -117,8 +119,25 @@ def print_result(result: TrainedResult, files: Sequence[Path]) -> None:
     print_table("Pattern with decoder", ["", ""], rows)
     for note in [] if result.manifest is None else result.manifest.notes():
         out.print(f"note: {note}", markup=False)
-    for one in files if result.manifest is not None else files[:2]:
+    for one in files if result.manifest is not None else files[:3]:
         out.print(f"wrote {one}", markup=False, soft_wrap=True)
+
+
+def _title(result: TrainedResult) -> str:
+    """Return the title of a training's picture."""
+    far, near = result.problem.depth_range
+    knowledge = "blind" if result.network.settings.is_blind else "told the depth"
+    return (
+        f"Extended depth of field, {far:g} to {near:g} D, {result.config.wavelength_nm:g} nm: "
+        f"{knowledge}, {count_weights(result.network):,} weights, {result.validation:.2f} dB in "
+        "validation"
+    )
+
+
+def _histories(result: TrainedResult) -> dict[str, list[tuple[int, float]]]:
+    """Return step and validation score by the stage of a training."""
+    kept = {"decoder": result.account["history"], "joint": result.account.get("joint_history", [])}
+    return {name: [(int(a), float(b)) for a, b in one] for name, one in kept.items()}
 
 
 def count_weights(network: torch.nn.Module) -> int:
