@@ -90,8 +90,8 @@ class RunPanel(WrappingPanel):
         self.message.setText(message)
 
     def show_last_run(self, path: Path) -> None:
-        # A zero-width space after each slash lets a long path wrap.
-        self.last_run.setText(f"Last run: {path}".replace("/", "/\u200b"))
+        # One line, or the window outgrows a small screen; the tip has the whole path.
+        self.last_run.setText(f"Last run: {path.name}")
         self.last_run.setToolTip(str(path))
 
     def _arrange(self, actions: list[QAction]) -> None:

@@ -77,7 +77,11 @@ def _authors_figure(folder: Path) -> Figure:
     minutes = (time.process_time() - started) / 60
     few = replace(AUTHORS, off_grid_count=10)
     table = evaluate_trained(trained, unsplash(slice(3, 6)), few)
-    rows = {(one.decoder, one.scored_in): one.scores for one in table.rows if one.part == "frame"}
+    rows = {
+        (one.decoder, one.scored_in): one.scores
+        for one in table.rows
+        if one.pattern == "trained" and one.part == "frame"
+    }
     scores = rows["learned", "srgb"]
     grid = scores.psnr_by_depth[: scores.on_grid_count]
     similar = float(scores.ssim[:, : scores.on_grid_count].mean())

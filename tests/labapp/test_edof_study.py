@@ -279,7 +279,7 @@ def test_a_study_on_a_small_bench(tmp_path, monkeypatch):
     found = json.loads((tmp_path / "study/study.json").read_text())
     # The bench's own description predicts its PSFs.
     assert all(one["beside_noise"] <= 0.03 for one in found["data"]["psfs"])
-    assert len(found["data"]["pictures"]) == 2 * 3 * 2
+    assert len(found["data"]["pictures"]) == 2 * 3 * 3
     assert len(account.results.figures) == 3
     far = {
         (one["pattern"], one["decoder"]): one["psnr_db"]
