@@ -32,16 +32,11 @@ def find_trained_pattern(name: str) -> TrainedPattern:
     return pattern
 
 
-def count_decoder_weights(pattern: TrainedPattern) -> int:
-    """Return the number of weights of a trained pattern's decoder."""
-    return sum(one.numel() for one in pattern.network.parameters())
-
-
 def name_decoder(pattern: TrainedPattern) -> str:
     """Describe a decoder in a few words: its file, its knowledge, and its size."""
-    knowledge = "blind" if pattern.network.settings.is_blind else "told the depth"
-    weights = f"{count_decoder_weights(pattern):,} weights"
-    return f"decoder {pattern.path.name}, {knowledge}, {weights}"
+    network = pattern.network
+    knowledge, count = network.settings.knowledge, network.weight_count
+    return f"decoder {pattern.path.name}, {knowledge}, {count:,} weights"
 
 
 def describe_decoder(pattern: TrainedPattern) -> str:
@@ -60,7 +55,7 @@ def decoder_data(pattern: TrainedPattern) -> dict[str, Any]:
     return {
         "file": str(pattern.path),
         "blind": pattern.network.settings.is_blind,
-        "weights": count_decoder_weights(pattern),
+        "weights": pattern.network.weight_count,
         "light": pattern.network.settings.light,
         "dioptres": list(pattern.depth_range),
         "wavelength_nm": 1e9 * pattern.wavelength,

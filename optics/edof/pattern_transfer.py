@@ -106,9 +106,7 @@ class PatternTransfer(ABC):
             If the pattern has another shape, or a depth is negative or isn't finite, or there is
             none.
         """
-        require_dioptres("dioptres", dioptres)
-        if tuple(phase.shape) != self.shape:
-            raise ValueError(f"phase is {tuple(phase.shape)}; this pattern has {self.shape} pixels")
+        self._require_suitable("phase", phase, dioptres)
         answer: torch.Tensor = _DepthTransfer.apply(phase, self, tuple(dioptres))  # type: ignore[no-untyped-call]
         return answer
 
@@ -135,21 +133,35 @@ class PatternTransfer(ABC):
             If the field has another shape, or a depth is negative or isn't finite, or there is
             none.
         """
-        require_dioptres("dioptres", dioptres)
-        if tuple(field.shape) != self.shape:
-            raise ValueError(f"field is {tuple(field.shape)}; this pattern has {self.shape} pixels")
+        self._require_suitable("field", field, dioptres)
         open_field = field.to(self._dtype)
         if self._amplitude is not None:
             open_field = open_field * self._amplitude.to(field.device)
         answer: torch.Tensor = _FieldTransfer.apply(open_field, self, tuple(dioptres))  # type: ignore[no-untyped-call]
         return answer
 
+    def _require_suitable(self, name: str, pixels: torch.Tensor, dioptres: Sequence[float]) -> None:
+        """Raise ValueError unless a pattern has the right shape and the depths are valid."""
+        require_dioptres("dioptres", dioptres)
+        if tuple(pixels.shape) != self.shape:
+            raise ValueError(
+                f"{name} is {tuple(pixels.shape)}; this pattern has {self.shape} pixels"
+            )
+
     def _depth_waves(
-        self, modulation: torch.Tensor, dioptres: Sequence[float]
-    ) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
-        """Compute the OTF of a modulated panel at each depth, and its wave on the samples."""
-        waves = [self.wave(modulation, one) for one in dioptres]
-        return [self._transfer(one.real.square() + one.imag.square()) for one in waves], waves
+        self, modulation: torch.Tensor, dioptres: Sequence[float], *, keep: bool
+    ) -> tuple[torch.Tensor, list[torch.Tensor]]:
+        """Compute the OTFs of a modulated panel at depths, and its waves on the samples.
+
+        keep: whether the waves are kept, for a gradient; there are none otherwise.
+        """
+        found, waves = [], []
+        for one in dioptres:
+            wave = self.wave(modulation, one)
+            found.append(self._transfer(wave.real.square() + wave.imag.square()))
+            if keep:
+                waves.append(wave)
+        return torch.stack(found), waves
 
     def _gradient_by_modulation(
         self, gradient: torch.Tensor, waves: Sequence[torch.Tensor], dioptres: Sequence[float]
@@ -201,11 +213,9 @@ class _DepthTransfer(torch.autograd.Function):
         modulation = transfer.modulation(phase.detach())
         ctx.transfer, ctx.dioptres, ctx.phase_dtype = transfer, dioptres, phase.dtype
         ctx.save_for_backward(modulation)
-        if ctx.needs_input_grad[0]:
-            found, ctx.waves = transfer._depth_waves(modulation, dioptres)
-        else:
-            found = [transfer._depth_waves(modulation, (one,))[0][0] for one in dioptres]
-        return torch.stack(found)
+        keep = ctx.needs_input_grad[0]
+        found, ctx.waves = transfer._depth_waves(modulation, dioptres, keep=keep)
+        return found
 
     @staticmethod
     @torch.autograd.function.once_differentiable
@@ -225,10 +235,10 @@ class _FieldTransfer(torch.autograd.Function):
     def forward(
         ctx: Any, field: torch.Tensor, transfer: PatternTransfer, dioptres: tuple[float, ...]
     ) -> torch.Tensor:
-        found, waves = transfer._depth_waves(field.detach(), dioptres)
         ctx.transfer, ctx.dioptres = transfer, dioptres
-        ctx.waves = waves if ctx.needs_input_grad[0] else []
-        return torch.stack(found)
+        keep = ctx.needs_input_grad[0]
+        found, ctx.waves = transfer._depth_waves(field.detach(), dioptres, keep=keep)
+        return found
 
     @staticmethod
     @torch.autograd.function.once_differentiable

@@ -60,7 +60,7 @@ def _size_figure() -> Figure:
     """The file that comes with the application."""
     trained = bundled_trained_pattern()
     size = trained.path.stat().st_size
-    weights = sum(one.numel() for one in trained.network.parameters())
+    weights = trained.network.weight_count
     account = trained.account
     return Figure(
         "bundled pattern with decoder",

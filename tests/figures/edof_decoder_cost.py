@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import subprocess
 import sys
 from functools import partial
@@ -12,6 +11,7 @@ from pathlib import Path
 import torch
 
 from figures import Figure
+from figures.own_memory import own_memory
 from figures.stopwatch import processor_seconds
 from figures.where import ENVIRONMENT, ROOT
 from labapp.edof.decoding import PhotographDecoder, build_decoder
@@ -105,22 +105,15 @@ def _photograph(shape: tuple[int, int]) -> torch.Tensor:
 def _main(path: Path) -> None:
     """Print how many bytes decoding a photograph takes at most; null if that isn't known."""
     try:
-        libraries = _status("VmRSS")
+        libraries = own_memory("VmRSS")
         decoder, photograph = build_decoder(read_trained_pattern(path)), _photograph(_LARGE)
         decoder.decode(photograph[:64, :64], _NOISE)
         # The peak begins anew, so that the filter's PSFs aren't in it.
         Path("/proc/self/clear_refs").write_text("5")
         decoder.decode(photograph, _NOISE)
-        print(_status("VmHWM") - libraries)
+        print(own_memory("VmHWM") - libraries)
     except OSError:
         print("null")
-
-
-def _status(name: str) -> int:
-    """Bytes that the system tells of this process."""
-    found = re.search(rf"^{name}:\s*(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
-    assert found is not None
-    return 1024 * int(found[1])
 
 
 MEASUREMENTS = {"edof-decoder-cost": edof_decoder_cost_figures}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -17,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from figures import Figure
+from figures.own_memory import own_memory
 from figures.panel_sum import PanelSum
 from figures.stopwatch import processor_seconds
 from figures.where import ENVIRONMENT, ROOT
@@ -259,18 +259,11 @@ def _main(count: int) -> None:
     try:
         # The peak begins anew, so that planning isn't in it.
         Path("/proc/self/clear_refs").write_text("5")
-        before = _status("VmRSS")
+        before = own_memory("VmRSS")
         stack.value_and_gradient(quarter, _loss)
-        print(_status("VmHWM") - before)
+        print(own_memory("VmHWM") - before)
     except OSError:
         print("null")
-
-
-def _status(name: str) -> int:
-    """Bytes that the system tells of this process."""
-    found = re.search(rf"^{name}:\s*(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
-    assert found is not None
-    return 1024 * int(found[1])
 
 
 MEASUREMENTS = {"edof-encoder": edof_encoder_figures}

@@ -6,7 +6,6 @@ import importlib
 import importlib.util
 import json
 import os
-import re
 import subprocess
 import sys
 import time
@@ -18,6 +17,7 @@ import numpy as np
 import torch
 
 from figures import Figure
+from figures.own_memory import own_memory
 from figures.spectral_scenes import (
     SIX_BANDS,
     Array,
@@ -281,19 +281,8 @@ def print_cost(key: str) -> None:
         picture, published_rings(len(case.wavelengths)), spectra, case.wavelengths,
         iterations=case.iterations, adapts=False,
     )  # fmt: skip
-    cost = {"level": found.level, "seconds": found.seconds, "bytes": _largest_memory()}
+    cost = {"level": found.level, "seconds": found.seconds, "bytes": own_memory("VmHWM")}
     print(json.dumps(cost))
-
-
-def _largest_memory() -> int:
-    """Bytes in memory at once of this process since it began.
-
-    Its resource usage won't do: that counts the process that started it as well.
-    """
-    status = Path("/proc/self/status").read_text()
-    found = re.search(r"^VmHWM:\s*(\d+) kB", status, re.MULTILINE)
-    assert found is not None
-    return 1024 * int(found[1])
 
 
 def _random_squares(spectra: torch.Tensor) -> Array:

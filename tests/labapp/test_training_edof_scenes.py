@@ -10,10 +10,9 @@ import tiny_edof
 import torch
 
 from labapp.training.edof import decoder_task, joint_task
-from labapp.training.edof.captures import DrawnScene, capture_scenes
+from labapp.training.edof.captures import capture_scenes
 from labapp.training.edof.depth_choice import choose_dioptres, depth_chances, depth_indices
 from labapp.training.edof.optics_table import training_dioptres
-from labapp.training.scenes import Scene
 
 # Depths.
 
@@ -121,22 +120,6 @@ def test_scenes_that_are_drawn_beforehand_are_the_same():
             assert (one.noise, one.unmodulated) == (other.noise, other.unmodulated)
 
 
-def plane(seed: int, layers: int = 1, noise: float = 0.03) -> DrawnScene:
-    rng = np.random.default_rng(seed)
-    pictures = rng.random((layers, 16, 16), dtype=np.float32)
-    mattes = np.ones((layers, 16, 16), np.float32)
-    mattes[:-1] = rng.random((16, 16)) < 0.5
-    depths = np.sort(rng.random(layers))[::-1]
-    grain = rng.standard_normal((16, 16), dtype=np.float32)
-    return DrawnScene(Scene(pictures, mattes), depths, noise, 0.0, grain)
-
-
-def random_transfers(count: int, seed: int = 0) -> torch.Tensor:
-    psfs = np.random.default_rng(seed).random((count, 16, 16)) ** 6
-    psfs /= psfs.sum((1, 2), keepdims=True)
-    return torch.from_numpy(np.fft.rfft2(psfs)).to(torch.complex64)
-
-
 def decoded_light(values):
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
@@ -144,8 +127,13 @@ def decoded_light(values):
 @pytest.mark.parametrize("linear", [False, True])
 def test_captures_are_blurred_scenes_with_noise_in_the_order_of_the_scenes(linear):
     """Planes by numpy's transforms, among scenes with more layers."""
-    drawn = [plane(0, 2), plane(1, 1), plane(2, 3), plane(3, 1, noise=0.1)]
-    transfers = [random_transfers(len(one.depths), k) for k, one in enumerate(drawn)]
+    drawn = [
+        tiny_edof.plane(0, 2),
+        tiny_edof.plane(1, 1),
+        tiny_edof.plane(2, 3),
+        tiny_edof.plane(3, 1, noise=0.1),
+    ]
+    transfers = [tiny_edof.random_transfers(len(one.depths), k) for k, one in enumerate(drawn)]
     found = capture_scenes(drawn, transfers, linear=linear)
     assert found.pictures.shape == found.truth.shape == (4, 1, 16, 16)
     for k in (1, 3):

@@ -15,33 +15,15 @@ from skimage.metrics import structural_similarity
 
 from labapp.edof.design_problem import EdofProblem
 from labapp.training.edof import decoder_task, joint_task, optics_table
-from labapp.training.edof.captures import Captures, DrawnScene, capture_scenes
+from labapp.training.edof.captures import Captures, capture_scenes
 from labapp.training.edof.decoder_task import decode_captures, scene_losses
 from labapp.training.edof.joint_task import JointTask
 from labapp.training.processes import Processes
-from labapp.training.scenes import Scene
 from labapp.training.step_count import count_steps
 from optics.edof.learned import DecoderNetwork, WienerFront
 from optics.edof.panel_conditions import ConditionTransfer
 from optics.edof.quarter_transfer import QuarterTransfer
 from optics.edof.spectral_criterion import blind_filter
-
-
-def plane(seed: int, layers: int = 1, noise: float = 0.03) -> DrawnScene:
-    rng = np.random.default_rng(seed)
-    pictures = rng.random((layers, 16, 16), dtype=np.float32)
-    mattes = np.ones((layers, 16, 16), np.float32)
-    mattes[:-1] = rng.random((16, 16)) < 0.5
-    depths = np.sort(rng.random(layers))[::-1]
-    grain = rng.standard_normal((16, 16), dtype=np.float32)
-    return DrawnScene(Scene(pictures, mattes), depths, noise, 0.0, grain)
-
-
-def random_transfers(count: int, seed: int = 0) -> torch.Tensor:
-    psfs = np.random.default_rng(seed).random((count, 16, 16)) ** 6
-    psfs /= psfs.sum((1, 2), keepdims=True)
-    return torch.from_numpy(np.fft.rfft2(psfs)).to(torch.complex64)
-
 
 # What is decoded, and its loss.
 
@@ -54,8 +36,8 @@ def test_decoders_get_what_their_settings_say(front):
     network = DecoderNetwork(config.decoder.settings("srgb"))
     channels = []
     network.refining.register_forward_pre_hook(lambda module, given: channels.append(given[0]))
-    drawn = [plane(1), plane(2, 3)]
-    transfers = [random_transfers(len(one.depths), k) for k, one in enumerate(drawn)]
+    drawn = [tiny_edof.plane(1), tiny_edof.plane(2, 3)]
+    transfers = [tiny_edof.random_transfers(len(one.depths), k) for k, one in enumerate(drawn)]
     spectrum = torch.rand(16, 9, generator=torch.Generator().manual_seed(0))
     captures = capture_scenes(drawn, transfers, linear=False)
     known = WienerFront.of_transfers(torch.cat(transfers), spectrum)

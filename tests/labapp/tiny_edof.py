@@ -31,7 +31,7 @@ from labapp.edof.design_problem import EdofProblem
 from labapp.files import state_file
 from labapp.files.bench_file import read_bench
 from labapp.files.output_paths import trained_output_paths
-from labapp.training.edof.captures import MixedPictures, SceneSampler
+from labapp.training.edof.captures import DrawnScene, MixedPictures, SceneSampler
 from labapp.training.edof.config import EdofTrainingConfig, read_edof_config
 from labapp.training.edof.decoder_task import DecoderTask
 from labapp.training.edof.drawing import ShownScene
@@ -39,6 +39,7 @@ from labapp.training.edof.joint_task import JointTask, PatternWithDecoder
 from labapp.training.edof.optics_table import OpticsTable, tabulate_optics
 from labapp.training.edof.result import TrainedResult
 from labapp.training.processes import Processes, join_processes
+from labapp.training.scenes import Scene
 from optics.edof.learned import DecoderNetwork
 
 TABLES: dict[str, Any] = {
@@ -131,6 +132,24 @@ def make_joint_task(config: EdofTrainingConfig, processes: Processes | None = No
     problem = make_problem(config)
     module = PatternWithDecoder(make_network(config), start_of(problem))
     return JointTask(module, problem, make_sampler(config), config, processes or Processes(), {})
+
+
+def plane(seed: int, layers: int = 1, noise: float = 0.03) -> DrawnScene:
+    """A scene of random pixels, with random mattes if it has several layers."""
+    rng = np.random.default_rng(seed)
+    pictures = rng.random((layers, 16, 16), dtype=np.float32)
+    mattes = np.ones((layers, 16, 16), np.float32)
+    mattes[:-1] = rng.random((16, 16)) < 0.5
+    depths = np.sort(rng.random(layers))[::-1]
+    grain = rng.standard_normal((16, 16), dtype=np.float32)
+    return DrawnScene(Scene(pictures, mattes), depths, noise, 0.0, grain)
+
+
+def random_transfers(count: int, seed: int = 0) -> torch.Tensor:
+    """Transfer functions of random PSFs of 16 x 16 pixels."""
+    psfs = np.random.default_rng(seed).random((count, 16, 16)) ** 6
+    psfs /= psfs.sum((1, 2), keepdims=True)
+    return torch.from_numpy(np.fft.rfft2(psfs)).to(torch.complex64)
 
 
 def train(

@@ -240,8 +240,8 @@ class _EdofTraining:
 
     def _train_jointly(self, steps: int) -> None:
         """Train pattern and decoder together, and keep that only if validation improves."""
-        task, before = self._joint_task(self._parameters), self._joint_task(self._parameters)
-        first = float(before.validate())
+        task = self._joint_task(self._parameters)
+        first = float(task.validate())
         schedule = joint_schedule(self._request.config, steps)
         kept = self._state("joint")
         decoder = {name: value.clone() for name, value in self._network.state_dict().items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 
@@ -32,21 +33,25 @@ class OpticsTable:
         Those of a flat pattern, for unmodulated light.
     chances : torch.Tensor, (depths,)
         Probability of each depth in training.
-    statistics : DepthStatistics
-        What the filter for all depths follows from.
+    spectrum : torch.Tensor, (side, side // 2 + 1)
+        Power spectrum of the pictures.
     """
 
     dioptres: tuple[float, ...]
     transfers: torch.Tensor
     flat: torch.Tensor
     chances: torch.Tensor
-    statistics: DepthStatistics
+    spectrum: torch.Tensor
+
+    @cached_property
+    def statistics(self) -> DepthStatistics:
+        """What the filter for all depths of the training follows from."""
+        return DepthStatistics.of_transfers(self.transfers, self.flat, self.spectrum)
 
     def to(self, device: torch.device) -> OpticsTable:
         """Return the pattern's table on a device."""
         transfers, flat = self.transfers.to(device), self.flat.to(device)
-        statistics = DepthStatistics.of_transfers(transfers, flat, self.statistics.spectrum)
-        return OpticsTable(self.dioptres, transfers, flat, self.chances, statistics)
+        return OpticsTable(self.dioptres, transfers, flat, self.chances, self.spectrum)
 
 
 @torch.no_grad()
@@ -80,8 +85,8 @@ def tabulate_optics(
     progress = progress or Progress()
     transfers = compute_transfers(transfer, phase, dioptres, progress.part(0, 0.5))
     flat = compute_transfers(transfer, torch.zeros_like(phase), dioptres, progress.part(0.5, 1))
-    statistics = DepthStatistics.of_transfers(transfers, flat, problem.spectrum)
-    return OpticsTable(dioptres, transfers, flat, depth_chances(transfers, config), statistics)
+    chances = depth_chances(transfers, config)
+    return OpticsTable(dioptres, transfers, flat, chances, problem.spectrum)
 
 
 def compute_transfers(

@@ -106,9 +106,8 @@ def write_result(result: TrainedResult, scenes: list[ShownScene], files: Sequenc
 def print_result(result: TrainedResult, files: Sequence[Path]) -> None:
     """Print what the training of a pattern and its decoder reached, and which files it wrote."""
     account, decoder = result.account, result.network.settings
-    knowledge = "blind" if decoder.is_blind else "told the depth"
     rows = [
-        ["decoder", f"{knowledge}, {count_weights(result.network):,} weights"],
+        ["decoder", f"{decoder.knowledge}, {result.network.weight_count:,} weights"],
         ["decoder alone", f"{account['decoder_validation']:.2f} dB in validation"],
     ]
     if account["joint_steps"]:
@@ -126,11 +125,11 @@ def print_result(result: TrainedResult, files: Sequence[Path]) -> None:
 def _title(result: TrainedResult) -> str:
     """Return the title of a training's picture."""
     far, near = result.problem.depth_range
-    knowledge = "blind" if result.network.settings.is_blind else "told the depth"
+    network = result.network
     return (
         f"Extended depth of field, {far:g} to {near:g} D, {result.config.wavelength_nm:g} nm: "
-        f"{knowledge}, {count_weights(result.network):,} weights, {result.validation:.2f} dB in "
-        "validation"
+        f"{network.settings.knowledge}, {network.weight_count:,} weights, {result.validation:.2f} "
+        "dB in validation"
     )
 
 
@@ -138,11 +137,6 @@ def _histories(result: TrainedResult) -> dict[str, list[tuple[int, float]]]:
     """Return step and validation score by the stage of a training."""
     kept = {"decoder": result.account["history"], "joint": result.account.get("joint_history", [])}
     return {name: [(int(a), float(b)) for a, b in one] for name, one in kept.items()}
-
-
-def count_weights(network: torch.nn.Module) -> int:
-    """Return the number of weights of a decoder's network."""
-    return sum(one.numel() for one in network.parameters())
 
 
 def _compute_psfs(result: TrainedResult, camera: Camera, wavelength: float) -> Grid:

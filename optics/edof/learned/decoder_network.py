@@ -69,6 +69,11 @@ class DecoderSettings:
         return self.front != "known" and not self.psf_channel
 
     @property
+    def knowledge(self) -> str:
+        """What the decoder knows of a capture's depth, in words."""
+        return "blind" if self.is_blind else "told the depth"
+
+    @property
     def inputs(self) -> int:
         """Channels that the decoder's network is given."""
         return 2 + (self.front != "none") + self.psf_channel
@@ -99,6 +104,11 @@ class DecoderNetwork(nn.Module):
         super().__init__()
         self.settings = settings
         self.refining = UNet(settings.shape, settings.inputs)
+
+    @property
+    def weight_count(self) -> int:
+        """Number of weights of the decoder's network."""
+        return sum(one.numel() for one in self.parameters())
 
     def forward(
         self,
