@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -140,6 +141,9 @@ def join_processes(device: str = "auto") -> Iterator[Processes]:
         return
     if found.type == "cuda":
         torch.cuda.set_device(found)
+    # Its functions keep the group of processes that there is when they are loaded, as optimizers
+    # do later. A group that's kept outlives the block, and its threads end the program by a crash.
+    importlib.import_module("torch.distributed.nn.functional")
     distributed.init_process_group("nccl" if found.type == "cuda" else "gloo")
     try:
         yield Processes(distributed.get_rank(), count, found)
