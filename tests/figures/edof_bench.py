@@ -1,9 +1,9 @@
-"""A pattern for depth of field on the virtual bench: its PSFs, and what the bench's faults cost.
+"""The bundled pattern for depth of field on the virtual bench: its PSFs, and what faults cost.
 
 The PSFs are the mean pictures of points on the virtual bench, without the camera's noise. Captures
 are then computed by the strict protocol, with its noise, from the PSFs of a changed bench, and
-decoded by the filter for the bench as it should be. All benches see the same photographs and the
-same noise, so that a loss is known better than a score.
+decoded by the bundled decoder, which knows the bench as it should be. All benches see the same
+photographs and the same noise, so that a loss is known better than a score.
 """
 
 from __future__ import annotations
@@ -11,25 +11,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from figures import Figure, edof_protocol
+from figures import Figure
 from figures.edof_apart import separation_figures
 from figures.edof_judge import PSFJudge
-from figures.edof_protocol import CAMERA, DATA, JUDGED, _wiener, design, read_photograph
-from labapp.edof.design_problem import EdofProblem
-from labapp.edof.design_request import EdofRequest
+from figures.edof_protocol import CAMERA, DATA, JUDGED, design, read_photograph
+from labapp.edof.trained_pattern import TrainedPattern, bundled_trained_pattern
 from labapp.files.true_bench_table import TrueBenchTable
 from labapp.pictures.analysis.star_psf import predict_star
 from labapp.studies.edof_psfs import fit_shift, move_picture
 from optics.camera import Camera
 from optics.edof.evaluation import prepare_scenes
-from optics.edof.pattern_search import design_pattern
+from optics.edof.learned import learned_decoder
 from optics.edof.protocol import STRICT, EdofProtocol
 from optics.edof.protocol_psfs import (
     CameraPSFs,
@@ -97,35 +95,12 @@ def edof_bench_figures(folder: Path) -> list[Figure]:
             Figure("pattern for depth of field on the virtual bench", "see the goals", why, None)
         ]
     pictures = [read_photograph(DATA / f"kodak/kodim{name}.png") for name in JUDGED]
-    phase = design_for_fringing()
+    trained = bundled_trained_pattern()
     return [
-        psf_figure(phase, _PROTOCOL.on_grid),
-        *fault_figures(phase, pictures, _PROTOCOL),
+        psf_figure(trained.phase, _PROTOCOL.on_grid),
+        *fault_figures(trained, pictures, _PROTOCOL),
         *separation_figures(design(STRICT), pictures),
     ]
-
-
-@cache
-def design_for_fringing() -> torch.Tensor:
-    """The pattern that stands fringing, made as `labapp design edof --fringing-um` does."""
-    request = EdofRequest(
-        None, (_WAVELENGTH,), 2.0, 0.0, edof_protocol._NOISE, "blind", None, "rings", "quarter",
-        edof_protocol._SIZE, 1, edof_protocol._SEED, fringing=_COUPLING,
-    )  # fmt: skip
-    problem = EdofProblem(request, CAMERA)
-    transfer = problem.transfer(_WAVELENGTH)
-    found = design_pattern(
-        transfer,
-        problem.parametrisation.fit(problem.start_phase()),
-        problem.spectrum_on(transfer.grid),
-        request.noise,
-        steps=edof_protocol._STEPS,
-        generator=torch.Generator().manual_seed(request.seed),
-        pattern=problem.phase,
-        further_bands=problem.further_bands(),
-        depth_range=problem.depth_range,
-    )
-    return problem.whole_phase(found.parameters).detach()
 
 
 def bench_camera(side: int) -> Camera:
@@ -183,8 +158,8 @@ def psf_figure(phase: torch.Tensor, dioptres: Sequence[float]) -> Figure:
         moved.append(max(map(abs, shift)))
     worst = int(np.argmax(apart))
     return Figure(
-        f"PSFs on the virtual bench and simulated ones, ± {_PSF_SIDE // 2} pixels, worst of "
-        f"{len(dioptres)} distances, without noise",
+        "PSFs of the bundled pattern on the virtual bench and simulated ones, "
+        f"± {_PSF_SIDE // 2} pixels, worst of {len(dioptres)} distances, without noise",
         f"≤ {_PSF_GOAL:.0%}",
         f"{apart[worst]:.2%} at {1 / dioptres[worst]:g} m, moved by {max(moved):.3f} pixels",
         max(apart) <= _PSF_GOAL,
@@ -192,16 +167,18 @@ def psf_figure(phase: torch.Tensor, dioptres: Sequence[float]) -> Figure:
 
 
 def fault_figures(
-    phase: torch.Tensor, pictures: Sequence[torch.Tensor], protocol: EdofProtocol
+    trained: TrainedPattern, pictures: Sequence[torch.Tensor], protocol: EdofProtocol
 ) -> list[Figure]:
     """Loss of decoded captures by the faults of [truth], and by 8 bits of grey."""
+    phase = trained.phase
     camera = bench_camera(protocol.psf_window)
     grey = phase_to_grey(camera.panel, phase, _WAVELENGTH)
     shown = PupilPattern("shown", grey_to_phase(camera.panel, grey, _WAVELENGTH))
     source = CameraPSFs(camera, protocol)
     wanted = compute_depth_psfs(shown, protocol.design_dioptres, camera, protocol, source)
     known = compute_depth_psfs(shown, protocol.test_dioptres, camera, protocol, source)
-    judge = PSFJudge(wanted, prepare_scenes(pictures, protocol), protocol, _wiener(STRICT))
+    decoder = learned_decoder(trained.network, trained.spectrum_on_grid)
+    judge = PSFJudge(wanted, prepare_scenes(pictures, protocol), protocol, decoder)
     plain = bench_psfs(camera, grey.numpy(), protocol.test_dioptres, _POINT, {}, {})
     # The light of the star: what the engine says arrives in the window.
     light = plain.sum((1, 2)).mean() / float(known.kernels.sum((1, 2)).mean())
@@ -286,7 +263,7 @@ def _loss_figure(name: str, losses: np.ndarray, still: np.ndarray, levels: np.nd
     goal = _GOALS.get(name, _LOSS_GOAL)
     moved = "" if still is losses else f"; of pictures as they are {losses.mean():.3f} dB"
     return Figure(
-        f"loss by {_WORDS[name]}, blind Wiener, ten distances",
+        f"loss by {_WORDS[name]}, bundled decoder, blind, ten distances",
         "told" if goal is None else f"≤ {goal:g} dB",
         f"{still.mean():.3f} dB of {levels[: len(still)].mean():.2f}, worst distance "
         f"{still.max():.3f} dB{moved}",

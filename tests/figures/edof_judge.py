@@ -1,4 +1,4 @@
-"""Score PSFs by the strict protocol, with the filter for a bench as it should be."""
+"""Score PSFs by the strict protocol, with the decoder for a bench as it should be."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from optics.progress import Progress
 
 @dataclass(frozen=True, eq=False)
 class PSFJudge:
-    """Scores PSFs by the photographs and the filter of a bench as it should be."""
+    """Scores PSFs by the photographs and the decoder of a bench as it should be."""
 
     design: DepthPSFs
     scenes: Sequence[torch.Tensor]

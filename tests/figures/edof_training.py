@@ -73,7 +73,7 @@ def edof_joint_figures(folder: Path) -> list[Figure]:
 def _authors_figure(folder: Path) -> Figure:
     """The published simulation's protocol, blind, all ten distances, scored in sRGB."""
     started = time.process_time()
-    trained = _train(folder, "authors", _AUTHORS, _AUTHORS_STEPS)
+    trained = train_pattern(folder, "authors", _AUTHORS, _AUTHORS_STEPS)
     minutes = (time.process_time() - started) / 60
     few = replace(AUTHORS, off_grid_count=10)
     table = evaluate_trained(trained, unsplash(slice(3, 6)), few)
@@ -114,7 +114,7 @@ def _compared_figures(folder: Path) -> list[Figure]:
     }
     found = {
         name: _learned_scores(
-            _train(folder, name, {**_STRICT, **changes}, _STRICT_STEPS), pictures, few
+            train_pattern(folder, name, {**_STRICT, **changes}, _STRICT_STEPS), pictures, few
         )
         for name, changes in cases.items()
     }
@@ -148,7 +148,13 @@ def _learned_scores(
     return table.find("trained", "learned").scores
 
 
-def _train(folder: Path, name: str, changes: Mapping[str, Any], steps: int) -> TrainedPattern:
+def train_pattern(
+    folder: Path,
+    name: str,
+    config: Mapping[str, Any],
+    steps: int,
+    device: str = "cpu",
+) -> TrainedPattern:
     """Train by the packaged command's own function, on photographs that nothing is judged on."""
     pictures = folder / "photographs"
     if not pictures.is_dir():
@@ -158,13 +164,13 @@ def _train(folder: Path, name: str, changes: Mapping[str, Any], steps: int) -> T
             (pictures / one.name).symlink_to(one)
     out = folder / f"{name}.h5"
     request = TrainingRequest(
-        EdofTrainingConfig.model_validate(dict(changes)),
+        EdofTrainingConfig.model_validate(dict(config)),
         folder,
         [pictures],
         [],
         steps,
         None,
-        "cpu",
+        device,
     )
     train_edof(request, trained_output_paths(out, force=True))
     return read_trained_pattern(out)

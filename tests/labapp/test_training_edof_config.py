@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from figures.edof_published import read_published_config
 from skimage import data
 from tiny_edof import make_config, write_files
 from typer.testing import CliRunner
@@ -13,10 +14,11 @@ from typer.testing import CliRunner
 from labapp.cli import app
 from labapp.common.errors import UserError
 from labapp.training.edof.command import DEFAULT_STEPS
-from labapp.training.edof.config import BUNDLED_CONFIG, read_edof_config
+from labapp.training.edof.config import BUNDLED_CONFIG, EdofTrainingConfig, read_edof_config
 from labapp.training.edof.training_data import measure_spectrum
 from labapp.training.manifest import read_manifest
 from labapp.training.scenes import SceneSettings
+from optics.edof.learned import DecoderNetwork
 
 
 def train(folder, *arguments):
@@ -51,6 +53,14 @@ def test_the_bundled_configuration_is_read():
     config = read_edof_config(BUNDLED_CONFIG)
     assert config.training.side % config.decoder.settings("srgb").shape.multiple == 0
     assert DEFAULT_STEPS > 0
+
+
+def test_the_published_configuration_of_the_guide_is_read():
+    config = EdofTrainingConfig.model_validate(read_published_config())
+    network = DecoderNetwork(config.decoder.settings(config.scenes.light))
+    assert not config.decoder.settings("linear").is_blind
+    # 64, 128, 256 and 512 channels; an independent count of the published code has 16.9 million.
+    assert network.weight_count == pytest.approx(16.9e6, rel=0.06)
 
 
 def test_a_configuration_becomes_settings():
