@@ -61,6 +61,8 @@ class Imaging:
         require_tolerance(tol)
         self.tol, self.forced = tol, dict(forced or {})
         self.ledger = Ledger()
+        self.plan_count = 0
+        """How many effect plans were computed; those that were found in the cache don't count."""
         self._cache, self._plans, self._streams = ByteCache(memory), Cache(256), Cache(2)
         self._pictures, self._patterns = Cache(4), Cache(3)
 
@@ -107,6 +109,7 @@ class Imaging:
         self, s: Situation, tol: float, forced: Mapping[str, str | bool]
     ) -> EffectPlan:
         """Compute the simulator's effect plan of a situation."""
+        self.plan_count += 1
         self._attach_probes(s)
         return plan_effects(EFFECTS, s, minimum_norms(s), tol, forced)
 
@@ -158,9 +161,8 @@ class Imaging:
 def picture_key(s: Situation) -> Hashable:
     """Return a cache key of all that a situation's simulated picture depends on.
 
-    The start of the exposure is part of it only if the video or the lamp changes with time.
+    The start of the exposure is part of it only if the picture depends on it.
     """
-    changes = s.panel_content.is_changing or s.target.lamp is not None
     beats = complex(s.path.interference) if s.path else 0j
     return (
         s.camera,
@@ -170,8 +172,20 @@ def picture_key(s: Situation) -> Hashable:
         # floating-point errors.
         replace(s.band, centre=round(s.band.centre, 14)),
         (s.panel_content.names, s.panel_content.frame_time),
-        s.exposure_start if changes else 0.0,
+        s.exposure_start if _depends_on_start(s) else 0.0,
         s.exposure,
         beats,
         s.numerics,
     )
+
+
+def _depends_on_start(s: Situation) -> bool:
+    """Return whether a situation's simulated picture depends on when the exposure begins.
+
+    It does if the lamp changes with time, or if the panel's video does and the exposure doesn't see
+    all of its frames equally. A rolling shutter's rows see them equally but for rounding.
+    """
+    video = s.panel_content
+    if s.target.lamp is not None or (video.is_changing and s.camera.sensor.shutter == "rolling"):
+        return True
+    return video.is_changing and not video.covers_whole_periods(s.exposure)

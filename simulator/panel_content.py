@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -54,7 +55,8 @@ class FrameSequence:
 class PanelContent:
     """What the panel shows: a pattern, or a video as names of its frames in their order.
 
-    frame_time: seconds for which each frame is shown. pictures: the different frames by name.
+    frame_time: seconds for which each frame is shown; infinite for a pattern, so that it is the
+    same content however it was shown. pictures: the different frames by name.
     """
 
     names: tuple[str, ...]
@@ -71,7 +73,7 @@ class PanelContent:
             if name not in pictures:
                 pictures[name] = grey.copy()
                 pictures[name].flags.writeable = False
-        return PanelContent(names, pictures, frame_time)
+        return PanelContent(names, pictures, frame_time if len(names) > 1 else math.inf)
 
     @property
     def first(self) -> NDArray[np.uint8]:
@@ -83,7 +85,7 @@ class PanelContent:
         """Return whether the simulator's panel shows more than one picture."""
         return len(self.pictures) > 1
 
-    def _covers_whole_periods(self, seconds: float) -> bool:
+    def covers_whole_periods(self, seconds: float) -> bool:
         """Return whether a simulated exposure sees all frames of the panel's video equally.
 
         This also holds for an exposure of zero length. An exposure may differ from whole periods of
@@ -100,7 +102,7 @@ class PanelContent:
         period.
         """
         n = len(self.names)
-        if self._covers_whole_periods(seconds):
+        if self.covers_whole_periods(seconds):
             shares: tuple[float, ...] = (1.0,) * n
         else:
             shares = shares_of_time(n, start / self.frame_time, seconds / self.frame_time)
@@ -117,7 +119,7 @@ class PanelContent:
         The frames and spans are in the video's order.
         """
         n, frame_time = len(self.names), self.frame_time
-        if self._covers_whole_periods(seconds):
+        if self.covers_whole_periods(seconds):
             spans = [(k, 0.0, 1.0, 1 / n) for k in range(n)]
         else:
             spans = spans_of_time(n, start / frame_time, seconds / frame_time)

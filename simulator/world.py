@@ -165,9 +165,7 @@ class World:
         present ones if None. Nothing is rendered.
         """
         frames = pattern if pattern.ndim == 3 else pattern[None]
-        video = PanelContent.of(
-            frames, 1 / self.camera.panel.frame_rate if len(frames) > 1 else math.inf
-        )
+        video = PanelContent.of(frames, 1 / self.camera.panel.frame_rate)
         asked = replace(
             self.situation(exposure),
             panel_content=video,

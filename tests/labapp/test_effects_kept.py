@@ -21,6 +21,7 @@ from labapp.runs.effect_plan_tables import show_effects
 from labapp.runs.record.reader import Record
 from labapp.runs.steps import planned_shots
 from optics.progress import Progress
+from simulator.imaging import Imaging, picture_key
 
 
 @pytest.fixture
@@ -101,6 +102,23 @@ def test_a_record_tells_what_was_decided(small, tmp_path, labapp):
     assert "What the simulator did for 16 different pictures, tolerance 0.01" in printed
     assert "read noise" in printed
     assert "of everything on" in printed
+
+
+def test_what_a_run_planned_before_is_found_again_when_frames_are_taken(
+    small, tmp_path, monkeypatch
+):
+    asked = set()
+
+    def look_up(imaging, s):
+        asked.add(picture_key(s))
+        return planned(imaging, s)
+
+    planned = Imaging.plan
+    monkeypatch.setattr(Imaging, "plan", look_up)
+    plan = read_file(small.plan, PlanFile)
+    with open_bench(small.bench_files) as bench:
+        run_plan(bench, plan, tmp_path / "run.h5", folder=small.folder)
+    assert len(asked) == 16
 
 
 def plan(target, error, *decisions):

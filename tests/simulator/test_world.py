@@ -510,6 +510,29 @@ def test_a_video_that_was_seen_does_not_linger():
     assert np.array_equal(video_of(w, STILLS, 3 * FRAME), video_of(world(), STILLS, 3 * FRAME))
 
 
+@pytest.mark.parametrize(
+    ("shown", "exposure"),
+    [(STILLS[1], 0.01), (np.stack(STILLS), 3 * FRAME)],
+    ids=["still", "video"],
+)
+def test_what_was_planned_is_found_again_whenever_it_is_shown(shown, exposure):
+    w = world()
+    w.camera = replace(w.camera, panel=replace(w.camera.panel, frame_rate=1 / FRAME))
+    planned = w.effect_plan(shown, WAVELENGTH, exposure, "star")
+    w.wavelength, w.target = WAVELENGTH, "star"
+    for moment in (0.0, 0.3 * FRAME):
+        w.play(shown.reshape(-1, *shown.shape[-2:]), FRAME)
+        w.begin_frame(1, 2, 3, start_time=moment)
+        assert w.electron_rates(exposure)[1] is planned
+    assert w.imaging.plan_count == 1
+
+
+def test_the_start_of_an_exposure_counts_where_it_sees_part_of_a_video():
+    w = world()
+    pictures = [video_of(w, STILLS, 0.5 * FRAME, start) for start in (0.0, FRAME)]
+    assert not np.array_equal(*pictures)
+
+
 def test_a_video_calls_for_what_its_widest_frame_calls_for():
     """The plan is the same whichever way round it is shown, and whichever part is seen."""
     w = world()
