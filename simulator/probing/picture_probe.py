@@ -131,10 +131,13 @@ class PictureProbe:
 
     @cached_property
     def total(self) -> float:
-        """Return the probed picture's electrons per second on the whole frame."""
+        """Return the probed picture's electrons per second on the whole frame.
+
+        It is 0 for a frame without light, where rounding leaves a little of either sign.
+        """
         rows, columns = self.camera.sensor.shape
         inside = self.sharp_picture[MARGIN : MARGIN + rows, MARGIN : MARGIN + columns]
-        return float(inside.double().sum())
+        return max(float(inside.double().sum()), 0.0)
 
     @cached_property
     def brightest(self) -> float:

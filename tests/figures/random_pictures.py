@@ -33,6 +33,9 @@ _COARSER = 3e-5
 _SPOT = 10.0
 """Pixels that a point's light lies on, about."""
 
+_ROUNDING = 1e-6
+"""Share of a point's light in the frame that rounding may leave where there is none."""
+
 
 class TooLong(Exception):
     """The finest picture of a case takes longer than somebody waits."""
@@ -127,6 +130,9 @@ def random_situation(rng: np.random.Generator) -> Situation:
     wanted = bench.camera.sensor.full_well * log_uniform(rng, 0.02, 3.0)
     unit = replace(s, target=lit(target, 1.0)).picture_probe
     brightest = min(unit.brightest, unit.total / _SPOT) * exposure
+    # A target that has moved beside the frame leaves the rounding of its spectrum there.
+    if brightest < _ROUNDING * unit.brightest * exposure:
+        brightest = 0.0
     glare = log_uniform(rng, 1e-3, 0.3) if rng.random() < 0.5 else 0.0
     s = replace(s, camera=replace(s.camera, glare=glare))
     return replace(s, target=lit(target, wanted / brightest)) if brightest else s

@@ -48,6 +48,12 @@ def test_no_bound_of_what_is_left_out_is_broken(number: int) -> None:
     assert not broken, case.words
 
 
+@pytest.mark.parametrize("number", [293, 1132])
+def test_a_target_that_moved_beside_the_frame_leaves_no_light_there(number: int) -> None:
+    probe = random_situation(np.random.default_rng([SEED, number])).picture_probe
+    assert 0 <= probe.total < 1e-6 * probe.brightest
+
+
 def test_the_same_seed_draws_the_same_picture() -> None:
     first, second = (random_situation(np.random.default_rng([SEED, 3])) for _ in range(2))
     assert first.camera.lens == second.camera.lens
