@@ -11,6 +11,9 @@ from optics.plane import Plane
 from optics.stop_shadow import share_through_stop
 from simulator.mount import Mount
 
+_PLACES = 33
+"""Places along an axis at which the light through the stop is computed. Chosen."""
+
 
 def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
     """Return a rendered image's vignetting: each place's light over that on the axis, float32.
@@ -18,7 +21,8 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
     The result is (rows, columns) of the plane. camera: in the panel's axes. Vignetting is cos⁴ of
     the angle at which the lens appears from the sensor, times the panel's light that passes the
     stop, relative to that on the axis (share_through_stop()). The latter is interpolated linearly
-    between 33 x 33 places, the outermost of which are on the plane's edges.
+    between 33 x 33 places, the outermost of which are on the plane's edges; a plane of fewer
+    samples needs no others.
     """
     y, x = plane.mesh()
     z = camera.lens.image_distance
@@ -45,7 +49,8 @@ def _relative_stop_transmission(
             "panel nearer to the lens, or open the stop"
         )
     ends = [(float(one.min()), float(one.max())) for one in plane.mesh()]
-    grid = [np.linspace(low, high, 33) for low, high in ends]
+    counts = (min(_PLACES, max(n, 2)) for n in plane.shape)
+    grid = [np.linspace(*end, count) for end, count in zip(ends, counts, strict=True)]
     known = np.array([[share(float(y), float(x)) for x in grid[1]] for y in grid[0]])
     down = _interpolate(known / axis, plane.coordinates(0).numpy(), grid[0])
     return torch.from_numpy(_interpolate(down.T, plane.coordinates(1).numpy(), grid[1]).T)
