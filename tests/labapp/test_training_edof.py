@@ -153,3 +153,13 @@ def test_a_joint_stage_that_is_better_is_kept(tmp_path, accept_always):
     # The pattern stays mirrored.
     assert torch.equal(kept.phase, kept.phase.flip(0))
     assert torch.equal(kept.phase, kept.phase.flip(1))
+
+
+def test_a_pattern_without_a_learning_rate_stays_in_the_joint_stage(tmp_path, accept_always):
+    """Bit for bit, while the decoder goes on: what joint training is compared with."""
+    write_files(tmp_path, {"joint": {"share": 0.0}})
+    alone = train(tmp_path, 4)
+    write_files(tmp_path, {"joint": {"pattern_rate": 0.0}})
+    kept = train(tmp_path)
+    assert torch.equal(kept.phase, alone.phase)
+    assert not same(kept.network.state_dict(), alone.network.state_dict())

@@ -245,7 +245,8 @@ class JointTable(FileModel):
     first_rate, last_rate : float
         Learning rates of the decoder.
     pattern_rate : float
-        Learning rate of the pattern in radians, at the first rate.
+        Learning rate of the pattern in radians, at the first rate; 0 keeps the pattern, for a
+        comparison.
     parts : int
         Parts of the range of depths whose transfer functions are remembered for the filter.
     """
@@ -254,7 +255,7 @@ class JointTable(FileModel):
     samples: Count = 4
     first_rate: Positive = 2e-4
     last_rate: Positive = 1e-5
-    pattern_rate: Positive = 0.01
+    pattern_rate: Amount = 0.01
     parts: Count = 64
 
     @model_validator(mode="after")
