@@ -134,9 +134,11 @@ class Clipping(PixelwiseEffect):
         return self._above(s).plus(self._below(s))
 
     def explain(self, s: Situation) -> str:
+        most, onset = peak_electrons(s), clipping_onset(s.camera.sensor)
+        counted = "; errors are those of the picture before it is clipped" if most > onset else ""
         return (
-            f"the brightest pixel could hold {peak_electrons(s):.3g} electrons, and "
-            f"{clipping_onset(s.camera.sensor):.3g} are read without clipping"
+            f"the brightest pixel could hold {most:.3g} electrons, and {onset:.3g} are read "
+            f"without clipping{counted}"
         )
 
     def _above(self, s: Situation) -> Bound:

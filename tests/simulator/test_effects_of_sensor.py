@@ -113,6 +113,14 @@ def test_a_bright_picture_calls_for_no_clipping_only_far_from_the_well():
     assert Clipping().error_bound(near, 0).variance > 0
 
 
+def test_where_a_picture_may_clip_its_plan_says_that_errors_count_before():
+    one = Sensor(shape=(12, 12), full_well=10_000.0)
+    dim, burnt = (situation(torch.full((12, 12), 2 * level), one) for level in (5000.0, 12000.0))
+    said = "errors are those of the picture before it is clipped"
+    assert said not in Clipping().explain(dim)
+    assert said in Clipping().explain(burnt)
+
+
 def test_a_lamp_that_flickers_is_as_bright_as_its_brightest_moment():
     from types import SimpleNamespace
 
