@@ -15,7 +15,7 @@ from figures.results import PAGE, RESULTS, Section, Stamp, quote, update
 from labapp.common.console import out, print_json, print_message, print_table
 from labapp.common.threads import use_one_thread
 
-_MARKS = {True: "[green]met[/green]", False: "[red]missed[/red]", None: "not measured"}
+_COLOURS = {True: "green", False: "red", None: "dim"}
 
 
 def main() -> int:
@@ -68,9 +68,14 @@ def _measured(names: list[str], *, keep: bool) -> Iterator[Section]:
 
 def _print(sections: list[Section]) -> None:
     found: list[Figure] = [figure for section in sections for figure in section.figures]
-    rows = [[f.name, f.measured, f.goal, _MARKS[f.met]] for f in found]
+    rows = [[f.name, f.measured, f.goal, _verdict(f)] for f in found]
     print_table("Figures", ["figure", "measured", "goal", ""], rows)
     out.print(sections[-1].stamp.machine, style="dim")
+
+
+def _verdict(figure: Figure) -> str:
+    colour = _COLOURS[figure.met]
+    return f"[{colour}]{figure.verdict}[/{colour}]"
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import torch
 
-from figures import Figure, edof_protocol
+from figures import TOLD, Figure, edof_protocol
 from figures.edof_judge import PSFJudge
 from figures.edof_protocol import CAMERA, _wiener
 from optics.camera import Camera
@@ -54,7 +54,7 @@ def separation_figures(phase: torch.Tensor, pictures: Sequence[torch.Tensor]) ->
     return [
         Figure(
             f"pattern and filter for a panel at the lens, {millimetres:g} mm before it",
-            "told",
+            TOLD,
             f"{(plain - wrong).mean():.2f} dB lost of {plain.mean():.2f}, worst distance "
             f"{(plain - wrong).max():.2f} dB",
             None,

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from figures import Figure
+from figures import TOLD, Figure
 from figures.edof_apart import separation_figures
 from figures.edof_judge import PSFJudge
 from figures.edof_protocol import CAMERA, DATA, JUDGED, design, read_photograph
@@ -210,7 +210,7 @@ def _retuned_figure(judge: PSFJudge, plain: DepthPSFs, changed: DepthPSFs) -> Fi
     losses = levels - others
     return Figure(
         "the same, with filters that are made for the PSFs of each bench at these depths",
-        "told",
+        TOLD,
         f"{losses.mean():.3f} dB of {levels.mean():.2f}, worst distance {losses.max():.3f} dB",
         None,
     )
@@ -264,7 +264,7 @@ def _loss_figure(name: str, losses: np.ndarray, still: np.ndarray, levels: np.nd
     moved = "" if still is losses else f"; of pictures as they are {losses.mean():.3f} dB"
     return Figure(
         f"loss by {_WORDS[name]}, bundled decoder, blind, ten distances",
-        "told" if goal is None else f"≤ {goal:g} dB",
+        TOLD if goal is None else f"≤ {goal:g} dB",
         f"{still.mean():.3f} dB of {levels[: len(still)].mean():.2f}, worst distance "
         f"{still.max():.3f} dB{moved}",
         None if goal is None else bool(still.mean() <= goal),

@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from figures import Figure
+from figures import TOLD, Figure
 from figures.edof_decoder import evaluate_trained
 from figures.edof_protocol import DATA, unsplash
 from figures.edof_training import train_pattern
@@ -39,7 +39,7 @@ def edof_published_figures(folder: Path) -> list[Figure]:
     return [
         Figure(
             _TITLE,
-            "told",
+            TOLD,
             f"{scores.on_grid:.2f} dB in sRGB, {farther:.2f} dB without the nearest, after "
             f"{account['decoder_steps']} steps of the decoder and {account['joint_steps']} joint "
             f"ones; {trained.network.weight_count} weights",
@@ -55,7 +55,7 @@ _TITLE = (
 
 
 def _unmeasured(why: str) -> Figure:
-    return Figure(_TITLE, "told", f"not measured: {why}", None)
+    return Figure(_TITLE, TOLD, f"not measured: {why}", None)
 
 
 def read_published_config() -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import skimage
 
-from figures import Figure
+from figures import TOLD, Figure
 from figures.edof_decoder import evaluate_trained
 from figures.edof_protocol import DATA, JUDGED, read_photograph, unsplash
 from labapp.edof.trained_pattern import TrainedPattern, read_trained_pattern
@@ -143,7 +143,7 @@ def _compared_figures(folder: Path) -> list[Figure]:
         ),
         Figure(
             "the same over a decoder that is trained in one stage",
-            "told",
+            TOLD,
             f"{beyond:+.2f} dB, {found['jointly'].on_grid:.2f} over "
             f"{found['in one stage'].on_grid:.2f} dB",
             None,

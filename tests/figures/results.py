@@ -33,7 +33,6 @@ _QUOTED = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", re.MULTILINE)
 """A row of a page that quotes some: figure, goal, seen."""
 
 _UNKNOWN = "Not measured yet: "
-_MARKS = {True: "met", False: "**missed**", None: "not measured"}
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,12 @@ class Section:
     def __str__(self) -> str:
         lines = [f"## {self.name}", "", str(self.stamp), "", *_TABLE]
         for figure in self.figures:
-            cells = (_cell(figure.name), _cell(figure.goal), _seen(figure), _MARKS[figure.met])
+            cells = (
+                _cell(figure.name),
+                _cell(figure.goal),
+                _seen(figure),
+                _emphasise(figure, figure.verdict),
+            )
             lines.append("| " + " | ".join(cells) + " |")
         return "\n".join([*lines, ""])
 
@@ -118,7 +122,11 @@ def _page(sections: dict[str, str], known: Sequence[str]) -> str:
 
 
 def _seen(figure: Figure) -> str:
-    return f"**{_cell(figure.measured)}**" if figure.met is False else _cell(figure.measured)
+    return _emphasise(figure, _cell(figure.measured))
+
+
+def _emphasise(figure: Figure, words: str) -> str:
+    return f"**{words}**" if figure.met is False else words
 
 
 def _cell(words: str) -> str:

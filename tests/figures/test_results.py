@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from figures import Figure
+from figures import TOLD, Figure
 from figures.measurements import MEASUREMENTS, measurement
 from figures.results import (
     PAGE,
@@ -49,6 +49,15 @@ def test_a_part_that_is_measured_again_leaves_the_rest(page):
 def test_sections_stand_in_the_order_of_the_measurements(page):
     assert list(read_sections(page)) == ["help", "psf"]
     assert list(MEASUREMENTS).index("help") < list(MEASUREMENTS).index("psf")
+
+
+def test_a_figure_that_is_just_told_has_no_verdict(page):
+    told = Figure("what psf costs", TOLD, "0.5 dB", None)
+    absent = Figure("psf of a peer", "≤ 1 s", "the peer isn't installed", None)
+    update(Section("psf", LATER, (told, absent)), page)
+    rows = read_sections(page)["psf"]
+    assert "| what psf costs | told | 0.5 dB |  |" in rows
+    assert "| psf of a peer | ≤ 1 s | the peer isn't installed | not measured |" in rows
 
 
 def test_what_was_never_measured_is_named(page):
