@@ -13,7 +13,7 @@ import torch
 from figures import TOLD, Figure
 from figures.edof_decoder import evaluate_trained
 from figures.edof_protocol import DATA, unsplash
-from figures.edof_training import train_pattern
+from figures.edof_training import train_pattern, training_photographs
 from optics.edof.protocol import AUTHORS
 
 _GUIDE = Path(__file__).parents[2] / "labapp/docs/depth-of-field.md"
@@ -28,7 +28,9 @@ def edof_published_figures(folder: Path) -> list[Figure]:
         return [_unmeasured("the photographs aren't beside the checkout")]
     if not torch.cuda.is_available():
         return [_unmeasured("there is no GPU")]
-    trained = train_pattern(folder, "published", read_published_config(), _STEPS, "cuda")
+    # Its scenes are larger than the other photographs.
+    large = training_photographs()[:3]
+    trained = train_pattern(folder, "published", read_published_config(), _STEPS, "cuda", large)
     few = replace(AUTHORS, off_grid_count=1)
     table = evaluate_trained(trained, unsplash(slice(3, 6)), few)
     scores = table.find("trained", "learned", "srgb").scores

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -162,19 +162,28 @@ def _learned_scores(
     return table.find("trained", "learned").scores
 
 
+def training_photographs() -> list[Path]:
+    """Photographs that nothing is judged on: three large ones, and five of about 500 pixels."""
+    own = [Path(skimage.__file__).parent / "data" / one for one in _SKIMAGE]
+    return [*sorted((DATA / "unsplash").glob("*.jpg"))[:3], *own]
+
+
 def train_pattern(
     folder: Path,
     name: str,
     config: Mapping[str, Any],
     steps: int,
     device: str = "cpu",
+    photographs: Sequence[Path] | None = None,
 ) -> TrainedPattern:
-    """Train by the packaged command's own function, on photographs that nothing is judged on."""
+    """Train by the packaged command's own function.
+
+    photographs: those of `training_photographs` by default.
+    """
     pictures = folder / "photographs"
     if not pictures.is_dir():
         pictures.mkdir()
-        own = [Path(skimage.__file__).parent / "data" / one for one in _SKIMAGE]
-        for one in [*sorted((DATA / "unsplash").glob("*.jpg"))[:3], *own]:
+        for one in training_photographs() if photographs is None else photographs:
             (pictures / one.name).symlink_to(one)
     out = folder / f"{name}.h5"
     request = TrainingRequest(
