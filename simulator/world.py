@@ -30,6 +30,14 @@ TYPICAL_EXPOSURE = 0.01
 """Exposure time in seconds that an effect plan assumes unless another one is given."""
 
 
+def countable_exposure(exposure: float) -> float:
+    """Return the exposure time in seconds that a simulated camera takes for the given one.
+
+    Cameras count whole microseconds. An exposure that is too short for any stays as it is.
+    """
+    return round(exposure * 1e6) / 1e6 or exposure
+
+
 class World:
     """The state of a virtual bench: what the panel shows, the filter passes and the target sends.
 
@@ -161,13 +169,13 @@ class World:
     ) -> EffectPlan:
         """Return the simulator's effect plan for a pattern or video on its panel.
 
-        A video is (n, rows, columns) and is shown at the panel's frame rate. target, bandwidth: the
-        present ones if None. Nothing is rendered.
+        A video is (n, rows, columns) and is shown at the panel's frame rate. exposure: as a camera
+        is asked for it. target, bandwidth: the present ones if None. Nothing is rendered.
         """
         frames = pattern if pattern.ndim == 3 else pattern[None]
         video = PanelContent.of(frames, 1 / self.camera.panel.frame_rate)
         asked = replace(
-            self.situation(exposure),
+            self.situation(countable_exposure(exposure)),
             panel_content=video,
             band=replace(self.band, centre=wavelength, fwhm=bandwidth or self.bandwidth),
             target=self.scene.targets[target or self.target],

@@ -10,6 +10,7 @@ from dataclasses import replace
 from drivers.interfaces import Frame, Setting, Surroundings, checksum
 from optics.validation import require_positive
 from simulator.devices.base import SimulatedDevice, require_duration
+from simulator.world import countable_exposure
 
 
 class SimulatedCamera(SimulatedDevice):
@@ -82,8 +83,7 @@ class SimulatedCamera(SimulatedDevice):
                 f"out of range, {low * 1e3:g} to {high * 1e3:g} ms",
                 "Choose an exposure in the range",
             )
-        # Cameras count exposure times in whole microseconds.
-        self._exposure = round(exposure * 1e6) / 1e6
+        self._exposure = countable_exposure(exposure)
         return Setting(exposure, self._exposure, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:

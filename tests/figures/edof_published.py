@@ -25,9 +25,9 @@ _STEPS = 2000
 def edof_published_figures(folder: Path) -> list[Figure]:
     """The configuration that the guide shows, trained, and scored by the published protocol."""
     if not (DATA / "unsplash").is_dir():
-        return [_unmeasured("the photographs aren't beside the checkout")]
+        return [_explain_absence("the photographs aren't beside the checkout")]
     if not torch.cuda.is_available():
-        return [_unmeasured("there is no GPU")]
+        return [_explain_absence("there is no GPU")]
     # Its scenes are larger than the other photographs.
     large = training_photographs()[:3]
     trained = train_pattern(folder, "published", read_published_config(), _STEPS, "cuda", large)
@@ -56,7 +56,7 @@ _TITLE = (
 )
 
 
-def _unmeasured(why: str) -> Figure:
+def _explain_absence(why: str) -> Figure:
     return Figure(_TITLE, TOLD, f"not measured: {why}", None)
 
 

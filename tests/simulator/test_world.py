@@ -31,7 +31,7 @@ from optics.slm import grey_to_phase
 from simulator.effects.registry import EFFECTS
 from simulator.panel_content import shares_of_time
 from simulator.scene import Dark, PhotographPrint, Scene, Star
-from simulator.world import TYPICAL_EXPOSURE
+from simulator.world import TYPICAL_EXPOSURE, countable_exposure
 
 WAVELENGTH = 550e-9
 
@@ -525,6 +525,14 @@ def test_what_was_planned_is_found_again_whenever_it_is_shown(shown, exposure):
         w.begin_frame(1, 2, 3, start_time=moment)
         assert w.electron_rates(exposure)[1] is planned
     assert w.imaging.plan_count == 1
+
+
+def test_a_plan_is_for_the_exposure_that_a_camera_takes():
+    w = world()
+    w.wavelength, w.target, w.grey = WAVELENGTH, "star", STILLS[1]
+    planned = w.effect_plan(STILLS[1], WAVELENGTH, 1 / 300, "star")
+    assert w.electron_rates(0.003333)[1] is planned
+    assert countable_exposure(1e-7) == 1e-7
 
 
 def test_the_start_of_an_exposure_counts_where_it_sees_part_of_a_video():

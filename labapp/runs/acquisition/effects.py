@@ -49,10 +49,8 @@ def effect_plans(
 
 def _plan_effects(bench: Bench, world: World, shot: Shot, shown: NDArray[np.uint8]) -> EffectPlan:
     place, bandwidth = shot.place or shot.target, _bandwidth(bench, shot)
-    # Cameras count whole microseconds. A plan for the exact time would be made for nothing.
-    exposure = round(shot.exposure * 1e6) / 1e6 or shot.exposure
     try:
-        return world.effect_plan(shown, shot.wavelength, exposure, place, bandwidth)
+        return world.effect_plan(shown, shot.wavelength, shot.exposure, place, bandwidth)
     except ValueError as error:
         raise UserError(
             f"{shot.target} with {shot.pattern} at {shot.wavelength * 1e9:g} nm can't be "
