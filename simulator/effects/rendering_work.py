@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from optics.slm.flicker import flicker_nodes
 from simulator.effects.psf_bounds import can_orders_reach_sensor, is_uniform_scene
 from simulator.effects.result_cache import cached_per_situation
-from simulator.formation.windows import picture_shape, psf_window
+from simulator.formation.windows import rendering_windows
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
 from simulator.recipe import SMALLEST_WINDOW
 from simulator.situation import Situation
@@ -127,19 +127,23 @@ def rendering_operations(s: Situation, levels: Mapping[str, int]) -> float:
 def _operations(s: Situation, found: tuple[int, ...]) -> float:
     """Return the operations of rendering, cached by the levels of the relevant effects."""
     levels = dict(zip(_RELEVANT_EFFECTS, found, strict=True))
-    counts = _count_steps(s, levels)
-    reach, orders = (
+    samples, wave = s.coarsest_sampling, bool(levels.get(DIFFRACTION, 0))
+    windows = rendering_windows(
+        s,
         LEVELS.windows[levels.get(PSF_REACH, 0)],
-        LEVELS.orders[levels.get(PANEL_ORDERS, 0)] * counts.wave,
+        orders=LEVELS.orders[levels.get(PANEL_ORDERS, 0)] if wave else 0,
+        wave=wave,
+        samples=samples,
     )
-    down, across = (n * counts.samples for n in psf_window(s, reach))
+    counts = _count_steps(s, levels, apart=not windows.merged_orders)
+    down, across = (n * counts.samples for n in windows.psf)
     one = psf_operations if counts.wave else ray_operations
-    rows, columns = (n * counts.samples for n in picture_shape(s, reach, orders))
+    rows, columns = (n * counts.samples for n in windows.picture)
     transform = transform_operations(rows, columns)
     pixels = transform_operations(rows // counts.samples, columns // counts.samples)
     drawing = counts.pictures * transform * _picture_oversampling(s, levels)
-    beside = reach * counts.samples
-    of_order = counts.orders * one(s.camera.panel, beside, beside)
+    beside = (n * counts.samples for n in windows.side_order)
+    of_order = counts.orders * one(s.camera.panel, *beside)
     spreading = counts.psfs * (one(s.camera.panel, down, across) + of_order)
     return spreading + counts.transforms * transform + drawing + pixels
 
@@ -150,8 +154,11 @@ def _picture_oversampling(s: Situation, levels: Mapping[str, int]) -> float:
     return float(along**2)
 
 
-def _count_steps(s: Situation, levels: Mapping[str, int]) -> _Counts:
-    """Count the PSFs, transforms and pictures that rendering takes at given effect levels."""
+def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Counts:
+    """Count the PSFs, transforms and pictures that rendering takes at given effect levels.
+
+    apart: whether the panel's side orders have PSFs of their own.
+    """
     target = s.target.for_camera(s.camera)
     parts = sum(len(layer.parts) for layer in target.layers)
     distances = {layer.distance for layer in target.layers}
@@ -167,7 +174,7 @@ def _count_steps(s: Situation, levels: Mapping[str, int]) -> _Counts:
     # Orders that don't reach the sensor aren't computed.
     orders = (
         (2 * LEVELS.orders[levels.get(PANEL_ORDERS, 0)] + 1) ** 2 - 1
-        if can_orders_reach_sensor(s)
+        if apart and can_orders_reach_sensor(s)
         else 0
     )
     channels = len(s.camera.sensor.colour.channels) if s.camera.sensor.colour else 1

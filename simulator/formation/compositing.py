@@ -132,11 +132,15 @@ def _apply_transfers(
 
 @dataclass(frozen=True)
 class Compositor(ABC):
-    """Combine all layers of a target, along all paths of their light."""
+    """Combine all layers of a target, along all paths of their light.
+
+    has_orders: whether light in the panel's side orders is rendered as well.
+    """
 
     gathering: SampleGrid
     spreading: LayerPSFs
     paths: Sequence[LightPath]
+    has_orders: bool
 
     @abstractmethod
     def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
@@ -197,7 +201,7 @@ class OccludingCompositor(Compositor):
 
         Without the panel's side orders it is less than 1, and a cover hides all of it.
         """
-        if len(self.paths) > 1:
+        if self.has_orders:
             return 1.0
         first = self.spreading.places[0]
         return float(self.spreading.psf(number, node, first, cell, count).sum()) or 1.0

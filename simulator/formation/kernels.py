@@ -19,7 +19,7 @@ from optics.stop_shadow import share_through_stop
 from optics.validation import as_number
 from simulator.exposure_fields import WeightedFields, exposure_fields
 from simulator.formation.rays import RayOperator
-from simulator.formation.windows import ORDER_FADE_PIXELS, psf_window
+from simulator.formation.windows import ORDER_FADE_PIXELS, Windows
 from simulator.formation.work import psf_operations, ray_operations
 from simulator.ledger import Ledger
 from simulator.panel_at_wavelength import modulator_at
@@ -56,19 +56,18 @@ class Kernels:
         self,
         s: Situation,
         recipe: Recipe,
+        windows: Windows,
         cache: ByteCache,
         ledger: Ledger,
         check: Callable[[], None],
     ) -> None:
         self._s, self._recipe, self._cache, self._ledger = s, recipe, cache, ledger
-        self._check = check
+        self._check, self._merged_orders = check, windows.merged_orders
         camera = s.mount.camera_in_panel_axes(replace(s.camera, panel=recipe.panel))
         self.camera: Camera = camera
         sensor, finer = camera.sensor, recipe.samples_per_pixel
-        self.plane = sensor.window_plane(psf_window(s, recipe.window)).with_finer_pitch(finer)
-        self._around_orders = sensor.window_plane((recipe.window, recipe.window)).with_finer_pitch(
-            finer
-        )
+        self.plane = sensor.window_plane(windows.psf).with_finer_pitch(finer)
+        self._around_orders = sensor.window_plane(windows.side_order).with_finer_pitch(finer)
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -78,7 +77,8 @@ class Kernels:
         """
         r = self._recipe
         beats = complex(self._s.path.interference) if self._s.path and r.interference else 0j
-        axes = (self.plane.shape, r.window, r.samples_per_pixel, r.dispersion, beats, r.diffraction)
+        sides = (self.plane.shape, self._around_orders.shape, self._merged_orders)
+        axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction)
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
 
     def psf(
@@ -91,15 +91,16 @@ class Kernels:
         """Return the PSF that a point is rendered with, from the cache or computed.
 
         effect: the effect in the ledger for which it is computed. order: the diffraction order
-        whose cell alone is returned; if None, all light in the window.
+        whose cell alone is returned, for the zeroth with the orders that are merged with it; if
+        None, all light in the window.
         """
         causes = ("psf", self.key, panel_state, point, order)
         return self._cache.get(causes, lambda: self._compute_psf(panel_state, point, effect, order))
 
     def central(self, wavelength: float) -> Order | None:
-        """Return the zeroth order if the rendered PSF's window exceeds its cell, else None."""
+        """Return the zeroth order if the rendered PSF's window exceeds its orders, else None."""
         period, side = self.period(wavelength), max(self.plane.shape) * self.plane.pitch[0]
-        wide = side > period - self._fading(period)
+        wide = side > (2 * self._merged_orders + 1) * period - self._fading(period)
         return (0, 0) if wide and self._recipe.diffraction else None
 
     def _fading(self, period: float) -> float:
@@ -288,13 +289,14 @@ class Kernels:
     def _cell(self, plane: Plane, wavelength: float, order: Order) -> torch.Tensor:
         """Return the share of each rendered sample's light that belongs to a diffraction order.
 
-        The samples are in the panel's axes. The shares of all orders add up to 1. Where two orders
-        meet, one fades out as the other fades in: a PSF that ended abruptly would cause ringing.
+        The samples are in the panel's axes. The orders that are merged with the zeroth belong to
+        it. The shares of all orders add up to 1. Where two orders meet, one fades out as the other
+        fades in: a PSF that ended abruptly would cause ringing.
         """
         period = self.period(wavelength)
         inside = []
         for at, k in zip(plane.mesh(), order, strict=True):
-            depth = period / 2 - (at - k * period).abs()
+            depth = (self._merged_orders + 0.5) * period - (at - k * period).abs()
             ramp = (depth / self._fading(period) + 0.5).clamp(0, 1)
             inside.append(torch.sin(math.pi / 2 * ramp) ** 2)
         return inside[0] * inside[1]

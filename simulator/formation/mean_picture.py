@@ -20,7 +20,7 @@ from simulator.formation.nodes import channel_efficiencies, wavelengths
 from simulator.formation.objects import ObjectSpectra
 from simulator.formation.sample_grid import SampleGrid
 from simulator.formation.side_orders import SideOrdersPath
-from simulator.formation.windows import picture_shape
+from simulator.formation.windows import rendering_windows
 from simulator.ledger import Ledger
 from simulator.recipe import Recipe
 from simulator.situation import Situation
@@ -102,23 +102,30 @@ class _Rendering:
     ) -> None:
         self._s, self._recipe, self._cache, self._check = s, recipe, cache, check
         self._ledger = ledger
-        around = picture_shape(s, recipe.window, recipe.orders if recipe.diffraction else 0)
+        orders = recipe.orders if recipe.diffraction else 0
+        windows = rendering_windows(
+            s,
+            recipe.window,
+            orders=orders,
+            wave=recipe.diffraction,
+            samples=recipe.samples_per_pixel,
+        )
         self._gathering = SampleGrid(
             s.camera.sensor,
-            around,
+            windows.picture,
             recipe.samples_per_pixel,
             ledger,
             recipe.picture_samples_per_pixel,
             check,
         )
-        kernels = Kernels(s, recipe, cache, ledger, check)
+        kernels = Kernels(s, recipe, windows, cache, ledger, check)
         objects = ObjectSpectra(s, recipe, self._gathering, kernels, cache)
         spreading = LayerPSFs(s, recipe, kernels, objects)
         ways: list[LightPath] = [ZerothOrderPath(self._gathering, objects, spreading)]
-        if recipe.orders and recipe.diffraction:
-            ways.append(SideOrdersPath(self._gathering, objects, spreading, recipe.orders))
+        if orders and not windows.merged_orders:
+            ways.append(SideOrdersPath(self._gathering, objects, spreading, orders))
         layered = OccludingCompositor if recipe.occlusion else AdditiveCompositor
-        self._layered = layered(self._gathering, spreading, ways)
+        self._layered = layered(self._gathering, spreading, ways, bool(orders))
 
     def light(self, cell: ExposureCell, number: int) -> torch.Tensor:
         """Render the light of an exposure cell, or take it from the cache.

@@ -8,7 +8,10 @@ edges doesn't reach the sensor.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+from optics.validation import as_number
+from simulator.formation.work import psf_operations, transform_operations
 from simulator.situation import Situation
 
 _SPARE = 32
@@ -42,10 +45,82 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
     return whole, whole
 
 
-def psf_window(s: Situation, window: int) -> tuple[int, int]:
-    """Return the window of a rendered PSF in sensor pixels, (rows, columns).
+@dataclass(frozen=True)
+class Windows:
+    """The sizes of what is rendered, in sensor pixels (rows, columns).
 
-    window: its side; the result is smaller where no light goes so far.
+    psf: of the PSF around a point's image. side_order: of the PSF around each side order's centre.
+    picture: of the picture with its margin. merged_orders: side orders of the panel, on each side,
+    that the PSF around the image includes; 0 if they have windows of their own.
+    """
+
+    psf: tuple[int, int]
+    side_order: tuple[int, int]
+    picture: tuple[int, int]
+    merged_orders: int = 0
+
+
+def rendering_windows(
+    s: Situation, window: int, *, orders: int = 0, wave: bool = True, samples: int = 1
+) -> Windows:
+    """Return the windows for rendering PSFs, and the size that the picture needs for them.
+
+    No window is larger than light can go, or than the diffraction orders that it holds. Where the
+    panel's orders lie close together, one PSF with all of them takes less work than one for each.
+
+    Parameters
+    ----------
+    s : Situation
+        The situation that is rendered.
+    window : int
+        Largest side of a PSF's window, in sensor pixels.
+    orders : int
+        Side orders of the panel that are rendered on each side.
+    wave : bool
+        Whether light is a wave; rays have no orders.
+    samples : int
+        Samples along each axis of a pixel, for the work.
+    """
+    if not wave:
+        own = _reached(s, window)
+        return Windows(own, own, _picture_shape(s, own))
+    one = min(window, _order_side(s, 0))
+    apart = Windows(_reached(s, one), (one, one), _picture_shape(s, (one, one), endless=True))
+    if not orders:
+        return Windows(apart.psf, apart.psf, _picture_shape(s, apart.psf))
+    psf = _reached(s, _order_side(s, orders))
+    merged = Windows(psf, psf, _picture_shape(s, psf), orders)
+    if s.camera.separation or _work(s, apart, orders, samples) < _work(s, merged, 0, samples):
+        return apart
+    return merged
+
+
+def _order_side(s: Situation, most: int) -> int:
+    """Return the side in pixels of the square that holds orders up to `most` of a rendered PSF."""
+    longest = max(s.band.support[1], s.band.leak_range[1] if s.band.leak else 0.0)
+    pitch = s.camera.sensor.pitch
+    period = longest * as_number(s.camera.ray_matrix_b) / s.camera.panel.pitch / pitch
+    half = (most + 0.5) * period + ORDER_FADE_PIXELS / 2
+    turned = abs(math.cos(s.mount.rotation)) + abs(math.sin(s.mount.rotation))
+    return 2 * math.ceil(half * turned) + 2
+
+
+def _work(s: Situation, windows: Windows, orders: int, samples: int) -> float:
+    """Return the operations of rendering one PSF with its side orders, and their transforms."""
+
+    def one(sides: tuple[int, int]) -> float:
+        return psf_operations(s.camera.panel, *(n * samples for n in sides))
+
+    # Each side order takes a picture that is drawn and transformed, and a transform of its PSF.
+    transform = transform_operations(*(n * samples for n in windows.picture))
+    others = (2 * orders + 1) ** 2 - 1
+    return one(windows.psf) + others * (one(windows.side_order) + 2 * transform) + transform
+
+
+def _reached(s: Situation, window: int) -> tuple[int, int]:
+    """Return a rendered PSF's window, (rows, columns): smaller where no light goes so far.
+
+    window: its side.
     """
     pitch = s.camera.sensor.pitch
     # min() comes first, as an infinite distance has no ceil().
@@ -54,15 +129,16 @@ def psf_window(s: Situation, window: int) -> tuple[int, int]:
     return rows, columns
 
 
-def picture_shape(s: Situation, window: int, orders: int) -> tuple[int, int]:
+def _picture_shape(
+    s: Situation, sides: tuple[int, int], *, endless: bool = False
+) -> tuple[int, int]:
     """Return the size of a rendered picture with its margin, (rows, columns) of sensor pixels.
 
     The margin is so wide that light carried periodically around the edges doesn't reach the sensor.
-    orders: side orders of the panel that are rendered. Their light is far from any image, and needs
-    the whole window.
+    sides: of the PSF's window. endless: whether the light is taken to go on for ever, since a side
+    order may bring any of it.
     """
-    sides = (window, window) if orders else psf_window(s, window)
-    lit = [math.inf if orders else one / s.camera.sensor.pitch for one in light_extent(s)]
+    lit = [math.inf if endless else one / s.camera.sensor.pitch for one in light_extent(s)]
     found = []
     for n, side, far in zip(s.camera.sensor.shape, sides, lit, strict=True):
         around = (n + side) / 2

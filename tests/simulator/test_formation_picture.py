@@ -21,7 +21,7 @@ from optics.sensor import Mosaic
 from optics.slm import PanelMap, PhaseResponse
 from simulator.formation.kernels import Kernels, PointSource
 from simulator.formation.mean_picture import expected_electrons
-from simulator.formation.windows import picture_shape, psf_window
+from simulator.formation.windows import Windows, rendering_windows
 from simulator.ledger import Ledger
 from simulator.mount import Mount
 from simulator.panel_content import PanelContent
@@ -105,18 +105,19 @@ def test_windows_are_no_larger_than_light_can_go():
         shown=PanelContent.of(grey[None], math.inf),
     )
     recipe = FULL.with_changes(panel=panel, orders=0, window=128)
-    rows, columns = psf_window(s, recipe.window)
+    windows = rendering_windows(s, recipe.window)
+    rows, columns = windows.psf
     assert rows < columns < 128
-    assert picture_shape(s, recipe.window, 0) < (10 + 128, 22 + 128)
-    assert picture_shape(s, recipe.window, 1) >= (10 + 128, 22 + 128)
+    assert windows.picture < (10 + 128, 22 + 128)
     # But for what rings beside a picture that is drawn by samples.
     assert error(s, recipe, replace(FINEST, orders=0)) <= 5e-5
 
 
 def test_endless_light_has_whole_windows():
     s = taken(Flat(1.0, 1e9))
-    assert psf_window(s, 64) == (64, 64)
-    assert picture_shape(s, 64, 0) >= (9 + 64, 10 + 64)
+    windows = rendering_windows(s, 64, wave=False)
+    assert windows.psf == (64, 64)
+    assert windows.picture >= (9 + 64, 10 + 64)
 
 
 def test_light_beside_the_band_also_beyond_the_panels_table():
@@ -317,7 +318,8 @@ def test_an_order_that_gets_hardly_any_light_may_be_less_exact(monkeypatch):
             return super().__call__(*args, **options)
 
     def kernels():
-        return Kernels(s, FULL, ByteCache(), Ledger(), lambda: None)
+        windows = Windows((20, 20), (20, 20), (60, 60))
+        return Kernels(s, FULL, windows, ByteCache(), Ledger(), lambda: None)
 
     seen, point = s.panel_content.picture_shares(0.0, 1.0), PointSource(550e-9, 1.0)
     exact = kernels().psf(seen, point, "panel orders", (0, 1))
