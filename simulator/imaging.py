@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import math
 import os
+import time
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import asdict, dataclass, replace
 
@@ -13,12 +15,13 @@ from optics.caching import ByteCache
 from optics.sensor import moments
 from optics.slm import max_phase
 from simulator.caching import Cache
-from simulator.effects.picture_norms import minimum_norms
+from simulator.effects.picture_norms import estimated_norms, minimum_norms
 from simulator.effects.registry import EFFECTS
 from simulator.formation import expected_electrons
 from simulator.ledger import Ledger
 from simulator.planning import EffectPlan
-from simulator.planning.effect_plan import plan_effects, require_tolerance
+from simulator.planning.effect import DecidedBy
+from simulator.planning.effect_plan import plan_effects, require_decided_by, require_tolerance
 from simulator.planning.forcing import forced_level, resolve_forced_levels
 from simulator.probing.pattern_probe import PatternProbe
 from simulator.recipe import Recipe
@@ -28,6 +31,9 @@ from simulator.streaming import FrameSimulator
 MEMORY = max(1 << 30, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4)
 """Bytes of light, spectra and PSFs that are kept for later pictures: a quarter of the machine's
 memory, at least 1 GiB. A picture of 5 megapixels with the panel's orders needs 2.5 GB of them."""
+
+_LARGE_PANEL = 1 << 17
+"""Panel pixels from which on estimates take one sample a diffraction spot. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,9 @@ class Imaging:
 
     tol: relative error of mean picture and noise up to which effects may be left out. forced:
     effects to be on, off or at a level, whatever error that makes. memory: bytes of results to
-    keep. Raises ValueError for a tol that is negative or not finite.
+    keep. decided_by: "bound" for plans whose error is proved, "estimate" for plans by audited
+    estimates, which save more. Raises ValueError for a tol that is negative or not finite, and for
+    another word.
     """
 
     def __init__(
@@ -57,9 +65,11 @@ class Imaging:
         tol: float = 1e-2,
         forced: Mapping[str, str | bool] | None = None,
         memory: int = MEMORY,
+        decided_by: DecidedBy = "bound",
     ) -> None:
         require_tolerance(tol)
-        self.tol, self.forced = tol, dict(forced or {})
+        require_decided_by(decided_by)
+        self.tol, self.forced, self.decided_by = tol, dict(forced or {}), decided_by
         self.ledger = Ledger()
         self.plan_count = 0
         """How many effect plans were computed; those that were found in the cache don't count."""
@@ -99,21 +109,29 @@ class Imaging:
         max_phase(s.camera.panel, s.wavelength)
         # Copies: a plan is kept under the tolerance and levels that it was computed with, even if
         # another thread changes them meanwhile.
-        tol, forced = self.tol, dict(self.forced)
+        tol, forced, decided_by = self.tol, dict(self.forced), self.decided_by
         return self._plans.get(
-            (tol, tuple(sorted(forced.items())), picture_key(s)),
-            lambda: self._compute_plan(s, tol, forced),
+            (tol, tuple(sorted(forced.items())), decided_by, picture_key(s)),
+            lambda: self._compute_plan(s, tol, forced, decided_by),
         )
 
     def _compute_plan(
-        self, s: Situation, tol: float, forced: Mapping[str, str | bool]
+        self,
+        s: Situation,
+        tol: float,
+        forced: Mapping[str, str | bool],
+        decided_by: DecidedBy,
     ) -> EffectPlan:
-        """Compute the simulator's effect plan of a situation."""
+        """Compute the simulator's effect plan of a situation, and time it."""
         self.plan_count += 1
-        self._attach_probes(s)
-        return plan_effects(EFFECTS, s, minimum_norms(s), tol, forced)
+        began = time.thread_time()
+        self._attach_probes(s, decided_by)
+        norms = minimum_norms(s) if decided_by == "bound" else estimated_norms(s)
+        plan = plan_effects(EFFECTS, s, norms, tol, forced, decided_by)
+        plan.planning_cpu = time.thread_time() - began
+        return plan
 
-    def _attach_probes(self, s: Situation) -> None:
+    def _attach_probes(self, s: Situation, decided_by: DecidedBy) -> None:
         """Attach the cached probes of picture and pattern to the simulator's situation.
 
         The probes don't depend on the exposure time.
@@ -122,12 +140,23 @@ class Imaging:
             (s.target, s.camera, s.band, s.picture_probe.shift), lambda: s.picture_probe
         )
         s.cache.picture_probe = picture
+        if s.cache.are_estimates != (decided_by == "estimate"):
+            # Bounds must not be found from an estimate.
+            s.cache.results.clear()
+        s.cache.are_estimates = decided_by == "estimate"
         shown = (s.panel_content.names, s.panel_content.frame_time)
-        looked_at = (s.camera, shown, s.wavelength, picture.distances)
+        # A small panel's far field takes no time.
+        coarse = decided_by == "estimate" and math.prod(s.camera.panel.shape) >= _LARGE_PANEL
+        looked_at = (s.camera, shown, s.wavelength, picture.distances, coarse)
         s.cache.pattern_probe = self._patterns.get(
             looked_at,
             lambda: PatternProbe(
-                s.camera, s.panel_content, s.wavelength, picture.distances, self._cache
+                s.camera,
+                s.panel_content,
+                s.wavelength,
+                picture.distances,
+                self._cache,
+                samples_per_spot=1 if coarse else 2,
             ),
         )
 

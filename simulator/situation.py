@@ -24,11 +24,13 @@ class SituationCache:
     """Results that were computed for a situation; they are deleted with it.
 
     picture_probe, pattern_probe: None until they are first needed, or until those of another
-    situation are put here. results: all other results, under the arguments that they depend on.
+    situation are put here. are_estimates: whether the results are estimates; else they are bounds.
+    results: all other results, under the arguments that they depend on.
     """
 
     picture_probe: PictureProbe | None = None
     pattern_probe: PatternProbe | None = None
+    are_estimates: bool = False
     results: dict[Hashable, Any] = field(default_factory=dict)
 
 

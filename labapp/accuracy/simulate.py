@@ -137,7 +137,7 @@ def _row(picture: RenderedPicture, reference: RenderedPicture, tol: float) -> Si
     assert plan is not None
     below = sum(line.level != line.levels[-1] for line in plan.decisions)
     return SimulationRow(
-        tol, plan.relative_error_bound, error.mean, error.variance, error.sigma,
+        tol, plan.relative_error, error.mean, error.variance, error.sigma,
         picture.operations, picture.cpu, picture.planning_cpu, below, len(plan.decisions),
     )  # fmt: skip
 

@@ -20,6 +20,8 @@ from simulator.effects.electron_bounds import (
     proportional_error_bound,
     sensor_error_bound,
 )
+from simulator.effects.likely_errors import FAR
+from simulator.effects.picture_norms import estimated_light
 from simulator.effects.psf_bounds import illuminated_area_change
 from simulator.effects.rendering_work import (
     FILTER_BANDWIDTH,
@@ -46,6 +48,11 @@ class BandwidthBoundSettings:
         Change relative to the whole picture at which more nodes count as no finer. Chosen.
     margin : float
         Factor of the bound, from audits: it is computed from a sample of the frequencies.
+    likely_margin : float
+        Factor of the estimate, from audits.
+    likely_converged_change : float
+        Estimated change relative to the picture's norm at which more nodes count as no finer.
+        Chosen.
     dim_pixel_margin : float
         Largest relative change of a dim pixel over that of the whole picture, from audits. Light
         far from an image is dim, and the first to be wrong.
@@ -53,6 +60,8 @@ class BandwidthBoundSettings:
 
     converged_change: float = 2e-5
     margin: float = 2.0
+    likely_margin: float = 2.0
+    likely_converged_change: float = 1e-4
     dim_pixel_margin: float = 12.0
 
 
@@ -63,6 +72,7 @@ class Bandwidth(BlurEffect):
     """The filter's bandwidth: a PSF grows with the wavelength, and a pattern's phase falls."""
 
     name = FILTER_BANDWIDTH
+    noise_change = FAR
     kind = "axis"
     recipe_field, recipe_values = "wavelengths", LEVELS.wavelengths
     physics = "each wavelength of the band has a PSF of its own, wider and less turned"
@@ -82,6 +92,12 @@ class Bandwidth(BlurEffect):
             s, occlusion_factor(s) * change, how, _SETTINGS.dim_pixel_margin
         )
 
+    def likely_error(self, s: Situation, level: int) -> Bound:
+        if level >= self.finest_level(s):
+            return Bound()
+        how = "estimated: quadrature of H(k λ) by the far field"
+        return self.likely_light_error(s, occlusion_factor(s) * _node_count_errors(s)[level], how)
+
     def explain(self, s: Situation) -> str:
         width = s.band.fwhm * 1e9
         return f"a band of {width:.3g} nm around {s.wavelength * 1e9:.4g} nm scales the PSF"
@@ -93,10 +109,11 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
     The list begins with 1 node and ends where the error has converged. A coarser level never has a
     smaller error than a finer one.
     """
-    return tuple(
-        max_lamp_seconds(s) * one
-        for one in cached_across_exposures(s, FILTER_BANDWIDTH, lambda: _node_count_error_rates(s))
-    )
+    what, find = FILTER_BANDWIDTH, _node_count_error_rates
+    if s.cache.are_estimates:
+        what, find = f"likely {FILTER_BANDWIDTH}", _likely_error_rates
+    rates = cached_across_exposures(s, what, lambda: find(s))
+    return tuple(max_lamp_seconds(s) * one for one in rates)
 
 
 def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
@@ -113,11 +130,10 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
         # Uniform light has no frequencies but 0.
         return (0.0,)
     some = some.with_aliases(plane)
-    squares = [
-        (parts, some.represented_power(squared, plane))
-        for parts, squared in s.picture_probe.powers_by_spectrum
-    ]
-    transfers, changes = _possible_transfers(s, some, found.nodes), []
+    squares = _sampled_powers(s, some)
+    turns = [_part_turns(s, part) for part in (0.0, 0.5, -0.5)]
+    transfers = [one * turn for one in _transfers_over_band(s, some) for turn in turns]
+    changes = []
     for count in LEVELS.wavelengths:
         wrong, change = found.weight_errors(count), 0.0
         for parts, power in squares:
@@ -130,6 +146,40 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
     return tuple(np.maximum.accumulate(changes[::-1])[::-1].tolist())
 
 
+def _likely_error_rates(s: Situation) -> tuple[float, ...]:
+    """Estimate the filter bandwidth effect's L2 error rates, by number of wavelength nodes.
+
+    The rates are in electrons per second. The errors of lights with different spectra are taken to
+    be independent, and what the pixels alias is left out.
+    """
+    found, some = spectral_measure(s, "band"), s.picture_probe.sampled_frequencies
+    if not len(some.ky):
+        return (0.0,)
+    squares, transfers = _sampled_powers(s, some), _transfers_over_band(s, some)
+    rates, enough = [], _SETTINGS.likely_converged_change * estimated_light(s)[1]
+    for count in LEVELS.wavelengths:
+        wrong, total = found.weight_errors(count), 0.0
+        for parts, power in squares:
+            rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
+            total += max(_error_power(one, rows, power) for one in transfers)
+        rates.append(_SETTINGS.likely_margin * math.sqrt(total))
+        if rates[-1] <= enough:
+            break
+    return tuple(np.maximum.accumulate(rates[::-1])[::-1].tolist())
+
+
+def _sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[int], Array]]:
+    """Return the power at sampled frequencies for the bandwidth effect, for each spectrum of light.
+
+    Each entry has the numbers of the parts with that spectrum.
+    """
+    plane = s.picture_probe.plane
+    return [
+        (parts, some.represented_power(squared, plane))
+        for parts, squared in s.picture_probe.powers_by_spectrum
+    ]
+
+
 def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -> float:
     """Return the filter bandwidth effect's error with few wavelengths, squared and summed.
 
@@ -140,23 +190,27 @@ def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -
     return float((np.abs(transfer @ wrong.T) ** 2 * power[:, None]).sum(0).max())
 
 
-def _possible_transfers(
-    s: Situation, some: SampledFrequencies, nodes: Array
-) -> list[NDArray[np.complex128]]:
-    """Return the transfer functions that light may have over the band, for the bandwidth effect.
+def _transfers_over_band(s: Situation, some: SampledFrequencies) -> list[NDArray[np.complex128]]:
+    """Return the transfer functions that light has over the band, for the bandwidth effect.
 
-    Each array has the shape (frequencies, nodes).
-
-    A PSF grows with λ, so that its transfer function shrinks; the pattern's phase and the lens'
-    aberrations go with 1/λ. Parts of the pattern may differ in phase by half of the phase's span to
-    either side.
+    Each array has the shape (frequencies, nodes). A PSF grows with λ, so that its transfer function
+    shrinks.
     """
+    nodes = spectral_measure(s, "band").nodes
     ky, kx = s.mount.to_panel_axes(some.ky, some.kx)
     grown = nodes / s.wavelength
     far = [s.wavelength / min(nodes[0], s.wavelength) * one for one in max_blur_distance(s)]
-    at = s.pattern_probe.transfers_at(ky[:, None] * grown, kx[:, None] * grown, (far[0], far[1]))
-    turns = [np.exp(1j * part * _phase_span(s) * (1 / grown - 1)) for part in (0.0, 0.5, -0.5)]
-    return [one * turn for one in at for turn in turns]
+    return s.pattern_probe.transfers_at(ky[:, None] * grown, kx[:, None] * grown, (far[0], far[1]))
+
+
+def _part_turns(s: Situation, part: float) -> NDArray[np.complex128]:
+    """Return how a part of the pattern turns over the band against the rest, (nodes,).
+
+    The pattern's phase and the lens' aberrations go with 1/λ. Parts of the pattern may differ in
+    phase by half of the phase's span to either side. part: of that span, for the bandwidth effect.
+    """
+    grown = spectral_measure(s, "band").nodes / s.wavelength
+    return np.asarray(np.exp(1j * part * _phase_span(s) * (1 / grown - 1)))
 
 
 def _off_axis_factor(s: Situation) -> float:
@@ -181,6 +235,8 @@ class Leak(BlurEffect):
     """The filter's out-of-band leak: light of wavelengths that it doesn't block wholly."""
 
     name = OUT_OF_BAND_LEAK
+    likely_shares = (0.5, 0.01)
+    noise_change = FAR
     kind = "stage"
     recipe_field, recipe_values = "leak", LEVELS.leak
     physics = "a filter blocks other wavelengths a thousandfold, not wholly, and there are many"

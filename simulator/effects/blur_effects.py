@@ -19,9 +19,10 @@ from simulator.effects.electron_bounds import (
     sharp_norm_bound,
     total_electrons,
 )
+from simulator.effects.likely_errors import LightEffect
 from simulator.effects.psf_bounds import blur_sensitivity, has_occlusion
 from simulator.effects.rendering_work import added_operations
-from simulator.planning import Bound, Effect, OnOffEffect
+from simulator.planning import Bound, OnOffEffect
 from simulator.probing.radial import Gain
 from simulator.situation import Situation
 
@@ -68,7 +69,7 @@ def relative_light_error(s: Situation, bound: Bound) -> float:
     return bound.mean / whole_light if whole_light else 0.0
 
 
-class BlurEffect(Effect):
+class BlurEffect(LightEffect):
     """An effect that changes PSFs.
 
     typical_bound_share: typical error over its bound.

@@ -12,15 +12,17 @@ from optics.camera import Camera
 from optics.pupil import object_to_lens_distance
 from optics.validation import as_number
 from simulator.effects.electron_bounds import max_lamp_seconds, sensor_error_bound
+from simulator.effects.likely_errors import LightEffect
 from simulator.effects.rendering_work import ATTRIBUTION_ORDER, LEVELS, rendering_operations
 from simulator.formation.nodes import depth_nodes
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound
 from simulator.probing.radial import Gain
 from simulator.situation import Situation
 
 
-class DepthLayers(Effect):
+class DepthLayers(LightEffect):
     name = "depth layers"
+    likely_shares = (0.02,)
     kind = "axis"
     recipe_field, recipe_values = "depths", LEVELS.depths
     physics = "what isn't in focus is blurred by its distance from the plane that is"

@@ -22,6 +22,7 @@ class Diffraction(OnOffBlurEffect):
 
     audit_margin: ClassVar[float] = 1.5
     name = DIFFRACTION
+    likely_shares = (0.6,)
     recipe_field = "diffraction"
     typical_bound_share = 0.3
     assumed_by_other_bounds = True

@@ -287,10 +287,7 @@ def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: boo
     (Cauchy-Schwarz). read_noise: whether read noise may be relied on; without it, a few electrons
     change σ much.
     """
-    sensor, most = s.camera.sensor, _next_power_of_two(peak_electrons(s))
-    mean, variance, least = _steepest_slopes(
-        sensor, most, min(most, float(round(unclipped_light(s))))
-    )
+    mean, variance, least = _slopes(s)
     varied = variance * change
     sigma = math.sqrt(varied * sqrt_pixel_count(s))
     if read_noise and least:
@@ -320,6 +317,18 @@ def proportional_error_bound(
     )
     sigma = min(bound.sigma, dim_pixel_margin * change / norm / 2 * root)
     return replace(bound, sigma=sigma)
+
+
+def _slopes(s: Situation) -> tuple[float, float, float]:
+    """Return slopes of mean and variance by electrons, and the least σ, for bounds on effects.
+
+    For estimates, they are those without clipping and rounding.
+    """
+    sensor = s.camera.sensor
+    if s.cache.are_estimates:
+        return 1.0, 1.0, sensor.read_noise
+    most = _next_power_of_two(peak_electrons(s))
+    return _steepest_slopes(sensor, most, min(most, float(round(unclipped_light(s)))))
 
 
 def _dim_pixel_electrons(s: Situation) -> float:

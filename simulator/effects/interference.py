@@ -11,6 +11,7 @@ from simulator.situation import Situation
 
 class Interference(OnOffBlurEffect):
     name = POLARISATION_INTERFERENCE
+    likely_shares = (0.5,)
     recipe_field = "interference"
     typical_bound_share = 0.3
     physics = "behind an analyser, light that the panel turns and light that it doesn't interfere"

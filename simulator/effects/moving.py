@@ -16,16 +16,18 @@ from simulator.effects.electron_bounds import (
     max_lamp_seconds,
     sensor_error_bound,
 )
+from simulator.effects.likely_errors import LightEffect
 from simulator.effects.rendering_work import LEVELS, PSF_REACH
 from simulator.formation.windows import rendering_windows
 from simulator.formation.work import transform_operations
-from simulator.planning import Bound, Effect
+from simulator.planning import Bound
 from simulator.probing.radial import Gain
 from simulator.situation import Situation
 
 
-class Motion(Effect):
+class Motion(LightEffect):
     name = "motion"
+    likely_shares = (0.5,)
     kind = "axis"
     recipe_field, recipe_values = "motion", (1, 2, 4, 8, 16, 32)
     physics = "what moves during the exposure is smeared along its path"

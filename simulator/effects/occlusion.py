@@ -9,6 +9,7 @@ import torch
 from scipy.ndimage import maximum_filter1d
 
 from simulator.effects.electron_bounds import max_lamp_seconds, sensor_error_bound
+from simulator.effects.likely_errors import LightEffect
 from simulator.effects.moving import transform
 from simulator.effects.rendering_work import (
     FIELD_POSITION,
@@ -20,8 +21,9 @@ from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
 
 
-class Occlusion(OnOffEffect):
+class Occlusion(LightEffect, OnOffEffect):
     name = "occlusion"
+    likely_shares = (0.5,)
     recipe_field = "occlusion"
     physics = "what is near hides what is behind it, and more of it where it is blurred"
     source = "Hasinoff and Kutulakos 2007, doi 10.1109/ICCV.2007.4408910"

@@ -25,6 +25,7 @@ from simulator.effects.field_distance import (
     psf_distance_bound,
     sample_pixels,
 )
+from simulator.effects.likely_errors import FAR
 from simulator.planning import Bound
 from simulator.recipe import Recipe
 from simulator.situation import Situation
@@ -78,6 +79,7 @@ class RedirectedLight(PanelEffect):
 
 class Illumination(PanelEffect):
     name = "illumination"
+    likely_shares = (0.3,)
     panel_field, neutral_value = "illumination", None
     physics = "the light on the panel isn't even, and a PSF's fringes follow it"
     source = "Goodman, Introduction to Fourier Optics, apodisation"
@@ -99,6 +101,8 @@ class Illumination(PanelEffect):
 
 class FrontReflection(RedirectedLight):
     name = "front reflection"
+    likely_shares = (0.15,)
+    noise_change = FAR
     panel_field = "front_reflection"
     physics = "the cover glass reflects light that never meets the pattern"
     source = "thesis §5.6"
@@ -112,6 +116,7 @@ class FrontReflection(RedirectedLight):
 
 class PanelResponse(PanelEffect):
     name = "panel response"
+    likely_shares = (0.2,)
     panel_field, neutral_value = "response", None
     physics = "the phase isn't proportional to the grey level"
     source = "thesis §2.3"
@@ -142,6 +147,7 @@ def phase_error_gain(panel: Panel) -> float:
 
 class Coupling(PanelEffect):
     name = "neighbour coupling"
+    likely_shares = (0.12,)
     panel_field = "coupling"
     physics = "fringing fields blur the phase across the edges of pixels"
     source = "Persson, Engström and Goksör 2012, doi 10.1364/OE.20.022334"
@@ -189,6 +195,7 @@ def _blocks(
 
 class Flicker(PanelEffect):
     name = "flicker"
+    likely_shares = (0.2,)
     panel_field = "flicker"
     physics = "the drive makes the phase ripple within a frame"
     source = "thesis §3.4"
@@ -218,6 +225,8 @@ class Flicker(PanelEffect):
 
 class Jitter(RedirectedLight):
     name = "jitter"
+    likely_shares = (0.2,)
+    noise_change = FAR
     panel_field = "jitter"
     physics = "each pixel errs on its own, and scatters light evenly"
     source = "Ruze, Proc. IEEE 54, 633 (1966)"
@@ -239,6 +248,8 @@ def _gap_power(panel: Panel) -> float:
 
 class GapLight(PanelEffect):
     name = "gap light"
+    likely_shares = (0.6,)
+    noise_change = FAR
     panel_field = "gap_reflection"
     physics = "the frame between pixels sends light that no pattern turns"
     source = "thesis §2.3"
@@ -255,6 +266,7 @@ class GapLight(PanelEffect):
 
 class Flatness(PanelEffect):
     name = "flatness"
+    likely_shares = (0.06,)
     panel_field, neutral_value = "flatness", None
     physics = "the panel isn't flat, and its figure is a wavefront of its own"
     source = "Maréchal; Born and Wolf 9.1"
@@ -277,6 +289,8 @@ class Flatness(PanelEffect):
 
 class UnmodulatedLight(RedirectedLight):
     name = "unmodulated light"
+    likely_shares = (0.15,)
+    noise_change = FAR
     panel_field = "unmodulated"
     physics = "light of the polarisation that the crystal doesn't turn ignores the pattern"
     source = "thesis §5.6"

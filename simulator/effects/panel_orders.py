@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from simulator.effects.blur_effects import BlurEffect, psf_error_bound
+from simulator.effects.likely_errors import FAR
 from simulator.effects.psf_bounds import can_orders_reach_sensor
 from simulator.effects.rendering_work import LEVELS, PANEL_ORDERS
 from simulator.planning import Bound
@@ -19,6 +20,8 @@ class PanelOrders(BlurEffect):
 
     audit_margin: ClassVar[float] = 1.5
     name = PANEL_ORDERS
+    likely_shares = (0.6,)
+    noise_change = FAR
     kind = "axis"
     recipe_field, recipe_values = "orders", LEVELS.orders
     physics = "the panel's pixels are a grating, and send pale copies of the picture aside"

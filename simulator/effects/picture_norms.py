@@ -57,6 +57,47 @@ def minimum_norms(s: Situation) -> MinimumNorms:
     )
 
 
+def estimated_norms(s: Situation) -> MinimumNorms:
+    """Estimate the picture's norms, which effects' estimated errors are compared with.
+
+    The norm of the mean is that of the sharp picture, whose power at each frequency falls by the
+    mean square of the transfer function. The full wells count as in minimum_norms().
+    """
+    sensor = s.camera.sensor
+    pixels = sensor.shape[0] * sensor.shape[1]
+    dark = sensor.dark_current * s.exposure
+    noise = dark + sensor.read_noise**2
+    total, norm = (s.exposure * one for one in estimated_light(s))
+
+    def with_offset(offset: float) -> float:
+        return math.sqrt(norm**2 + 2 * offset * total + offset**2 * pixels)
+
+    return MinimumNorms(with_offset(dark), with_offset(noise), math.sqrt(total + noise * pixels))
+
+
+def estimated_light(s: Situation) -> tuple[float, float]:
+    """Estimate the sum and norm of the light in the frame, with all effects, electrons/s."""
+    if s.picture_probe.is_dark:
+        return 0.0, 0.0
+    return cached_across_exposures(s, "estimated light", lambda: _estimated_light(s))
+
+
+def _estimated_light(s: Situation) -> tuple[float, float]:
+    """Estimate the sum and norm of the light that effects leave in the frame, electrons/s."""
+    power = _cached_for_margin(s, "power", 0, lambda edge: _power(s, _frame_without_edge(s, edge)))
+    if power is None:
+        return 0.0, 0.0
+    distances = set(s.picture_probe.distances)
+    seen = float(vignetting_samples(s, s.camera.sensor.shape, distances).mean())
+    left = seen * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
+    transfer = s.pattern_probe.transfer_bounds.mean_square_between(power.low, power.high)
+    pixel = np.clip(1 - (np.pi * power.high * s.camera.sensor.pitch) ** 2 / 3, 0, 1)
+    norm = math.sqrt(float((power.power * transfer * pixel).sum()))
+    half = min(s.camera.sensor.shape) / 2 * s.camera.sensor.pitch
+    kept = 1 - s.pattern_probe.share_beyond(half) / 2 - s.pattern_probe.side_order_share
+    return left * max(kept, 0.0) * s.picture_probe.total, left * norm
+
+
 def _min_light(s: Situation) -> tuple[float, float]:
     """Bound the sum and norm of light from below, with all effects on, electrons per second."""
     # The factor 0.8 is from audits: it allows for effects that blur the picture further.

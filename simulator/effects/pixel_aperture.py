@@ -13,11 +13,12 @@ from simulator.effects.electron_bounds import (
     max_lamp_seconds,
     proportional_error_bound,
 )
+from simulator.effects.likely_errors import LightEffect
 from simulator.planning import Bound
 from simulator.situation import Situation
 
 
-class PixelAperture(PixelwiseEffect):
+class PixelAperture(LightEffect, PixelwiseEffect):
     """The pixel aperture, which takes contrast from fine detail.
 
     audit_margin: factor, from audits, by which light above the pixels' Nyquist frequency may exceed
@@ -26,6 +27,7 @@ class PixelAperture(PixelwiseEffect):
 
     audit_margin: ClassVar[float] = 2.0
     name = "pixel aperture"
+    likely_shares = (0.06,)
     recipe_field = "pixel_aperture"
     operations_per_pixel = 6.0
     assumed_by_other_bounds = True

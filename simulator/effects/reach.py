@@ -13,6 +13,7 @@ from simulator.effects.electron_bounds import (
     sharp_norm_bound,
     total_electrons,
 )
+from simulator.effects.likely_errors import FAR
 from simulator.effects.psf_bounds import blur_sensitivity, psf_energy_bound
 from simulator.effects.rendering_work import LEVELS, PSF_REACH, first_level_reaching
 from simulator.effects.spectra import leak_share
@@ -30,6 +31,8 @@ class PSFReach(BlurEffect):
 
     audit_margin: ClassVar[float] = 1.5
     name = PSF_REACH
+    likely_shares = (0.1,)
+    noise_change = FAR
     kind = "stage"
     recipe_field, recipe_values = "window", LEVELS.windows
     physics = "a PSF's skirts reach far, and hold little light at a time"

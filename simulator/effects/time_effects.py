@@ -14,11 +14,12 @@ from simulator.effects.electron_bounds import (
     light_norm_bound,
     sensor_error_bound,
 )
+from simulator.effects.likely_errors import LightEffect
 from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
 
 
-class LampFlicker(OnOffEffect):
+class LampFlicker(LightEffect, OnOffEffect):
     name = "lamp flicker"
     recipe_field = "lamp"
     physics = "the lamp is brighter or darker than its mean while the shutter is open"
@@ -83,8 +84,9 @@ def _lamp(s: Situation) -> Waveform:
     return s.target.lamp
 
 
-class RollingShutter(PixelwiseEffect):
+class RollingShutter(LightEffect, PixelwiseEffect):
     name = "rolling shutter"
+    likely_shares = (0.1,)
     recipe_field = "rolling"
     physics = "rows are exposed in turn, so each sees lamp, pattern and object at its own time"
     source = "EMVA 1288 release 4, general; Liang, Chang, Chen 2008"

@@ -10,6 +10,9 @@ from simulator.planning.bound import Bound
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
+DecidedBy = Literal["bound", "estimate"]
+"""What decides in a plan: bounds, which prove its error, or audited estimates, which save more."""
+
 
 class Effect(ABC):
     """One effect of optics or electronics on a picture, at levels from off to finest.
@@ -39,6 +42,9 @@ class Effect(ABC):
         order, and the change by this effect is taken to be the last.
     is_per_frame : bool
         Whether the effect is computed again for each frame of a static picture.
+    likely_shares : tuple of float
+        Share of the bound that the error reached at most in audits of random scenes, for each
+        level; the last one stands for all finer levels.
     """
 
     name: ClassVar[str]
@@ -51,6 +57,7 @@ class Effect(ABC):
     recipe_values: ClassVar[tuple[object, ...]] = (False, True)
     assumed_by_other_bounds: ClassVar[bool] = False
     is_per_frame: ClassVar[bool] = False
+    likely_shares: ClassVar[tuple[float, ...]] = (1.0,)
 
     @abstractmethod
     def is_present(self, s: Situation) -> bool:
@@ -71,6 +78,15 @@ class Effect(ABC):
     @abstractmethod
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         """Bound the error of the effect at a planned level below the finest."""
+
+    def likely_error(self, s: Situation, level: int) -> Bound:
+        """Estimate how large the error of the effect at a planned level is, at most, but for few.
+
+        The estimate comes from audits on random scenes; it isn't proved.
+        """
+        bound = self.error_bound(s, level)
+        share = self.likely_shares[min(level, len(self.likely_shares) - 1)]
+        return bound if share == 1 else bound.times(share, f"estimated: {share:g} of {bound.how}")
 
     @abstractmethod
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, get_args
 
 from simulator.planning.bound import Bound, MinimumNorms
-from simulator.planning.effect import Effect
+from simulator.planning.effect import DecidedBy, Effect
 from simulator.planning.forcing import forced_level
 from simulator.planning.ladder import Ladder
 from simulator.recipe import Recipe
@@ -32,12 +32,13 @@ class Decision:
         Name of the chosen level.
     levels : tuple of str
         Names of all levels up to the finest, the coarsest first.
-    bound : Bound
-        Largest change of the picture because of the chosen level.
+    error : Bound
+        Change of the picture because of the chosen level: the largest, or the likely one, as the
+        plan decides by bounds or estimates.
     relative : float
-        The bound over the picture's norms, as the largest of all measures.
+        The error over the picture's norms, as the largest of all measures.
     estimate : float
-        Estimate of the relative change.
+        Typical relative change.
     work : float
         Operations that the effect adds.
     why : str
@@ -54,7 +55,7 @@ class Decision:
     kind: str
     level: str
     levels: tuple[str, ...]
-    bound: Bound
+    error: Bound
     relative: float
     estimate: float
     work: float
@@ -83,6 +84,8 @@ class EffectPlan:
         Level of each effect.
     forced : mapping of str to int
         Levels of the effects that a user forced.
+    decided_by : {"bound", "estimate"}
+        What decided, and what the errors are.
 
     Attributes
     ----------
@@ -90,11 +93,13 @@ class EffectPlan:
         What is to be rendered: the minimal recipe and what every effect above off adds to it.
     is_finest : bool
         Whether all effects are at their finest level.
-    error_bound : Bound
-        Bound of the change by all effects below their finest level.
-    relative_error_bound : float
+    error : Bound
+        Change by all effects below their finest level: at most, or likely.
+    relative_error : float
         The same relative to the picture's norms, 0 to infinity. It exceeds `tol` only where a user
         forced an effect.
+    planning_cpu : float
+        Seconds of processor time that planning took.
     work, most_work : float
         Operations of a picture with the plan, and with all effects at their finest level.
     decisions : tuple of Decision
@@ -108,16 +113,18 @@ class EffectPlan:
         tol: float,
         levels: dict[str, int],
         forced: Mapping[str, int],
+        decided_by: DecidedBy = "bound",
     ) -> None:
         # A plan is stored for a long time, so it has no reference to the situation, which may hold
         # large pictures.
-        self.tol, self._levels = tol, levels
+        self.tol, self._levels, self.decided_by = tol, levels, decided_by
+        self.planning_cpu = 0.0
         self.recipe = build_recipe(ladder.effects, situation, levels)
         self.is_finest = all(
             levels[one.name] == one.finest_level(situation) for one in ladder.effects
         )
-        self.error_bound = ladder.error_bound(levels)
-        self.relative_error_bound = ladder.relative_error(self.error_bound)
+        self.error = ladder.error(levels)
+        self.relative_error = ladder.relative_error(self.error)
         self.work, self.most_work = ladder.work(levels), ladder.work(ladder.finest_levels)
         self.decisions = tuple(
             _decision(one, situation, ladder, levels, forced) for one in ladder.effects
@@ -138,15 +145,17 @@ class EffectPlan:
         """Return the effect plan as plain data, with None for bounds that aren't finite."""
         return {
             "tol": self.tol,
-            "error": _finite(self.relative_error_bound),
+            "decided_by": self.decided_by,
+            "error": _finite(self.relative_error),
+            "planning_cpu_s": self.planning_cpu,
             "work": self.work,
             "most_work": self.most_work,
             "decisions": [
                 {
                     **asdict(one),
-                    "bound": {
+                    "error": {
                         name: _finite(value) if isinstance(value, float) else value
-                        for name, value in asdict(one.bound).items()
+                        for name, value in asdict(one.error).items()
                     },
                     "relative": _finite(one.relative),
                     "on": one.on,
@@ -188,6 +197,7 @@ def plan_effects(
     norms: MinimumNorms,
     tol: float,
     forced: Mapping[str, str | bool] | None = None,
+    decided_by: DecidedBy = "bound",
 ) -> EffectPlan:
     """Plan the levels of all effects so that the picture's error stays within a tolerance.
 
@@ -198,12 +208,14 @@ def plan_effects(
     situation : Situation
         Scene, camera, pattern, filter and exposure.
     norms : MinimumNorms
-        Lower bounds of the picture's norms, which errors are relative to.
+        Norms of the picture, which errors are relative to: lower bounds, or estimates.
     tol : float
         Largest relative error of the picture, 0 or more.
     forced : mapping of str to (str or bool), optional
         Levels that a user forces, by the effect's name: True for the finest level, False for off,
         or a level's name. They take precedence over the tolerance.
+    decided_by : {"bound", "estimate"}
+        Whether bounds decide, which prove the plan's error, or estimates from audits.
 
     Returns
     -------
@@ -221,10 +233,9 @@ def plan_effects(
         name: forced_level(effects, situation, name, wanted)
         for name, wanted in (forced or {}).items()
     }
-    ladder = Ladder(effects, situation, norms, fixed)
-    return EffectPlan(
-        ladder, situation, tol, ladder.levels(EFFECTS_SHARE * tol), ladder.forced_levels
-    )
+    ladder = Ladder(effects, situation, norms, fixed, decided_by)
+    levels = ladder.levels(EFFECTS_SHARE * tol)
+    return EffectPlan(ladder, situation, tol, levels, ladder.forced_levels, decided_by)
 
 
 def require_tolerance(tol: float) -> None:
@@ -233,20 +244,27 @@ def require_tolerance(tol: float) -> None:
         raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
 
 
+def require_decided_by(decided_by: str) -> None:
+    """Raise ValueError for another word than those by which an effect plan may decide."""
+    if decided_by not in get_args(DecidedBy):
+        words = " or ".join(repr(one) for one in get_args(DecidedBy))
+        raise ValueError(f"decided_by is {decided_by!r}; give {words}")
+
+
 def _decision(
     one: Effect, s: Situation, ladder: Ladder, levels: dict[str, int], forced: Mapping[str, int]
 ) -> Decision:
     """Return the plan's decision about one effect, with its bound, work and reasons."""
     level = levels[one.name]
-    bound = ladder.effect_error_bound(one.name, level)
+    error = ladder.effect_error(one.name, level)
     off = {**levels, one.name: 0}
     return Decision(
         one.name,
         one.kind,
         one.levels[level],
         one.levels[: one.finest_level(s) + 1],
-        bound,
-        ladder.relative_error(bound),
+        error,
+        ladder.relative_error(error),
         one.estimated_error(s, level),
         max(ladder.work(levels) - ladder.work(off), 0.0),
         one.explain(s),

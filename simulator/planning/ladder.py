@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from simulator.planning.bound import Bound, MinimumNorms
 from simulator.planning.cached_work import CachedWork
-from simulator.planning.effect import Effect
+from simulator.planning.effect import DecidedBy, Effect
 from simulator.planning.forcing import resolve_forced_levels
 from simulator.situation import Situation
 
@@ -68,7 +68,9 @@ class Ladder:
     situation : Situation
         Scene, camera, pattern, filter and exposure.
     norms : MinimumNorms
-        Lower bounds of the picture's norms, which errors are relative to.
+        Norms of the picture, which errors are relative to: lower bounds, or estimates.
+    decided_by : {"bound", "estimate"}
+        Whether the errors are bounds or estimates.
     forced_levels : mapping of str to int, optional
         Levels of effects that a user forced. They are fixed, and their errors don't count against
         the tolerance. Effects that require one that is forced off are off as well.
@@ -94,6 +96,7 @@ class Ladder:
         situation: Situation,
         norms: MinimumNorms,
         forced_levels: Mapping[str, int] | None = None,
+        decided_by: DecidedBy = "bound",
     ) -> None:
         self.effects = [one for one in effects if one.is_present(situation)]
         finest = {one.name: one.finest_level(situation) for one in self.effects}
@@ -103,8 +106,13 @@ class Ladder:
         }
         self._named = {one.name: one for one in self.effects}
         self._floor = norms
-        self._bounds = {
-            one.name: [one.error_bound(situation, level) for level in range(finest[one.name] + 1)]
+        self._errors = {
+            one.name: [
+                one.error_bound(situation, level)
+                if decided_by == "bound"
+                else one.likely_error(situation, level)
+                for level in range(finest[one.name] + 1)
+            ]
             for one in self.effects
         }
         self._works = {one.name: CachedWork(one, situation) for one in self.effects}
@@ -128,16 +136,16 @@ class Ladder:
             levels[step.effect] = step.to
         return levels
 
-    def error_bound(self, levels: Mapping[str, int]) -> Bound:
-        """Return the error bound of a plan with the given levels, forced effects included."""
+    def error(self, levels: Mapping[str, int]) -> Bound:
+        """Return the error of a plan with the given levels, forced effects included."""
         total = Bound()
         for name, level in levels.items():
-            total = total.plus(self._bounds[name][level])
+            total = total.plus(self._errors[name][level])
         return total
 
-    def effect_error_bound(self, effect: str, level: int) -> Bound:
-        """Return the error bound of one planned effect at a level."""
-        return self._bounds[effect][level]
+    def effect_error(self, effect: str, level: int) -> Bound:
+        """Return the error of one planned effect at a level."""
+        return self._errors[effect][level]
 
     def relative_error(self, bound: Bound) -> float:
         return self._floor.relative_error(bound)
@@ -177,14 +185,14 @@ class Ladder:
         if name in self.forced_levels or not now:
             return
         touched = [work for work in self._works.values() if name in work.levels_read]
-        bounds, before = self._bounds[name], sum(work(levels) for work in touched)
+        errors, before = self._errors[name], sum(work(levels) for work in touched)
         for to in range(now):
             if to == 0 and self._is_required(name, levels):
                 continue
             levels[name] = to
             saved = max(before - sum(work(levels) for work in touched), 0.0)
             levels[name] = now
-            more = bounds[to].minus(bounds[now])
+            more = errors[to].minus(errors[now])
             often = _FRAMES if one.is_per_frame else 1
             yield LadderStep(name, to, more, self._floor.relative_error(more), saved, often)
 

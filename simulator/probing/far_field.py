@@ -16,22 +16,23 @@ Light = NDArray[np.float32]
 
 
 class FarField:
-    """The far-field irradiance of a field on the panel, sampled at twice the Nyquist rate.
+    """The far-field irradiance of a field on the panel, sampled once or twice a diffraction spot.
 
-    It is |Fourier transform of the field|², with a sum of 1. light: the irradiance over one period
-    of the panel's diffraction orders along each axis, (2 rows, 2 columns), with the optical axis at
-    index (0, 0). side: side of a pixel's open area over the pitch. Distances are in shares of a
-    period.
+    It is |Fourier transform of the field|², with a sum of 1. samples_per_spot: 2 resolve the
+    irradiance; 1 takes a quarter of the work, and its transfer function is aliased beyond a quarter
+    of the cut-off frequency. light: the irradiance over one period of the panel's diffraction
+    orders along each axis, (rows, columns) times the samples, with the optical axis at index (0,
+    0). side: side of a pixel's open area over the pitch. Distances are in shares of a period.
     """
 
-    def __init__(self, field: torch.Tensor, side: float) -> None:
-        rows, columns = (2 * n for n in field.shape)
+    def __init__(self, field: torch.Tensor, side: float, samples_per_spot: int = 2) -> None:
+        rows, columns = (samples_per_spot * n for n in field.shape)
         far = fft(fft(field, columns, -1), rows, -2).numpy()
         light = far.real**2 + far.imag**2
         total = light.sum(dtype=np.float64)
         if not total > 0:
             raise ValueError("no light passes the stop: open it, or move it before the panel")
-        self._top = _peak_intensity(far, light) / total
+        self._top = _peak_intensity(far, light, samples_per_spot) / total
         self.light: Light = light * np.float32(1 / total)
         self._side = side
 
@@ -122,23 +123,24 @@ class FarField:
         return np.asarray(np.concatenate([spectrum[:kept, :kept], spectrum[-kept + 1 :, :kept]]))
 
 
-def _peak_intensity(far: NDArray[np.complex64], light: Light) -> float:
+def _peak_intensity(far: NDArray[np.complex64], light: Light, samples_per_spot: int) -> float:
     """Return the peak irradiance of a probed far field, also between its samples."""
     most = float(light.max())
-    # Half a sample away, light may be brighter by a factor of sinc(1/4)^-4, which is below 1.6.
-    places = np.argwhere(light > most / 1.6)
+    # Half a sample away, light may be brighter by a factor of sinc(1/4)^-4, which is below 1.6; of
+    # sinc(1/2)^-4, which is below 6.2, where a spot has one sample.
+    places = np.argwhere(light > most / (1.6 if samples_per_spot > 1 else 6.2))
     # Only few candidates are interpolated. Of more than 64, some are so close to the top of a
     # fringe that a factor of 1.15 suffices (audited).
     if len(places) > 64:
-        return 1.15 * most
+        return (1.15 if samples_per_spot > 1 else 1.8) * most
     # The amplitude between samples is interpolated from four samples on either side.
     taps = 4
     span = np.arange(-taps, taps + 1)
     between = np.linspace(-0.5, 0.5, 5)[:, None] - span
     weights = np.sinc(between) * np.cos(np.pi * between / (2 * taps + 2)) ** 2
-    # The field fills the first half of the transformed array. The offset of its centre is a phase
-    # ramp in the far field, which is removed here.
-    turns = [np.exp(0.5j * np.pi * span * (1 - 2 / n)) for n in far.shape]
+    # The field begins at the first sample of the transformed array. The offset of its centre is a
+    # phase ramp in the far field, which is removed here.
+    turns = [np.exp(1j * np.pi * span * (1 / samples_per_spot - 1 / n)) for n in far.shape]
     for y, x in places:
         rows, columns = (y + span) % far.shape[0], (x + span) % far.shape[1]
         patch = far[np.ix_(rows, columns)] * turns[0][:, None] * turns[1]

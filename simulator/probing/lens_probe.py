@@ -24,11 +24,19 @@ class LensProbe:
 
     wavelength, nearest: metres. nearest: the least distance of a point; the stop's shadow on the
     panel is computed for its light. cache: stores the results, which other patterns share.
+    samples_per_spot: of far fields.
     """
 
-    def __init__(self, camera: Camera, wavelength: float, nearest: float, cache: ByteCache) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        wavelength: float,
+        nearest: float,
+        cache: ByteCache,
+        samples_per_spot: int = 2,
+    ) -> None:
         self._camera, self._wavelength, self._nearest = camera, wavelength, nearest
-        self._cache = cache
+        self._cache, self._samples_per_spot = cache, samples_per_spot
 
     @property
     def aperture_share(self) -> torch.Tensor:
@@ -59,7 +67,7 @@ class LensProbe:
 
     def _from_cache(self, find: Callable[..., T], of: tuple[float, ...]) -> T:
         """Return a result of the lens probe from the cache, or compute it."""
-        causes = (find.__name__, self._camera, self._nearest, *of)
+        causes = (find.__name__, self._camera, self._nearest, self._samples_per_spot, *of)
         return self._cache.get(causes, lambda: find(*of[:1]))
 
     def _compute_aperture_share(self) -> torch.Tensor:
@@ -84,4 +92,5 @@ class LensProbe:
         return torch.polar(self.aperture_share, self.lens_phase(distance)).to(torch.complex64)
 
     def _compute_unmodulated_far_field(self, distance: float) -> FarField:
-        return FarField(self.field(distance), math.sqrt(self._camera.panel.fill_factor))
+        side = math.sqrt(self._camera.panel.fill_factor)
+        return FarField(self.field(distance), side, self._samples_per_spot)

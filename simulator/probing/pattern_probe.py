@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -43,12 +43,16 @@ class PatternProbeSettings:
         pattern to be included.
     lines : int
         Number of panel lines along each axis from which the mean angle of the rays is computed.
+    alias_free : float
+        Cycles per sample from which on the transfer function of light with one sample a
+        diffraction spot fades out.
     """
 
     max_pictures: int = 4
     transfer_error: float = 1e-6
     wider_share: float = 1e-3
     lines: int = 128
+    alias_free: float = 0.3
 
 
 _SETTINGS = PatternProbeSettings()
@@ -77,7 +81,8 @@ class PatternProbe:
     The probe computes the far fields of the panel's light, with all effects of the panel, and with
     the lens' phase for the nearest and the farthest of the given distances. Each property is
     computed when it is first needed. wavelength, distances: metres. cache: stores the effect of
-    lens and stop for other patterns.
+    lens and stop for other patterns. samples_per_spot: of far fields; 1 for estimates, 2 for
+    bounds.
     """
 
     def __init__(
@@ -87,13 +92,16 @@ class PatternProbe:
         wavelength: float,
         distances: tuple[float, ...],
         cache: ByteCache | None = None,
+        *,
+        samples_per_spot: int = 2,
     ) -> None:
         if not distances:
             raise ValueError("distances is empty; give that of one layer at least")
         self.camera, self.panel_content, self.wavelength = camera, panel_content, wavelength
         self.distances = tuple(sorted({min(distances), max(distances)}))
         cache = ByteCache() if cache is None else cache
-        self._lens = LensProbe(camera, wavelength, self.distances[0], cache)
+        self._lens = LensProbe(camera, wavelength, self.distances[0], cache, samples_per_spot)
+        self.samples_per_spot = samples_per_spot
         self.results: dict[Hashable, Any] = {}
         """Results that effects have computed from this probe, by what else they depend on."""
 
@@ -178,7 +186,8 @@ class PatternProbe:
         # A neutral pattern has the far field of unmodulated light.
         if bool((field == field[0, 0]).all()):
             return self._lens.unmodulated_far_field(distance)
-        return FarField(self._lens.field(distance) * field, math.sqrt(self.panel.fill_factor))
+        side = math.sqrt(self.panel.fill_factor)
+        return FarField(self._lens.field(distance) * field, side, self.samples_per_spot)
 
     @cached_property
     def _pattern_far_fields(self) -> list[list[FarField]]:
@@ -319,7 +328,8 @@ class PatternProbe:
     @cached_property
     def transfer_bounds(self) -> TransferBounds:
         """Bound the probed PSF's transfer function, for all pictures and distances."""
-        shape = (2 * self.panel.shape[0], 2 * self.panel.shape[1])
+        rows, columns = (self.samples_per_spot * n for n in self.panel.shape)
+        shape = (rows, columns)
         bins = rings(shape)
         held, share = 1 - self.modulator.jitter_scatter_share, self.modulator.unmodulated_share
         mixed = []
@@ -356,15 +366,67 @@ class PatternProbe:
         least = np.min([one.ensquared_share for one in shown], axis=0) - _SETTINGS.wider_share
         far = [one for one in self._unmodulated_far_fields if (one.ensquared_share < least).any()]
         return [
-            _transfer_at(one.zeroth_order_light, self.period, ky, kx, half)
+            _transfer_at(one.zeroth_order_light, self.period, ky, kx, half, self.samples_per_spot)
             for one in (*shown, *far)
         ]
 
+    def transfers_behind_moved_stop(
+        self, moves: Sequence[tuple[float, float]], ky: Array, kx: Array, half: tuple[float, float]
+    ) -> list[list[NDArray[np.complex128]]]:
+        """Return the transfer functions if the shadow of the stop moves over the probed panel.
+
+        The frequencies are as in transfers_at(). moves: (y, x) metres on the panel. There is one
+        list for each distance, with one transfer function for each move, of the first probed
+        picture.
+        """
+        found, side = [], math.sqrt(self.panel.fill_factor)
+        for distance in self.distances:
+            lens, transfers = self._lens.field(distance), []
+            for move in moves:
+                away = move[0] / self.panel.pitch, move[1] / self.panel.pitch
+                field = _moved(lens, *away) * self.fields[0]
+                light = FarField(field, side, self.samples_per_spot).zeroth_order_light
+                transfers.append(
+                    _transfer_at(light, self.period, ky, kx, half, self.samples_per_spot)
+                )
+            found.append(transfers)
+        return found
+
+
+def _moved(values: torch.Tensor, down: float, along: float) -> torch.Tensor:
+    """Move the values of the probed panel's pixels by pixels; 0 takes their place.
+
+    Between whole pixels, values are interpolated linearly.
+    """
+    for axis, away in ((0, down), (1, along)):
+        whole = math.floor(away)
+        near, far = (_moved_whole(values, axis, one) for one in (whole, whole + 1))
+        values = torch.lerp(near, far, away - whole)
+    return values
+
+
+def _moved_whole(values: torch.Tensor, axis: int, away: int) -> torch.Tensor:
+    """Move the values of the probed panel's pixels by whole pixels along an axis."""
+    n = values.shape[axis]
+    moved = torch.zeros_like(values)
+    if abs(away) < n:
+        kept = values.narrow(axis, max(-away, 0), n - abs(away))
+        moved.narrow(axis, max(away, 0), n - abs(away)).copy_(kept)
+    return moved
+
 
 def _transfer_at(
-    light: NDArray[np.float32], period: float, ky: Array, kx: Array, half: tuple[float, float]
+    light: NDArray[np.float32],
+    period: float,
+    ky: Array,
+    kx: Array,
+    half: tuple[float, float],
+    samples_per_spot: int,
 ) -> NDArray[np.complex128]:
-    """Return the transfer function of a probed far field's light at frequencies (ky, kx)."""
+    """Return the transfer function of a probed far field's light at frequencies (ky, kx).
+
+    It fades out where light with one sample a spot doesn't tell it.
+    """
     pitch = period / light.shape[0], period / light.shape[1]
     kept = [
         math.ceil(min(far / step + 1, n // 2))
@@ -380,6 +442,10 @@ def _transfer_at(
         _SETTINGS.transfer_error, few_points=True,
     )  # fmt: skip
     found[known] = series.adjoint(torch.from_numpy(cut)).numpy()
+    if samples_per_spot == 1:
+        for k, step in ((ky, pitch[0]), (kx, pitch[1])):
+            ramp = np.clip((0.5 - abs(k) * step) / (0.5 - _SETTINGS.alias_free), 0, 1)
+            found *= np.sin(np.pi / 2 * ramp) ** 2
     return found
 
 

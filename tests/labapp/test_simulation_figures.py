@@ -46,7 +46,7 @@ def test_a_scene_that_is_not_there_is_named(tmp_path):
 def test_everything_on_leaves_nothing_out_and_a_plan_tells_its_work(star):
     whole, planned = render_all_effects(star), render_by_plan(star, 1e-2)
     assert planned.plan is not None
-    assert planned.plan.relative_error_bound <= 1e-2
+    assert planned.plan.relative_error <= 1e-2
     assert 0 < planned.operations <= 1.001 * whole.operations
     assert 0 < planned.planning_cpu < planned.cpu
     assert whole.picture.mean.shape == star.camera.sensor.shape

@@ -21,7 +21,7 @@ def test_forced_off_is_told_as_forced_and_counts_in_the_error():
     plan = plan_effects([Toy("one", BOUNDS, WORKS)], SITUATION, FLOOR, 1e-3, {"one": False})
     assert plan["one"].forced
     assert plan["one"].level == "off"
-    assert plan.relative_error_bound == 0.5
+    assert plan.relative_error == 0.5
 
 
 def test_forced_on_is_the_finest_and_a_name_is_that_level():
@@ -42,7 +42,7 @@ def test_a_level_beyond_the_finest_of_a_situation_is_the_finest():
 def test_what_requires_one_that_is_forced_off_is_off_with_it():
     plan = plan_effects(pair(), SITUATION, FLOOR, 0.0, {"depth": False})
     assert plan.level("hiding") == 0
-    assert plan.relative_error_bound == 1.0
+    assert plan.relative_error == 1.0
 
 
 def test_forcing_on_what_requires_one_that_is_forced_off_is_refused():

@@ -168,9 +168,9 @@ def test_a_plan_tells_what_it_spends_and_saves():
     two = Toy("two", (Bound(0.5), Bound()), (0.0, 1.0))
     plan = plan_effects([one, two], SITUATION, MinimumNorms(1, 1, 1), 0.1)
     assert (plan.level("one"), plan.level("two")) == (0, 1)
-    assert plan.relative_error_bound == 0.05
+    assert plan.relative_error == 0.05
     assert (plan.work, plan.most_work) == (1.0, 11.0)
-    assert plan["one"].bound.how == "proved: so"
+    assert plan["one"].error.how == "proved: so"
     assert not plan.is_finest
     data = plan.as_data()
     assert [line["on"] for line in data["decisions"]] == [False, True]

@@ -118,7 +118,7 @@ def test_a_limit_that_is_not_known_is_told_as_none(small_bench):
     heard, world = Heard(), small_bench.world
     world.target = "flat"
     plan = world.imaging.plan(world.situation(0.01))
-    plan.relative_error_bound = float("inf")
+    plan.relative_error = float("inf")
     plan.decisions = (replace(plan.decisions[0], relative=float("inf")), *plan.decisions[1:])
     EffectsReporter(small_bench, heard).report_if_changed(frame(small_bench, exposure=0.01))
     assert heard.sent[0].error is None

@@ -53,7 +53,7 @@ def simulate_frames(
     out.print(
         f"{frames} frame{'s' if frames > 1 else ''} of {drawn.shape[2]} x {drawn.shape[1]} pixels, "
         f"{situation.exposure * 1e3:.3g} ms, brightest number {brightest}; within "
-        f"{plan.relative_error_bound:.1e} of everything on"
+        f"{plan.relative_error:.1e} of everything on"
     )
     print_message(f"wrote {path}")
 

@@ -75,7 +75,7 @@ def _plan_data(shot: Shot, plan: EffectPlan) -> dict[str, Any]:
     data = plan.as_data()
     data["decisions"] = [
         {name: told[name] for name in _RECORDED_KEYS}
-        | {"finest": one.levels[-1], "how": one.bound.how}
+        | {"finest": one.levels[-1], "how": one.error.how}
         for one, told in zip(plan.decisions, data["decisions"], strict=True)
     ]
     return {

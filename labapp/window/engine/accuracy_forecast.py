@@ -93,7 +93,7 @@ def _forecast_pictures(
         except ValueError:
             # A picture that can't be planned can't be taken either; live view says why.
             return ()
-        error = plan.relative_error_bound
+        error = plan.relative_error
         seconds = _SETTINGS.operation_s * slowness * plan.work
         found.append(LivePrediction(tol, error if math.isfinite(error) else None, seconds))
     return tuple(found)

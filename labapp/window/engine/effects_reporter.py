@@ -54,7 +54,7 @@ def build_effects_report(plan: EffectPlan, frame: LiveFrame) -> EffectsReport:
         exposure=frame.exposure,
         effects=tuple(_effect_info(decision) for decision in plan.decisions),
         tol=plan.tol,
-        error=_limit(plan.relative_error_bound),
+        error=_limit(plan.relative_error),
         work=plan.work / plan.most_work if plan.most_work else 1.0,
     )
 
@@ -70,7 +70,7 @@ def _effect_info(decision: Decision) -> EffectInfo:
         why=decision.why,
         physics=decision.physics,
         source=decision.source,
-        bound_source=decision.bound.how,
+        bound_source=decision.error.how,
     )
 
 
