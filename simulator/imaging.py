@@ -28,9 +28,9 @@ from simulator.recipe import Recipe
 from simulator.situation import Situation
 from simulator.streaming import FrameSimulator
 
-MEMORY = max(1 << 30, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4)
+MEMORY = min(max(1 << 30, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4), 3 << 30)
 """Bytes of light, spectra and PSFs that are kept for later pictures: a quarter of the machine's
-memory, at least 1 GiB. A picture of 5 megapixels with the panel's orders needs 2.5 GB of them."""
+memory, from 1 to 3 GiB."""
 
 _LARGE_PANEL = 1 << 17
 """Panel pixels from which on estimates take one sample a diffraction spot. Chosen."""
@@ -55,7 +55,7 @@ class Imaging:
 
     tol: relative error of mean picture and noise up to which effects may be left out. forced:
     effects to be on, off or at a level, whatever error that makes. memory: bytes of results to
-    keep. decided_by: "bound" for plans whose error is proved, "estimate" for plans by audited
+    keep. decide_by: "bound" for plans whose error is proved, "estimate" for plans by audited
     estimates, which save more. Raises ValueError for a tol that is negative or not finite, and for
     another word.
     """
@@ -65,11 +65,11 @@ class Imaging:
         tol: float = 1e-2,
         forced: Mapping[str, str | bool] | None = None,
         memory: int = MEMORY,
-        decided_by: DecidedBy = "bound",
+        decide_by: DecidedBy = "bound",
     ) -> None:
         require_tolerance(tol)
-        require_decided_by(decided_by)
-        self.tol, self.forced, self.decided_by = tol, dict(forced or {}), decided_by
+        require_decided_by(decide_by)
+        self.tol, self.forced, self.decide_by = tol, dict(forced or {}), decide_by
         self.ledger = Ledger()
         self.plan_count = 0
         """How many effect plans were computed; those that were found in the cache don't count."""
@@ -109,7 +109,7 @@ class Imaging:
         max_phase(s.camera.panel, s.wavelength)
         # Copies: a plan is kept under the tolerance and levels that it was computed with, even if
         # another thread changes them meanwhile.
-        tol, forced, decided_by = self.tol, dict(self.forced), self.decided_by
+        tol, forced, decided_by = self.tol, dict(self.forced), self.decide_by
         return self._plans.get(
             (tol, tuple(sorted(forced.items())), decided_by, picture_key(s)),
             lambda: self._compute_plan(s, tol, forced, decided_by),

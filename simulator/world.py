@@ -21,6 +21,7 @@ from simulator.imaging import MEMORY, Imaging
 from simulator.mount import Mount
 from simulator.panel_content import PanelContent
 from simulator.planning import EffectPlan
+from simulator.planning.effect import DecidedBy
 from simulator.planning.effect_plan import EFFECTS_SHARE
 from simulator.scene import Scene
 from simulator.situation import Situation
@@ -46,8 +47,9 @@ class World:
     be on, off or at a level, whatever error that makes. mount: rotation, mirroring and shift of the
     panel. path: what polariser, panel and splitter do to the light, where that is known. clock: the
     bench's clock. faults: faults of its devices. memory: bytes that are kept for later pictures.
-    The devices set the panel's content, `band` and `target`. Pictures are computed from these, and
-    only when something has changed.
+    decide_by: whether bounds decide which effects are left out, or estimates. The devices set the
+    panel's content, `band` and `target`. Pictures are computed from these, and only when something
+    has changed.
     """
 
     def __init__(
@@ -62,10 +64,11 @@ class World:
         clock: Clock | None = None,
         faults: Iterable[Fault] = (),
         memory: int = MEMORY,
+        decide_by: DecidedBy = "bound",
     ) -> None:
         self.camera, self.scene = camera, scene
         self.mount, self.path = mount or Mount(), path
-        self.imaging = Imaging(tol, memory=memory)
+        self.imaging = Imaging(tol, memory=memory, decide_by=decide_by)
         self.clock: Clock = clock or VirtualClock()
         self.faults = FaultScript(faults)
         self.band = Band(550e-9, 7e-9)

@@ -43,6 +43,7 @@ from labapp.files.scene_file import SceneFile
 from optics.camera import Camera as CameraDescription
 from simulator.clock import VirtualClock
 from simulator.faults import Fault
+from simulator.imaging import MEMORY
 from simulator.world import World
 
 __all__ = [
@@ -188,12 +189,15 @@ class BenchFiles:
         The user's own photograph, which replaces those of the scene.
     faults : Path or None
         Fault file for simulated devices.
+    memory : int or None
+        Bytes that simulated pictures may keep for later ones; the simulator's default if None.
     """
 
     bench: Path
     scene: Path
     image: Path | None = None
     faults: Path | None = None
+    memory: int | None = None
 
     @staticmethod
     def with_defaults(
@@ -201,6 +205,7 @@ class BenchFiles:
         scene: Path | None = None,
         image: Path | None = None,
         faults: Path | None = None,
+        memory: int | None = None,
     ) -> BenchFiles:
         """Return the files of a bench, with the bundled ones where None is given.
 
@@ -208,7 +213,7 @@ class BenchFiles:
         """
         bench = bench or bundled_path("bench.toml")
         scene = find_scene(scene) if scene else bundled_path("scene.toml")
-        return BenchFiles(bench, scene, image, faults)
+        return BenchFiles(bench, scene, image, faults, memory)
 
     def read(self) -> BenchSetup:
         """Read a bench's files: bench, scene and faults; UserError names the wrong file and key."""
@@ -218,7 +223,8 @@ class BenchFiles:
             if faults:
                 raise UserError(f"{self.faults}: {self.bench} has no simulated device to fail.")
             return BenchSetup(bench, None, str(self.bench), "")
-        return BenchSetup(bench, read_scene(self), str(self.bench), str(self.scene), faults)
+        scene = read_scene(self)
+        return BenchSetup(bench, scene, str(self.bench), str(self.scene), faults, self.memory)
 
 
 @dataclass(frozen=True)
@@ -237,6 +243,8 @@ class BenchSetup:
         Name of the scene file in error messages.
     faults : tuple of Fault
         Faults of simulated devices.
+    memory : int or None
+        Bytes that simulated pictures may keep for later ones; the simulator's default if None.
     """
 
     bench: BenchFile
@@ -244,6 +252,7 @@ class BenchSetup:
     source: str
     scene_source: str
     faults: tuple[Fault, ...] = ()
+    memory: int | None = None
 
 
 @cache
@@ -475,6 +484,8 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
             tol=scene.tol,
             clock=clock,
             faults=setup.faults,
+            memory=MEMORY if setup.memory is None else setup.memory,
+            decide_by=scene.decide_by,
         )
     except ValueError as error:
         raise UserError(f"{setup.scene_source}: {error}.") from error

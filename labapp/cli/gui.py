@@ -5,7 +5,14 @@ from __future__ import annotations
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.shared_options import BenchOption, FaultsOption, ImageOption, SceneOption
+from labapp.cli.shared_options import (
+    BenchOption,
+    FaultsOption,
+    ImageOption,
+    MemoryOption,
+    SceneOption,
+    memory_bytes,
+)
 
 
 @app.command()
@@ -14,6 +21,7 @@ def gui(
     scene: SceneOption = None,
     image: ImageOption = None,
     faults: FaultsOption = None,
+    memory: MemoryOption = None,
 ) -> None:
     """Open the window of a bench (--bench); without options, of the bundled virtual bench.
 
@@ -23,4 +31,5 @@ def gui(
     """
     from labapp.window.app import main as open_window
 
-    raise typer.Exit(open_window(bench=bench, scene=scene, image=image, faults=faults))
+    kept = memory_bytes(memory)
+    raise typer.Exit(open_window(bench=bench, scene=scene, image=image, faults=faults, memory=kept))

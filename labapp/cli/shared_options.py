@@ -5,9 +5,10 @@ Missing files are refused while the command line is parsed, before anything heav
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -82,6 +83,14 @@ SpeedOption = Annotated[
         show_default="as fast as the computer",
     ),
 ]
+MemoryOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="GB",
+        help="Memory in GB for what simulated pictures share with later ones.",
+        show_default="a quarter of the machine's, 3 at most",
+    ),
+]
 YesOption = Annotated[
     bool, typer.Option("--yes", help="Don't prompt: all targets are in place already.")
 ]
@@ -113,6 +122,18 @@ FieldOption = Annotated[
 ]
 
 
+def memory_bytes(gigabytes: float | None) -> int | None:
+    """Return the bytes of the command's option --memory, or None without it.
+
+    Raises UserError for a number that isn't finite and positive.
+    """
+    if gigabytes is None:
+        return None
+    if not 0 < gigabytes < math.inf:
+        raise UserError(f"--memory {gigabytes:g}: give a positive number of GB, as 2.")
+    return round(gigabytes * 1e9)
+
+
 @dataclass(frozen=True)
 class RunOptions:
     """Options of commands that acquire frames: the bench, and how it runs."""
@@ -121,6 +142,7 @@ class RunOptions:
     scene: SceneOption = None
     faults: FaultsOption = None
     speed: SpeedOption = float("inf")
+    memory: MemoryOption = None
     yes: YesOption = False
     force: ForceOption = False
     json: JsonOption = False
@@ -129,7 +151,8 @@ class RunOptions:
         """Return the bench's files that the command's options name."""
         from labapp.bench.opening import BenchFiles
 
-        return BenchFiles.with_defaults(self.bench, self.scene, image, self.faults)
+        memory = memory_bytes(self.memory)
+        return BenchFiles.with_defaults(self.bench, self.scene, image, self.faults, memory)
 
     @property
     def run_mode(self) -> ExecutionOptions:
@@ -211,6 +234,13 @@ class EffectOptions:
         float | None,
         typer.Option(help="Relative error that omitted effects may cause. Default: the scene's."),
     ] = None
+    decide_by: Annotated[
+        Literal["estimate", "bound"] | None,
+        typer.Option(
+            help="What decides about effects: audited estimates, or bounds that prove the error. "
+            "Default: the scene's."
+        ),
+    ] = None
     set: Annotated[
         list[str] | None,
         typer.Option(metavar="EFFECT=LEVEL", help="Force an effect: on, off or a level."),
@@ -277,6 +307,7 @@ class PictureOptions:
             effect_options.tol,
             parse_forced_effects(effect_options.set or []),
             everything,
+            effect_options.decide_by,
         )
 
 

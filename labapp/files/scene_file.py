@@ -52,7 +52,8 @@ _VERSION_1_KINDS = (DarkTable, StarTable, FlatTable, PhotographTable)
 class SceneFile(FileModel):
     """A scene file: targets and lamps by name, and the tolerance of their simulation.
 
-    The simulator leaves out effects as long as the relative error of the picture stays below tol.
+    The simulator leaves out effects as long as the relative error of the picture stays below tol:
+    by estimates that were audited on random scenes, or by bounds that prove it.
     effects forces single effects to be on, off, or at a named level, whatever their size. truth
     holds the properties of the virtual bench that differ from its bench file.
     """
@@ -60,6 +61,7 @@ class SceneFile(FileModel):
     version: Literal[1, 2]
     title: str
     tol: Annotated[float, Field(gt=0, lt=1)] = 1e-2
+    decide_by: Literal["estimate", "bound"] = "estimate"
     effects: dict[str, bool | str] = Field(default_factory=dict)
     lights: dict[str, LightTable] = Field(default_factory=dict)
     targets: Annotated[dict[str, TargetTable], Field(min_length=1)]

@@ -5,31 +5,34 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from pathlib import Path
+from typing import Unpack
 
 from PySide6.QtWidgets import QApplication
 
 from labapp.common.errors import UserError
 from labapp.window import theme
+from labapp.window.bench_options import BenchOptions
 from labapp.window.engine_connection import EngineConnection
 from labapp.window.main_window import MainWindow
 from labapp.window.remembered_settings import RememberedSettings, default_settings_file
 
 
-def main(**files: Path | None) -> int:
+def main(**options: Unpack[BenchOptions]) -> int:
     """Run the window on a bench until it is closed, and return the exit status.
 
     Without a bench file, the window opens on the virtual bench.
     """
-    application, _window, _connection = open_window(**files)
+    application, _window, _connection = open_window(**options)
     return int(application.exec())
 
 
-def open_window(**files: Path | None) -> tuple[QApplication, MainWindow, EngineConnection]:
+def open_window(
+    **options: Unpack[BenchOptions],
+) -> tuple[QApplication, MainWindow, EngineConnection]:
     """Show the window, and start its engine process.
 
-    `files` are the files of the bench, of the scene, of the image, and of faults that are
-    injected into simulated devices. Only the engine's process imports heavy libraries, after the
+    `options` are the files of the bench, of the scene, of the image, and of faults that are
+    injected into simulated devices, and the memory for simulated pictures. Only the engine's process imports heavy libraries, after the
     window is shown. Raises UserError if there is no display.
     """
     _require_display()
@@ -38,7 +41,7 @@ def open_window(**files: Path | None) -> tuple[QApplication, MainWindow, EngineC
     application = QApplication(sys.argv[:1])
     application.setApplicationName("labapp")
     theme.apply_theme(application)
-    connection = EngineConnection(**files)
+    connection = EngineConnection(**options)
     window = MainWindow(connection, RememberedSettings(default_settings_file()))
     window.show()
     connection.start()

@@ -7,13 +7,14 @@ import os
 import sys
 import threading
 from dataclasses import dataclass
-from pathlib import Path
 from queue import SimpleQueue
+from typing import Unpack
 
 from PySide6.QtCore import QObject, QSocketNotifier, Signal
 
 from drivers.hosted.calls import CallResult
 from drivers.hosted.child_process import ChildProcess
+from labapp.window.bench_options import BenchOptions
 from labapp.window.messages import AcknowledgeFrame, Command, LiveFrame
 
 _ENGINE = "labapp.window.engine.engine_process:run_engine"
@@ -45,7 +46,8 @@ _SETTINGS = EngineConnectionSettings()
 class EngineConnection(QObject):
     """Run the engine in a child process and exchange messages with it; only close() waits.
 
-    `files` are the files of the bench, the scene, the image and the faults, where given.
+    `options` are the files of the bench, the scene, the image and the faults, where given, and the
+    memory for simulated pictures.
     `report_received` is emitted with every report; of live frames that arrive together, only the
     newest is emitted. `engine_died` is emitted with an explanation if the engine ended without
     being told to.
@@ -54,9 +56,9 @@ class EngineConnection(QObject):
     report_received = Signal(object)
     engine_died = Signal(str)
 
-    def __init__(self, **files: Path | None) -> None:
+    def __init__(self, **options: Unpack[BenchOptions]) -> None:
         super().__init__()
-        self._files = files
+        self._options = options
         self._process: ChildProcess | None = None
         self._notifiers: list[QSocketNotifier] = []
         self._waiting: SimpleQueue[Command | None] = SimpleQueue()
@@ -78,7 +80,7 @@ class EngineConnection(QObject):
         self._passing = threading.Thread(target=self._forward_stderr, args=(reading,), daemon=True)
         self._passing.start()
         try:
-            process = ChildProcess(_ENGINE, self._files, grace=_SETTINGS.grace, errors=theirs)
+            process = ChildProcess(_ENGINE, self._options, grace=_SETTINGS.grace, errors=theirs)
         except OSError as error:
             self.engine_died.emit(f"The engine could not be started: {error}.")
             return

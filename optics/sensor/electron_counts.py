@@ -23,18 +23,30 @@ def electron_range(mean: float) -> tuple[int, int]:
     return max(0, math.floor(mean - reach)), math.ceil(mean + reach)
 
 
-def count_probabilities(mean: float, shot: ShotNoise) -> tuple[int, Numbers]:
-    """Return a sensor pixel's least photoelectron count, and the probabilities of all counts."""
-    first, last = electron_range(mean)
-    counts = np.arange(first, last + 1, dtype=np.float64)
-    shares = (_rounded_normal if shot == "Gaussian" else _poisson)(mean, counts)
-    return first, shares / shares.sum()
+class CountProbabilities:
+    """Probabilities of a sensor pixel's photoelectron counts, for means between two.
 
+    least, most: the means. shot: the distribution. Logarithms of factorials are computed once for
+    all means.
+    """
 
-def _poisson(mean: float, counts: Numbers) -> Numbers:
-    if mean == 0:
-        return (counts == 0).astype(np.float64)
-    return np.exp(counts * math.log(mean) - mean - gammaln(counts + 1))
+    def __init__(self, least: float, most: float, shot: ShotNoise) -> None:
+        self._shot, self.first = shot, electron_range(least)[0]
+        self.counts = np.arange(self.first, electron_range(most)[1] + 1, dtype=np.float64)
+        self._log_factorials = gammaln(self.counts + 1)
+
+    def __call__(self, mean: float) -> tuple[slice, Numbers]:
+        """Return which counts a pixel may hold, as a slice of `counts`, and their probabilities."""
+        first, last = electron_range(mean)
+        part = slice(first - self.first, last + 1 - self.first)
+        counts = self.counts[part]
+        if mean == 0:
+            shares = (counts == 0).astype(np.float64)
+        elif self._shot == "Gaussian":
+            shares = _rounded_normal(mean, counts)
+        else:
+            shares = np.exp(counts * math.log(mean) - mean - self._log_factorials[part])
+        return part, shares / shares.sum()
 
 
 def _rounded_normal(mean: float, counts: Numbers) -> Numbers:
@@ -42,8 +54,6 @@ def _rounded_normal(mean: float, counts: Numbers) -> Numbers:
 
     Negative numbers count as 0.
     """
-    if mean == 0:
-        return (counts == 0).astype(np.float64)
     spread = mean / math.sqrt(mean + 1 / 12)
     below = ndtr((np.append(counts, counts[-1] + 1) - 0.5 - mean) / spread)
     if counts[0] == 0:

@@ -11,10 +11,10 @@ import torch
 from scipy.interpolate import CubicSpline
 
 from optics.sensor.converter import readout_moments
-from optics.sensor.electron_counts import Numbers, count_probabilities, electron_range
+from optics.sensor.electron_counts import CountProbabilities, Numbers
 from optics.sensor.fixed_pattern import MAX_OFFSET_STEP
 from optics.sensor.sensor import Sensor
-from optics.sensor.stages import ShotNoise, Stages
+from optics.sensor.stages import Stages
 
 _ANSCOMBE_OFFSET = 3 / 8
 """Offset in electrons. Nodes are evenly spaced in sqrt(electrons + offset), because the shot noise
@@ -142,12 +142,12 @@ class MomentTable:
         electrons = np.maximum(root**2 - _ANSCOMBE_OFFSET, 0.0)
         self._reach = MAX_OFFSET_STEP if electrons_per_step else 0
         offsets = np.arange(-self._reach, self._reach + 1) * electrons_per_step
-        first = electron_range(electrons[0])[0]
-        counts = np.arange(first, electron_range(electrons[-1])[1] + 1, dtype=np.float64)
+        probabilities = CountProbabilities(float(electrons[0]), float(electrons[-1]), stages.shot)
+        counts = probabilities.counts
         if stages.clipping:
             counts = np.minimum(counts, sensor.full_well)
         read = readout_moments(counts[:, None] + offsets, sensor, stages)
-        rows = [_average_over_counts(mean, first, *read, stages.shot) for mean in electrons]
+        rows = [_average_over_counts(probabilities, float(mean), *read) for mean in electrons]
         self.mean = _refine_by_splines(np.array([row[0] for row in rows]))
         self.variance = _refine_by_splines(np.array([row[1] for row in rows])).clamp(min=0.0)
 
@@ -220,10 +220,9 @@ def _refine_by_splines(values: Numbers) -> torch.Tensor:
 
 
 def _average_over_counts(
-    mean: float, start: int, read: Numbers, variance: Numbers, shot: ShotNoise
+    probabilities: CountProbabilities, mean: float, read: Numbers, variance: Numbers
 ) -> tuple[Numbers, Numbers]:
     """Average a sensor pixel's mean and variance over shot noise, by the law of total variance."""
-    first, shares = count_probabilities(float(mean), shot)
-    part = slice(first - start, first - start + len(shares))
+    part, shares = probabilities(mean)
     whole = shares @ read[part]
     return whole, shares @ variance[part] + shares @ (read[part] - whole) ** 2

@@ -60,7 +60,7 @@ class BandwidthBoundSettings:
 
     converged_change: float = 2e-5
     margin: float = 2.0
-    likely_margin: float = 2.0
+    likely_margin: float = 1.5
     likely_converged_change: float = 1e-4
     dim_pixel_margin: float = 12.0
 
@@ -131,9 +131,7 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
         return (0.0,)
     some = some.with_aliases(plane)
     squares = _sampled_powers(s, some)
-    turns = [_part_turns(s, part) for part in (0.0, 0.5, -0.5)]
-    transfers = [one * turn for one in _transfers_over_band(s, some) for turn in turns]
-    changes = []
+    transfers, changes = _turned_transfers(s, some, 0.5), []
     for count in LEVELS.wavelengths:
         wrong, change = found.weight_errors(count), 0.0
         for parts, power in squares:
@@ -150,12 +148,13 @@ def _likely_error_rates(s: Situation) -> tuple[float, ...]:
     """Estimate the filter bandwidth effect's L2 error rates, by number of wavelength nodes.
 
     The rates are in electrons per second. The errors of lights with different spectra are taken to
-    be independent, and what the pixels alias is left out.
+    be independent, and a part of the pattern to differ in phase by a quarter of the phase's span.
     """
     found, some = spectral_measure(s, "band"), s.picture_probe.sampled_frequencies
     if not len(some.ky):
         return (0.0,)
-    squares, transfers = _sampled_powers(s, some), _transfers_over_band(s, some)
+    some = some.with_aliases(s.picture_probe.plane)
+    squares, transfers = _sampled_powers(s, some), _turned_transfers(s, some, 0.25)
     rates, enough = [], _SETTINGS.likely_converged_change * estimated_light(s)[1]
     for count in LEVELS.wavelengths:
         wrong, total = found.weight_errors(count), 0.0
@@ -203,14 +202,17 @@ def _transfers_over_band(s: Situation, some: SampledFrequencies) -> list[NDArray
     return s.pattern_probe.transfers_at(ky[:, None] * grown, kx[:, None] * grown, (far[0], far[1]))
 
 
-def _part_turns(s: Situation, part: float) -> NDArray[np.complex128]:
-    """Return how a part of the pattern turns over the band against the rest, (nodes,).
+def _turned_transfers(
+    s: Situation, some: SampledFrequencies, part: float
+) -> list[NDArray[np.complex128]]:
+    """Return the transfer functions that parts of the pattern may have, for the bandwidth effect.
 
-    The pattern's phase and the lens' aberrations go with 1/λ. Parts of the pattern may differ in
-    phase by half of the phase's span to either side. part: of that span, for the bandwidth effect.
+    The pattern's phase and the lens' aberrations go with 1/λ, so that a part turns over the band
+    against the rest. part: of the phase's span, by which it may differ to either side.
     """
     grown = spectral_measure(s, "band").nodes / s.wavelength
-    return np.asarray(np.exp(1j * part * _phase_span(s) * (1 / grown - 1)))
+    turns = [np.exp(1j * k * _phase_span(s) * (1 / grown - 1)) for k in (0.0, part, -part)]
+    return [one * turn for one in _transfers_over_band(s, some) for turn in turns]
 
 
 def _off_axis_factor(s: Situation) -> float:

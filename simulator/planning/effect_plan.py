@@ -248,7 +248,7 @@ def require_decided_by(decided_by: str) -> None:
     """Raise ValueError for another word than those by which an effect plan may decide."""
     if decided_by not in get_args(DecidedBy):
         words = " or ".join(repr(one) for one in get_args(DecidedBy))
-        raise ValueError(f"decided_by is {decided_by!r}; give {words}")
+        raise ValueError(f"decide_by is {decided_by!r}; give {words}")
 
 
 def _decision(

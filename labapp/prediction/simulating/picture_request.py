@@ -14,6 +14,7 @@ from labapp.files.grey_table import read_grey_pattern
 from labapp.files.scene_file import SceneFile
 from optics.progress import Progress
 from simulator.effects.registry import EFFECTS
+from simulator.planning.effect import DecidedBy
 from simulator.situation import Situation
 from simulator.world import World
 
@@ -67,6 +68,8 @@ class PictureRequest:
         Levels of effects, which are added to those that the scene forces.
     all_effects : bool
         Whether every effect that isn't forced is at its finest level, whatever tol.
+    decide_by : {"estimate", "bound"} or None
+        What decides about effects; as the scene says by default.
     """
 
     scene: Path | None = None
@@ -78,6 +81,7 @@ class PictureRequest:
     tol: float | None = None
     forced_effects: Mapping[str, str | bool] = field(default_factory=dict)
     all_effects: bool = False
+    decide_by: DecidedBy | None = None
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,8 @@ def _requested_scene(scene: SceneFile, request: PictureRequest) -> SceneFile:
     if request.all_effects:
         # Arithmetic and sampling get a tenth of this tolerance when all effects are on.
         tol, forced = min(tol, 1e-4), _all_effects_except(forced)
-    return scene.model_copy(update={"tol": tol, "effects": forced})
+    decide_by = request.decide_by or scene.decide_by
+    return scene.model_copy(update={"tol": tol, "effects": forced, "decide_by": decide_by})
 
 
 def _all_effects_except(forced: Mapping[str, str | bool]) -> dict[str, str | bool]:

@@ -82,7 +82,7 @@ def _forecast_pictures(
     """Predict error and time of a live picture on the virtual bench at each of the tolerances."""
     from simulator.imaging import Imaging
 
-    imaging = Imaging(forced=world.imaging.forced, memory=_SETTINGS.memory)
+    imaging = Imaging(forced=world.imaging.forced, memory=_SETTINGS.memory, decide_by="estimate")
     slowness = speed.fft / MachineSpeed().fft
     found = []
     for number, tol in enumerate(TOLERANCES):

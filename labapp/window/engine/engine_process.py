@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 from drivers.hosted.message_socket import MessageSocket
 from labapp.common.memory import keep_freed_memory
+from labapp.window.bench_options import BenchOptions
 from labapp.window.engine.channel import Channel
 from labapp.window.messages import OpeningFailed
 
 
-def run_engine(line: MessageSocket, files: dict[str, Path | None]) -> None:
-    """Open a bench from these files, and serve as the window's engine until the window is gone.
-
-    `files` are the files of the bench, the scene, the image and the faults.
-    """
+def run_engine(line: MessageSocket, options: BenchOptions) -> None:
+    """Open a bench, and serve as the window's engine until the window is gone."""
     keep_freed_memory()
     channel = Channel(line)
     from drivers.errors import DeviceError
@@ -24,7 +21,7 @@ def run_engine(line: MessageSocket, files: dict[str, Path | None]) -> None:
     from labapp.window.engine.engine_loop import Engine
 
     try:
-        with open_bench(BenchFiles.with_defaults(**files)) as opened:
+        with open_bench(BenchFiles.with_defaults(**options)) as opened:
             Engine(opened, channel).run()
     except (DeviceError, UserError, ValueError) as error:
         channel.send(OpeningFailed(str(error)))

@@ -1,4 +1,4 @@
-"""The tolerance of the window's live pictures on a virtual bench; runs keep the scene's own."""
+"""How the window's live pictures are simulated on a virtual bench; runs keep the scene's own."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 class LiveTolerance:
     """Set the relative error of live pictures; nothing changes where the camera is real.
 
-    `world` is that of the bench's simulated camera, or None. Records of runs say with which
-    tolerance they were simulated, so that it is the scene's outside of `during_frame()`.
+    Estimates decide about the effects of live pictures. `world` is that of the bench's simulated
+    camera, or None. Records of runs say with which tolerance they were simulated, and by what it
+    was decided, so that both are the scene's outside of `during_frame()`.
     """
 
     def __init__(self, world: World | None) -> None:
@@ -47,15 +48,15 @@ class LiveTolerance:
 
     @contextmanager
     def during_frame(self) -> Iterator[None]:
-        """Simulate pictures at the window's tolerance while the block runs."""
+        """Simulate pictures by estimates at the window's tolerance while the block runs."""
         self._given_up.clear()
-        world, tol = self._world, self._tol
-        if world is None or tol is None:
+        if self._world is None:
             yield
             return
-        imaging, own = world.imaging, world.imaging.tol
-        imaging.tol = tol
+        imaging = self._world.imaging
+        own = imaging.tol, imaging.decide_by
+        imaging.tol, imaging.decide_by = self._tol or imaging.tol, "estimate"
         try:
             yield
         finally:
-            imaging.tol = own
+            imaging.tol, imaging.decide_by = own
