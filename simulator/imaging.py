@@ -14,6 +14,7 @@ import torch
 from optics.caching import ByteCache
 from optics.sensor import moments
 from optics.slm import max_phase
+from optics.validation import as_number
 from simulator.caching import Cache
 from simulator.effects.picture_norms import estimated_norms, minimum_norms
 from simulator.effects.registry import EFFECTS
@@ -33,7 +34,10 @@ MEMORY = min(max(1 << 30, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES
 memory, from 1 to 3 GiB."""
 
 _LARGE_PANEL = 1 << 17
-"""Panel pixels from which on estimates take one sample a diffraction spot. Chosen."""
+"""Panel pixels from which on estimates may look at fewer samples of the far field. Chosen."""
+
+_FINE_DETAIL = 0.3
+"""Share of a picture's norm in fine detail from which on they don't. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -145,9 +149,8 @@ class Imaging:
             s.cache.results.clear()
         s.cache.are_estimates = decided_by == "estimate"
         shown = (s.panel_content.names, s.panel_content.frame_time)
-        # A small panel's far field takes no time.
-        coarse = decided_by == "estimate" and math.prod(s.camera.panel.shape) >= _LARGE_PANEL
-        looked_at = (s.camera, shown, s.wavelength, picture.distances, coarse)
+        samples = _samples_per_spot(s) if s.cache.are_estimates else 2.0
+        looked_at = (s.camera, shown, s.wavelength, picture.distances, samples)
         s.cache.pattern_probe = self._patterns.get(
             looked_at,
             lambda: PatternProbe(
@@ -156,7 +159,7 @@ class Imaging:
                 s.wavelength,
                 picture.distances,
                 self._cache,
-                samples_per_spot=1 if coarse else 2,
+                samples_per_spot=samples,
             ),
         )
 
@@ -185,6 +188,20 @@ class Imaging:
             return FrameSimulator(electrons, s.exposure, s.camera.sensor, recipe)
 
         return self._streams.get((picture_key(s), tuple(plan.levels.items())), compute)
+
+
+def _samples_per_spot(s: Situation) -> float:
+    """Return the samples of far fields in each diffraction spot that the simulator's plans need.
+
+    Fewer samples hide the transfer function near the cut-off, where few pictures have any light.
+    """
+    if math.prod(s.camera.panel.shape) < _LARGE_PANEL or s.picture_probe.is_dark:
+        return 2.0
+    power, camera = s.picture_probe.power_spectrum, s.camera
+    period = s.wavelength * as_number(camera.ray_matrix_b) / camera.panel.pitch
+    fine = power.low > 0.3 * min(camera.panel.shape) / period
+    share = math.sqrt(power.power[fine].sum() / power.power.sum()) if power.power.any() else 0.0
+    return 2.0 if share > _FINE_DETAIL else 1.5
 
 
 def picture_key(s: Situation) -> Hashable:

@@ -32,8 +32,9 @@ def open_window(
     """Show the window, and start its engine process.
 
     `options` are the files of the bench, of the scene, of the image, and of faults that are
-    injected into simulated devices, and the memory for simulated pictures. Only the engine's process imports heavy libraries, after the
-    window is shown. Raises UserError if there is no display.
+    injected into simulated devices, and the memory for simulated pictures. Only the engine's
+    process imports heavy libraries, after the window is shown. Raises UserError if there is no
+    display.
     """
     _require_display()
     # Ctrl-C in the terminal ends the window at once; the engine then makes the bench safe.

@@ -42,7 +42,7 @@ _SETTINGS = CrystalSamplingSettings()
 
 class CrystalResponse(OnOffBlurEffect):
     name = CRYSTAL
-    likely_shares = (0.1,)
+    likely_shares = (0.2,)
     kind = "axis"
     physics = "the crystal follows a video's frames exponentially, and shows none of them wholly"
     source = "thesis §3.4"

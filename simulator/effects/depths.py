@@ -22,7 +22,7 @@ from simulator.situation import Situation
 
 class DepthLayers(LightEffect):
     name = "depth layers"
-    likely_shares = (0.02,)
+    likely_shares = (0.2,)
     kind = "axis"
     recipe_field, recipe_values = "depths", LEVELS.depths
     physics = "what isn't in focus is blurred by its distance from the plane that is"

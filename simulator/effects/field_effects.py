@@ -122,7 +122,7 @@ def _stop_shadow_move(s: Situation) -> tuple[float, float]:
 
 class Vignetting(OnOffBlurEffect):
     name = VIGNETTING
-    likely_shares = (0.03,)
+    likely_shares = (0.5,)
     recipe_field = "vignetting"
     physics = "off the axis the lens looks smaller, is farther away, and its stop cuts more"
     source = "cos⁴ law; Born and Wolf 4.8.3"

@@ -31,7 +31,7 @@ class PSFReach(BlurEffect):
 
     audit_margin: ClassVar[float] = 1.5
     name = PSF_REACH
-    likely_shares = (0.1,)
+    likely_shares = (0.7,)
     noise_change = FAR
     kind = "stage"
     recipe_field, recipe_values = "window", LEVELS.windows

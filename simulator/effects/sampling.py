@@ -50,7 +50,7 @@ class LightSampling(BlurEffect):
     """
 
     name = LIGHT_SAMPLING
-    likely_shares = (0.25,)
+    likely_shares = (0.3,)
     kind = "stage"
     recipe_field, recipe_values = "picture_samples_per_pixel", LEVELS.samples
     typical_bound_share = 0.5

@@ -86,7 +86,7 @@ def _lamp(s: Situation) -> Waveform:
 
 class RollingShutter(LightEffect, PixelwiseEffect):
     name = "rolling shutter"
-    likely_shares = (0.1,)
+    likely_shares = (0.5,)
     recipe_field = "rolling"
     physics = "rows are exposed in turn, so each sees lamp, pattern and object at its own time"
     source = "EMVA 1288 release 4, general; Liang, Chang, Chen 2008"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -16,17 +17,17 @@ Light = NDArray[np.float32]
 
 
 class FarField:
-    """The far-field irradiance of a field on the panel, sampled once or twice a diffraction spot.
+    """The far-field irradiance of a field on the panel, by samples in each diffraction spot.
 
-    It is |Fourier transform of the field|², with a sum of 1. samples_per_spot: 2 resolve the
-    irradiance; 1 takes a quarter of the work, and its transfer function is aliased beyond a quarter
-    of the cut-off frequency. light: the irradiance over one period of the panel's diffraction
-    orders along each axis, (rows, columns) times the samples, with the optical axis at index (0,
-    0). side: side of a pixel's open area over the pitch. Distances are in shares of a period.
+    It is |Fourier transform of the field|², with a sum of 1. light: the irradiance over one period
+    of the panel's diffraction orders along each axis, (rows, columns), with the optical axis at
+    index (0, 0). side: side of a pixel's open area over the pitch. samples_per_spot: 2 along each
+    axis resolve the irradiance. Fewer take less work, and alias its transfer function near the
+    cut-off; 1 would lie between the fringes of an open panel. Distances are in shares of a period.
     """
 
-    def __init__(self, field: torch.Tensor, side: float, samples_per_spot: int = 2) -> None:
-        rows, columns = (samples_per_spot * n for n in field.shape)
+    def __init__(self, field: torch.Tensor, side: float, samples_per_spot: float = 2) -> None:
+        rows, columns = (math.ceil(samples_per_spot * n) for n in field.shape)
         far = fft(fft(field, columns, -1), rows, -2).numpy()
         light = far.real**2 + far.imag**2
         total = light.sum(dtype=np.float64)
@@ -123,16 +124,17 @@ class FarField:
         return np.asarray(np.concatenate([spectrum[:kept, :kept], spectrum[-kept + 1 :, :kept]]))
 
 
-def _peak_intensity(far: NDArray[np.complex64], light: Light, samples_per_spot: int) -> float:
+def _peak_intensity(far: NDArray[np.complex64], light: Light, samples_per_spot: float) -> float:
     """Return the peak irradiance of a probed far field, also between its samples."""
     most = float(light.max())
-    # Half a sample away, light may be brighter by a factor of sinc(1/4)^-4, which is below 1.6; of
-    # sinc(1/2)^-4, which is below 6.2, where a spot has one sample.
-    places = np.argwhere(light > most / (1.6 if samples_per_spot > 1 else 6.2))
+    # Light may be brighter half a sample away: for two samples a spot, by a factor of sinc(1/4)^-4,
+    # which is below 1.6.
+    brighter = 1.05 * float(np.sinc(0.5 / samples_per_spot)) ** -4
+    places = np.argwhere(light > most / brighter)
     # Only few candidates are interpolated. Of more than 64, some are so close to the top of a
-    # fringe that a factor of 1.15 suffices (audited).
+    # fringe that a quarter of that suffices (audited).
     if len(places) > 64:
-        return (1.15 if samples_per_spot > 1 else 1.8) * most
+        return (1 + (brighter - 1) / 4) * most
     # The amplitude between samples is interpolated from four samples on either side.
     taps = 4
     span = np.arange(-taps, taps + 1)

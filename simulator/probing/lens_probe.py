@@ -33,7 +33,7 @@ class LensProbe:
         wavelength: float,
         nearest: float,
         cache: ByteCache,
-        samples_per_spot: int = 2,
+        samples_per_spot: float = 2,
     ) -> None:
         self._camera, self._wavelength, self._nearest = camera, wavelength, nearest
         self._cache, self._samples_per_spot = cache, samples_per_spot

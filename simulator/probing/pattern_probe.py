@@ -44,15 +44,15 @@ class PatternProbeSettings:
     lines : int
         Number of panel lines along each axis from which the mean angle of the rays is computed.
     alias_free : float
-        Cycles per sample from which on the transfer function of light with one sample a
-        diffraction spot fades out.
+        Cycles per sample from which on the transfer function of light with fewer than two samples
+        a diffraction spot fades out.
     """
 
     max_pictures: int = 4
     transfer_error: float = 1e-6
     wider_share: float = 1e-3
     lines: int = 128
-    alias_free: float = 0.3
+    alias_free: float = 0.35
 
 
 _SETTINGS = PatternProbeSettings()
@@ -81,8 +81,8 @@ class PatternProbe:
     The probe computes the far fields of the panel's light, with all effects of the panel, and with
     the lens' phase for the nearest and the farthest of the given distances. Each property is
     computed when it is first needed. wavelength, distances: metres. cache: stores the effect of
-    lens and stop for other patterns. samples_per_spot: of far fields; 1 for estimates, 2 for
-    bounds.
+    lens and stop for other patterns. samples_per_spot: of far fields; fewer than 2
+    suffice for estimates.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class PatternProbe:
         distances: tuple[float, ...],
         cache: ByteCache | None = None,
         *,
-        samples_per_spot: int = 2,
+        samples_per_spot: float = 2,
     ) -> None:
         if not distances:
             raise ValueError("distances is empty; give that of one layer at least")
@@ -168,6 +168,8 @@ class PatternProbe:
         The pixels for comparison have an amplitude of 1. A phase that is blurred within pixels
         makes the power less.
         """
+        if not self._ideal_fields:
+            return 1.0
         weight = self.aperture_share.to(torch.float32).square()
         light = [((f.real.square() + f.imag.square()) * weight).sum() for f in self.fields]
         return float(min(light) / weight.sum()) if bool(weight.any()) else 0.0
@@ -328,8 +330,7 @@ class PatternProbe:
     @cached_property
     def transfer_bounds(self) -> TransferBounds:
         """Bound the probed PSF's transfer function, for all pictures and distances."""
-        rows, columns = (self.samples_per_spot * n for n in self.panel.shape)
-        shape = (rows, columns)
+        shape = self._pattern_far_fields[0][0].light.shape
         bins = rings(shape)
         held, share = 1 - self.modulator.jitter_scatter_share, self.modulator.unmodulated_share
         mixed = []
@@ -421,11 +422,11 @@ def _transfer_at(
     ky: Array,
     kx: Array,
     half: tuple[float, float],
-    samples_per_spot: int,
+    samples_per_spot: float,
 ) -> NDArray[np.complex128]:
     """Return the transfer function of a probed far field's light at frequencies (ky, kx).
 
-    It fades out where light with one sample a spot doesn't tell it.
+    It fades out where light with fewer than two samples a spot doesn't tell it.
     """
     pitch = period / light.shape[0], period / light.shape[1]
     kept = [
@@ -442,7 +443,7 @@ def _transfer_at(
         _SETTINGS.transfer_error, few_points=True,
     )  # fmt: skip
     found[known] = series.adjoint(torch.from_numpy(cut)).numpy()
-    if samples_per_spot == 1:
+    if samples_per_spot < 2:
         for k, step in ((ky, pitch[0]), (kx, pitch[1])):
             ramp = np.clip((0.5 - abs(k) * step) / (0.5 - _SETTINGS.alias_free), 0, 1)
             found *= np.sin(np.pi / 2 * ramp) ** 2
