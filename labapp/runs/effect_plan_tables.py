@@ -10,7 +10,7 @@ from labapp.common.console import out, print_table
 
 
 def show_effects(effect_plan: dict[str, Any]) -> None:
-    """Print the effect plans in a run's record: each effect's levels and largest error bound."""
+    """Print the effect plans in a run's record: each effect's levels and largest error."""
     if "plans" in effect_plan:
         _show_plans(effect_plan["plans"])
     else:
@@ -22,14 +22,17 @@ def _show_plans(plans: Sequence[dict[str, Any]]) -> None:
     pictures = f"{count} different pictures" if count > 1 else "its picture"
     names = dict.fromkeys(one["effect"] for plan in plans for one in plan["decisions"])
     tolerance = " and ".join(f"{tol:g}" for tol in tolerances)
+    # Records from before there were estimates don't say what decided.
+    estimated = any(plan.get("decided_by") == "estimate" for plan in plans)
     print_table(
         f"What the simulator did for {pictures}, tolerance {tolerance}",
-        ["effect", "level", "at most ", "why"],
+        ["effect", "level", "likely " if estimated else "at most ", "why"],
         [_row(name, plans) for name in names],
     )
     worst = max(plans, key=lambda plan: _size(plan["error"]))
     out.print(
-        f"All are within {format_share(worst['error'])} of everything on; the farthest is "
+        f"All are within {format_share(worst['error'])} of everything on"
+        f"{', as estimated' if estimated else ''}; the farthest is "
         f"{worst['target']}, {worst['pattern']}, {worst['wavelength_nm']:g} nm, "
         f"{worst['exposure_ms']:g} ms."
     )

@@ -1,4 +1,4 @@
-"""The data of the window's table of simulated effects: levels, bounds and reasons."""
+"""The data of the window's table of simulated effects: levels, errors and reasons."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ _COLUMNS = {
     "Effect": "Whatever optics and electronics of this bench could do to the picture, in the "
     "light's order",
     "Level": "How far the simulator goes: faint is off, amber is forced by the scene",
-    "Changes at most": "Beyond that level, relative to the picture. The bar is logarithmic, from "
-    "1e-7 to 1; the line is the tolerance, which all effects share",
+    "Error left": "What is beyond that level, relative to the picture: at most, or likely where "
+    "estimates decide. The bar is logarithmic, from 1e-7 to 1; the line is the tolerance, which "
+    "all effects share",
 }
 
 
@@ -44,7 +45,7 @@ class EffectsModel(RowsModel):
     def data(self, index: ModelIndex, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         row = self.rows[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
-            return (row.name, row.level, bound_text(row))[index.column()]
+            return (row.name, row.level, error_text(row))[index.column()]
         return _tip(row) if role == Qt.ItemDataRole.ToolTipRole else None
 
 
@@ -56,11 +57,11 @@ def format_share(number: float) -> str:
     return f"{digits.removesuffix('.0')}e{int(power)}"
 
 
-def bound_text(row: EffectInfo) -> str:
-    """Return an effect's error bound as the window's table shows it."""
-    if row.error_bound is None:
+def error_text(row: EffectInfo) -> str:
+    """Return an effect's error as the window's table shows it."""
+    if row.error is None:
         return "no limit known"
-    return format_share(row.error_bound) if row.error_bound else "nothing"
+    return format_share(row.error) if row.error else "nothing"
 
 
 def reason_text(row: EffectInfo) -> str:
@@ -79,7 +80,7 @@ def effect_colour(row: EffectInfo) -> str:
 def _tip(row: EffectInfo) -> str:
     forced = "forced by the scene" if row.forced else ""
     source = f"source: {row.source}" if row.source else ""
-    sentences = (row.physics, row.why, f"limit {row.bound_source}", source, forced)
+    sentences = (row.physics, row.why, f"error {row.error_source}", source, forced)
     return "\n".join(_sentence(text) for text in sentences if text)
 
 

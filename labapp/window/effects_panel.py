@@ -15,7 +15,7 @@ _REAL_CAMERA = "The camera is real: nothing is simulated in its pictures."
 
 
 class EffectsPanel(WrappingPanel):
-    """Show each simulated effect with its level, error bound and reason, and a summary of all.
+    """Show each simulated effect with its level, error and reason, and a summary of all.
 
     The label `setting` names target, pattern, wavelength and exposure of the picture that the
     effects belong to.
@@ -60,7 +60,8 @@ def _summary(report: EffectsReport) -> str:
     kept = f"tolerance {format_share(report.tol)}"
     if report.error > report.tol:
         kept += ", which forced effects exceed"
-    within = f"The picture is within {format_share(report.error)} of everything on ({kept})"
+    known = ", as estimated" if report.is_estimated else ""
+    within = f"The picture is within {format_share(report.error)} of everything on{known} ({kept})"
     return f"{within}, {work}. {count}"
 
 

@@ -1,4 +1,4 @@
-"""The window's table of simulated effects: level and bound in a line, the reason below it."""
+"""The window's table of simulated effects: level and error in a line, the reason below it."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from labapp.window.effects_model import EffectsModel, bound_text, effect_colour, reason_text
+from labapp.window.effects_model import EffectsModel, effect_colour, error_text, reason_text
 from labapp.window.messages import EffectInfo
 from labapp.window.table_base import ALIGN_LEFT, MARGIN, ModelIndex, RowsTable, paint_bar
 from labapp.window.theme import FAINT, PANEL
 
 BAR_COLUMN = 2
-"""Index of the column in which the error bounds are drawn as bars."""
+"""Index of the column in which the errors are drawn as bars."""
 
 _BAR_MINIMUM = 1e-7
 """Relative change of the picture at the left end of a bar; the right end is a change of 1."""
@@ -97,17 +97,15 @@ class _EffectPainter(QStyledItemDelegate):
 
 
 def _bar(painter: QPainter, place: QRect, row: EffectInfo, tol: float) -> None:
-    """Paint an effect's error bound in the window's table as a bar, with number and tolerance.
+    """Paint an effect's error in the window's table as a bar, with number and tolerance.
 
     The bar's scale is logarithmic, and a line marks the tolerance.
     """
-    paint_bar(
-        painter, place, _bar_position(row.error_bound), QColor(effect_colour(row)).darker(250)
-    )
+    paint_bar(painter, place, _bar_position(row.error), QColor(effect_colour(row)).darker(250))
     mark = place.left() + round((place.width() - 1) * _bar_position(tol))
     painter.drawLine(mark, place.top(), mark, place.bottom())
     painter.setPen(QColor(effect_colour(row)))
-    painter.drawText(place.adjusted(MARGIN, 0, 0, 0), ALIGN_LEFT, bound_text(row))
+    painter.drawText(place.adjusted(MARGIN, 0, 0, 0), ALIGN_LEFT, error_text(row))
 
 
 def _elide_text(painter: QPainter, text: str, width: int) -> str:
@@ -115,7 +113,7 @@ def _elide_text(painter: QPainter, text: str, width: int) -> str:
 
 
 def _bar_position(share: float | None) -> float:
-    """Return where an error bound lies on its bar in the window, 0 to 1; an unknown one is at 1."""
+    """Return where an error lies on its bar in the window, 0 to 1; an unknown one is at 1."""
     if share is None:
         return 1.0
     if share <= _BAR_MINIMUM:

@@ -282,31 +282,31 @@ class EffectInfo:
         Whether the effect takes part.
     forced : bool
         Whether the scene file prescribes the level.
-    error_bound : float or None
-        Largest change of the picture between this level and the finest, relative to the picture.
-        None if no bound is known.
+    error : float or None
+        Change of the picture between this level and the finest, relative to the picture: at most,
+        or likely. None if it isn't known.
     error_estimate : float
-        Likely value of that change.
+        Typical value of that change.
     why : str
         The reason for the level: how much of the effect there is in this picture.
     physics : str
         What the effect does to the light or to the picture.
     source : str
         Reference for the effect's model.
-    bound_source : str
-        Where the error bound comes from.
+    error_source : str
+        Where the error comes from.
     """
 
     name: str
     level: str
     on: bool
     forced: bool
-    error_bound: float | None
+    error: float | None
     error_estimate: float
     why: str
     physics: str
     source: str
-    bound_source: str
+    error_source: str
 
 
 @dataclass(frozen=True)
@@ -324,10 +324,12 @@ class EffectsReport:
     tol : float
         The tolerance: the picture's relative error that all levels together may cause.
     error : float or None
-        Bound of the picture's relative difference from one with all effects at their finest. None
-        if no bound is known.
+        The picture's relative difference from one with all effects at their finest: at most, or
+        likely. None if it isn't known.
     work : float
         Work for the picture, as a share of the work with all effects at their finest.
+    is_estimated : bool
+        Whether estimates decided, so that all errors are likely ones; else they are bounds.
     """
 
     target: str
@@ -338,6 +340,7 @@ class EffectsReport:
     tol: float
     error: float | None
     work: float
+    is_estimated: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -571,8 +574,7 @@ class AccuracyPoint:
 class LivePrediction:
     """Tell the window what a tolerance costs in a live picture of the virtual bench.
 
-    `error` bounds the relative error, and is None if no bound is known. `seconds` is processor
-    time.
+    `error` is the likely relative error, and None if it isn't known. `seconds` is processor time.
     """
 
     tol: float

@@ -36,7 +36,7 @@ class AuditResult:
     others : {"as planned", "finest"}
         Levels of all other effects.
     bound : Bound
-        Largest change that the effects' bounds allow.
+        Largest change that the plan states: the effects' bounds, or their estimates.
     mean : float
         L2 norm of the change of the mean picture, electrons.
     variance : float
@@ -57,7 +57,7 @@ class AuditResult:
 
     @property
     def measured_over_bound(self) -> float:
-        """Return the largest measured change over the plan's bound; the bound fails above 1."""
+        """Return the largest measured change over what the plan states, which fails above 1."""
         allowed = self.bound.plus(self.slack)
         return max(
             ratio(getattr(self, name), getattr(allowed, name))
@@ -77,11 +77,11 @@ def audit(
     *,
     pairs: Pairs | None = None,
 ) -> tuple[AuditResult, ...]:
-    """Compare the bounds of an effect plan with the measured changes of rendered pictures.
+    """Compare the errors that an effect plan states with the measured changes of pictures.
 
     Each effect that the plan has below its finest level is set to its finest level, once with the
     other effects as planned, and once with the others at their finest. Pairs of such effects are
-    tried with the others as planned, and compared with the sum of their bounds. Effects that they
+    tried with the others as planned, and compared with the sum of their errors. Effects that they
     require are switched on with them.
 
     Parameters
@@ -131,7 +131,7 @@ class _AuditRenderer:
         self._effects = {one.name: one for one in effects if one.is_present(situation)}
         self._s, self._render, self._planned = situation, render, plan.levels
         self._finest = {name: one.finest_level(situation) for name, one in self._effects.items()}
-        self._kept = ByteCache(_CACHE_BYTES)
+        self._kept, self._decided_by = ByteCache(_CACHE_BYTES), plan.decided_by
         self.coarse_effects = [
             name for name in self._finest if plan.level(name) < self._finest[name]
         ]
@@ -159,7 +159,7 @@ class _AuditRenderer:
         best_mean, best_variance = self._picture(fine)
         bound = Bound()
         for name in names:
-            bound = bound.plus(self._effects[name].error_bound(self._s, self._planned[name]))
+            bound = bound.plus(self._error(name))
         return AuditResult(
             names,
             others,
@@ -169,6 +169,13 @@ class _AuditRenderer:
             _norm(best_variance.sqrt() - variance.sqrt()),
             _rounding_bound(mean, variance),
         )
+
+    def _error(self, name: str) -> Bound:
+        """Return the error that the audited plan states of an effect: a bound, or an estimate."""
+        effect, level = self._effects[name], self._planned[name]
+        if self._decided_by == "estimate":
+            return effect.likely_error(self._s, level)
+        return effect.error_bound(self._s, level)
 
     def _with_requirements(
         self, coarse: dict[str, int], fine: dict[str, int], names: tuple[str, ...]

@@ -41,6 +41,8 @@ class Decision:
         Typical relative change.
     work : float
         Operations that the effect adds.
+    finest_work : float
+        Operations that the effect would add at its finest level.
     why : str
         How strong the effect is in this situation, in words.
     physics : str
@@ -59,6 +61,7 @@ class Decision:
     relative: float
     estimate: float
     work: float
+    finest_work: float
     why: str
     physics: str
     source: str
@@ -147,7 +150,6 @@ class EffectPlan:
             "tol": self.tol,
             "decided_by": self.decided_by,
             "error": _finite(self.relative_error),
-            "planning_cpu_s": self.planning_cpu,
             "work": self.work,
             "most_work": self.most_work,
             "decisions": [
@@ -257,7 +259,7 @@ def _decision(
     """Return the plan's decision about one effect, with its bound, work and reasons."""
     level = levels[one.name]
     error = ladder.effect_error(one.name, level)
-    off = {**levels, one.name: 0}
+    off, finest = {**levels, one.name: 0}, {**levels, one.name: one.finest_level(s)}
     return Decision(
         one.name,
         one.kind,
@@ -267,6 +269,7 @@ def _decision(
         ladder.relative_error(error),
         one.estimated_error(s, level),
         max(ladder.work(levels) - ladder.work(off), 0.0),
+        max(ladder.work(finest) - ladder.work(off), 0.0),
         one.explain(s),
         one.physics,
         one.source,

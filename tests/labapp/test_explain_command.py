@@ -39,7 +39,7 @@ def test_the_sum_of_all_bounds_keeps_within_the_tolerance(ask):
     for tol in ("0.1", "0.01"):
         data = plan_of(ask, "--target", "star", "--tol", tol, *OVER)
         assert data["tol"] == float(tol)
-        assert sum(one["bound"]["mean"] for one in data["decisions"]) >= 0
+        assert sum(one["error"]["mean"] for one in data["decisions"]) >= 0
         assert data["error"] <= float(tol)
         assert data["error"] <= sum(one["relative"] for one in data["decisions"]) + 1e-12
         assert data["work"] <= data["most_work"]

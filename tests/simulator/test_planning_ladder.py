@@ -180,7 +180,7 @@ def test_bounds_without_end_are_none_in_plain_data():
     one = Toy("one", (Bound(math.inf), Bound()), (0.0, 10.0))
     data = plan_effects([one], SITUATION, MinimumNorms(1, 1, 1), 0.1, {"one": False}).as_data()
     assert data["error"] is None
-    assert data["decisions"][0]["bound"]["mean"] is None
+    assert data["decisions"][0]["error"]["mean"] is None
     assert data["decisions"][0]["relative"] is None
 
 

@@ -174,7 +174,7 @@ def test_news_of_the_same_effects_leaves_the_person_where_they_are(panel):
     bar = panel.table.verticalScrollBar()
     wait_until(lambda: bar.maximum() > 200)
     bar.setValue(200)
-    changed = tuple(replace(one, error_bound=0.5) for one in many)
+    changed = tuple(replace(one, error=0.5) for one in many)
     panel.show_effects(replace(TOLD, effects=changed))
     assert bar.value() == 200
     assert shown(panel, 29)[BAR_COLUMN] == "0.5"

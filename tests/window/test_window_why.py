@@ -84,7 +84,7 @@ def test_what_is_told_is_what_the_plan_says(small_bench):
     for effect, decision in zip(told.effects, plan.decisions, strict=True):
         assert (effect.on, effect.forced) == (decision.on, decision.forced)
         assert effect.level.split(" of ")[0] == decision.level
-        assert (effect.error_bound, effect.why) == (decision.relative, decision.why)
+        assert (effect.error, effect.why) == (decision.relative, decision.why)
     assert {effect.name for effect in told.effects if effect.forced} == {
         "panel orders", "PSF reach"
     }  # fmt: skip
@@ -122,7 +122,7 @@ def test_a_limit_that_is_not_known_is_told_as_none(small_bench):
     plan.decisions = (replace(plan.decisions[0], relative=float("inf")), *plan.decisions[1:])
     EffectsReporter(small_bench, heard).report_if_changed(frame(small_bench, exposure=0.01))
     assert heard.sent[0].error is None
-    assert heard.sent[0].effects[0].error_bound is None
+    assert heard.sent[0].effects[0].error is None
 
 
 def test_of_a_real_camera_nothing_is_told(small_bench):

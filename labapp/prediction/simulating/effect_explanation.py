@@ -11,7 +11,9 @@ import torch
 
 from labapp.common.console import out, print_json, print_table, terminal_progress
 from labapp.common.errors import UserError
+from labapp.common.speed import machine_speed
 from labapp.prediction.simulating.picture_request import PictureRequest, prepare_scene
+from labapp.prediction.simulating.picture_time import seconds_per_operation
 from simulator.effects.electron_bounds import without_clipping
 from simulator.effects.registry import EFFECTS
 from simulator.planning import EffectPlan
@@ -37,7 +39,11 @@ def explain_effects(
         plan = world.imaging.plan(situation)
         progress.report(0.6, "putting back what was left out" if with_audit else "deciding")
         found = _audit_effects(world, situation, plan, pairs) if with_audit else ()
-        data = {**describe_plan(situation, plan), "audit": [_as_data(one) for one in found]}
+        data = {
+            **describe_plan(situation, plan),
+            **_predict_times(plan),
+            "audit": [_as_data(one) for one in found],
+        }
     if as_json:
         print_json(data)
     else:
@@ -58,6 +64,19 @@ def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
     }
 
 
+def _predict_times(plan: EffectPlan) -> dict[str, float]:
+    """Return the seconds of processor time of planning, as spent, and of pictures, as predicted.
+
+    The pictures are that of the plan, and that with all effects at their finest.
+    """
+    each = seconds_per_operation(machine_speed())
+    return {
+        "planning_cpu_s": plan.planning_cpu,
+        "picture_cpu_s": plan.work * each,
+        "finest_picture_cpu_s": plan.most_work * each,
+    }
+
+
 def changes_if_left_out(s: Situation, plan: EffectPlan) -> dict[str, float]:
     """Estimate how much each effect changes a predicted picture, as a relative error without it."""
     taken = {one.effect for one in plan.decisions}
@@ -72,6 +91,7 @@ def print_plan(data: dict[str, Any]) -> None:
             _level(one),
             _share(one["relative"]),
             _share(data["without"][one["effect"]]),
+            _cost(one, data["work"]),
             one["why"],
         ]
         for one in data["decisions"]
@@ -80,17 +100,40 @@ def print_plan(data: dict[str, Any]) -> None:
         f"{data['target'] or 'The picture'} at {data['wavelength_nm']:g} nm, "
         f"{data['exposure_ms']:.3g} ms, tolerance {data['tol']:g}"
     )
-    print_table(heading, ["effect", "level", "left ", "if off ", "why"], rows)
+    print_table(heading, ["effect", "level", "left ", "if off ", "work ", "why"], rows)
     share = data["work"] / data["most_work"] if data["most_work"] else 1.0
+    known = _PROOF[data["decided_by"]]
     out.print(
-        "left: relative error of picture or noise that a level leaves, at most. if off: what the "
-        "effect is worth, about.",
+        f"left: relative error of picture or noise that a level leaves, {known}. if off: what the "
+        "effect is worth, about. work: its part of the picture's, and what its finest level would "
+        "add.",
         style="dim",
     )
     out.print(
-        f"The picture is within {_share(data['error'])} of everything on, for "
-        f"{share:.1%} of its work."
+        f"The picture is within {_share(data['error'])} of everything on, {known}, for {share:.1%} "
+        "of its work."
     )
+    if "picture_cpu_s" in data:
+        out.print(
+            f"Deciding took {data['planning_cpu_s']:.2g} s of processor time; the picture takes "
+            f"about {data['picture_cpu_s']:.2g} s, and everything on "
+            f"{data['finest_picture_cpu_s']:.2g} s."
+        )
+
+
+_PROOF = {"bound": "at most", "estimate": "as estimated"}
+"""What the table says of errors, by what decided."""
+
+
+def _cost(one: dict[str, Any], whole: float) -> str:
+    """Format an effect's work relative to that of the predicted picture: 12%, +340%."""
+    more = one["finest_work"] - one["work"]
+    parts = [(one["work"], ""), (more if more > 1e-3 * whole else 0.0, "+")]
+    return " ".join(sign + _percent(work / whole) for work, sign in parts if work and whole) or "0"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f}%" if share >= 0.1 else f"{100 * share:.2g}%"
 
 
 def _level(one: dict[str, Any]) -> str:

@@ -50,10 +50,11 @@ def simulate_frames(
         {"effect_plan": json.dumps(describe_plan(situation, plan)), **staged.files},
     )
     brightest = int(drawn.max())
+    estimated = ", as estimated" if plan.decided_by == "estimate" else ""
     out.print(
         f"{frames} frame{'s' if frames > 1 else ''} of {drawn.shape[2]} x {drawn.shape[1]} pixels, "
         f"{situation.exposure * 1e3:.3g} ms, brightest number {brightest}; within "
-        f"{plan.relative_error:.1e} of everything on"
+        f"{plan.relative_error:.1e} of everything on{estimated}"
     )
     print_message(f"wrote {path}")
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from labapp.accuracy.forecast import TOLERANCES, forecast_psf
 from labapp.accuracy.reading import curve_name
 from labapp.accuracy.work_precision import AUTOMATIC, Row
 from labapp.common.speed import machine_speed
+from labapp.prediction.simulating.picture_time import seconds_per_operation
 from labapp.window.messages import AccuracyForecast, AccuracyPoint, LivePrediction
 from optics.accuracy import MachineSpeed
 from optics.camera import Camera
@@ -20,24 +20,8 @@ if TYPE_CHECKING:
     from simulator.world import World
 
 
-@dataclass(frozen=True)
-class ForecastSettings:
-    """Set how the window's accuracy forecast predicts the time of simulated pictures.
-
-    Attributes
-    ----------
-    operation_s : float
-        Seconds of one counted operation of the simulator, on a machine whose speed is the default
-        one. Measured: `labapp accuracy simulate` took 2.0 s for 4.7e9 operations.
-    memory : int
-        Bytes of probes that are kept while plans are computed. Chosen.
-    """
-
-    operation_s: float = 4.3e-10
-    memory: int = 256 << 20
-
-
-_SETTINGS = ForecastSettings()
+_MEMORY = 256 << 20
+"""Bytes of probes that are kept while plans are computed. Chosen."""
 
 
 def forecast_accuracy(
@@ -82,8 +66,8 @@ def _forecast_pictures(
     """Predict error and time of a live picture on the virtual bench at each of the tolerances."""
     from simulator.imaging import Imaging
 
-    imaging = Imaging(forced=world.imaging.forced, memory=_SETTINGS.memory, decide_by="estimate")
-    slowness = speed.fft / MachineSpeed().fft
+    imaging = Imaging(forced=world.imaging.forced, memory=_MEMORY, decide_by="estimate")
+    each = seconds_per_operation(speed)
     found = []
     for number, tol in enumerate(TOLERANCES):
         progress.report(number / len(TOLERANCES), f"effects within {tol:.0e}")
@@ -94,6 +78,6 @@ def _forecast_pictures(
             # A picture that can't be planned can't be taken either; live view says why.
             return ()
         error = plan.relative_error
-        seconds = _SETTINGS.operation_s * slowness * plan.work
+        seconds = each * plan.work
         found.append(LivePrediction(tol, error if math.isfinite(error) else None, seconds))
     return tuple(found)

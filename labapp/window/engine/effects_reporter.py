@@ -56,6 +56,7 @@ def build_effects_report(plan: EffectPlan, frame: LiveFrame) -> EffectsReport:
         tol=plan.tol,
         error=_limit(plan.relative_error),
         work=plan.work / plan.most_work if plan.most_work else 1.0,
+        is_estimated=plan.decided_by == "estimate",
     )
 
 
@@ -65,12 +66,12 @@ def _effect_info(decision: Decision) -> EffectInfo:
         level=_level(decision),
         on=decision.on,
         forced=decision.forced,
-        error_bound=_limit(decision.relative),
+        error=_limit(decision.relative),
         error_estimate=decision.estimate,
         why=decision.why,
         physics=decision.physics,
         source=decision.source,
-        bound_source=decision.error.how,
+        error_source=decision.error.how,
     )
 
 
