@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,10 +110,10 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
     The list begins with 1 node and ends where the error has converged. A coarser level never has a
     smaller error than a finer one.
     """
-    what, find = FILTER_BANDWIDTH, _node_count_error_rates
     if s.cache.are_estimates:
-        what, find = f"likely {FILTER_BANDWIDTH}", _likely_error_rates
-    rates = cached_across_exposures(s, what, lambda: find(s))
+        rates = _likely_error_rates(s, "band", LEVELS.wavelengths)
+    else:
+        rates = cached_across_exposures(s, FILTER_BANDWIDTH, lambda: _node_count_error_rates(s))
     return tuple(max_lamp_seconds(s) * one for one in rates)
 
 
@@ -131,7 +132,7 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
         return (0.0,)
     some = some.with_aliases(plane)
     squares = _sampled_powers(s, some)
-    transfers, changes = _turned_transfers(s, some, 0.5), []
+    transfers, changes = _turned_transfers(s, "band", some, 0.5), []
     for count in LEVELS.wavelengths:
         wrong, change = found.weight_errors(count), 0.0
         for parts, power in squares:
@@ -144,19 +145,32 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
     return tuple(np.maximum.accumulate(changes[::-1])[::-1].tolist())
 
 
-def _likely_error_rates(s: Situation) -> tuple[float, ...]:
-    """Estimate the filter bandwidth effect's L2 error rates, by number of wavelength nodes.
+def _likely_error_rates(
+    s: Situation, which: Literal["band", "leak"], counts: tuple[int, ...]
+) -> tuple[float, ...]:
+    """Estimate the L2 error rates of a band effect for numbers of wavelength nodes, electrons/s.
 
-    The rates are in electrons per second. The errors of lights with different spectra are taken to
-    be independent, and a part of the pattern to differ in phase by a quarter of the phase's span.
+    The list ends where the error has converged.
     """
-    found, some = spectral_measure(s, "band"), s.picture_probe.sampled_frequencies
+    causes = f"likely errors of the {which}"
+    return cached_across_exposures(s, causes, lambda: _find_likely_rates(s, which, counts))
+
+
+def _find_likely_rates(
+    s: Situation, which: Literal["band", "leak"], counts: tuple[int, ...]
+) -> tuple[float, ...]:
+    """Compute what _likely_error_rates() keeps for the band effects of a pattern.
+
+    The errors of lights with different spectra are taken to be independent, and a part of the
+    pattern to differ in phase by a quarter of the phase's span.
+    """
+    found, some = spectral_measure(s, which), s.picture_probe.sampled_frequencies
     if not len(some.ky):
         return (0.0,)
     some = some.with_aliases(s.picture_probe.plane)
-    squares, transfers = _sampled_powers(s, some), _turned_transfers(s, some, 0.25)
+    squares, transfers = _sampled_powers(s, some), _turned_transfers(s, which, some, 0.25)
     rates, enough = [], _SETTINGS.likely_converged_change * estimated_light(s)[1]
-    for count in LEVELS.wavelengths:
+    for count in counts:
         wrong, total = found.weight_errors(count), 0.0
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
@@ -189,13 +203,15 @@ def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -
     return float((np.abs(transfer @ wrong.T) ** 2 * power[:, None]).sum(0).max())
 
 
-def _transfers_over_band(s: Situation, some: SampledFrequencies) -> list[NDArray[np.complex128]]:
-    """Return the transfer functions that light has over the band, for the bandwidth effect.
+def _transfers_over_band(
+    s: Situation, which: Literal["band", "leak"], some: SampledFrequencies
+) -> list[NDArray[np.complex128]]:
+    """Return the transfer functions that light has over band or leak, for the effects of both.
 
     Each array has the shape (frequencies, nodes). A PSF grows with λ, so that its transfer function
     shrinks.
     """
-    nodes = spectral_measure(s, "band").nodes
+    nodes = spectral_measure(s, which).nodes
     ky, kx = s.mount.to_panel_axes(some.ky, some.kx)
     grown = nodes / s.wavelength
     far = [s.wavelength / min(nodes[0], s.wavelength) * one for one in max_blur_distance(s)]
@@ -203,16 +219,16 @@ def _transfers_over_band(s: Situation, some: SampledFrequencies) -> list[NDArray
 
 
 def _turned_transfers(
-    s: Situation, some: SampledFrequencies, part: float
+    s: Situation, which: Literal["band", "leak"], some: SampledFrequencies, part: float
 ) -> list[NDArray[np.complex128]]:
-    """Return the transfer functions that parts of the pattern may have, for the bandwidth effect.
+    """Return the transfer functions that parts of the pattern may have, for the band effects.
 
     The pattern's phase and the lens' aberrations go with 1/λ, so that a part turns over the band
     against the rest. part: of the phase's span, by which it may differ to either side.
     """
-    grown = spectral_measure(s, "band").nodes / s.wavelength
+    grown = spectral_measure(s, which).nodes / s.wavelength
     turns = [np.exp(1j * k * _phase_span(s) * (1 / grown - 1)) for k in (0.0, part, -part)]
-    return [one * turn for one in _transfers_over_band(s, some) for turn in turns]
+    return [one * turn for one in _transfers_over_band(s, which, some) for turn in turns]
 
 
 def _off_axis_factor(s: Situation) -> float:
@@ -237,7 +253,7 @@ class Leak(BlurEffect):
     """The filter's out-of-band leak: light of wavelengths that it doesn't block wholly."""
 
     name = OUT_OF_BAND_LEAK
-    likely_shares = (0.5, 0.01)
+    likely_shares = (1.0, 0.06)
     noise_change = FAR
     kind = "stage"
     recipe_field, recipe_values = "leak", LEVELS.leak
@@ -264,6 +280,17 @@ class Leak(BlurEffect):
         how = "proved: Young; electrons beside the band"
         missing = sensor_error_bound(s, occlusion_factor(s) * share * light_norm_bound(s), how)
         return max(missing, moved, key=lambda one: one.mean)
+
+    def likely_error(self, s: Situation, level: int) -> Bound:
+        told = super().likely_error(s, level)
+        if not 0 < level < self.finest_level(s):
+            return told
+        rates = _likely_error_rates(s, "leak", LEVELS.leak[1:])
+        rate = rates[min(level, len(rates)) - 1]
+        change = occlusion_factor(s) * leak_share(s) * max_lamp_seconds(s) * rate
+        how = "estimated: quadrature of H(k λ) by the far field"
+        found = self.likely_light_error(s, change, how)
+        return max(told, found, key=lambda one: one.mean)
 
     def explain(self, s: Situation) -> str:
         low, high = (1e9 * end for end in s.band.leak_range)

@@ -23,7 +23,7 @@ from simulator.situation import Situation
 
 class PanelDispersion(OnOffBlurEffect):
     name = PANEL_DISPERSION
-    likely_shares = (0.1,)
+    likely_shares = (0.15,)
     recipe_field = "dispersion"
     physics = "a pattern's phase falls with the wavelength, as the crystal's path hardly changes"
     source = "Li and Wu 2004, doi 10.1063/1.1635971"

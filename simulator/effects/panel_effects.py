@@ -101,7 +101,7 @@ class Illumination(PanelEffect):
 
 class FrontReflection(RedirectedLight):
     name = "front reflection"
-    likely_shares = (0.3,)
+    likely_shares = (0.4,)
     noise_change = FAR
     panel_field = "front_reflection"
     physics = "the cover glass reflects light that never meets the pattern"
@@ -116,7 +116,7 @@ class FrontReflection(RedirectedLight):
 
 class PanelResponse(PanelEffect):
     name = "panel response"
-    likely_shares = (0.3,)
+    likely_shares = (0.4,)
     panel_field, neutral_value = "response", None
     physics = "the phase isn't proportional to the grey level"
     source = "thesis §2.3"
@@ -147,7 +147,7 @@ def phase_error_gain(panel: Panel) -> float:
 
 class Coupling(PanelEffect):
     name = "neighbour coupling"
-    likely_shares = (0.2,)
+    likely_shares = (0.3,)
     panel_field = "coupling"
     physics = "fringing fields blur the phase across the edges of pixels"
     source = "Persson, Engström and Goksör 2012, doi 10.1364/OE.20.022334"
@@ -248,7 +248,7 @@ def _gap_power(panel: Panel) -> float:
 
 class GapLight(PanelEffect):
     name = "gap light"
-    likely_shares = (0.6,)
+    likely_shares = (0.8,)
     noise_change = FAR
     panel_field = "gap_reflection"
     physics = "the frame between pixels sends light that no pattern turns"
@@ -266,7 +266,7 @@ class GapLight(PanelEffect):
 
 class Flatness(PanelEffect):
     name = "flatness"
-    likely_shares = (0.2,)
+    likely_shares = (0.4,)
     panel_field, neutral_value = "flatness", None
     physics = "the panel isn't flat, and its figure is a wavefront of its own"
     source = "Maréchal; Born and Wolf 9.1"
@@ -289,7 +289,7 @@ class Flatness(PanelEffect):
 
 class UnmodulatedLight(RedirectedLight):
     name = "unmodulated light"
-    likely_shares = (0.3,)
+    likely_shares = (0.4,)
     noise_change = FAR
     panel_field = "unmodulated"
     physics = "light of the polarisation that the crystal doesn't turn ignores the pattern"
