@@ -90,6 +90,16 @@ class Imaging:
         other.tol, other.forced = tol, {}
         return other
 
+    @property
+    def memory(self) -> int:
+        """Return the bytes of light, spectra and PSFs that the simulator keeps at most."""
+        return self._cache.limit
+
+    @property
+    def kept_bytes(self) -> int:
+        """Return the bytes of light, spectra and PSFs that the simulator keeps now."""
+        return self._cache.bytes
+
     def forget(self) -> None:
         """Empty the simulator's caches of pictures and plans; they are computed again if needed."""
         for cache in (self._cache, self._plans, self._streams, self._pictures, self._patterns):

@@ -13,7 +13,11 @@ from scipy.ndimage import minimum_filter1d
 from optics.formation import spectrum_of_samples
 from optics.plane import centred_crop
 from optics.sensor.shutter import row_starts
-from simulator.effects.psf_bounds import has_occlusion, vignetting_samples
+from simulator.effects.psf_bounds import (
+    has_occlusion,
+    is_uniform_scene,
+    vignetting_samples,
+)
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.effects.spectra import spectral_measure
 from simulator.planning.bound import MinimumNorms
@@ -90,6 +94,9 @@ def _estimated_light(s: Situation) -> tuple[float, float]:
     distances = set(s.picture_probe.distances)
     seen = float(vignetting_samples(s, s.camera.sensor.shape, distances).mean())
     left = seen * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
+    if is_uniform_scene(s):
+        # As much light is blurred into the frame as out of it.
+        return left * s.picture_probe.total, left * math.sqrt(float(power.power.sum()))
     transfer = s.pattern_probe.transfer_bounds.mean_square_between(power.low, power.high)
     pixel = np.clip(1 - (np.pi * power.high * s.camera.sensor.pitch) ** 2 / 3, 0, 1)
     norm = math.sqrt(float((power.power * transfer * pixel).sum()))

@@ -27,7 +27,7 @@ class PixelAperture(LightEffect, PixelwiseEffect):
 
     audit_margin: ClassVar[float] = 2.0
     name = "pixel aperture"
-    likely_shares = (0.5,)
+    likely_shares = (0.8,)
     recipe_field = "pixel_aperture"
     operations_per_pixel = 6.0
     assumed_by_other_bounds = True

@@ -2,13 +2,14 @@
 
 from simulator.planning.auditing import AuditResult, audit
 from simulator.planning.bound import Bound, MinimumNorms
-from simulator.planning.effect import Effect, OnOffEffect
+from simulator.planning.effect import DecidedBy, Effect, OnOffEffect
 from simulator.planning.effect_plan import Decision, EffectPlan, build_recipe, plan_effects
 from simulator.planning.ladder import Ladder
 
 __all__ = [
     "AuditResult",
     "Bound",
+    "DecidedBy",
     "Decision",
     "Effect",
     "EffectPlan",

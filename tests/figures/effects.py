@@ -18,7 +18,7 @@ from labapp.common.console import print_message
 from optics.threads import single_threaded
 from simulator.effects.electron_bounds import without_clipping
 from simulator.imaging import Imaging, PictureMoments
-from simulator.planning import AuditResult, EffectPlan, audit
+from simulator.planning import AuditResult, DecidedBy, EffectPlan, audit
 from simulator.recipe import Recipe
 
 T = TypeVar("T")
@@ -63,14 +63,16 @@ def judged(drawn: Iterable[Case]) -> Iterator[tuple[Case, PictureMoments]]:
 
 
 def swept(
-    drawn: Iterable[tuple[Case, PictureMoments]], tolerances: tuple[float, ...] = TOLERANCES
+    drawn: Iterable[tuple[Case, PictureMoments]],
+    tolerances: tuple[float, ...] = TOLERANCES,
+    decide_by: DecidedBy = "bound",
 ) -> Tally:
     """Every case's picture by the plan for each tolerance, against the one with everything on."""
     found = Tally()
     for case, truth in drawn:
         found.count += 1
         for tol in tolerances:
-            error, plan = deviation(case, tol, truth)
+            error, plan = deviation(case, tol, truth, decide_by)
             found.worst = max(found.worst, error.worst / tol)
             if not error.worst <= tol:
                 found.wrong.append(
@@ -84,9 +86,11 @@ def swept(
     return found
 
 
-def audited(case: Case, tol: float, pairs: int, seed: int) -> tuple[AuditResult, ...]:
+def audited(
+    case: Case, tol: float, pairs: int, seed: int, decide_by: DecidedBy = "bound"
+) -> tuple[AuditResult, ...]:
     """Everything that a plan leaves out put back, singly and in some pairs drawn by chance."""
-    s, imaging = case.at(tol), Imaging(tol, case.forced)
+    s, imaging = case.at(tol), Imaging(tol, case.forced, decide_by=decide_by)
     plan = imaging.plan(s)
 
     def render(recipe: Recipe) -> tuple[torch.Tensor, torch.Tensor]:
@@ -97,7 +101,7 @@ def audited(case: Case, tol: float, pairs: int, seed: int) -> tuple[AuditResult,
 
 
 def _drawn_pairs(case: Case, plan: EffectPlan, count: int, seed: int) -> list[tuple[str, str]]:
-    below = [name for name, level in case.finest.items() if plan.level(name) < level]
+    below = [one.effect for one in plan.decisions if one.level != one.levels[-1]]
     every = list(itertools.combinations(below, 2))
     chosen = np.random.default_rng([seed, case.number]).permutation(len(every))[:count]
     return [every[k] for k in chosen]

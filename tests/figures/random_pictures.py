@@ -20,7 +20,7 @@ from optics.pupil import pupil_amplitude
 from simulator.effects.electron_bounds import without_clipping
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging, PictureMoments
-from simulator.planning import Effect, EffectPlan
+from simulator.planning import DecidedBy, Effect, EffectPlan
 from simulator.planning.effect_plan import EFFECTS_SHARE, build_recipe
 from simulator.recipe import Recipe
 from simulator.scene import Target
@@ -163,8 +163,10 @@ def everything(case: Case, patience: float = math.inf) -> PictureMoments:
     raise ToleranceError(f"no tolerance can be kept of {case.words}")
 
 
-def deviation(case: Case, tol: float, truth: PictureMoments) -> tuple[Deviation, EffectPlan]:
+def deviation(
+    case: Case, tol: float, truth: PictureMoments, decide_by: DecidedBy = "bound"
+) -> tuple[Deviation, EffectPlan]:
     """Of the picture by the plan for a tolerance from one with everything on."""
-    s, imaging = case.at(tol), Imaging(tol, case.forced)
+    s, imaging = case.at(tol), Imaging(tol, case.forced, decide_by=decide_by)
     plan = imaging.plan(s)
     return Deviation.of(imaging.picture_moments(s, without_clipping(s, plan.recipe)), truth), plan

@@ -36,14 +36,20 @@ def numbers(quick: Collection[int], every: Iterable[int]) -> list[Any]:
 
 @pytest.mark.parametrize("number", numbers((2, 4, 6), range(COUNT)))
 def test_a_plans_picture_is_within_its_tolerance_of_everything_on(number: int) -> None:
-    found = swept(judged([drawn()[number]]), TOLERANCES)
-    assert found.count == 1
-    assert not found.wrong, "\n".join(found.wrong)
+    truth = list(judged([drawn()[number]]))
+    proved, estimated = swept(truth, TOLERANCES), swept(truth, TOLERANCES, "estimate")
+    for found in (proved, estimated):
+        assert found.count == 1
+        assert not found.wrong, "\n".join(found.wrong)
+    assert sum(estimated.work) <= sum(proved.work)
 
 
 @pytest.mark.parametrize("number", numbers((3, 6), range(0, COUNT, 3)))
 def test_no_bound_of_what_is_left_out_is_broken(number: int) -> None:
+    """Nor is an estimate exceeded."""
     case = drawn()[number]
+    estimates = audited(case, 1e-1, 3, SEED, "estimate")
+    assert max((one.measured_over_bound for one in estimates), default=0.0) <= 1, case.words
     broken = [one for one in audited(case, 1e-1, 3, SEED) if one.is_broken]
     assert not broken, case.words
 

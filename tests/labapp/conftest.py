@@ -44,7 +44,9 @@ def kept_plans():
         if math.prod(s.camera.sensor.shape) > 1e4:
             return decided(self, s)
         forced = tuple(sorted(self.forced.items()))
-        return _plans.get((self.tol, forced, picture_key(s)), lambda: decided(self, s))
+        return _plans.get(
+            (self.tol, forced, self.decide_by, picture_key(s)), lambda: decided(self, s)
+        )
 
     decided = Imaging.plan
     with pytest.MonkeyPatch.context() as patch:

@@ -6,6 +6,7 @@ import itertools
 import json
 
 import pytest
+from small_bench.files import scene_text
 
 import simulator.imaging
 from labapp.bench.opening import open_bench
@@ -52,6 +53,7 @@ def test_each_different_picture_has_its_plan_and_none_is_rendered(staged, monkey
     assert set(states) == set(wanted)
     for one in kept["plans"]:
         assert one["tol"] == 0.01
+        assert one["decided_by"] == "estimate"
         assert one["error"] is None or one["error"] <= 0.01
         assert {told["effect"] for told in one["decisions"]} <= set(kept["effects"])
         assert all(told["why"] and told["how"] for told in one["decisions"])
@@ -101,7 +103,26 @@ def test_a_record_tells_what_was_decided(small, tmp_path, labapp):
     assert code == 0
     assert "What the simulator did for 16 different pictures, tolerance 0.01" in printed
     assert "read noise" in printed
-    assert "of everything on" in printed
+    assert "of everything on, as estimated" in printed
+
+
+def test_a_scene_may_ask_for_bounds(small, tmp_path, labapp):
+    small.scene.write_text(scene_text(settings='decide_by = "bound"'))
+    plan = read_file(small.plan, PlanFile)
+    with open_bench(small.bench_files) as bench:
+        assert bench.world.imaging.decide_by == "bound"
+        run_plan(bench, plan, tmp_path / "run.h5", folder=small.folder)
+    with Record(tmp_path / "run.h5") as record:
+        assert {one["decided_by"] for one in record.effect_plan["plans"]} == {"bound"}
+    _, printed, _ = labapp("show", tmp_path / "run.h5")
+    assert "at most" in printed
+    assert "as estimated" not in printed
+    small.scene.write_text(scene_text(settings='decide_by = "guess"'))
+    with (
+        pytest.raises(UserError, match=r"decide_by.*'estimate' or 'bound'"),
+        open_bench(small.bench_files),
+    ):
+        pass
 
 
 def test_what_a_run_planned_before_is_found_again_when_frames_are_taken(

@@ -32,7 +32,7 @@ def test_the_table_names_every_effect_its_level_and_why(ask):
     for words in ("read noise", "diffraction", "left", "if off", "why", "2.4 electrons"):
         assert words in flat
     assert "The picture is within" in flat
-    assert "of everything on, for" in flat
+    assert "of everything on, as estimated, for" in flat
 
 
 def test_the_sum_of_all_bounds_keeps_within_the_tolerance(ask):
@@ -44,6 +44,25 @@ def test_the_sum_of_all_bounds_keeps_within_the_tolerance(ask):
         assert data["error"] <= sum(one["relative"] for one in data["decisions"]) + 1e-12
         assert data["work"] <= data["most_work"]
         assert all(one["why"] and one["physics"] and one["source"] for one in data["decisions"])
+
+
+def test_estimates_decide_unless_bounds_are_asked_for(ask):
+    """The table says which; and what an effect's finest level would add, with the time of all."""
+    estimated, proved = (
+        plan_of(ask, "--target", "star", *more, *OVER) for more in ((), ("--decide-by", "bound"))
+    )
+    assert (estimated["decided_by"], proved["decided_by"]) == ("estimate", "bound")
+    assert estimated["work"] <= proved["work"]
+    for data in (estimated, proved):
+        assert data["planning_cpu_s"] > 0
+        assert 0 < data["picture_cpu_s"] <= data["finest_picture_cpu_s"]
+        assert all(one["work"] <= one["finest_work"] * 1.001 for one in data["decisions"])
+    for more, words in (((), "as estimated"), (("--decide-by", "bound"), "at most")):
+        _, printed, _ = ask("--target", "star", *more, *OVER)
+        flat = " ".join(printed.split())
+        assert f"a level leaves, {words}." in flat
+        assert "Deciding took" in flat
+        assert "what its finest level would add" in flat
 
 
 def test_without_an_exposure_the_brightest_pixel_is_half_full(ask, labapp, tiny):
@@ -96,8 +115,10 @@ def test_a_pattern_is_what_the_panel_shows(ask, tiny):
     }
 
 
-def test_an_audit_says_of_each_bound_whether_it_held(ask):
+@pytest.mark.parametrize("decide_by", ["estimate", "bound"])
+def test_an_audit_says_of_each_error_whether_it_held(ask, decide_by):
     options = ("--target", "star", "--tol", "0.1", "--audit", "--pairs", "2", *OVER)
+    options = (*options, "--decide-by", decide_by)
     data = plan_of(ask, *options)
     below = [one for one in data["decisions"] if one["level"] != one["levels"][-1]]
     singles = [one for one in data["audit"] if len(one["effects"]) == 1]
@@ -117,6 +138,7 @@ def test_an_audit_says_of_each_bound_whether_it_held(ask):
         (["--exposure-ms", "nan"], ["positive"]),
         (["--tol", "0"], ["--tol 0", "between 0 and 1"]),
         (["--tol", "2"], ["--tol 2", "between 0 and 1"]),
+        (["--decide-by", "guess"], ["--decide-by", "guess", "estimate", "bound"]),
         (["--wavelength-nm", "100"], ["100"]),
         (["--pairs", "-1", "--audit"], ["-1"]),
     ],

@@ -113,6 +113,52 @@ def test_windows_are_no_larger_than_light_can_go():
     assert error(s, recipe, replace(FINEST, orders=0)) <= 5e-5
 
 
+@pytest.mark.parametrize("target", [STAR, "photograph"])
+def test_orders_close_together_are_one_psf(target, monkeypatch):
+    """The same light as a PSF for each, and less work."""
+    image = torch.from_numpy(np.random.default_rng(2).random((12, 14, 3)).astype(np.float32))
+    target = PhotographPrint(image, 1.1, 1e9, cover=0.5) if target == "photograph" else target
+    s, recipe = taken(target, band=Band(550e-9, 10e-9, leak=1e-3)), FULL.with_changes(leak=4)
+    windows = rendering_windows(s, recipe.window, orders=1, samples=recipe.samples_per_pixel)
+    assert windows.merged_orders == 1
+    together, work = rendered(s, recipe), Ledger()
+    expected_electrons(s, recipe, ByteCache(), work)
+    side = windows.psf[0]
+    apart = Windows((18, 18), (18, 18), (side + 40, side + 40))
+    monkeypatch.setattr("simulator.formation.mean_picture.rendering_windows", lambda *a, **b: apart)
+    ledger = Ledger()
+    each = expected_electrons(s, recipe, ByteCache(), ledger).numpy()
+    assert relative(together, each) <= 1e-4
+    assert work.operations < ledger.operations
+
+
+def rendered(s, recipe):
+    return expected_electrons(s, recipe, ByteCache(), Ledger()).numpy()
+
+
+def test_orders_far_apart_have_a_psf_each():
+    """Where one with all of them takes more work; and behind a panel apart from the lens, whose
+    stop lets another part of each pass."""
+    fine = replace(PANEL, shape=(40, 50), pitch=4e-6)
+    far = taken(Flat(1.0, 1e9), replace(CAMERA, panel=fine))
+    assert rendering_windows(far, 32, orders=2, samples=3).merged_orders == 0
+    assert rendering_windows(taken(), 32, orders=1, samples=3).merged_orders == 1
+    apart = taken(camera=replace(CAMERA, separation=0.01))
+    assert rendering_windows(apart, 32, orders=1, samples=3).merged_orders == 0
+
+
+def test_a_window_is_no_larger_than_the_orders_that_it_holds():
+    """12 pixels for each, and those over which it fades; more behind a turned panel."""
+    s = taken(Flat(1.0, 1e9))
+    period = 550e-9 * CAMERA.lens.image_distance / PANEL.pitch / CAMERA.sensor.pitch
+    for orders in (0, 1, 2):
+        side = max(rendering_windows(s, 512, orders=orders).psf)
+        assert (2 * orders + 1) * period <= side <= (2 * orders + 1) * period * 1.1 + 8
+    turned = rendering_windows(taken(Flat(1.0, 1e9), mount=Mount(0.7, False, False)), 512).psf
+    assert max(turned) > 1.2 * max(rendering_windows(s, 512).psf)
+    assert max(rendering_windows(s, 512, wave=False).psf) > side
+
+
 def test_endless_light_has_whole_windows():
     s = taken(Flat(1.0, 1e9))
     windows = rendering_windows(s, 64, wave=False)

@@ -166,27 +166,27 @@ def test_without_an_engine_nothing_is_asked_for(view):
     assert view.forecasts == before
 
 
-def test_only_live_frames_have_the_windows_tolerance():
-    imaging = SimpleNamespace(tol=0.01)
+def test_only_live_frames_have_the_windows_tolerance_and_are_decided_by_estimates():
+    imaging = SimpleNamespace(tol=0.01, decide_by="bound")
     live = LiveTolerance(SimpleNamespace(imaging=imaging))
     live.set(1e-4)
     assert live.is_frame_given_up
     with live.during_frame():
-        assert imaging.tol == 1e-4
+        assert (imaging.tol, imaging.decide_by) == (1e-4, "estimate")
         assert not live.is_frame_given_up
-    assert imaging.tol == 0.01
+    assert (imaging.tol, imaging.decide_by) == (0.01, "bound")
     live.set(None)
     with live.during_frame():
-        assert imaging.tol == 0.01
+        assert (imaging.tol, imaging.decide_by) == (0.01, "estimate")
 
 
 def test_a_frame_that_fails_leaves_the_scenes_tolerance():
-    imaging = SimpleNamespace(tol=0.01)
+    imaging = SimpleNamespace(tol=0.01, decide_by="bound")
     live = LiveTolerance(SimpleNamespace(imaging=imaging))
     live.set(1e-4)
     with pytest.raises(RuntimeError), live.during_frame():
         raise RuntimeError
-    assert imaging.tol == 0.01
+    assert (imaging.tol, imaging.decide_by) == (0.01, "bound")
 
 
 @pytest.mark.parametrize("tol", [0.0, -1.0, float("inf"), float("nan")])

@@ -154,7 +154,7 @@ def test_the_physics_is_told_where_the_mouse_rests(panel):
     panel.show_effects(TOLD)
     tip = panel.table.effects.index(2, 0).data(Qt.ItemDataRole.ToolTipRole)
     assert tip.splitlines() == [
-        "A pixel averages light", "Pixels of 3.45 µm", "Limit proved: Young",
+        "A pixel averages light", "Pixels of 3.45 µm", "Error proved: Young",
         "Source: Goodman 2005", "Forced by the scene",
     ]  # fmt: skip
 
@@ -197,3 +197,10 @@ def test_of_real_devices_nothing_is_claimed(panel, simulated, words):
     assert panel.table.effects.rowCount() == 0
     assert re.search(re.escape(words), panel.summary.text())
     assert not panel.setting.isVisible()
+
+
+def test_what_is_estimated_is_said_to_be(panel):
+    panel.show_effects(TOLD)
+    assert "as estimated" not in panel.summary.text()
+    panel.show_effects(replace(TOLD, is_estimated=True))
+    assert "within 8e-4 of everything on, as estimated (tolerance" in panel.summary.text()

@@ -1,0 +1,39 @@
+"""`--memory`: how much simulated pictures may keep for later ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from labapp.bench.opening import open_bench
+from simulator.imaging import MEMORY
+
+
+def test_the_default_is_between_one_and_three_gibibytes(small):
+    assert 1 << 30 <= MEMORY <= 3 << 30
+    with open_bench(small.bench_files) as bench:
+        assert bench.world.imaging.memory == MEMORY
+
+
+def test_pictures_keep_no_more_than_was_asked_for(small):
+    with open_bench(replace(small.bench_files, memory=200_000)) as bench:
+        imaging = bench.world.imaging
+        assert imaging.memory == 200_000
+        bench.targets.place("star")
+        for number in range(4):
+            bench.world.wavelength = (540 + 5 * number) * 1e-9
+            bench.world.electron_rates()
+            assert imaging.kept_bytes <= 200_000
+        bench.world.forget()
+        assert imaging.kept_bytes == 0
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf"])
+def test_no_memory_is_refused_in_words(small, labapp, tmp_path, value):
+    asked = ["run", small.plan, "--bench", small.bench, "--scene", small.scene]
+    code, _, complaint = labapp(*asked, "--out", tmp_path / "run.h5", "--memory", value)
+    assert code == 1
+    assert "--memory" in complaint
+    assert "give a positive number of GB" in complaint
+    assert not (tmp_path / "run.h5").exists()
