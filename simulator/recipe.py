@@ -27,9 +27,10 @@ class Recipe:
 
     Light: `occlusion`: whether near layers hide far ones at their blurred edges, or all light is
     added. `diffraction`: waves, or the geometric blur of the same wavefront. `orders` of the pixel
-    grid on each side. `vignetting`: whether the light falls off towards the field's edge. `lamp`:
-    whether the lamp's waveform counts. `rolling`: whether rows are exposed one after the other.
-    `glare`: whether veiling glare is added.
+    grid on each side, by PSFs; `coarse_orders`: two on each side instead, on cells of pixels.
+    `vignetting`: whether the light falls off towards the field's edge. `lamp`: whether the lamp's
+    waveform counts. `rolling`: whether rows are exposed one after the other. `glare`: whether
+    veiling glare is added.
 
     Window: `window`, the PSF's side in sensor pixels; `samples_per_pixel`, samples of the light in
     a pixel along each axis; `picture_samples_per_pixel`, the same of the pictures before they are
@@ -53,6 +54,7 @@ class Recipe:
     motion: int = 1
     diffraction: bool = False
     orders: int = 0
+    coarse_orders: bool = False
     vignetting: bool = False
     lamp: bool = False
     rolling: bool = False

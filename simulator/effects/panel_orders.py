@@ -2,23 +2,41 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
-from simulator.effects.blur_effects import BlurEffect, psf_error_bound
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import fftconvolve
+
+from optics.plane import Plane
+from simulator.effects.blur_effects import (
+    BlurEffect,
+    occlusion_factor,
+    psf_error_bound,
+    transfer_error_bound,
+)
+from simulator.effects.electron_bounds import max_lamp_seconds
 from simulator.effects.likely_errors import FAR
 from simulator.effects.psf_bounds import can_orders_reach_sensor
-from simulator.effects.rendering_work import LEVELS, PANEL_ORDERS
+from simulator.effects.rendering_work import LEVELS, PANEL_ORDERS, are_orders_coarse
+from simulator.effects.result_cache import cached_across_exposures
+from simulator.formation.coarse_orders import order_cell_pixels
+from simulator.formation.windows import max_blur_distance
 from simulator.planning import Bound
+from simulator.probing.radial import Gain
+from simulator.recipe import Recipe
 from simulator.situation import Situation
 
 
 class PanelOrders(BlurEffect):
     """The side orders of the panel's pixel grid, which hold copies of the picture.
 
-    audit_margin: factor of the error bound, from audits.
+    audit_margin: factor of the error bound, from audits. ghost_margin: that of the estimate.
     """
 
     audit_margin: ClassVar[float] = 1.5
+    ghost_margin: ClassVar[float] = 2.0
     name = PANEL_ORDERS
     likely_shares = (0.6,)
     noise_change = FAR
@@ -26,20 +44,109 @@ class PanelOrders(BlurEffect):
     recipe_field, recipe_values = "orders", LEVELS.orders
     physics = "the panel's pixels are a grating, and send pale copies of the picture aside"
     source = "Goodman, Introduction to Fourier Optics 4.4"
-    levels = ("off", "±1", "±2")
+    levels = ("off", "coarse", "±2")
     requires = ("diffraction",)
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         if not can_orders_reach_sensor(s):
             return Bound(how="proved: none of them meets the sensor")
-        lost = s.pattern_probe.beyond_orders(LEVELS.orders[level]) - s.pattern_probe.beyond_orders(
+        coarse = are_orders_coarse(s, level)
+        lowest = 0 if coarse else LEVELS.orders[level]
+        lost = s.pattern_probe.beyond_orders(lowest) - s.pattern_probe.beyond_orders(
             LEVELS.orders[-1]
         )
         how = f"audited ×{self.audit_margin:g}: Young; light that one pixel's square sends there"
-        return psf_error_bound(s, self.audit_margin * max(lost, 0.0), how)
+        missing = psf_error_bound(s, self.audit_margin * max(lost, 0.0), how)
+        if not coarse:
+            return missing
+        how = "audited: what cells of pixels take of the detail in all orders"
+        blurred = transfer_error_bound(s, self._coarse_gain(s), how)
+        return min(missing, blurred, key=lambda one: one.mean)
+
+    def _coarse_gain(self, s: Situation) -> Gain:
+        """Bound the panel orders effect's loss of detail by frequency if it is rendered on cells.
+
+        A cell's mean, and the line between the middles of two cells, each take (π k c)²/6 of a
+        fringe of k cycles per metre, for cells of a side c along both axes; what cells don't
+        resolve may be aliased as well. No more light than is in all side orders is concerned.
+        """
+        share = s.pattern_probe.side_order_share
+        cell = order_cell_pixels(s) * s.camera.sensor.pitch
+
+        def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
+            return share * np.minimum((math.pi * k * cell) ** 2 / 2, 2.0)
+
+        return gain
+
+    def likely_error(self, s: Situation, level: int) -> Bound:
+        told = super().likely_error(s, level)
+        if s.camera.separation or not told.mean or level >= self.finest_level(s):
+            return told
+        coarse = are_orders_coarse(s, level)
+        lowest = 1 if coarse else LEVELS.orders[level] + 1
+        what = f"ghosts from order {lowest}{' on cells' if coarse else ''}"
+        rate = cached_across_exposures(s, what, lambda: _ghost_norm(s, lowest, only_detail=coarse))
+        change = self.ghost_margin * occlusion_factor(s) * max_lamp_seconds(s) * rate
+        how = f"estimated ×{self.ghost_margin:g}: pictures in orders, on coarse cells of the frame"
+        found = self.likely_light_error(s, change, how)
+        return min(told, found, key=lambda one: one.mean)
+
+    def add_to_recipe(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        if are_orders_coarse(s, level):
+            return recipe.with_changes(coarse_orders=True)
+        return recipe.with_changes(orders=LEVELS.orders[level])
 
     def explain(self, s: Situation) -> str:
         return (
             f"{s.pattern_probe.side_order_share:.2g} of the light goes aside, by "
             f"{s.pattern_probe.period * 1e3:.3g} mm and more"
         )
+
+
+_CELLS = 48
+"""Cells along the frame's longer side on which side orders are estimated. Chosen."""
+
+
+def _ghost_norm(s: Situation, lowest: int, *, only_detail: bool) -> float:
+    """Estimate the norm of the frame's light in side orders from `lowest` on, electrons/s.
+
+    The panel orders effect sends copies of the picture aside, most of which miss the frame. What is
+    finer than a cell counts as in the sharp picture. only_detail: whether only that counts, of the
+    cells on which orders may be rendered.
+    """
+    probe, sensor = s.picture_probe, s.camera.sensor
+    step = max(1, math.ceil(max(sensor.shape) / _CELLS))
+    cell = step * sensor.pitch
+    rows, columns = (math.ceil(n / step) for n in sensor.shape)
+    found = 0.0
+    for kernel in s.pattern_probe.side_order_kernels(cell, lowest, LEVELS.orders[-1]):
+        reach = (math.ceil(min(far / cell, len(kernel))) + 1 for far in max_blur_distance(s))
+        near = _within_reach(kernel, list(reach))
+        down, across = (n // 2 for n in near.shape)
+        plane = Plane((rows + 2 * down, columns + 2 * across), (cell, cell))
+        ghosts = fftconvolve(probe.light_on(plane), near, mode="valid")
+        found = max(found, float(np.linalg.norm(ghosts)))
+    on_cells = _blurred_norm(s, 0.0, 0.5 / cell)
+    if not on_cells:
+        return step * found
+    # The middles of cells, and the lines between them, take from fringes of up to four cells.
+    finest = 0.25 / (order_cell_pixels(s) * sensor.pitch) if only_detail else 0.0
+    return step * found * _blurred_norm(s, finest, math.inf) / on_cells
+
+
+def _blurred_norm(s: Situation, low: float, high: float) -> float:
+    """Estimate the norm of the blurred picture from its frequencies in a range, cycles per metre.
+
+    Copies in the panel's orders are blurred like the picture itself.
+    """
+    power = s.picture_probe.power_spectrum
+    passed = s.pattern_probe.transfer_bounds.mean_square_between(power.low, power.high)
+    inside = (power.low >= low) & (power.low < high)
+    return math.sqrt(float((power.power * passed)[inside].sum()))
+
+
+def _within_reach(kernel: NDArray[np.float64], half: list[int]) -> NDArray[np.float64]:
+    """Return the part of a panel orders effect's kernel from which light can reach the frame."""
+    middle = len(kernel) // 2
+    y, x = (min(far, middle) for far in half)
+    return kernel[middle - y : middle + y + 1, middle - x : middle + x + 1]

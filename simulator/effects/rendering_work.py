@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from optics.slm.flicker import flicker_nodes
 from simulator.effects.psf_bounds import can_orders_reach_sensor, is_uniform_scene
 from simulator.effects.result_cache import cached_per_situation
+from simulator.formation.coarse_orders import can_be_coarse
 from simulator.formation.windows import rendering_windows
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
 from simulator.recipe import SMALLEST_WINDOW
@@ -35,7 +36,8 @@ class RenderingLevels:
     places : tuple of int
         Nodes along each axis of the field.
     orders : tuple of int
-        Diffraction orders of the panel's pixel grid on each side.
+        Diffraction orders of the panel's pixel grid on each side. At level 1, two on each side are
+        rendered on cells of pixels instead, where that is possible.
     samples : tuple of int
         Samples of a picture along each axis of a pixel, before it is blurred.
     windows : tuple of int
@@ -52,6 +54,9 @@ class RenderingLevels:
 
 
 LEVELS = RenderingLevels()
+
+COARSE_ORDERS = 1
+"""Level of the panel orders effect at which they are rendered on cells, where that is possible."""
 
 FILTER_BANDWIDTH, OUT_OF_BAND_LEAK, FIELD_POSITION, PANEL_ORDERS = (
     "filter bandwidth",
@@ -128,6 +133,9 @@ def _operations(s: Situation, found: tuple[int, ...]) -> float:
     """Return the operations of rendering, cached by the levels of the relevant effects."""
     levels = dict(zip(_RELEVANT_EFFECTS, found, strict=True))
     samples, wave = s.coarsest_sampling, bool(levels.get(DIFFRACTION, 0))
+    coarse = wave and are_orders_coarse(s, levels.get(PANEL_ORDERS, 0))
+    if coarse:
+        levels[PANEL_ORDERS] = 0
     windows = rendering_windows(
         s,
         LEVELS.windows[levels.get(PSF_REACH, 0)],
@@ -145,7 +153,19 @@ def _operations(s: Situation, found: tuple[int, ...]) -> float:
     beside = (n * counts.samples for n in windows.side_order)
     of_order = counts.orders * one(s.camera.panel, *beside)
     spreading = counts.psfs * (one(s.camera.panel, down, across) + of_order)
-    return spreading + counts.transforms * transform + drawing + pixels
+    cells = counts.psfs * _coarse_order_operations(s) if coarse else 0.0
+    return spreading + counts.transforms * transform + drawing + pixels + cells
+
+
+def are_orders_coarse(s: Situation, level: int) -> bool:
+    """Whether a level of the panel orders effect renders them on cells of pixels."""
+    return level == COARSE_ORDERS and can_be_coarse(s)
+
+
+def _coarse_order_operations(s: Situation) -> float:
+    """Return the operations of rendering the side orders of one PSF on cells: a far field's."""
+    rows, columns = (3 * n // 2 for n in s.camera.panel.shape)
+    return 3 * transform_operations(rows, columns)
 
 
 def _picture_oversampling(s: Situation, levels: Mapping[str, int]) -> float:

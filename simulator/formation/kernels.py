@@ -97,6 +97,16 @@ class Kernels:
         causes = ("psf", self.key, panel_state, point, order)
         return self._cache.get(causes, lambda: self._compute_psf(panel_state, point, effect, order))
 
+    def fields(
+        self, panel_state: PictureShares | FrameSequence, wavelength: float
+    ) -> tuple[Modulator, Iterable[tuple[float, torch.Tensor]]]:
+        """Return the modulator at a wavelength, and the panel's fields during an exposure cell.
+
+        The PSFs are rendered from these fields; each comes with its share of the time.
+        """
+        modulator = modulator_at(self.camera.panel, wavelength)
+        return modulator, self._fields(panel_state, modulator)
+
     def central(self, wavelength: float) -> Order | None:
         """Return the zeroth order if the rendered PSF's window exceeds its orders, else None."""
         period, side = self.period(wavelength), max(self.plane.shape) * self.plane.pitch[0]

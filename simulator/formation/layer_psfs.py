@@ -47,6 +47,10 @@ class LayerPSFs:
         """
         return self._weights[layer]
 
+    def distances(self, layer: int) -> tuple[tuple[float, float], ...]:
+        """Return the distances whose PSFs render a layer, in metres, with their weights."""
+        return tuple(self._depths[self.layers[layer].distance])
+
     def psf(
         self, layer: int, node: int, place: Place, cell: ExposureCell, number: int
     ) -> torch.Tensor:

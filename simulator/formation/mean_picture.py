@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 
 from optics.caching import ByteCache
+from simulator.formation.coarse_orders import CoarseOrders
 from simulator.formation.compositing import (
     AdditiveCompositor,
     LightPath,
@@ -102,7 +103,8 @@ class _Rendering:
     ) -> None:
         self._s, self._recipe, self._cache, self._check = s, recipe, cache, check
         self._ledger = ledger
-        orders = recipe.orders if recipe.diffraction else 0
+        coarse = recipe.coarse_orders and recipe.diffraction
+        orders = recipe.orders if recipe.diffraction and not coarse else 0
         windows = rendering_windows(
             s,
             recipe.window,
@@ -126,6 +128,9 @@ class _Rendering:
             ways.append(SideOrdersPath(self._gathering, objects, spreading, orders))
         layered = OccludingCompositor if recipe.occlusion else AdditiveCompositor
         self._layered = layered(self._gathering, spreading, ways, bool(orders))
+        self._coarse_orders = (
+            CoarseOrders(s, recipe, kernels, spreading, objects, cache) if coarse else None
+        )
 
     def light(self, cell: ExposureCell, number: int) -> torch.Tensor:
         """Render the light of an exposure cell, or take it from the cache.
@@ -154,7 +159,11 @@ class _Rendering:
         for spectrum in self._layered.spectra(cell, number):
             self._check()
             light.append(self._gathering.light_on_pixels(spectrum, aperture))
-        return self._with_glare(torch.stack(light)) if self._recipe.glare else torch.stack(light)
+        total = torch.stack(light)
+        if self._coarse_orders is not None:
+            self._check()
+            total += self._coarse_orders.light(cell)
+        return self._with_glare(total) if self._recipe.glare else total
 
     def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
         """Add veiling glare to the rendered image: spread a share of its light evenly."""

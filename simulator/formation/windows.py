@@ -17,6 +17,10 @@ from simulator.situation import Situation
 _SPARE = 32
 """Pixels beyond the outermost light: detail finer than the samples causes ringing beside it."""
 
+_LARGE, _LARGER = 1 << 22, 2.5
+"""Samples of a picture from which on it may not be larger for the sake of PSFs with all orders, and
+by how much: what is kept of it for other patterns is as much larger. Chosen."""
+
 ORDER_FADE_PIXELS = 4.0
 """Sensor pixels over which one diffraction order of the panel fades into the next."""
 
@@ -90,9 +94,12 @@ def rendering_windows(
         return Windows(apart.psf, apart.psf, _picture_shape(s, apart.psf))
     psf = _reached(s, _order_side(s, orders))
     merged = Windows(psf, psf, _picture_shape(s, psf), orders)
-    if s.camera.separation or _work(s, apart, orders, samples) < _work(s, merged, 0, samples):
+    together, each = (samples**2 * math.prod(one.picture) for one in (merged, apart))
+    too_large = together > max(_LARGE, _LARGER * each)
+    if s.camera.separation or too_large:
         return apart
-    return merged
+    less = _work(s, merged, 0, samples) <= _work(s, apart, orders, samples)
+    return merged if less else apart
 
 
 def _order_side(s: Situation, most: int) -> int:

@@ -69,11 +69,11 @@ class Ladder:
         Scene, camera, pattern, filter and exposure.
     norms : MinimumNorms
         Norms of the picture, which errors are relative to: lower bounds, or estimates.
-    decided_by : {"bound", "estimate"}
-        Whether the errors are bounds or estimates.
     forced_levels : mapping of str to int, optional
         Levels of effects that a user forced. They are fixed, and their errors don't count against
         the tolerance. Effects that require one that is forced off are off as well.
+    decided_by : {"bound", "estimate"}
+        Whether the errors are bounds or estimates.
 
     Attributes
     ----------

@@ -45,21 +45,23 @@ class FarField:
         """
         return 2 * self.light.nbytes + 16 * _frequency_count(self.light.shape) ** 2
 
-    def _envelope(self, axis: int, orders: int = 0) -> Array:
-        """Return the probed far field's envelope along an axis, from one pixel of the panel.
+    def envelope(self, axis: int, order: int = 0) -> Array:
+        """Return the probed far field's envelope in an order, from one pixel of the panel.
 
-        The envelope is summed over the orders from -orders to orders.
+        The result is along an axis, (samples,).
         """
-        places = np.fft.fftfreq(self.light.shape[axis])
-        steps = np.arange(-orders, orders + 1)
-        return np.asarray(
-            (self._side * np.sinc(self._side * (places[:, None] + steps)) ** 2).sum(1)
-        )
+        places = np.fft.fftfreq(self.light.shape[axis]) + order
+        return np.asarray(self._side * np.sinc(self._side * places) ** 2)
+
+    def _summed_envelope(self, axis: int, orders: int) -> Array:
+        """Sum the probed far field's envelope along an axis over orders from -orders to orders."""
+        every = range(-orders, orders + 1)
+        return np.asarray(sum(self.envelope(axis, order) for order in every))
 
     def order_share(self, orders: int) -> float:
         """Return the share of the probed far field's light in the orders from -orders to orders."""
-        along = self.light @ self._envelope(1, orders).astype(np.float32)
-        return float(along.astype(np.float64) @ self._envelope(0, orders))
+        along = self.light @ self._summed_envelope(1, orders).astype(np.float32)
+        return float(along.astype(np.float64) @ self._summed_envelope(0, orders))
 
     @cached_property
     def peak(self) -> float:
@@ -69,7 +71,7 @@ class FarField:
     @cached_property
     def zeroth_order_light(self) -> Light:
         """Return the light of the probed far field's zeroth diffraction order."""
-        down, along = (self._envelope(axis).astype(np.float32) for axis in (0, 1))
+        down, along = (self.envelope(axis).astype(np.float32) for axis in (0, 1))
         return np.asarray(self.light * down[:, None] * along)
 
     def _ensquared_sums(self, light: Light) -> Array:

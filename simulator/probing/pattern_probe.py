@@ -23,6 +23,7 @@ from simulator.panel_at_wavelength import modulator_at
 from simulator.panel_content import PanelContent
 from simulator.probing.far_field import FarField
 from simulator.probing.lens_probe import LensProbe
+from simulator.probing.order_kernel import side_order_kernel
 from simulator.probing.transfer_bounds import TransferBounds, rings
 
 Array = NDArray[np.float64]
@@ -230,6 +231,16 @@ class PatternProbe:
     def beyond_orders(self, most: int) -> float:
         """Bound the share of a probed pattern's light in orders beyond `most` on each side."""
         return max(0.0, 1 - min(one.order_share(most) for one in self._possible_far_fields))
+
+    def side_order_kernels(self, cell: float, lowest: int, highest: int) -> list[Array]:
+        """Return how the probed pattern spreads light over side orders, for each distance.
+
+        See side_order_kernel(). cell: side of a cell, metres.
+        """
+        return [
+            side_order_kernel(there[0], self.period, cell, lowest, highest)
+            for there in self._pattern_far_fields
+        ]
 
     @cached_property
     def mean_ray_displacement(self) -> float:

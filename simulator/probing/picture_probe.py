@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.formation import spectrum_of_samples
@@ -294,6 +296,19 @@ class PictureProbe:
         if layer.cover is None:
             return None
         return layer.cover.light(self.plane, self._scale(layer), self.shift)
+
+    def light_on(self, plane: Plane) -> NDArray[np.float64]:
+        """Return the probed light of all layers on another plane, electrons per second and pixel.
+
+        Hidden parts are included. The result is (rows, columns); each value is the mean over a
+        sample's cell.
+        """
+        total = np.zeros(plane.shape)
+        for layer, rates in zip(self.target.layers, self.rates, strict=True):
+            for part, rate in zip(layer.parts, rates, strict=True):
+                drawn = part.picture.light(plane, self._scale(layer), self.shift)
+                total += rate * drawn.numpy()
+        return total
 
     def _layer_light(self, layer: Layer, rates: tuple[float, ...]) -> torch.Tensor:
         light = torch.zeros(self.plane.shape)

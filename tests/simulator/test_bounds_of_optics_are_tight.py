@@ -141,6 +141,10 @@ def gratings_orders() -> Situation:
     return seen(camera(replace(IDEAL, pitch=80e-6), shape=(8, 28)))
 
 
+def orders_on_cells() -> Situation:
+    return seen(camera(replace(IDEAL, pitch=80e-6), pitch=10e-6, shape=(400, 400)))
+
+
 def wide_angle(target: Target | None = None) -> Callable[[], Situation]:
     def made() -> Situation:
         wide = camera(pitch=80e-6, shape=(100, 120), lens=Lens(0.01, 80.0, 1.0))
@@ -193,8 +197,11 @@ WORST = [
     Worst("vignetting", wide_angle(), {0: 3}, "the margin's corner is darker still", RAYS, "star"),
     Worst("vignetting", wide_angle(Flat(1.0, 1e5)), {0: 6}, "as all were as dark as that", RAYS,
           "even light"),
-    Worst("panel orders", gratings_orders, {0: 11, 1: 12},
-          "×1.5; orders that lie apart as if they were one"),
+    Worst("panel orders", gratings_orders, {0: 11},
+          "×1.5; orders that lie apart as if they were one", finer=2),
+    Worst("panel orders", orders_on_cells, {1: 50},
+          "×1.5; orders that lie apart as if they were one, and all of their light lost",
+          label="on cells"),
     Worst("veiling glare", lambda: seen(replace(camera(), glare=0.05)), {0: 1.5},
           "a spot has a mean of its own"),
 ]  # fmt: skip

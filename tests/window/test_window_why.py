@@ -185,7 +185,7 @@ def test_the_panel_follows_the_setting_and_not_the_frames(live):
     person.waits(lambda: window.effects.setting.text().startswith("flat ·"))
     assert "diffraction" in names(window)
     assert bench.last(EffectsReport).target == "flat"
-    assert "of everything on (tolerance 1e-2" in window.effects.summary.text()
+    assert "of everything on, as estimated (tolerance 1e-2" in window.effects.summary.text()
 
 
 def test_a_run_tells_what_its_frames_are_computed_with(live, chosen_file, tmp_path):

@@ -1,0 +1,172 @@
+"""Render the side orders of the panel's pixel grid on cells of several sensor pixels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.signal import fftconvolve
+
+from optics.caching import ByteCache
+from optics.plane import Plane
+from simulator.formation.exposure_cells import ExposureCell
+from simulator.formation.kernels import Kernels
+from simulator.formation.layer_psfs import LayerPSFs
+from simulator.formation.objects import ObjectSpectra
+from simulator.formation.vignetting import vignetting
+from simulator.formation.windows import max_blur_distance
+from simulator.probing.far_field import FarField
+from simulator.probing.lens_probe import LensProbe
+from simulator.probing.order_kernel import side_order_kernel
+from simulator.recipe import Recipe
+from simulator.scene.target import Layer
+from simulator.situation import Situation
+
+Array = NDArray[np.float64]
+
+_CELLS = 192
+"""Cells along the frame's longer side. Chosen."""
+
+_SAMPLES_PER_SPOT = 1.5
+"""Samples of the far field in a diffraction spot, which is much smaller than a cell."""
+
+
+def order_cell_pixels(s: Situation) -> int:
+    """Return the sensor pixels along a cell on which an image's side orders are rendered."""
+    return max(1, math.ceil(max(s.camera.sensor.shape) / _CELLS))
+
+
+def can_be_coarse(s: Situation) -> bool:
+    """Whether side orders can be rendered on cells: all light takes the same way through the stop.
+
+    Moving or hidden light, a turned panel, and jitter, which scatters light evenly, need PSFs.
+    """
+    return (
+        not s.camera.separation
+        and s.mount.is_aligned
+        and s.mount.is_centred
+        and not s.target.is_moving
+        and not s.camera.panel.jitter
+        and all(layer.cover is None for layer in s.target.layers)
+    )
+
+
+class CoarseOrders:
+    """Render the light of all side orders together, by the panel's far field.
+
+    Copies of a picture far aside are dim, so that their detail doesn't count. The far field of the
+    panel's field, one period of it, lands in each order, weighted by the envelope of one pixel.
+    """
+
+    def __init__(
+        self,
+        s: Situation,
+        recipe: Recipe,
+        kernels: Kernels,
+        spreading: LayerPSFs,
+        objects: ObjectSpectra,
+        cache: ByteCache,
+    ) -> None:
+        self._s, self._recipe, self._cache = s, recipe, cache
+        self._kernels, self._spreading, self._objects = kernels, spreading, objects
+        self._pixels = order_cell_pixels(s)
+        self._cell = self._pixels * s.camera.sensor.pitch
+        # The outermost pixels lie between cells, too.
+        rows, columns = (math.ceil(n / self._pixels) + 2 for n in s.camera.sensor.shape)
+        self._frame = rows, columns
+
+    def light(self, cell: ExposureCell) -> torch.Tensor:
+        """Render the light of an exposure cell in side orders, (channels, rows, columns).
+
+        The light is in electrons per second on each pixel, float32.
+        """
+        spreading = self._spreading
+        total = np.zeros((spreading.channels, *self._frame))
+        for number, layer in enumerate(spreading.layers):
+            weights = spreading.weights(number)
+            for node in range(len(spreading.nodes)):
+                kernel = self._kernel(number, node, cell)
+                for part, one in enumerate(layer.parts):
+                    if self._objects.is_uniform(one.picture) and not self._recipe.vignetting:
+                        continue  # It stays uniform, and all of it is in the zeroth order's path.
+                    drawn = self._drawn(layer, part, kernel.shape)
+                    ghosts = fftconvolve(drawn, kernel, mode="valid")
+                    total += weights[:, part, node, None, None] * ghosts
+        return torch.from_numpy(self._on_pixels(total)).to(torch.float32)
+
+    def _drawn(self, layer: Layer, part: int, kernel: tuple[int, ...]) -> Array:
+        """Return a rendered layer's part on the cells from which light reaches the frame."""
+        rows, columns = (n + side - 1 for n, side in zip(self._frame, kernel, strict=True))
+        plane = Plane((rows, columns), (self._cell, self._cell))
+        picture, camera = layer.parts[part].picture, self._kernels.camera
+        causes = (
+            "cells", picture, layer.distance, plane, camera, self._s.mount, self._recipe.vignetting,
+        )  # fmt: skip
+
+        def draw() -> torch.Tensor:
+            light = picture.light(plane, self._s.camera.magnification(layer.distance))
+            if not self._recipe.vignetting:
+                return light
+            seen = vignetting(camera, self._s.mount, plane, layer.distance)
+            return light * (seen - 1 if self._objects.is_uniform(picture) else seen)
+
+        return self._cache.get(causes, draw).numpy().astype(np.float64)
+
+    def _kernel(self, layer: int, node: int, cell: ExposureCell) -> Array:
+        """Return how a layer's light of one wavelength is rendered in side orders, by cells."""
+        wavelength = self._spreading.nodes[node].metres
+        causes = ("coarse orders", self._kernels.key, cell.panel_state, wavelength,
+                  self._spreading.distances(layer), self._cell, self._s.camera.sensor.shape,
+                  self._s.picture_probe.extent)  # fmt: skip
+        return self._cache.get(causes, lambda: self._compute_kernel(layer, wavelength, cell))
+
+    def _compute_kernel(self, layer: int, wavelength: float, cell: ExposureCell) -> Array:
+        modulator, parts = self._kernels.fields(cell.panel_state, wavelength)
+        kernels, total = self._kernels, np.zeros((1, 1))
+        side = math.sqrt(kernels.camera.panel.fill_factor)
+        lit = [(share, field) for share, field in parts]
+        time = sum(share for share, _ in lit)
+        still = modulator.unmodulated_share
+        weighted = [((1 - still) * share, field) for share, field in lit]
+        even = torch.ones(kernels.camera.panel.shape)
+        weighted += [
+            (time * share, even if field is None else field)
+            for share, field in modulator.unmodulated_fields
+        ]
+        for distance, weight in self._spreading.distances(layer):
+            lens = LensProbe(kernels.camera, wavelength, distance, self._cache).field(distance)
+            for share, field in weighted:
+                far = FarField((lens * field).to(torch.complex64), side, _SAMPLES_PER_SPOT)
+                power = _relative_power(lens, field)
+                total = total + weight * share * power * self._within_reach(far, wavelength)
+        return total
+
+    def _within_reach(self, far: FarField, wavelength: float) -> Array:
+        """Return a far field's orders by cells, as far as light reaches the rendered frame."""
+        period = self._kernels.period(wavelength)
+        kernel = side_order_kernel(far, period, self._cell, 1, 2)
+        middle = len(kernel) // 2
+        y, x = (
+            min(math.ceil(min(reach / self._cell, middle)) + 2, middle)
+            for reach in max_blur_distance(self._s)
+        )
+        return kernel[middle - y : middle + y + 1, middle - x : middle + x + 1]
+
+    def _on_pixels(self, cells: Array) -> Array:
+        """Interpolate rendered light linearly from cells to the sensor's pixels."""
+        for axis, n in enumerate(self._s.camera.sensor.shape):
+            place = (np.arange(n) - n // 2) / self._pixels + self._frame[axis] // 2
+            low = np.floor(place).astype(np.intp)
+            share = np.expand_dims(place - low, tuple(k for k in range(3) if k != axis + 1))
+            cells = np.take(cells, low, axis + 1) * (1 - share) + share * np.take(
+                cells, low + 1, axis + 1
+            )
+        return cells
+
+
+def _relative_power(lens: torch.Tensor, field: torch.Tensor) -> float:
+    """Return the power of a panel's field that is rendered, relative to one of amplitude 1."""
+    power = (field.abs() ** 2 * lens.abs() ** 2).sum() / (lens.abs() ** 2).sum()
+    return float(power)
