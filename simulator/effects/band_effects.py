@@ -51,6 +51,8 @@ class BandwidthBoundSettings:
         Factor of the bound, from audits: it is computed from a sample of the frequencies.
     likely_margin : float
         Factor of the estimate, from audits.
+    likely_thinning : int
+        An estimate takes one of so many sampled frequencies. Chosen.
     likely_converged_change : float
         Estimated change relative to the picture's norm at which more nodes count as no finer.
         Chosen.
@@ -62,6 +64,7 @@ class BandwidthBoundSettings:
     converged_change: float = 2e-5
     margin: float = 2.0
     likely_margin: float = 1.5
+    likely_thinning: int = 4
     likely_converged_change: float = 1e-4
     dim_pixel_margin: float = 12.0
 
@@ -167,7 +170,7 @@ def _find_likely_rates(
     found, some = spectral_measure(s, which), s.picture_probe.sampled_frequencies
     if not len(some.ky):
         return (0.0,)
-    some = some.with_aliases(s.picture_probe.plane)
+    some = some.every(_SETTINGS.likely_thinning).with_aliases(s.picture_probe.plane)
     squares, transfers = _sampled_powers(s, some), _turned_transfers(s, which, some, 0.25)
     rates, enough = [], _SETTINGS.likely_converged_change * estimated_light(s)[1]
     for count in counts:
@@ -285,7 +288,7 @@ class Leak(BlurEffect):
         told = super().likely_error(s, level)
         if not 0 < level < self.finest_level(s):
             return told
-        rates = _likely_error_rates(s, "leak", LEVELS.leak[1:])
+        rates = _likely_error_rates(s, "leak", LEVELS.leak[1:-1])
         rate = rates[min(level, len(rates)) - 1]
         change = occlusion_factor(s) * leak_share(s) * max_lamp_seconds(s) * rate
         how = "estimated: quadrature of H(k λ) by the far field"

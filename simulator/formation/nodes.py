@@ -238,15 +238,21 @@ def field_nodes(count: int, half: float) -> list[float]:
 def interpolation_weights(nodes: Sequence[float], at: Array) -> Array:
     """Return the weights that interpolate between the nodes of a rendering, (nodes, points).
 
-    The weights are those of the polynomial through the nodes.
+    The weights are those of the polynomial through the nodes, by the barycentric formula (Berrut
+    and Trefethen 2004, doi 10.1137/S0036144502417715).
 
     Beyond the outermost nodes, the polynomial's value there is kept.
     """
     if len(nodes) == 1:
         return np.ones((1, len(at)))
-    where = np.clip(at, nodes[0], nodes[-1])
-    weights = np.ones((len(nodes), len(at)))
-    for i, one in enumerate(nodes):
-        for other in (*nodes[:i], *nodes[i + 1 :]):
-            weights[i] *= (where - other) / (one - other)
-    return weights
+    # Products of many differences keep their size if the nodes span 4.
+    places = np.asarray(nodes) * (4 / (nodes[-1] - nodes[0]))
+    apart = places[:, None] - places
+    np.fill_diagonal(apart, 1.0)
+    away = np.clip(at, nodes[0], nodes[-1]) * (4 / (nodes[-1] - nodes[0])) - places[:, None]
+    on_node = away == 0
+    away[on_node] = 1.0
+    weights = 1 / (apart.prod(axis=1)[:, None] * away)
+    met = on_node.any(axis=0)
+    weights[:, met] = on_node[:, met]
+    return np.asarray(weights / weights.sum(axis=0))

@@ -61,6 +61,12 @@ class SampledFrequencies:
         y, x = np.divmod(place, fx.shape[1])
         return SampledFrequencies(fy[y, 0], fx[0, x], place, np.concatenate([np.zeros(0), *shares]))
 
+    def every(self, step: int) -> SampledFrequencies:
+        """Return one of `step` sampled frequencies of a probed picture, for all of its power."""
+        part = slice(step // 2, None, step)
+        share = self.share[part] * (len(self.share) / max(len(self.share[part]), 1))
+        return SampledFrequencies(self.ky[part], self.kx[part], self.place[part], share)
+
     def with_aliases(self, plane: Plane) -> SampledFrequencies:
         """Add to a probed picture's sampled frequencies their aliases on the pixel grid.
 
