@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import statistics
+import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 import torch
 
-from figures import Figure
+from figures import TOLD, Figure
 from figures.random_pictures import Case, TooLong, cases, deviation, everything
 from labapp.common.console import print_message
 from optics.threads import single_threaded
@@ -40,17 +41,39 @@ others are drawn for them."""
 class Tally:
     """What became of random pictures.
 
-    worst: largest error over tolerance. wrong: in words, those beyond it. left_out: effects
-    below their finest, of all that were caused, over all plans. work: of plans over that of
-    everything.
+    worst: largest error over tolerance. wrong: in words, those beyond it. wrong_cases: the draws
+    with any of these. left_out: effects below their finest, of all that were caused, over all
+    plans. work: of plans over that of everything. cpu: seconds of processor time of each plan with
+    its picture. planning_cpu: those of planning alone, of all together.
     """
 
     count: int = 0
     worst: float = 0.0
     wrong: list[str] = field(default_factory=list)
+    wrong_cases: set[int] = field(default_factory=set)
     left_out: int = 0
     caused: int = 0
     work: list[float] = field(default_factory=list)
+    cpu: list[float] = field(default_factory=list)
+    planning_cpu: float = 0.0
+
+    def add(self, case: Case, tol: float, truth: PictureMoments, decide_by: DecidedBy) -> None:
+        """One more picture by a plan, against the one with everything on."""
+        began = time.process_time()
+        error, plan = deviation(case, tol, truth, decide_by)
+        self.cpu.append(time.process_time() - began)
+        self.planning_cpu += plan.planning_cpu
+        self.worst = max(self.worst, error.worst / tol)
+        if not error.worst <= tol:
+            self.wrong_cases.add(case.number)
+            self.wrong.append(
+                f"tol {tol:g}: mean {error.mean:.1e}, variance {error.variance:.1e}, "
+                f"sigma {error.sigma:.1e}; {case.words}"
+            )
+        below = sum(plan.level(name) < level for name, level in case.finest.items())
+        self.left_out += below
+        self.caused += len(case.finest)
+        self.work.append(plan.work / plan.most_work if plan.most_work else 1.0)
 
 
 def judged(drawn: Iterable[Case]) -> Iterator[tuple[Case, PictureMoments]]:
@@ -68,22 +91,23 @@ def swept(
     decide_by: DecidedBy = "bound",
 ) -> Tally:
     """Every case's picture by the plan for each tolerance, against the one with everything on."""
-    found = Tally()
-    for case, truth in drawn:
-        found.count += 1
-        for tol in tolerances:
-            error, plan = deviation(case, tol, truth, decide_by)
-            found.worst = max(found.worst, error.worst / tol)
-            if not error.worst <= tol:
-                found.wrong.append(
-                    f"tol {tol:g}: mean {error.mean:.1e}, variance {error.variance:.1e}, "
-                    f"sigma {error.sigma:.1e}; {case.words}"
-                )
-            below = sum(plan.level(name) < level for name, level in case.finest.items())
-            found.left_out += below
-            found.caused += len(case.finest)
-            found.work.append(plan.work / plan.most_work if plan.most_work else 1.0)
+    (found,) = swept_by(drawn, (decide_by,), tolerances)
     return found
+
+
+def swept_by(
+    drawn: Iterable[tuple[Case, PictureMoments]],
+    ways: tuple[DecidedBy, ...],
+    tolerances: tuple[float, ...] = TOLERANCES,
+) -> list[Tally]:
+    """The same for each of several ways to decide; everything on is computed once for all."""
+    tallies = [Tally() for _ in ways]
+    for case, truth in drawn:
+        for found, decide_by in zip(tallies, ways, strict=True):
+            found.count += 1
+            for tol in tolerances:
+                found.add(case, tol, truth, decide_by)
+    return tallies
 
 
 def audited(
@@ -118,8 +142,10 @@ def _told(drawn: Iterable[T], count: int) -> Iterator[T]:
 @single_threaded
 def effects_figures(folder: Path) -> list[Figure]:
     """Two hundred pictures; sixty of them, the quickest, are audited."""
-    found = swept(_told(judged(cases(_SEED, _MOST_WORK)), _COUNT))
-    for line in found.wrong:
+    found, estimated = swept_by(
+        _told(judged(cases(_SEED, _MOST_WORK)), _COUNT), ("bound", "estimate")
+    )
+    for line in (*found.wrong, *estimated.wrong):
         print_message(line)
     singles, doubles, broken = 0, 0, []
     for case in _told(cases(_SEED + 1, _AUDITED_WORK), _AUDITED):
@@ -141,12 +167,33 @@ def effects_figures(folder: Path) -> list[Figure]:
             not found.wrong,
         ),
         Figure(
+            "the same decided by estimates",
+            "within tol in 198, none beyond 3 tol",
+            f"of {estimated.count} {len(estimated.wrong_cases)} beyond, worst "
+            f"{estimated.worst:.2f} tol; {estimated.left_out} of {estimated.caused} effects left "
+            f"out or made coarser, median work {statistics.median(estimated.work):.0%}",
+            len(estimated.wrong_cases) <= 0.01 * estimated.count and estimated.worst <= 3,
+        ),
+        Figure(
+            "processor time of plans and pictures by estimates, over that by bounds",
+            TOLD,
+            f"median {_median_ratio(estimated.cpu, found.cpu):.2f}, sum "
+            f"{sum(estimated.cpu) / sum(found.cpu):.2f}; planning is "
+            f"{estimated.planning_cpu / sum(estimated.cpu):.0%} of it, by bounds "
+            f"{found.planning_cpu / sum(found.cpu):.0%}",
+            None,
+        ),
+        Figure(
             "bounds of effects that were left out of 60 such pictures, put back",
             "0 broken",
             f"{len(broken)} broken of {singles} single and {doubles} pairs",
             None if singles == 0 else not broken,
         ),
     ]
+
+
+def _median_ratio(one: list[float], other: list[float]) -> float:
+    return statistics.median(a / b for a, b in zip(one, other, strict=True))
 
 
 MEASUREMENTS = {"effects": effects_figures}
