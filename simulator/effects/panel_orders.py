@@ -12,13 +12,12 @@ from scipy.signal import fftconvolve
 from optics.plane import Plane
 from simulator.effects.blur_effects import (
     BlurEffect,
-    occlusion_factor,
     psf_error_bound,
     transfer_error_bound,
 )
 from simulator.effects.electron_bounds import max_lamp_seconds
 from simulator.effects.likely_errors import FAR
-from simulator.effects.psf_bounds import can_orders_reach_sensor
+from simulator.effects.psf_bounds import can_orders_reach_sensor, has_occlusion
 from simulator.effects.rendering_work import LEVELS, PANEL_ORDERS, are_orders_coarse
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.formation.coarse_orders import order_cell_pixels
@@ -80,13 +79,14 @@ class PanelOrders(BlurEffect):
 
     def likely_error(self, s: Situation, level: int) -> Bound:
         told = super().likely_error(s, level)
-        if s.camera.separation or not told.mean or level >= self.finest_level(s):
+        # Light that comes through the stop aslant, or that is hidden, isn't estimated.
+        if s.camera.separation or has_occlusion(s) or not told.mean:
             return told
         coarse = are_orders_coarse(s, level)
         lowest = 1 if coarse else LEVELS.orders[level] + 1
         what = f"ghosts from order {lowest}{' on cells' if coarse else ''}"
         rate = cached_across_exposures(s, what, lambda: _ghost_norm(s, lowest, only_detail=coarse))
-        change = self.ghost_margin * occlusion_factor(s) * max_lamp_seconds(s) * rate
+        change = self.ghost_margin * max_lamp_seconds(s) * rate
         how = f"estimated ×{self.ghost_margin:g}: pictures in orders, on coarse cells of the frame"
         found = self.likely_light_error(s, change, how)
         return min(told, found, key=lambda one: one.mean)
@@ -129,8 +129,8 @@ def _ghost_norm(s: Situation, lowest: int, *, only_detail: bool) -> float:
     on_cells = _blurred_norm(s, 0.0, 0.5 / cell)
     if not on_cells:
         return step * found
-    # The middles of cells, and the lines between them, take from fringes of up to four cells.
-    finest = 0.25 / (order_cell_pixels(s) * sensor.pitch) if only_detail else 0.0
+    # The middles of cells, and the lines between them, take from fringes of up to eight cells.
+    finest = 0.125 / (order_cell_pixels(s) * sensor.pitch) if only_detail else 0.0
     return step * found * _blurred_norm(s, finest, math.inf) / on_cells
 
 

@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 _CELLS = 192
 """Cells along the frame's longer side. Chosen."""
 
+_SMALLEST_PANEL = 1 << 13
+"""Panel pixels from which on orders are rendered on cells. Chosen."""
+
 _SAMPLES_PER_SPOT = 1.5
 """Samples of the far field in a diffraction spot, which is much smaller than a cell."""
 
@@ -41,10 +44,13 @@ def order_cell_pixels(s: Situation) -> int:
 def can_be_coarse(s: Situation) -> bool:
     """Whether side orders can be rendered on cells: all light takes the same way through the stop.
 
-    Moving or hidden light, a turned panel, and jitter, which scatters light evenly, need PSFs.
+    Moving or hidden light, a turned panel, light that interferes, and jitter, which scatters light
+    evenly, need PSFs. So does a small panel, whose diffraction spots are as large as a cell.
     """
     return (
         not s.camera.separation
+        and math.prod(s.camera.panel.shape) >= _SMALLEST_PANEL
+        and not (s.path is not None and abs(complex(s.path.interference)))
         and s.mount.is_aligned
         and s.mount.is_centred
         and not s.target.is_moving

@@ -142,7 +142,10 @@ def gratings_orders() -> Situation:
 
 
 def orders_on_cells() -> Situation:
-    return seen(camera(replace(IDEAL, pitch=80e-6), pitch=10e-6, shape=(400, 400)))
+    """Behind a panel of more pixels, whose spots are smaller than a cell."""
+    fine = replace(IDEAL, shape=(96, 128), pitch=40e-6)
+    pattern = np.zeros((96, 128))
+    return seen(camera(fine, pitch=10e-6, shape=(400, 400)), pattern)
 
 
 def wide_angle(target: Target | None = None) -> Callable[[], Situation]:

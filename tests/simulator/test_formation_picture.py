@@ -136,6 +136,31 @@ def rendered(s, recipe):
     return expected_electrons(s, recipe, ByteCache(), Ledger()).numpy()
 
 
+@pytest.mark.parametrize(("kind", "most"), [("photograph", 0.01), ("star", 0.1)])
+def test_orders_on_cells_are_those_by_psfs(kind, most):
+    """But for detail that cells of two pixels don't hold: of a small star there is much."""
+    panel = Panel(shape=(90, 120), pitch=20e-6, fill_factor=0.7, unmodulated=0.1)
+    camera = Camera(panel, Lens(0.05, 20.0, 1.0), Sensor(shape=(240, 300), pitch=10e-6))
+    image = torch.from_numpy(np.random.default_rng(2).random((12, 14, 3)).astype(np.float32))
+    targets = {
+        "photograph": PhotographPrint(image, 1.0, 1e9, cover=1.2),
+        "star": Star(2e-3, 1.0, 1e10, (1e-2, 5e-3)),
+    }
+    y, x = np.mgrid[-1:1:90j, -1:1:120j]
+    grey = (40 + 90 * x + 60 * (x * x + y * y) + 25 * y**3) % 120
+    shown = PanelContent.of(grey.astype(np.uint8)[None], math.inf)
+    s = taken(targets[kind], camera, shown=shown, numerics=1e-3)
+    recipe = Recipe(panel, 128, s.coarsest_sampling, diffraction=True, vignetting=True)
+    off, coarse, exact = (
+        rendered(s, recipe.with_changes(**orders)).astype(np.float64)
+        for orders in ({}, {"coarse_orders": True}, {"orders": 2})
+    )
+    ghosts = exact - off
+    assert np.linalg.norm(ghosts) > 0.03 * np.linalg.norm(exact)
+    assert np.linalg.norm(coarse - exact) <= most * np.linalg.norm(ghosts)
+    assert (coarse - off).sum() == pytest.approx(ghosts.sum(), rel=0.01)
+
+
 def test_orders_far_apart_have_a_psf_each():
     """Where one with all of them takes more work; and behind a panel apart from the lens, whose
     stop lets another part of each pass."""
