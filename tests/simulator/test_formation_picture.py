@@ -150,7 +150,7 @@ def test_orders_on_cells_are_those_by_psfs(kind, most):
     grey = (40 + 90 * x + 60 * (x * x + y * y) + 25 * y**3) % 120
     shown = PanelContent.of(grey.astype(np.uint8)[None], math.inf)
     s = taken(targets[kind], camera, shown=shown, numerics=1e-3)
-    recipe = Recipe(panel, 128, s.coarsest_sampling, diffraction=True, vignetting=True)
+    recipe = Recipe(panel, 512, s.coarsest_sampling, diffraction=True, vignetting=True)
     off, coarse, exact = (
         rendered(s, recipe.with_changes(**orders)).astype(np.float64)
         for orders in ({}, {"coarse_orders": True}, {"orders": 2})
