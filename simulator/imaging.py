@@ -33,6 +33,9 @@ MEMORY = min(max(1 << 30, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES
 """Bytes of light, spectra and PSFs that are kept for later pictures: a quarter of the machine's
 memory, from 1 to 3 GiB."""
 
+_STREAMS_SHARE = 8
+"""Share of the memory, one over this, that frame simulators of pictures may take. Chosen."""
+
 _LARGE_PANEL = 1 << 17
 """Panel pixels from which on estimates may look at fewer samples of the far field. Chosen."""
 
@@ -77,7 +80,10 @@ class Imaging:
         self.ledger = Ledger()
         self.plan_count = 0
         """How many effect plans were computed; those that were found in the cache don't count."""
-        self._cache, self._plans, self._streams = ByteCache(memory), Cache(256), Cache(2)
+        # Frame simulators are small beside light and PSFs, which would displace them.
+        streams = memory // _STREAMS_SHARE
+        self._cache, self._streams = ByteCache(memory - streams), ByteCache(streams)
+        self._plans = Cache(256)
         self._pictures, self._patterns = Cache(4), Cache(3)
 
     def with_tolerance(self, tol: float) -> Imaging:
@@ -93,12 +99,12 @@ class Imaging:
     @property
     def memory(self) -> int:
         """Return the bytes of light, spectra and PSFs that the simulator keeps at most."""
-        return self._cache.limit
+        return self._cache.limit + self._streams.limit
 
     @property
     def kept_bytes(self) -> int:
         """Return the bytes of light, spectra and PSFs that the simulator keeps now."""
-        return self._cache.bytes
+        return self._cache.bytes + self._streams.bytes
 
     def forget(self) -> None:
         """Empty the simulator's caches of pictures and plans; they are computed again if needed."""

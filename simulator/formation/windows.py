@@ -17,6 +17,9 @@ from simulator.situation import Situation
 _SPARE = 32
 """Pixels beyond the outermost light: detail finer than the samples causes ringing beside it."""
 
+_SHARED_MARGIN = 0.125
+"""Margin of all pictures whose PSFs need less, as a share of the frame's side. Chosen."""
+
 _LARGE, _LARGER = 1 << 22, 2.5
 """Samples of a picture from which on it may not be larger for the sake of PSFs with all orders, and
 by how much: what is kept of it for other patterns is as much larger. Chosen."""
@@ -148,7 +151,9 @@ def _picture_shape(
     lit = [math.inf if endless else one / s.camera.sensor.pitch for one in light_extent(s)]
     found = []
     for n, side, far in zip(s.camera.sensor.shape, sides, lit, strict=True):
-        around = (n + side) / 2
+        # Small windows share a margin, so that other patterns find what is kept of the scene.
+        shared = 2 ** math.ceil(math.log2(max(n * _SHARED_MARGIN, 1)))
+        around = (n + max(side, shared)) / 2
         found.append(max(math.ceil(around + min(far, around)) + _SPARE, n, side))
     rows, columns = found
     return rows, columns

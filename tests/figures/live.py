@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import torch
 
 from drivers.interfaces import Surroundings
 from figures import Figure
+from figures.own_memory import own_memory
 from labapp.bench.opening import BenchFiles, read_scene
 from labapp.files.bench_file import BenchFile
 from labapp.files.reading import bundled_path, read_file
@@ -23,22 +25,24 @@ from simulator.world import World
 _SHAPE = (2048, 2448)
 _ELECTRONS = 1e4
 _FRAMES = 60
-_PATTERNS = (40.0, -60.0, 25.0)
-"""Metres, of the focal lengths of lenses that are shown one after the other."""
-
-_RATE_GOAL, _FIRST_GOAL = 20.0, 1.5
+_RATE_GOAL, _FIRST_GOAL, _WORST_GOAL, _VERY_FIRST_GOAL = 24.0, 1.5, 4.0, 6.0
+_AGAIN_GOAL, _MEMORY_GOAL = 0.3, 3.0
 _TOL = 1e-2
 _TRIAL = 1e-3
 
 
 @dataclass(frozen=True)
 class Live:
-    """rate: frames a second by the wall. cpu: seconds of processor time a frame. first: seconds
-    from a new pattern to its first frame."""
+    """rate: frames a second by the wall. cpu: seconds of processor time a frame. very_first:
+    seconds to the first frame of all, with a neutral panel. firsts: from each new pattern to its
+    first frame, by the pattern's name. again: from a pattern that was shown before to its frame.
+    """
 
     rate: float
     cpu: float
-    first: float
+    very_first: float
+    firsts: dict[str, float]
+    again: float
 
 
 def live_figures(folder: Path) -> list[Figure]:
@@ -50,6 +54,8 @@ def live_figures(folder: Path) -> list[Figure]:
         found = measured(_world(_SHAPE), _FRAMES)
     finally:
         torch.set_num_threads(before)
+    median = statistics.median(found.firsts.values())
+    peak = own_memory("VmHWM") / 1e9
     return [
         Figure(
             "live frames 2448 x 2048, 1e4 electrons, nothing changed",
@@ -58,16 +64,35 @@ def live_figures(folder: Path) -> list[Figure]:
             found.rate >= _RATE_GOAL,
         ),
         Figure(
-            "first frame after a change of pattern, 2448 x 2048, tol 1e-2",
-            f"≤ {_FIRST_GOAL:g} s",
-            f"{found.first:.2f} s",
-            found.first <= _FIRST_GOAL,
+            "the very first frame, 2448 x 2048, tol 1e-2, decided by estimates",
+            f"≤ {_VERY_FIRST_GOAL:g} s",
+            f"{found.very_first:.2f} s",
+            found.very_first <= _VERY_FIRST_GOAL,
+        ),
+        Figure(
+            "first frame after a change of pattern",
+            f"median ≤ {_FIRST_GOAL:g} s, worst ≤ {_WORST_GOAL:g} s",
+            f"median {median:.2f} s; "
+            + ", ".join(f"{name} {seconds:.1f}" for name, seconds in found.firsts.items()),
+            median <= _FIRST_GOAL and max(found.firsts.values()) <= _WORST_GOAL,
+        ),
+        Figure(
+            "a pattern that was shown before",
+            f"≤ {_AGAIN_GOAL:g} s",
+            f"{found.again:.2f} s",
+            found.again <= _AGAIN_GOAL,
+        ),
+        Figure(
+            "memory of this process at most, tests' libraries included",
+            f"≤ {_MEMORY_GOAL:g} GB",
+            f"{peak:.1f} GB",
+            peak <= _MEMORY_GOAL,
         ),
     ]
 
 
 def measured(world: World, frames: int) -> Live:
-    """Frames that are taken one after the other, and the median first one of three patterns.
+    """Frames that are taken one after the other, and the first ones of several patterns.
 
     world: with a photograph.
     """
@@ -75,20 +100,26 @@ def measured(world: World, frames: int) -> Live:
     world.target = "photograph"
     exposure = _exposure(world)
     camera.set_exposure(exposure)
-    camera.capture(_never)
+    world.forget()
+    very_first = _seconds(camera)
     began, cpu = time.perf_counter(), time.process_time()
     for _ in range(frames):
         camera.capture(_never)
     rate = frames / (time.perf_counter() - began)
     cpu = (time.process_time() - cpu) / frames
-    firsts = []
-    for focal_length in _PATTERNS:
-        grey = _lens(world, focal_length)
-        began = time.perf_counter()
+    firsts, patterns = {}, spreading_patterns(world)
+    for name, grey in patterns.items():
         world.grey = grey
-        camera.capture(_never)
-        firsts.append(time.perf_counter() - began)
-    return Live(rate, cpu, statistics.median(firsts))
+        firsts[name] = _seconds(camera)
+    world.grey = patterns["lens 40 m"]
+    return Live(rate, cpu, very_first, firsts, _seconds(camera))
+
+
+def _seconds(camera: SimulatedCamera) -> float:
+    """That a frame takes by the wall."""
+    began = time.perf_counter()
+    camera.capture(_never)
+    return time.perf_counter() - began
 
 
 def _world(shape: tuple[int, int]) -> World:
@@ -98,7 +129,7 @@ def _world(shape: tuple[int, int]) -> World:
     changes = {"height": shape[0], "width": shape[1], "full_well_electrons": 6 * _ELECTRONS}
     data["sensor"] |= changes | {"gain_electrons_per_dn": 1.0, "bits": 16}
     camera = BenchFile.model_validate(data).build_camera()
-    return World(camera, read_scene(files).build(), tol=_TOL)
+    return World(camera, read_scene(files).build(), tol=_TOL, decide_by="estimate")
 
 
 def _exposure(world: World) -> float:
@@ -109,10 +140,23 @@ def _exposure(world: World) -> float:
     return min(_ELECTRONS / float(rate.mean()), 0.95 * well / float(rate.max()))
 
 
-def _lens(world: World, focal_length: float) -> np.ndarray:
-    panel = world.camera.panel
-    phase = fresnel_lens(panel, focal_length, world.wavelength)
-    return phase_to_grey(panel, phase, world.wavelength).numpy()
+def spreading_patterns(world: World) -> dict[str, np.ndarray]:
+    """Grey levels of patterns from kind to unkind: how far their light spreads."""
+    panel, wavelength = world.camera.panel, world.wavelength
+    y, x = panel.plane.mesh()
+    half = panel.shape[0] * panel.pitch / 2
+    radius, turn = torch.hypot(y, x) / half, torch.atan2(y, x)
+    cube = math.pi * ((x / half) ** 3 + (y / half) ** 3)
+    phases = {
+        "lens 40 m": fresnel_lens(panel, 40.0, wavelength),
+        "lens -60 m": fresnel_lens(panel, -60.0, wavelength),
+        "axicon": 2 * math.pi * 30 * radius,
+        "ring": 2 * math.pi * 60 * radius,
+        "spiral": 3 * turn,
+        "cubic 40": 40 * cube,
+        "cubic 80": 80 * cube,
+    }
+    return {name: phase_to_grey(panel, one, wavelength).numpy() for name, one in phases.items()}
 
 
 def _never() -> bool:

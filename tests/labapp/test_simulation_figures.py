@@ -72,7 +72,9 @@ def test_live_frames_are_counted_by_the_wall_and_the_processor():
     assert 0 < found.rate < 1e5
     assert 0 < found.cpu < 1
     # A new pattern's first frame needs its picture; the same pattern's next one doesn't.
-    assert found.first > 1 / found.rate
+    assert len(found.firsts) == 7
+    assert all(seconds > found.again > 0 for seconds in found.firsts.values())
+    assert found.very_first > 1 / found.rate
 
 
 @pytest.mark.sweep
