@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 import torch
 
 from optics.caching import ByteCache
+from optics.camera import Camera
 from optics.sensor import moments
 from optics.slm import max_phase
 from optics.validation import as_number
@@ -29,9 +30,11 @@ from simulator.recipe import Recipe
 from simulator.situation import Situation
 from simulator.streaming import FrameSimulator
 
-MEMORY = min(max(1 << 30, os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4), 3 << 30)
-"""Bytes of light, spectra and PSFs that are kept for later pictures: a quarter of the machine's
-memory, from 1 to 3 GiB."""
+_MACHINE = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+_LEAST_MEMORY, _MEMORY_PER_PIXEL = 600 << 20, 250
+"""Bytes that simulated pictures may keep for later ones: of any sensor, and for each pixel. Chosen:
+more of them saved little in the bundled plans."""
 
 _STREAMS_SHARE = 8
 """Share of the memory, one over this, that frame simulators of pictures may take. Chosen."""
@@ -71,7 +74,7 @@ class Imaging:
         self,
         tol: float = 1e-2,
         forced: Mapping[str, str | bool] | None = None,
-        memory: int = MEMORY,
+        memory: int = _LEAST_MEMORY,
         decide_by: DecidedBy = "bound",
     ) -> None:
         require_tolerance(tol)
@@ -204,6 +207,16 @@ class Imaging:
             return FrameSimulator(electrons, s.exposure, s.camera.sensor, recipe)
 
         return self._streams.get((picture_key(s), tuple(plan.levels.items())), compute)
+
+
+def default_memory(camera: Camera) -> int:
+    """Return the bytes that a camera's simulated pictures may keep for later ones.
+
+    It is at most a quarter of the machine's memory: 0.7 GB for a sensor of 768 x 512 pixels, 1.9 GB
+    for one of 2448 x 2048.
+    """
+    rows, columns = camera.sensor.shape
+    return min(_MACHINE // 4, _LEAST_MEMORY + _MEMORY_PER_PIXEL * rows * columns)
 
 
 def _samples_per_spot(s: Situation) -> float:

@@ -17,7 +17,7 @@ from optics.polarisation import PathEffect
 from optics.validation import require_positive
 from simulator.clock import VirtualClock
 from simulator.faults import Fault, FaultScript
-from simulator.imaging import MEMORY, Imaging
+from simulator.imaging import Imaging, default_memory
 from simulator.mount import Mount
 from simulator.panel_content import PanelContent
 from simulator.planning import EffectPlan
@@ -46,10 +46,10 @@ class World:
     relative error of mean picture and noise up to which effects may be left out. forced: effects to
     be on, off or at a level, whatever error that makes. mount: rotation, mirroring and shift of the
     panel. path: what polariser, panel and splitter do to the light, where that is known. clock: the
-    bench's clock. faults: faults of its devices. memory: bytes that are kept for later pictures.
-    decide_by: whether bounds decide which effects are left out, or estimates. The devices set the
-    panel's content, `band` and `target`. Pictures are computed from these, and only when something
-    has changed.
+    bench's clock. faults: faults of its devices. memory: bytes that are kept for later pictures;
+    default_memory() if None. decide_by: whether bounds decide which effects are left out, or
+    estimates. The devices set the panel's content, `band` and `target`. Pictures are computed from
+    these, and only when something has changed.
     """
 
     def __init__(
@@ -63,11 +63,12 @@ class World:
         path: PathEffect | None = None,
         clock: Clock | None = None,
         faults: Iterable[Fault] = (),
-        memory: int = MEMORY,
+        memory: int | None = None,
         decide_by: DecidedBy = "bound",
     ) -> None:
         self.camera, self.scene = camera, scene
         self.mount, self.path = mount or Mount(), path
+        memory = default_memory(camera) if memory is None else memory
         self.imaging = Imaging(tol, memory=memory, decide_by=decide_by)
         self.clock: Clock = clock or VirtualClock()
         self.faults = FaultScript(faults)

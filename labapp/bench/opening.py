@@ -43,7 +43,6 @@ from labapp.files.scene_file import SceneFile
 from optics.camera import Camera as CameraDescription
 from simulator.clock import VirtualClock
 from simulator.faults import Fault
-from simulator.imaging import MEMORY
 from simulator.world import World
 
 __all__ = [
@@ -484,7 +483,7 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
             tol=scene.tol,
             clock=clock,
             faults=setup.faults,
-            memory=MEMORY if setup.memory is None else setup.memory,
+            memory=setup.memory,
             decide_by=scene.decide_by,
         )
     except ValueError as error:

@@ -111,8 +111,8 @@ def _ghost_norm(s: Situation, lowest: int, *, only_detail: bool) -> float:
     """Estimate the norm of the frame's light in side orders from `lowest` on, electrons/s.
 
     The panel orders effect sends copies of the picture aside, most of which miss the frame. What is
-    finer than a cell counts as in the sharp picture. only_detail: whether only that counts, of the
-    cells on which orders may be rendered.
+    finer than a cell has the share that it has in the blurred picture. only_detail: whether only
+    that counts, of the cells on which orders may be rendered.
     """
     probe, sensor = s.picture_probe, s.camera.sensor
     step = max(1, math.ceil(max(sensor.shape) / _CELLS))

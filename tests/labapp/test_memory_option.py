@@ -7,13 +7,15 @@ from dataclasses import replace
 import pytest
 
 from labapp.bench.opening import open_bench
-from simulator.imaging import MEMORY
+from simulator.imaging import default_memory
 
 
-def test_the_default_is_between_one_and_three_gibibytes(small):
-    assert 1 << 30 <= MEMORY <= 3 << 30
+def test_the_default_grows_with_the_sensor(small):
     with open_bench(small.bench_files) as bench:
-        assert bench.world.imaging.memory == MEMORY
+        camera = bench.world.camera
+        assert bench.world.imaging.memory == default_memory(camera)
+    large = replace(camera, sensor=replace(camera.sensor, shape=(2048, 2448)))
+    assert 0.5e9 < default_memory(camera) < default_memory(large) < 2e9
 
 
 def test_pictures_keep_no_more_than_was_asked_for(small):
