@@ -74,6 +74,22 @@ class FarField:
         down, along = (self.envelope(axis).astype(np.float32) for axis in (0, 1))
         return np.asarray(self.light * down[:, None] * along)
 
+    def light_over_orders(self, most: int) -> Light:
+        """Return the light of the probed far field's orders from -most to most along each axis.
+
+        The result is (rows, columns) of 2 most + 1 periods, with the optical axis in the middle, at
+        n // 2.
+        """
+        centred = np.fft.fftshift(self.light)
+        down, across = (
+            np.concatenate(
+                [np.fft.fftshift(self.envelope(axis, k)) for k in range(-most, most + 1)]
+            ).astype(np.float32)
+            for axis in (0, 1)
+        )
+        tiles = 2 * most + 1
+        return np.asarray(np.tile(centred, (tiles, tiles)) * down[:, None] * across)
+
     def _ensquared_sums(self, light: Light) -> Array:
         """Sum a probed far field's light in squares around the axis, for each size of square.
 

@@ -371,16 +371,26 @@ class PatternProbe:
         """Return the probed zeroth order's transfer functions at frequencies (ky, kx), cycles/m.
 
         There is one for every picture at each distance, and one for unmodulated light where its PSF
-        is wider. half: half sides (y, x) in metres of the part of the PSF that is transformed. The
-        values are 0 at frequencies that the panel doesn't resolve.
+        is wider. half: half sides (y, x) in metres of the part of the PSF that is transformed, up
+        to two side orders. The values are 0 at frequencies that the panel doesn't resolve.
         """
         shown = [one for there in self._pattern_far_fields for one in there]
         least = np.min([one.ensquared_share for one in shown], axis=0) - _SETTINGS.wider_share
         far = [one for one in self._unmodulated_far_fields if (one.ensquared_share < least).any()]
-        return [
-            _transfer_at(one.zeroth_order_light, self.period, ky, kx, half, self.samples_per_spot)
-            for one in (*shown, *far)
-        ]
+        return [self._transfer_at(one, ky, kx, half) for one in (*shown, *far)]
+
+    def _transfer_at(
+        self, far: FarField, ky: Array, kx: Array, half: tuple[float, float]
+    ) -> NDArray[np.complex128]:
+        """Return the transfer function of a far field's light for the probe; see transfers_at().
+
+        A large panel's side orders are left out of estimates: they are far aside.
+        """
+        reached = math.ceil(min(max(half) / self.period - 0.5, 2.0))
+        most = max(reached, 0) if self.samples_per_spot == 2 else 0
+        pitch = self.period / far.light.shape[0], self.period / far.light.shape[1]
+        light = far.light_over_orders(most)
+        return _transfer_at(light, pitch, ky, kx, half, self.samples_per_spot)
 
     def transfers_behind_moved_stop(
         self, moves: Sequence[tuple[float, float]], ky: Array, kx: Array, half: tuple[float, float]
@@ -397,10 +407,8 @@ class PatternProbe:
             for move in moves:
                 away = move[0] / self.panel.pitch, move[1] / self.panel.pitch
                 field = _moved(lens, *away) * self.fields[0]
-                light = FarField(field, side, self.samples_per_spot).zeroth_order_light
-                transfers.append(
-                    _transfer_at(light, self.period, ky, kx, half, self.samples_per_spot)
-                )
+                far = FarField(field, side, self.samples_per_spot)
+                transfers.append(self._transfer_at(far, ky, kx, half))
             found.append(transfers)
         return found
 
@@ -429,7 +437,7 @@ def _moved_whole(values: torch.Tensor, axis: int, away: int) -> torch.Tensor:
 
 def _transfer_at(
     light: NDArray[np.float32],
-    period: float,
+    pitch: tuple[float, float],
     ky: Array,
     kx: Array,
     half: tuple[float, float],
@@ -437,16 +445,15 @@ def _transfer_at(
 ) -> NDArray[np.complex128]:
     """Return the transfer function of a probed far field's light at frequencies (ky, kx).
 
-    It fades out where light with fewer than two samples a spot doesn't tell it.
+    light: with the optical axis in the middle; pitch: metres on the sensor between its samples. The
+    transfer function fades out where light with fewer than two samples a spot doesn't tell it.
     """
-    pitch = period / light.shape[0], period / light.shape[1]
     kept = [
         math.ceil(min(far / step + 1, n // 2))
         for far, step, n in zip(half, pitch, light.shape, strict=True)
     ]
-    cut = np.fft.fftshift(light)
     y, x = (n // 2 for n in light.shape)
-    cut = cut[y - kept[0] : y + kept[0], x - kept[1] : x + kept[1]]
+    cut = np.ascontiguousarray(light[y - kept[0] : y + kept[0], x - kept[1] : x + kept[1]])
     known = (abs(ky) * pitch[0] < 0.5) & (abs(kx) * pitch[1] < 0.5)
     found = np.zeros(known.shape, dtype=np.complex128)
     series = NonuniformTransform(

@@ -125,7 +125,10 @@ def audited(
 
 
 def _drawn_pairs(case: Case, plan: EffectPlan, count: int, seed: int) -> list[tuple[str, str]]:
-    below = [one.effect for one in plan.decisions if one.level != one.levels[-1]]
+    known = {one.name for one in case.effects}
+    below = [
+        one.effect for one in plan.decisions if one.level != one.levels[-1] and one.effect in known
+    ]
     every = list(itertools.combinations(below, 2))
     chosen = np.random.default_rng([seed, case.number]).permutation(len(every))[:count]
     return [every[k] for k in chosen]

@@ -244,19 +244,20 @@ def test_a_probes_light_is_that_of_the_rendered_psf(neutral):
     assert known.side_order_share == pytest.approx(aside, abs=0.01)
 
 
-def test_a_transfer_function_between_its_samples_is_that_of_the_rendered_psf():
-    """By the Fourier sum over PSFs of the middle order, on finer samples."""
+@pytest.mark.parametrize("periods", [0.5, 1.0])
+def test_a_transfer_function_between_its_samples_is_that_of_the_rendered_psf(periods):
+    """By the Fourier sum over PSFs of the middle order, and of parts of those beside it, on finer
+    samples."""
     known = probe(pattern(np.random.default_rng(2), PANEL), distances=(0.9,))
     camera = replace(CAMERA, panel=replace(PANEL, unmodulated=0.0))
     plane = camera.sensor.window_plane((121, 121)).with_finer_pitch(2)
     operator = PSFOperator(camera, 0.9, 550e-9, plane, integrate=False)
     y, x = (at.numpy() for at in plane.mesh())
-    half = known.period / 2
+    half = periods * known.period
     light = operator(None, known.fields[0]).double().numpy() * ((abs(y) < half) & (abs(x) < half))
     ky, kx = np.array([700.0, -2100.0, 5000.0, 0.0]), np.array([300.0, 1500.0, 0.0, -6300.0])
-    ends = (known.period, known.period)
-    found, whole = (known.transfers_at(*at, ends)[0] for at in ((ky, kx), np.zeros((2, 1))))
-    # Samples on the edge of the period count in one of the two only.
+    found, whole = (known.transfers_at(*at, (half, half))[0] for at in ((ky, kx), np.zeros((2, 1))))
+    # Samples on the edge of the light that is transformed count in one of the two only.
     for at, v, u in zip(found / whole, ky, kx, strict=True):
         direct = (light * np.exp(2j * np.pi * (v * y + u * x))).sum() / light.sum()
         assert abs(at - direct) < 0.03
