@@ -24,7 +24,11 @@ def explain(
     bench: BenchOption = None,
     audit: Annotated[
         bool,
-        typer.Option(help="Render again with each omitted effect, and compare with its bound."),
+        typer.Option(help="Render again with each omitted effect, and compare its error."),
+    ] = False,
+    check: Annotated[
+        bool,
+        typer.Option(help="Render the picture's middle again with everything on, and compare."),
     ] = False,
     pairs: Annotated[
         int, typer.Option(help="Number of pairs of effects that --audit adds together.")
@@ -33,9 +37,10 @@ def explain(
 ) -> None:
     """Explain which effects a simulated picture of SCENE.toml needs, at which level, and why.
 
-    For each effect the command prints the level at which it is computed, the bound of the error
-    that this leaves, and the physics in a sentence. The sum of all bounds stays within the
-    tolerance. The exit code is 1 if **--audit** finds an error beyond its bound. For instance
+    For each effect the command prints the level at which it is computed, the error that this
+    leaves, and the physics in a sentence. The sum of all errors stays within the tolerance. The
+    exit code is 1 if **--audit** finds an error beyond what was told, or **--check** finds the
+    picture's middle beyond the tolerance. For instance
 
     **labapp explain bricks --tol 1e-3 --audit**
     """
@@ -44,7 +49,7 @@ def explain(
     asked = get_option_group(context, PictureOptions).picture_request(
         bench, get_option_group(context, EffectOptions)
     )
-    if not explained(asked, with_audit=audit, pairs=pairs, as_json=json):
+    if not explained(asked, with_audit=audit, pairs=pairs, as_json=json, with_check=check):
         raise typer.Exit(1)
 
 

@@ -115,6 +115,20 @@ def test_a_pattern_is_what_the_panel_shows(ask, tiny):
     }
 
 
+def test_a_check_renders_the_middle_with_everything_on(ask):
+    """What was planned is within its tolerance there; what is forced off is found missing."""
+    tolerant = ("--target", "star", "--tol", "0.1", "--check", *OVER)
+    data = plan_of(ask, *tolerant)
+    assert 0 <= data["middle"]["mean"] <= 0.1
+    _, printed, _ = ask(*tolerant)
+    assert "The picture's middle is" in " ".join(printed.split())
+    code, printed, _ = ask("--json", *tolerant, "--set", "shot noise=off")
+    assert code in (0, 1)
+    missing = json.loads(printed)["middle"]
+    assert missing["sigma"] > 10 * data["middle"]["sigma"]
+    assert plan_of(ask, "--target", "star", *OVER)["middle"] is None
+
+
 @pytest.mark.parametrize("decide_by", ["estimate", "bound"])
 def test_an_audit_says_of_each_error_whether_it_held(ask, decide_by):
     options = ("--target", "star", "--tol", "0.1", "--audit", "--pairs", "2", *OVER)

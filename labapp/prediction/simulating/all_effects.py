@@ -87,6 +87,22 @@ def render_all_effects(
     return RenderedPicture(picture, imaging.ledger.operations, time.process_time() - began, 0.0)
 
 
+def deviation_in_the_middle(
+    s: Situation, plan: EffectPlan, side: int = 96, check: Callable[[], None] = lambda: None
+) -> Deviation:
+    """Compare the middle of a predicted picture with that of one with all effects on.
+
+    `side` is that of the middle in sensor pixels. It takes a part of the work of whole pictures.
+    """
+    sensor = s.camera.sensor
+    rows, columns = (min(n, side) for n in sensor.shape)
+    middle = replace(sensor, shape=(rows, columns))
+    part = replace(s, camera=replace(s.camera, sensor=middle))
+    recipe = without_clipping(part, plan.recipe)
+    picture = Imaging(plan.tol).picture_moments(part, recipe, check)
+    return Deviation.of(picture, render_all_effects(part, check).picture)
+
+
 def finest_levels(s: Situation, finer: Mapping[str, int] | None = None) -> dict[str, int]:
     """Return the finest level of each effect that a predicted picture has.
 

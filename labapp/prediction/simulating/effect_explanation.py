@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import torch
@@ -12,6 +13,7 @@ import torch
 from labapp.common.console import out, print_json, print_table, terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
+from labapp.prediction.simulating.all_effects import deviation_in_the_middle
 from labapp.prediction.simulating.picture_request import PictureRequest, prepare_scene
 from labapp.prediction.simulating.picture_time import seconds_per_operation
 from simulator.effects.electron_bounds import without_clipping
@@ -24,12 +26,18 @@ from simulator.world import World
 
 
 def explain_effects(
-    request: PictureRequest, *, with_audit: bool, pairs: int, as_json: bool
+    request: PictureRequest,
+    *,
+    with_audit: bool,
+    pairs: int,
+    as_json: bool,
+    with_check: bool = False,
 ) -> bool:
-    """Print the effect plan of a predicted picture, with an audit if asked.
+    """Print the effect plan of a predicted picture, with an audit and a check if asked.
 
-    The audit puts back each effect that was left out, and `pairs` pairs of them. The result is
-    whether all bounds hold. Raises UserError if `pairs` is negative.
+    The audit puts back each effect that was left out, and `pairs` pairs of them. The check compares
+    the picture's middle with everything on. The result is whether what was told holds. Raises
+    UserError if `pairs` is negative.
     """
     if pairs < 0:
         raise UserError(f"--pairs {pairs}: give 0 or more.")
@@ -39,10 +47,15 @@ def explain_effects(
         plan = world.imaging.plan(situation)
         progress.report(0.6, "putting back what was left out" if with_audit else "deciding")
         found = _audit_effects(world, situation, plan, pairs) if with_audit else ()
+        if with_check:
+            progress.report(0.8, "rendering the middle with everything on")
+            check = progress.raise_if_cancelled
+            middle = deviation_in_the_middle(situation, plan, check=check)
         data = {
             **describe_plan(situation, plan),
             **_predict_times(plan),
             "audit": [_as_data(one) for one in found],
+            "middle": asdict(middle) if with_check else None,
         }
     if as_json:
         print_json(data)
@@ -50,7 +63,13 @@ def explain_effects(
         print_plan(data)
         if with_audit:
             _print_audit(found)
-    return not any(one.is_broken for one in found)
+        if with_check:
+            out.print(
+                f"The picture's middle is {_share(middle.worst)} from everything on, in its mean "
+                "or its noise, as rendered."
+            )
+    is_within = not with_check or middle.worst <= max(plan.tol, plan.relative_error)
+    return is_within and not any(one.is_broken for one in found)
 
 
 def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
