@@ -36,7 +36,7 @@ _LEAST_MEMORY, _MEMORY_PER_PIXEL = 600 << 20, 250
 """Bytes that simulated pictures may keep for later ones: of any sensor, and for each pixel. Chosen:
 more of them saved little in the bundled plans."""
 
-_STREAMS_SHARE = 8
+_STREAMS_SHARE = 4
 """Share of the memory, one over this, that frame simulators of pictures may take. Chosen."""
 
 _LARGE_PANEL = 1 << 17
