@@ -22,9 +22,12 @@ for a change near the light's image, and for one that spreads to dim pixels far 
 class LightEffect(Effect):
     """An effect that changes the light on the sensor's pixels.
 
-    noise_change: relative change of the noise over that of the mean picture, from audits.
+    likely_shares: share of the bound that the error reached at most in audits, for each level; the
+    last one stands for all finer levels. noise_change: relative change of the noise over that of
+    the mean picture, from audits.
     """
 
+    likely_shares: ClassVar[tuple[float, ...]] = (1.0,)
     noise_change: ClassVar[float] = NEAR
 
     def likely_error(self, s: Situation, level: int) -> Bound:

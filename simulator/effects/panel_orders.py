@@ -23,6 +23,7 @@ from simulator.effects.result_cache import cached_across_exposures
 from simulator.formation.coarse_orders import order_cell_pixels
 from simulator.formation.windows import max_blur_distance
 from simulator.planning import Bound
+from simulator.probing.order_kernel import cut_kernel
 from simulator.probing.radial import Gain
 from simulator.recipe import Recipe
 from simulator.situation import Situation
@@ -84,9 +85,10 @@ class PanelOrders(BlurEffect):
             return told
         coarse = are_orders_coarse(s, level)
         lowest = 1 if coarse else LEVELS.orders[level] + 1
-        what = f"ghosts from order {lowest}{' on cells' if coarse else ''}"
-        rate = cached_across_exposures(s, what, lambda: _ghost_norm(s, lowest, only_detail=coarse))
-        change = self.ghost_margin * max_lamp_seconds(s) * rate
+        rate = cached_across_exposures(
+            s, f"ghosts from order {lowest}", lambda: _ghost_norm(s, lowest)
+        )
+        change = self.ghost_margin * max_lamp_seconds(s) * rate * _detail_factor(s, coarse=coarse)
         how = f"estimated ×{self.ghost_margin:g}: pictures in orders, on coarse cells of the frame"
         found = self.likely_light_error(s, change, how)
         return min(told, found, key=lambda one: one.mean)
@@ -107,31 +109,45 @@ _CELLS = 48
 """Cells along the frame's longer side on which side orders are estimated. Chosen."""
 
 
-def _ghost_norm(s: Situation, lowest: int, *, only_detail: bool) -> float:
+def _ghost_norm(s: Situation, lowest: int) -> float:
     """Estimate the norm of the frame's light in side orders from `lowest` on, electrons/s.
 
-    The panel orders effect sends copies of the picture aside, most of which miss the frame. What is
-    finer than a cell has the share that it has in the blurred picture. only_detail: whether only
-    that counts, of the cells on which orders may be rendered.
+    The panel orders effect sends copies of the picture aside, most of which miss the frame. Only
+    what cells of the frame hold of them counts.
     """
     probe, sensor = s.picture_probe, s.camera.sensor
-    step = max(1, math.ceil(max(sensor.shape) / _CELLS))
+    step = _estimate_cell_pixels(s)
     cell = step * sensor.pitch
     rows, columns = (math.ceil(n / step) for n in sensor.shape)
     found = 0.0
     for kernel in s.pattern_probe.side_order_kernels(cell, lowest, LEVELS.orders[-1]):
-        reach = (math.ceil(min(far / cell, len(kernel))) + 1 for far in max_blur_distance(s))
-        near = _within_reach(kernel, list(reach))
+        y, x = (math.ceil(min(far / cell, len(kernel))) + 1 for far in max_blur_distance(s))
+        near = cut_kernel(kernel, (y, x))
         down, across = (n // 2 for n in near.shape)
         plane = Plane((rows + 2 * down, columns + 2 * across), (cell, cell))
         ghosts = fftconvolve(probe.light_on(plane), near, mode="valid")
         found = max(found, float(np.linalg.norm(ghosts)))
-    on_cells = _blurred_norm(s, 0.0, 0.5 / cell)
+    return step * found
+
+
+def _estimate_cell_pixels(s: Situation) -> int:
+    """Return the sensor pixels along a cell on which the panel orders effect is estimated."""
+    return max(1, math.ceil(max(s.camera.sensor.shape) / _CELLS))
+
+
+def _detail_factor(s: Situation, *, coarse: bool) -> float:
+    """Return the norm of all light in orders over that which the estimate's cells hold.
+
+    What is finer has the share that it has in the blurred picture. coarse: whether the panel orders
+    effect is rendered on cells, so that only the detail that these lose counts.
+    """
+    pitch = s.camera.sensor.pitch
+    on_cells = _blurred_norm(s, 0.0, 0.5 / (_estimate_cell_pixels(s) * pitch))
     if not on_cells:
-        return step * found
+        return 1.0
     # The middles of cells, and the lines between them, take from fringes of up to eight cells.
-    finest = 0.125 / (order_cell_pixels(s) * sensor.pitch) if only_detail else 0.0
-    return step * found * _blurred_norm(s, finest, math.inf) / on_cells
+    finest = 0.125 / (order_cell_pixels(s) * pitch) if coarse else 0.0
+    return _blurred_norm(s, finest, math.inf) / on_cells
 
 
 def _blurred_norm(s: Situation, low: float, high: float) -> float:
@@ -143,10 +159,3 @@ def _blurred_norm(s: Situation, low: float, high: float) -> float:
     passed = s.pattern_probe.transfer_bounds.mean_square_between(power.low, power.high)
     inside = (power.low >= low) & (power.low < high)
     return math.sqrt(float((power.power * passed)[inside].sum()))
-
-
-def _within_reach(kernel: NDArray[np.float64], half: list[int]) -> NDArray[np.float64]:
-    """Return the part of a panel orders effect's kernel from which light can reach the frame."""
-    middle = len(kernel) // 2
-    y, x = (min(far, middle) for far in half)
-    return kernel[middle - y : middle + y + 1, middle - x : middle + x + 1]

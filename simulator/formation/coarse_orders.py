@@ -19,7 +19,7 @@ from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import max_blur_distance
 from simulator.probing.far_field import FarField
 from simulator.probing.lens_probe import LensProbe
-from simulator.probing.order_kernel import side_order_kernel
+from simulator.probing.order_kernel import cut_kernel, side_order_kernel
 from simulator.recipe import Recipe
 from simulator.scene.target import Layer
 from simulator.situation import Situation
@@ -97,12 +97,12 @@ class CoarseOrders:
                 for part, one in enumerate(layer.parts):
                     if self._objects.is_uniform(one.picture) and not self._recipe.vignetting:
                         continue  # It stays uniform, and all of it is in the zeroth order's path.
-                    drawn = self._drawn(layer, part, kernel.shape)
+                    drawn = self._draw_on_cells(layer, part, kernel.shape)
                     ghosts = fftconvolve(drawn, kernel, mode="valid")
                     total += weights[:, part, node, None, None] * ghosts
         return torch.from_numpy(self._on_pixels(total)).to(torch.float32)
 
-    def _drawn(self, layer: Layer, part: int, kernel: tuple[int, ...]) -> Array:
+    def _draw_on_cells(self, layer: Layer, part: int, kernel: tuple[int, ...]) -> Array:
         """Return a rendered layer's part on the cells from which light reaches the frame."""
         rows, columns = (n + side - 1 for n, side in zip(self._frame, kernel, strict=True))
         plane = Plane((rows, columns), (self._cell, self._cell))
@@ -153,12 +153,11 @@ class CoarseOrders:
         """Return a far field's orders by cells, as far as light reaches the rendered frame."""
         period = self._kernels.period(wavelength)
         kernel = side_order_kernel(far, period, self._cell, 1, 2)
-        middle = len(kernel) // 2
         y, x = (
-            min(math.ceil(min(reach / self._cell, middle)) + 2, middle)
+            math.ceil(min(reach / self._cell, len(kernel))) + 2
             for reach in max_blur_distance(self._s)
         )
-        return kernel[middle - y : middle + y + 1, middle - x : middle + x + 1]
+        return cut_kernel(kernel, (y, x))
 
     def _on_pixels(self, cells: Array) -> Array:
         """Interpolate rendered light linearly from cells to the sensor's pixels."""

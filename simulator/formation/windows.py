@@ -89,13 +89,15 @@ def rendering_windows(
         Samples along each axis of a pixel, for the work.
     """
     if not wave:
-        own = _reached(s, window)
+        own = _window_within_reach(s, window)
         return Windows(own, own, _picture_shape(s, own))
     one = min(window, _order_side(s, 0))
-    apart = Windows(_reached(s, one), (one, one), _picture_shape(s, (one, one), endless=True))
+    apart = Windows(
+        _window_within_reach(s, one), (one, one), _picture_shape(s, (one, one), endless=True)
+    )
     if not orders:
         return Windows(apart.psf, apart.psf, _picture_shape(s, apart.psf))
-    psf = _reached(s, _order_side(s, orders))
+    psf = _window_within_reach(s, _order_side(s, orders))
     merged = Windows(psf, psf, _picture_shape(s, psf), orders)
     together, each = (samples**2 * math.prod(one.picture) for one in (merged, apart))
     too_large = together > max(_LARGE, _LARGER * each)
@@ -127,7 +129,7 @@ def _work(s: Situation, windows: Windows, orders: int, samples: int) -> float:
     return one(windows.psf) + others * (one(windows.side_order) + 2 * transform) + transform
 
 
-def _reached(s: Situation, window: int) -> tuple[int, int]:
+def _window_within_reach(s: Situation, window: int) -> tuple[int, int]:
     """Return a rendered PSF's window, (rows, columns): smaller where no light goes so far.
 
     window: its side.

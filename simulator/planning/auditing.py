@@ -159,7 +159,8 @@ class _AuditRenderer:
         best_mean, best_variance = self._picture(fine)
         bound = Bound()
         for name in names:
-            bound = bound.plus(self._error(name))
+            effect, level = self._effects[name], self._planned[name]
+            bound = bound.plus(effect.error(self._s, level, self._decided_by))
         return AuditResult(
             names,
             others,
@@ -169,13 +170,6 @@ class _AuditRenderer:
             _norm(best_variance.sqrt() - variance.sqrt()),
             _rounding_bound(mean, variance),
         )
-
-    def _error(self, name: str) -> Bound:
-        """Return the error that the audited plan states of an effect: a bound, or an estimate."""
-        effect, level = self._effects[name], self._planned[name]
-        if self._decided_by == "estimate":
-            return effect.likely_error(self._s, level)
-        return effect.error_bound(self._s, level)
 
     def _with_requirements(
         self, coarse: dict[str, int], fine: dict[str, int], names: tuple[str, ...]

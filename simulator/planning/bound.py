@@ -60,10 +60,6 @@ class Bound:
             self.how,
         )
 
-    def times(self, share: float, how: str) -> Bound:
-        """Scale an effect plan's error bound to what is likely, and say how that is known."""
-        return Bound(self.mean * share, self.variance * share, self.sigma * share, self.shape, how)
-
     def minus(self, other: Bound) -> Bound:
         """Return by how much an effect plan's error bound exceeds another, 0 at least."""
         return Bound(

@@ -42,9 +42,6 @@ class Effect(ABC):
         order, and the change by this effect is taken to be the last.
     is_per_frame : bool
         Whether the effect is computed again for each frame of a static picture.
-    likely_shares : tuple of float
-        Share of the bound that the error reached at most in audits of random scenes, for each
-        level; the last one stands for all finer levels.
     """
 
     name: ClassVar[str]
@@ -57,7 +54,6 @@ class Effect(ABC):
     recipe_values: ClassVar[tuple[object, ...]] = (False, True)
     assumed_by_other_bounds: ClassVar[bool] = False
     is_per_frame: ClassVar[bool] = False
-    likely_shares: ClassVar[tuple[float, ...]] = (1.0,)
 
     @abstractmethod
     def is_present(self, s: Situation) -> bool:
@@ -82,11 +78,15 @@ class Effect(ABC):
     def likely_error(self, s: Situation, level: int) -> Bound:
         """Estimate how large the error of the effect at a planned level is, at most, but for few.
 
-        The estimate comes from audits on random scenes; it isn't proved.
+        The estimate comes from audits on random scenes; it isn't proved. Without one, the bound
+        takes its place.
         """
-        bound = self.error_bound(s, level)
-        share = self.likely_shares[min(level, len(self.likely_shares) - 1)]
-        return bound if share == 1 else bound.times(share, f"estimated: {share:g} of {bound.how}")
+        return self.error_bound(s, level)
+
+    def error(self, s: Situation, level: int, decided_by: DecidedBy) -> Bound:
+        """Return the error of the effect at a planned level, as bounds or estimates tell it."""
+        told = self.error_bound if decided_by == "bound" else self.likely_error
+        return told(s, level)
 
     @abstractmethod
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:

@@ -108,10 +108,7 @@ class Ladder:
         self._floor = norms
         self._errors = {
             one.name: [
-                one.error_bound(situation, level)
-                if decided_by == "bound"
-                else one.likely_error(situation, level)
-                for level in range(finest[one.name] + 1)
+                one.error(situation, level, decided_by) for level in range(finest[one.name] + 1)
             ]
             for one in self.effects
         }

@@ -43,6 +43,13 @@ def side_order_kernel(
     return np.asarray(_in_cells(far, *outer) - _in_cells(far, *inner))
 
 
+def cut_kernel(kernel: Array, half: tuple[int, int]) -> Array:
+    """Cut a probed far field's kernel to `half` cells (y, x) on each side of its middle."""
+    middle = len(kernel) // 2
+    y, x = (min(cells, middle) for cells in half)
+    return kernel[middle - y : middle + y + 1, middle - x : middle + x + 1]
+
+
 def _in_cells(far: FarField, down: csr_array, across: csr_array) -> Array:
     """Sum a probed far field's light in cells, by the samples of both axes that belong to each."""
     return np.asarray(across @ (down @ far.light).T).T.astype(np.float64)

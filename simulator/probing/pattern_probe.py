@@ -406,26 +406,26 @@ class PatternProbe:
             lens, transfers = self._lens.field(distance), []
             for move in moves:
                 away = move[0] / self.panel.pitch, move[1] / self.panel.pitch
-                field = _moved(lens, *away) * self.fields[0]
+                field = _move_pixels(lens, *away) * self.fields[0]
                 far = FarField(field, side, self.samples_per_spot)
                 transfers.append(self._transfer_at(far, ky, kx, half))
             found.append(transfers)
         return found
 
 
-def _moved(values: torch.Tensor, down: float, along: float) -> torch.Tensor:
+def _move_pixels(values: torch.Tensor, down: float, along: float) -> torch.Tensor:
     """Move the values of the probed panel's pixels by pixels; 0 takes their place.
 
     Between whole pixels, values are interpolated linearly.
     """
     for axis, away in ((0, down), (1, along)):
         whole = math.floor(away)
-        near, far = (_moved_whole(values, axis, one) for one in (whole, whole + 1))
+        near, far = (_move_by_whole_pixels(values, axis, one) for one in (whole, whole + 1))
         values = torch.lerp(near, far, away - whole)
     return values
 
 
-def _moved_whole(values: torch.Tensor, axis: int, away: int) -> torch.Tensor:
+def _move_by_whole_pixels(values: torch.Tensor, axis: int, away: int) -> torch.Tensor:
     """Move the values of the probed panel's pixels by whole pixels along an axis."""
     n = values.shape[axis]
     moved = torch.zeros_like(values)

@@ -78,7 +78,7 @@ class PictureProbe:
         The arrays are (rows, columns) of the plane.
         """
         pairs = zip(self.target.layers, self.rates, strict=True)
-        return tuple(self._layer_light(layer, rates) for layer, rates in pairs)
+        return tuple(self._layer_light(layer, rates, self.plane) for layer, rates in pairs)
 
     @cached_property
     def covers(self) -> tuple[torch.Tensor | None, ...]:
@@ -303,17 +303,14 @@ class PictureProbe:
         Hidden parts are included. The result is (rows, columns); each value is the mean over a
         sample's cell.
         """
-        total = np.zeros(plane.shape)
-        for layer, rates in zip(self.target.layers, self.rates, strict=True):
-            for part, rate in zip(layer.parts, rates, strict=True):
-                drawn = part.picture.light(plane, self._scale(layer), self.shift)
-                total += rate * drawn.numpy()
-        return total
+        pairs = zip(self.target.layers, self.rates, strict=True)
+        light = torch.stack([self._layer_light(layer, rates, plane) for layer, rates in pairs])
+        return np.asarray(light.sum(0, dtype=torch.float64))
 
-    def _layer_light(self, layer: Layer, rates: tuple[float, ...]) -> torch.Tensor:
-        light = torch.zeros(self.plane.shape)
+    def _layer_light(self, layer: Layer, rates: tuple[float, ...], plane: Plane) -> torch.Tensor:
+        light = torch.zeros(plane.shape)
         pictures = ((part.picture, rate) for part, rate in zip(layer.parts, rates, strict=True))
         for picture, weight in merge_pictures(pictures):
-            drawn = picture.light(self.plane, self._scale(layer), self.shift)
+            drawn = picture.light(plane, self._scale(layer), self.shift)
             light.add_(drawn, alpha=weight)
         return light

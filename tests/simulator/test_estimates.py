@@ -22,14 +22,14 @@ from simulator.probing.far_field import FarField
 from simulator.probing.pattern_probe import PatternProbe
 
 
-def planned(s, decide_by, tol=1e-2):
+def plan_of(s, decide_by, tol=1e-2):
     return Imaging(tol, decide_by=decide_by).plan(s)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_estimates_leave_out_what_bounds_do_and_more(seed):
     s = random_situation(seed)
-    proved, estimated = planned(s, "bound"), planned(s, "estimate")
+    proved, estimated = plan_of(s, "bound"), plan_of(s, "estimate")
     assert (proved.decided_by, estimated.decided_by) == ("bound", "estimate")
     assert estimated.work <= proved.work
     assert estimated.relative_error <= 0.9e-2
@@ -42,11 +42,11 @@ def test_estimates_leave_out_what_bounds_do_and_more(seed):
 def test_a_situation_that_was_estimated_has_the_same_bounds_as_ever(seed):
     """And the other way round: what one keeps in the situation doesn't serve the other."""
     once, again = random_situation(seed), random_situation(seed)
-    planned(once, "estimate")
-    assert planned(once, "bound").as_data() == planned(again, "bound").as_data()
+    plan_of(once, "estimate")
+    assert plan_of(once, "bound").as_data() == plan_of(again, "bound").as_data()
     assert (
-        planned(again, "estimate").as_data()
-        == planned(random_situation(seed), "estimate").as_data()
+        plan_of(again, "estimate").as_data()
+        == plan_of(random_situation(seed), "estimate").as_data()
     )
 
 

@@ -121,7 +121,7 @@ def test_orders_close_together_are_one_psf(target, monkeypatch):
     s, recipe = taken(target, band=Band(550e-9, 10e-9, leak=1e-3)), FULL.with_changes(leak=4)
     windows = rendering_windows(s, recipe.window, orders=1, samples=recipe.samples_per_pixel)
     assert windows.merged_orders == 1
-    together, work = rendered(s, recipe), Ledger()
+    together, work = render(s, recipe), Ledger()
     expected_electrons(s, recipe, ByteCache(), work)
     side = windows.psf[0]
     apart = Windows((18, 18), (18, 18), (side + 40, side + 40))
@@ -132,7 +132,7 @@ def test_orders_close_together_are_one_psf(target, monkeypatch):
     assert work.operations < ledger.operations
 
 
-def rendered(s, recipe):
+def render(s, recipe):
     return expected_electrons(s, recipe, ByteCache(), Ledger()).numpy()
 
 
@@ -152,7 +152,7 @@ def test_orders_on_cells_are_those_by_psfs(kind, most):
     s = taken(targets[kind], camera, shown=shown, numerics=1e-3)
     recipe = Recipe(panel, 512, s.coarsest_sampling, diffraction=True, vignetting=True)
     off, coarse, exact = (
-        rendered(s, recipe.with_changes(**orders)).astype(np.float64)
+        render(s, recipe.with_changes(**orders)).astype(np.float64)
         for orders in ({}, {"coarse_orders": True}, {"orders": 2})
     )
     ghosts = exact - off
