@@ -32,11 +32,11 @@ from simulator.streaming import FrameSimulator
 
 _MACHINE = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
-_LEAST_MEMORY, _MEMORY_PER_PIXEL = 600 << 20, 250
+_LEAST_MEMORY, _MEMORY_PER_PIXEL = 600 << 20, 110
 """Bytes that simulated pictures may keep for later ones: of any sensor, and for each pixel. Chosen:
 more of them saved little in the bundled plans."""
 
-_STREAMS_SHARE = 4
+_STREAMS_SHARE = 2
 """Share of the memory, one over this, that frame simulators of pictures may take. Chosen."""
 
 _LARGE_PANEL = 1 << 17
@@ -83,7 +83,7 @@ class Imaging:
         self.ledger = Ledger()
         self.plan_count = 0
         """How many effect plans were computed; those that were found in the cache don't count."""
-        # Frame simulators are small beside light and PSFs, which would displace them.
+        # Light and PSFs would displace frame simulators, which show a picture again at once.
         streams = memory // _STREAMS_SHARE
         self._cache, self._streams = ByteCache(memory - streams), ByteCache(streams)
         self._plans = Cache(256)
@@ -212,7 +212,7 @@ class Imaging:
 def default_memory(camera: Camera) -> int:
     """Return the bytes that a camera's simulated pictures may keep for later ones.
 
-    It is at most a quarter of the machine's memory: 0.7 GB for a sensor of 768 x 512 pixels, 1.9 GB
+    It is at most a quarter of the machine's memory: 0.7 GB for a sensor of 768 x 512 pixels, 1.2 GB
     for one of 2448 x 2048.
     """
     rows, columns = camera.sensor.shape

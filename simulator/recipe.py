@@ -32,9 +32,10 @@ class Recipe:
     waveform counts. `rolling`: whether rows are exposed one after the other. `glare`: whether
     veiling glare is added.
 
-    Window: `window`, the PSF's side in sensor pixels; `samples_per_pixel`, samples of the light in
-    a pixel along each axis; `picture_samples_per_pixel`, the same of the pictures before they are
-    blurred, if that is more.
+    Window: `window`, the PSF's side in sensor pixels; `samples_per_pixel`, samples of PSFs in a
+    pixel along each axis; `picture_samples_per_pixel`, the same of the pictures before they are
+    blurred, or as many as PSFs have if it is None. With fewer than those, finer detail is left out
+    of the light.
 
     Sensor: the stages of the sensor, in the order of the physics.
     """
@@ -42,7 +43,7 @@ class Recipe:
     panel: Panel
     window: int
     samples_per_pixel: int
-    picture_samples_per_pixel: int = 1
+    picture_samples_per_pixel: int | None = None
     dispersion: bool = False
     crystal: bool = False
     interference: bool = False
@@ -75,7 +76,16 @@ class Recipe:
         It has an ideal panel and lens, one wavelength, place and time, and a sensor that counts
         electrons.
         """
-        return Recipe(s.ideal_panel, SMALLEST_WINDOW, s.coarsest_sampling)
+        return Recipe(s.ideal_panel, SMALLEST_WINDOW, s.coarsest_sampling, 1)
+
+    @property
+    def light_samples_per_pixel(self) -> int:
+        """Return the samples of blurred light in a pixel along each axis, by a simulation recipe.
+
+        Where light is multiplied by what hides it, both need all their detail.
+        """
+        drawn = self.picture_samples_per_pixel or self.samples_per_pixel
+        return self.samples_per_pixel if self.occlusion else min(drawn, self.samples_per_pixel)
 
     @property
     def stages(self) -> Stages:

@@ -10,7 +10,6 @@ import torch
 from optics.plane import centred_crop
 from simulator.effects.electron_bounds import sensor_error_bound
 from simulator.effects.picture_norms import estimated_light
-from simulator.effects.result_cache import cached_per_situation
 from simulator.planning import Bound, Effect
 from simulator.situation import Situation
 
@@ -51,10 +50,16 @@ class LightEffect(Effect):
         return Bound(bound.mean, bound.variance, min(bound.sigma, by_share, evenly), how=how)
 
 
-@cached_per_situation
 def _mean_inverse_variance(s: Situation) -> float:
-    """Return the mean over the frame of 1 / variance, for effects' likely errors, 1/electrons²."""
-    sensor = s.camera.sensor
-    light = centred_crop(s.picture_probe.sharp_picture, sensor.shape).clamp(min=0) * s.exposure
-    noise = sensor.read_noise**2 + sensor.dark_current * s.exposure
-    return float((1 / (light.to(torch.float64) + max(noise, 0.1))).mean())
+    """Return the mean over the frame of 1 / variance, for effects' likely errors, 1/electrons².
+
+    It is the sharp picture's, and so the same for all patterns.
+    """
+    causes = ("mean inverse variance", s.camera.sensor, s.exposure)
+    known = s.picture_probe.results
+    if causes not in known:
+        sensor = s.camera.sensor
+        light = centred_crop(s.picture_probe.sharp_picture, sensor.shape).clamp(min=0) * s.exposure
+        noise = sensor.read_noise**2 + sensor.dark_current * s.exposure
+        known[causes] = float((1 / (light + max(noise, 0.1))).mean(dtype=torch.float64))
+    return float(known[causes])

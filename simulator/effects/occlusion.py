@@ -15,6 +15,7 @@ from simulator.effects.rendering_work import (
     FIELD_POSITION,
     FILTER_BANDWIDTH,
     LEVELS,
+    OCCLUSION,
     OUT_OF_BAND_LEAK,
 )
 from simulator.planning import Bound, OnOffEffect
@@ -22,7 +23,7 @@ from simulator.situation import Situation
 
 
 class Occlusion(LightEffect, OnOffEffect):
-    name = "occlusion"
+    name = OCCLUSION
     likely_shares = (0.5,)
     recipe_field = "occlusion"
     physics = "what is near hides what is behind it, and more of it where it is blurred"

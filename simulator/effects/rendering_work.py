@@ -13,6 +13,7 @@ from optics.slm.flicker import flicker_nodes
 from simulator.effects.psf_bounds import can_orders_reach_sensor, is_uniform_scene
 from simulator.effects.result_cache import cached_per_situation
 from simulator.formation.coarse_orders import can_be_coarse
+from simulator.formation.merged_parts import groups_of_parts
 from simulator.formation.windows import rendering_windows
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
 from simulator.recipe import SMALLEST_WINDOW
@@ -39,7 +40,8 @@ class RenderingLevels:
         Diffraction orders of the panel's pixel grid on each side. At level 1, two on each side are
         rendered on cells of pixels instead, where that is possible.
     samples : tuple of int
-        Samples of a picture along each axis of a pixel, before it is blurred.
+        Samples of a picture along each axis of a pixel, before it is blurred; and of the blurred
+        light, up to as many as PSFs have.
     windows : tuple of int
         Sides of the PSF's window in sensor pixels.
     """
@@ -49,7 +51,7 @@ class RenderingLevels:
     depths: tuple[int, ...] = (1, 2, 3, 5, 9, 17, 33)
     places: tuple[int, ...] = (1, 3, 5, 9)
     orders: tuple[int, ...] = (0, 1, 2)
-    samples: tuple[int, ...] = (1, 2, 3, 4, 6, 8)
+    samples: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
     windows: tuple[int, ...] = (SMALLEST_WINDOW, 128, 256, 512, 1024, 2048, 4096)
 
 
@@ -71,6 +73,7 @@ DIFFRACTION, PSF_REACH, LIGHT_SAMPLING, PANEL_DISPERSION = (
     "panel dispersion",
 )
 VIGNETTING, POLARISATION_INTERFERENCE = "vignetting", "polarisation interference"
+OCCLUSION = "occlusion"
 
 ATTRIBUTION_ORDER = (
     PSF_REACH,
@@ -87,7 +90,13 @@ ATTRIBUTION_ORDER = (
 """Order in which the effects' operations are told apart: each effect's operations are those that
 it adds to the effects before."""
 
-_RELEVANT_EFFECTS = (*ATTRIBUTION_ORDER, "depth layers", "colour filter array", "flicker")
+_RELEVANT_EFFECTS = (
+    *ATTRIBUTION_ORDER,
+    "depth layers",
+    "colour filter array",
+    "flicker",
+    OCCLUSION,
+)
 """Effects whose levels change the number of operations."""
 
 
@@ -97,14 +106,13 @@ class _Counts:
 
     psfs: PSFs of the zeroth order. orders: other orders of each PSF. transforms: Fourier transforms
     of all samples, except for those of pictures when they are drawn. pictures: pictures that are
-    drawn. samples: along each axis of a pixel. wave: whether light is a wave, or rays.
+    drawn. wave: whether light is a wave, or rays.
     """
 
     psfs: float
     orders: float
     transforms: float
     pictures: float
-    samples: int
     wave: bool
 
 
@@ -132,7 +140,8 @@ def rendering_operations(s: Situation, levels: Mapping[str, int]) -> float:
 def _operations(s: Situation, found: tuple[int, ...]) -> float:
     """Return the operations of rendering, cached by the levels of the relevant effects."""
     levels = dict(zip(_RELEVANT_EFFECTS, found, strict=True))
-    samples, wave = s.coarsest_sampling, bool(levels.get(DIFFRACTION, 0))
+    wave = bool(levels.get(DIFFRACTION, 0))
+    of_psf, of_light = samples = s.coarsest_sampling, light_samples(s, levels)
     coarse = wave and are_orders_coarse(s, levels.get(PANEL_ORDERS, 0))
     if coarse:
         levels[PANEL_ORDERS] = 0
@@ -144,13 +153,12 @@ def _operations(s: Situation, found: tuple[int, ...]) -> float:
         samples=samples,
     )
     counts = _count_steps(s, levels, apart=not windows.merged_orders)
-    down, across = (n * counts.samples for n in windows.psf)
+    down, across = (n * of_psf for n in windows.psf)
     one = psf_operations if counts.wave else ray_operations
-    rows, columns = (n * counts.samples for n in windows.picture)
-    transform = transform_operations(rows, columns)
-    pixels = transform_operations(rows // counts.samples, columns // counts.samples)
-    drawing = counts.pictures * transform * _picture_oversampling(s, levels)
-    beside = (n * counts.samples for n in windows.side_order)
+    transform = transform_operations(*(n * of_light for n in windows.picture))
+    pixels = transform_operations(*windows.picture)
+    drawing = counts.pictures * transform * _picture_oversampling(of_light, levels)
+    beside = (n * of_psf for n in windows.side_order)
     of_order = counts.orders * one(s.camera.panel, *beside)
     spreading = counts.psfs * (one(s.camera.panel, down, across) + of_order)
     cells = counts.psfs * _coarse_order_operations(s) if coarse else 0.0
@@ -168,9 +176,18 @@ def _coarse_order_operations(s: Situation) -> float:
     return 3 * transform_operations(rows, columns)
 
 
-def _picture_oversampling(s: Situation, levels: Mapping[str, int]) -> float:
+def light_samples(s: Situation, levels: Mapping[str, int]) -> int:
+    """Return the samples of blurred light in a pixel along each axis, by effect levels.
+
+    This is the rule of Recipe.light_samples_per_pixel.
+    """
+    drawn = LEVELS.samples[levels.get(LIGHT_SAMPLING, 0)]
+    return s.coarsest_sampling if levels.get(OCCLUSION, 0) else min(drawn, s.coarsest_sampling)
+
+
+def _picture_oversampling(of_light: int, levels: Mapping[str, int]) -> float:
     """Return how many drawn samples the light-sampling effect uses per sample of light."""
-    along = math.ceil(LEVELS.samples[levels.get(LIGHT_SAMPLING, 0)] / s.coarsest_sampling)
+    along = math.ceil(LEVELS.samples[levels.get(LIGHT_SAMPLING, 0)] / of_light)
     return float(along**2)
 
 
@@ -180,7 +197,6 @@ def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Co
     apart: whether the panel's side orders have PSFs of their own.
     """
     target = s.target.for_camera(s.camera)
-    parts = sum(len(layer.parts) for layer in target.layers)
     distances = {layer.distance for layer in target.layers}
     nodes = (
         LEVELS.wavelengths[levels.get(FILTER_BANDWIDTH, 0)]
@@ -198,12 +214,13 @@ def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Co
         else 0
     )
     channels = len(s.camera.sensor.colour.channels) if s.camera.sensor.colour else 1
+    channels = channels if levels.get("colour filter array", 0) else 1
+    parts = sum(len(groups_of_parts(layer, channels, nodes)) for layer in target.layers)
     cells = max(1, len(s.panel_content.pictures))
     psfs = nodes * depths * places * fields * cells
     if is_uniform_scene(s) and not levels.get(VIGNETTING, 0):
         # Uniform light stays uniform however it is blurred: no PSF is needed.
         psfs = parts = 0
-    channels = channels if levels.get("colour filter array", 0) else 1
     wave = bool(levels.get(DIFFRACTION, 0))
     # Each part is transformed once. If its light is weighted over the field, it is transformed
     # back, and then once for each place.
@@ -214,7 +231,7 @@ def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Co
     pictures = parts * (1 + orders * nodes) if wave else parts
     aside = orders * nodes * parts * (1 + weighing + places) if wave else 0
     blurs = straight + aside - pictures
-    return _Counts(psfs, orders if wave else 0, blurs, pictures, s.coarsest_sampling, wave)
+    return _Counts(psfs, orders if wave else 0, blurs, pictures, wave)
 
 
 def _flicker_field_count(s: Situation, levels: Mapping[str, int]) -> int:

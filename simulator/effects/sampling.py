@@ -1,4 +1,4 @@
-"""The effect of sampling a picture in each pixel before it is blurred."""
+"""The effect of sampling pictures and their blurred light in each pixel."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.blur_effects import BlurEffect, transfer_error_bound
+from simulator.effects.blur_effects import BlurEffect, occlusion_factor, transfer_error_bound
+from simulator.effects.electron_bounds import max_lamp_seconds
 from simulator.effects.psf_bounds import has_occlusion, mtf_bound
-from simulator.effects.rendering_work import LEVELS, LIGHT_SAMPLING
+from simulator.effects.rendering_work import LEVELS, LIGHT_SAMPLING, first_level_reaching
+from simulator.effects.result_cache import cached_across_exposures
 from simulator.planning import Bound
 from simulator.probing.radial import Gain
 from simulator.situation import Situation
@@ -29,6 +31,8 @@ class LightSamplingSettings:
     margin : float
         Factor of the error bound, from audits: of detail finer than pixels, only the finest that
         pixels resolve is known.
+    likely_factor : float
+        Factor of the estimated error, from audits: aliases of several directions meet.
     fine_detail : float
         Cycles per pixel from which on a picture's detail is taken to go on beyond what pixels
         resolve. Chosen.
@@ -37,6 +41,7 @@ class LightSamplingSettings:
     max_samples_per_pixel: int = 4
     max_samples: int = 2**27
     margin: float = 2.0
+    likely_factor: float = 1.5
     fine_detail: float = 0.4
 
 
@@ -44,13 +49,14 @@ _SETTINGS = LightSamplingSettings()
 
 
 class LightSampling(BlurEffect):
-    """The samples of pictures before they are blurred.
+    """The samples of pictures before they are blurred, and of the blurred light.
 
-    The blurred light always has enough samples to resolve its finest fringe.
+    From some level on, the light has enough samples to resolve its finest fringe, and only pictures
+    have more. With fewer, detail that is finer than they resolve is left out: pixels would show it
+    as coarser detail.
     """
 
     name = LIGHT_SAMPLING
-    likely_shares = (0.3,)
     kind = "stage"
     recipe_field, recipe_values = "picture_samples_per_pixel", LEVELS.samples
     typical_bound_share = 0.5
@@ -59,26 +65,55 @@ class LightSampling(BlurEffect):
     levels = tuple(str(n) for n in LEVELS.samples)
 
     def finest_level(self, s: Situation) -> int:
+        resolving = first_level_reaching(LEVELS.samples, s.coarsest_sampling)
         if _has_exact_spectra(s):
-            return 0
+            return resolving
         pixels = math.prod(n + LEVELS.windows[0] for n in s.camera.sensor.shape)
         most = [
             level
             for level, n in enumerate(LEVELS.samples)
             if n <= _SETTINGS.max_samples_per_pixel and n * n * pixels <= _SETTINGS.max_samples
         ]
-        return max(most)
+        return max(*most, resolving)
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
-        samples = max(LEVELS.samples[level], s.coarsest_sampling)
         how = f"audited ×{_SETTINGS.margin:g}: what a picture's edges fold back, as blurred"
-        return transfer_error_bound(s, _aliasing_gain(s, samples), how)
+        return transfer_error_bound(s, _aliasing_gain(s, LEVELS.samples[level]), how)
+
+    def likely_error(self, s: Situation, level: int) -> Bound:
+        if level >= self.finest_level(s):
+            return Bound()
+        rate = cached_across_exposures(
+            s, f"aliases at level {level}", lambda: _likely_error_rate(s, LEVELS.samples[level])
+        )
+        factor = _SETTINGS.likely_factor
+        change = factor * occlusion_factor(s) * max_lamp_seconds(s) * rate
+        how = f"estimated ×{factor:g}: what edges fold back, blurred as by the far field"
+        return self.likely_light_error(s, change, how)
 
     def explain(self, s: Situation) -> str:
         if _has_exact_spectra(s):
-            return "the picture's spectrum is known by a formula, whatever the samples"
+            return f"the finest fringe of the light takes {s.coarsest_sampling} samples in a pixel"
         falls = "sharp edges" if _spectral_decay(s) == 1 else "no edge sharper than its own pixels"
         return f"the picture has {falls}, and the light {s.coarsest_sampling} samples in a pixel"
+
+
+def _likely_error_rate(s: Situation, samples: int) -> float:
+    """Estimate the light-sampling effect's L2 error, electrons/s, for `samples` per pixel.
+
+    The aliases are those of _aliasing_gain(), with the pattern's own transfer function. Their
+    powers add up.
+    """
+    power, pitch = s.picture_probe.power_spectrum, s.camera.sensor.pitch
+    falls = _least_decay(s)
+    cycles = np.minimum((power.low + power.high) / 2 * pitch, samples / 2)
+    beyond = samples - cycles
+    transfers = s.pattern_probe.transfer_bounds
+    blurred = transfers.mean_square_near(cycles / pitch)
+    if samples < s.coarsest_sampling:
+        blurred = blurred + transfers.mean_square_near(beyond / pitch)
+    aliased = blurred * (cycles / beyond) ** (2 * (1 + falls))
+    return math.sqrt(float((power.power * aliased).sum()))
 
 
 def _aliasing_gain(s: Situation, samples: int) -> Gain:
@@ -89,11 +124,18 @@ def _aliasing_gain(s: Situation, samples: int) -> Gain:
     spectrum at k cycles per pixel, for n samples. Between the Nyquist frequencies of pixels and
     samples, the spectrum begins as just below the former, and falls further. The blur takes
     contrast from both.
+
+    If light needs more samples to resolve its finest fringe, the pixels fold back what these
+    samples leave out: as much of the picture's spectrum there, blurred there, and averaged over
+    pixels instead of cells.
     """
-    pitch, falls = s.camera.sensor.pitch, min(_spectral_decay(s), 2)
+    pitch, falls = s.camera.sensor.pitch, _least_decay(s)
 
     def aliased_share(cycles: NDArray[np.float64]) -> NDArray[np.float64]:
-        return mtf_bound(s, cycles / pitch) * (cycles / (samples - cycles)) ** (1 + falls)
+        blurred = mtf_bound(s, cycles / pitch)
+        if samples < s.coarsest_sampling:
+            blurred = blurred + mtf_bound(s, (samples - cycles) / pitch)
+        return blurred * (cycles / (samples - cycles)) ** (1 + falls)
 
     fine = np.linspace(0.5, samples / 2, 65)
     beyond = aliased_share(fine) * np.abs(np.sinc(fine)) * (0.5 / fine) ** falls
@@ -105,6 +147,12 @@ def _aliasing_gain(s: Situation, samples: int) -> Gain:
         return _SETTINGS.margin * total
 
     return gain
+
+
+def _least_decay(s: Situation) -> int:
+    """Return the slowest decay that the light-sampling effect can rely on, 0 to 2."""
+    # A formula's picture may be a point, whose spectrum doesn't fall.
+    return 0 if _has_exact_spectra(s) else min(_spectral_decay(s), 2)
 
 
 def _spectral_decay(s: Situation) -> int:
@@ -122,6 +170,6 @@ def _spectral_decay(s: Situation) -> int:
 
 
 def _has_exact_spectra(s: Situation) -> bool:
-    """Whether light sampling has no effect, because formulas give the pictures' spectra."""
+    """Whether pictures need no samples for light sampling, because formulas give their spectra."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return all(one.has_exact_spectrum for one in parts) and not has_occlusion(s)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import torch
@@ -100,7 +102,7 @@ class CoarseOrders:
                     drawn = self._draw_on_cells(layer, part, kernel.shape)
                     ghosts = fftconvolve(drawn, kernel, mode="valid")
                     total += weights[:, part, node, None, None] * ghosts
-        return torch.from_numpy(self._on_pixels(total)).to(torch.float32)
+        return self._on_pixels(total)
 
     def _draw_on_cells(self, layer: Layer, part: int, kernel: tuple[int, ...]) -> Array:
         """Return a rendered layer's part on the cells from which light reaches the frame."""
@@ -122,32 +124,48 @@ class CoarseOrders:
 
     def _kernel(self, layer: int, node: int, cell: ExposureCell) -> Array:
         """Return how a layer's light of one wavelength is rendered in side orders, by cells."""
-        wavelength = self._spreading.nodes[node].metres
-        causes = ("coarse orders", self._kernels.key, cell.panel_state, wavelength,
-                  self._spreading.distances(layer), self._cell, self._s.camera.sensor.shape,
-                  self._s.picture_probe.extent)  # fmt: skip
-        return self._cache.get(causes, lambda: self._compute_kernel(layer, wavelength, cell))
+        wavelength, distances = self._spreading.nodes[node].metres, self._spreading.distances(layer)
+        return self._keep(
+            (cell.panel_state, wavelength, distances),
+            lambda: self._compute_kernel(cell, wavelength, distances),
+        )
 
-    def _compute_kernel(self, layer: int, wavelength: float, cell: ExposureCell) -> Array:
+    def _keep(self, light: tuple[object, ...], compute: Callable[[], Array]) -> Array:
+        """Return a kernel of rendered side orders from the cache, or compute it.
+
+        light: the light whose kernel it is.
+        """
+        causes = ("coarse orders", light, self._kernels.key, self._cell,
+                  self._s.camera.sensor.shape, self._s.picture_probe.extent)  # fmt: skip
+        return self._cache.get(causes, compute)
+
+    def _compute_kernel(
+        self, cell: ExposureCell, wavelength: float, distances: Iterable[tuple[float, float]]
+    ) -> Array:
+        """Compute how light of some distances, with their weights, goes to the side orders."""
         modulator, parts = self._kernels.fields(cell.panel_state, wavelength)
-        kernels, total = self._kernels, np.zeros((1, 1))
-        side = math.sqrt(kernels.camera.panel.fill_factor)
-        lit = [(share, field) for share, field in parts]
+        lit, total = list(parts), np.zeros((1, 1))
         time = sum(share for share, _ in lit)
-        still = modulator.unmodulated_share
-        weighted = [((1 - still) * share, field) for share, field in lit]
-        even = torch.ones(kernels.camera.panel.shape)
-        weighted += [
-            (time * share, even if field is None else field)
-            for share, field in modulator.unmodulated_fields
-        ]
-        for distance, weight in self._spreading.distances(layer):
-            lens = LensProbe(kernels.camera, wavelength, distance, self._cache).field(distance)
-            for share, field in weighted:
-                far = FarField((lens * field).to(torch.complex64), side, _SAMPLES_PER_SPOT)
-                power = _relative_power(lens, field)
-                total = total + weight * share * power * self._within_reach(far, wavelength)
+        turned = 1 - modulator.unmodulated_share
+        for distance, weight in distances:
+            pattern = sum(share * self._orders(one, wavelength, distance) for share, one in lit)
+            total = total + weight * turned * pattern
+            for number, (share, field) in enumerate(modulator.unmodulated_fields):
+                straight = self._keep(
+                    ("straight", number, wavelength, distance),
+                    functools.partial(self._orders, field, wavelength, distance),
+                )
+                total = total + weight * time * share * straight
         return total
+
+    def _orders(self, field: torch.Tensor | None, wavelength: float, distance: float) -> Array:
+        """Return a panel's field in its side orders, rendered by cells; None is an even field."""
+        camera = self._kernels.camera
+        lit = torch.ones(camera.panel.shape) if field is None else field
+        lens = LensProbe(camera, wavelength, distance, self._cache).field(distance)
+        side = math.sqrt(camera.panel.fill_factor)
+        far = FarField((lens * lit).to(torch.complex64), side, _SAMPLES_PER_SPOT)
+        return _relative_power(lens, lit) * self._within_reach(far, wavelength)
 
     def _within_reach(self, far: FarField, wavelength: float) -> Array:
         """Return a far field's orders by cells, as far as light reaches the rendered frame."""
@@ -159,16 +177,22 @@ class CoarseOrders:
         )
         return cut_kernel(kernel, (y, x))
 
-    def _on_pixels(self, cells: Array) -> Array:
+    def _on_pixels(self, cells: Array) -> torch.Tensor:
         """Interpolate rendered light linearly from cells to the sensor's pixels."""
-        for axis, n in enumerate(self._s.camera.sensor.shape):
-            place = (np.arange(n) - n // 2) / self._pixels + self._frame[axis] // 2
-            low = np.floor(place).astype(np.intp)
-            share = np.expand_dims(place - low, tuple(k for k in range(3) if k != axis + 1))
-            cells = np.take(cells, low, axis + 1) * (1 - share) + share * np.take(
-                cells, low + 1, axis + 1
-            )
-        return cells
+        down, along = (
+            _interpolation_matrix(n, cells_along, self._pixels)
+            for n, cells_along in zip(self._s.camera.sensor.shape, self._frame, strict=True)
+        )
+        return down @ torch.from_numpy(cells).to(torch.float32) @ along.T
+
+
+def _interpolation_matrix(count: int, cells: int, pixels: int) -> torch.Tensor:
+    """Return the matrix that interpolates rendered light from cells to pixels, (count, cells).
+
+    The middle pixel has the middle cell's value. pixels: along a cell.
+    """
+    place = (torch.arange(count) - count // 2) / pixels + cells // 2
+    return (1 - (place[:, None] - torch.arange(cells)).abs()).clamp(min=0)
 
 
 def _relative_power(lens: torch.Tensor, field: torch.Tensor) -> float:

@@ -6,35 +6,46 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from optics.caching import ByteCache
 from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Kernels, Order, PointSource
+from simulator.formation.merged_parts import merge_parts
 from simulator.formation.nodes import Wavelength, depth_nodes, electrons_per_radiance, wavelengths
 from simulator.formation.objects import ObjectSpectra, Place
 from simulator.recipe import Recipe
+from simulator.scene.target import Layer
 from simulator.situation import Situation
 
 
 class LayerPSFs:
     """Wavelength nodes, weights and PSFs of a target's layers.
 
-    layers: the nearest first. nodes: the wavelengths.
+    layers: the nearest first, with parts merged that are rendered alike. nodes: the wavelengths.
     """
 
     def __init__(
-        self, s: Situation, recipe: Recipe, kernels: Kernels, objects: ObjectSpectra
+        self,
+        s: Situation,
+        recipe: Recipe,
+        kernels: Kernels,
+        objects: ObjectSpectra,
+        cache: ByteCache,
     ) -> None:
         self._recipe, self._kernels, self.places = recipe, kernels, objects.places
-        self.layers = s.target.for_camera(s.camera).layers
-        found = wavelengths(s, recipe, [part for layer in self.layers for part in layer.parts])
+        layers = s.target.for_camera(s.camera).layers
+        found = wavelengths(s, recipe, [part for layer in layers for part in layer.parts])
         self.nodes = found.nodes
         self.channels = len(found.weights)
         self._weights: list[NDArray[np.float64]] = []
+        self.layers: list[Layer] = []
         first = 0
-        for layer in self.layers:
-            part = found.weights[:, first : first + len(layer.parts)]
+        for layer in layers:
+            each = found.weights[:, first : first + len(layer.parts)]
+            merged, weights = merge_parts(layer, each, cache)
+            self.layers.append(merged)
             # The irradiance depends on the layer's own distance, even if the PSFs of other
             # distances represent its blur.
-            self._weights.append(part * electrons_per_radiance(kernels.camera, layer.distance))
+            self._weights.append(weights * electrons_per_radiance(kernels.camera, layer.distance))
             first += len(layer.parts)
         distances = [layer.distance for layer in self.layers]
         self._depths = depth_nodes(distances, recipe.depths)

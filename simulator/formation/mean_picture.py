@@ -110,19 +110,12 @@ class _Rendering:
             recipe.window,
             orders=orders,
             wave=recipe.diffraction,
-            samples=recipe.samples_per_pixel,
+            samples=(recipe.samples_per_pixel, recipe.light_samples_per_pixel),
         )
-        self._gathering = SampleGrid(
-            s.camera.sensor,
-            windows.picture,
-            recipe.samples_per_pixel,
-            ledger,
-            recipe.picture_samples_per_pixel,
-            check,
-        )
+        self._gathering = SampleGrid(s.camera.sensor, windows.picture, recipe, ledger, check)
         kernels = Kernels(s, recipe, windows, cache, ledger, check)
         objects = ObjectSpectra(s, recipe, self._gathering, kernels, cache)
-        spreading = LayerPSFs(s, recipe, kernels, objects)
+        spreading = LayerPSFs(s, recipe, kernels, objects, cache)
         ways: list[LightPath] = [ZerothOrderPath(self._gathering, objects, spreading)]
         if orders and not windows.merged_orders:
             ways.append(SideOrdersPath(self._gathering, objects, spreading, orders))

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from optics.camera import Sensor
 from optics.formation import rfft2_frequencies
-from optics.fourier import fft, irfft2, rfft2
+from optics.fourier import fft, irfft2, rfft, rfft2
 from optics.plane import Plane, centred_crop, origin_to_centre, origin_to_corner
 from optics.sensor import pixel_transfer
 from simulator.formation.work import transform_operations
 from simulator.ledger import Ledger
+from simulator.recipe import Recipe
 from simulator.scene.drawable import Drawable
 
 Array = NDArray[np.float64]
@@ -26,10 +27,10 @@ Array = NDArray[np.float64]
 class SampleGrid:
     """The samples of a picture, on the sensor and on a margin whose light may be blurred into it.
 
-    min_shape: fewest pixels of the picture, (rows, columns), at least the sensor's.
-    samples_per_pixel: along each axis. picture_samples_per_pixel: the same when pictures are drawn;
-    detail finer than the samples is then removed. check: is called before every transform, and may
-    raise.
+    min_shape: fewest pixels of the picture, (rows, columns), at least the sensor's. recipe: tells
+    the samples of pictures, PSFs and light in a pixel along each axis. Detail of pictures and PSFs
+    that is finer than the samples of the light is removed. check: is called before every transform,
+    and may raise.
 
     Spectra are on the rfft2 grid, complex64, with the origin in the corner. Light that a PSF
     carries periodically around the plane's edges doesn't reach the sensor.
@@ -39,23 +40,19 @@ class SampleGrid:
         self,
         sensor: Sensor,
         min_shape: tuple[int, int],
-        samples_per_pixel: int,
+        recipe: Recipe,
         ledger: Ledger,
-        picture_samples_per_pixel: int = 1,
         check: Callable[[], None] = lambda: None,
     ) -> None:
         shape = tuple(scipy.fft.next_fast_len(n, real=True) for n in min_shape)
-        self.sensor, self.finer, self._ledger, self._check = (
-            sensor,
-            samples_per_pixel,
-            ledger,
-            check,
-        )
+        self.sensor, self._ledger, self._check = sensor, ledger, check
+        self.finer = recipe.light_samples_per_pixel
         self._pixels = (shape[0], shape[1])
-        self.plane: Plane = sensor.window_plane(self._pixels).with_finer_pitch(samples_per_pixel)
-        self._drawn = self.plane.with_finer_pitch(
-            math.ceil(picture_samples_per_pixel / samples_per_pixel)
-        )
+        pixels = sensor.window_plane(self._pixels)
+        self.plane: Plane = pixels.with_finer_pitch(self.finer)
+        drawn = recipe.picture_samples_per_pixel or self.finer
+        self._drawn = self.plane.with_finer_pitch(math.ceil(drawn / self.finer))
+        self._of_psfs = pixels.with_finer_pitch(recipe.samples_per_pixel)
 
     @property
     def operations(self) -> float:
@@ -114,7 +111,7 @@ class SampleGrid:
     def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
         """Return the transfer function that renders the blur of one PSF."""
         self._count(effect)
-        return _transform_centred_part(psf.to(torch.float32), self.plane.shape)
+        return _transform_centred_part(psf.to(torch.float32), self._of_psfs.shape, self.plane.shape)
 
     def motion_transfer(self, path: tuple[float, float]) -> torch.Tensor | None:
         """Return the transfer function that renders uniform motion; None without motion.
@@ -144,20 +141,24 @@ class SampleGrid:
         return centred_crop(origin_to_centre(light), self.sensor.shape)
 
 
-def _transform_centred_part(part: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+def _transform_centred_part(
+    part: torch.Tensor, shape: tuple[int, int], kept: tuple[int, int]
+) -> torch.Tensor:
     """Transform a rendered PSF that is zero except for a part around its origin, by rfft2.
 
-    The part's origin is at n // 2 along both axes. Rows without light aren't transformed.
+    The part's origin is at n // 2 along both axes. Rows without light aren't transformed. shape: of
+    the whole PSF. kept: of as large a plane with as many samples or fewer; the result has its
+    frequencies, and finer detail is removed.
     """
     (rows, columns), (y, x) = part.shape, (n // 2 for n in part.shape)
     lines = np.zeros((rows, shape[1]), dtype=np.float32)
     lines[:, : columns - x] = part[:, x:]
     lines[:, shape[1] - x :] = part[:, :x]
-    lit = scipy.fft.rfft(lines, axis=1)
+    lit = rfft(torch.from_numpy(lines))[:, : kept[1] // 2 + 1]
     whole = torch.zeros((shape[0], lit.shape[1]), dtype=torch.complex64)
-    whole[: rows - y] = torch.from_numpy(lit[y:])
-    whole[shape[0] - y :] = torch.from_numpy(lit[:y])
-    return fft(whole, shape[0], 0, overwrite=True)
+    whole[: rows - y] = lit[y:]
+    whole[shape[0] - y :] = lit[:y]
+    return _low_rows(fft(whole, shape[0], 0, overwrite=True), kept[0])
 
 
 def _crop_spectrum(
@@ -168,10 +169,16 @@ def _crop_spectrum(
     Detail finer than the new samples resolve is removed.
     """
     rows, columns = new_shape
-    half = (rows + 1) // 2
-    kept = torch.cat([spectrum[:half], spectrum[shape[0] - (rows - half) :]])
     samples = shape[0] * shape[1] / (rows * columns)
-    return (kept[:, : columns // 2 + 1] / samples).contiguous()
+    return (_low_rows(spectrum, rows)[:, : columns // 2 + 1] / samples).contiguous()
+
+
+def _low_rows(spectrum: torch.Tensor, rows: int) -> torch.Tensor:
+    """Return the lowest frequencies along y of a rendered spectrum, so many in the same order."""
+    if len(spectrum) == rows:
+        return spectrum
+    half = (rows + 1) // 2
+    return torch.cat([spectrum[:half], spectrum[len(spectrum) - (rows - half) :]])
 
 
 def downsample_spectrum(

@@ -68,7 +68,12 @@ class Windows:
 
 
 def rendering_windows(
-    s: Situation, window: int, *, orders: int = 0, wave: bool = True, samples: int = 1
+    s: Situation,
+    window: int,
+    *,
+    orders: int = 0,
+    wave: bool = True,
+    samples: tuple[int, int] = (1, 1),
 ) -> Windows:
     """Return the windows for rendering PSFs, and the size that the picture needs for them.
 
@@ -85,8 +90,8 @@ def rendering_windows(
         Side orders of the panel that are rendered on each side.
     wave : bool
         Whether light is a wave; rays have no orders.
-    samples : int
-        Samples along each axis of a pixel, for the work.
+    samples : tuple of int
+        Samples of PSFs, and of light, along each axis of a pixel, for the work.
     """
     if not wave:
         own = _window_within_reach(s, window)
@@ -99,7 +104,7 @@ def rendering_windows(
         return Windows(apart.psf, apart.psf, _picture_shape(s, apart.psf))
     psf = _window_within_reach(s, _order_side(s, orders))
     merged = Windows(psf, psf, _picture_shape(s, psf), orders)
-    together, each = (samples**2 * math.prod(one.picture) for one in (merged, apart))
+    together, each = (samples[1] ** 2 * math.prod(one.picture) for one in (merged, apart))
     too_large = together > max(_LARGE, _LARGER * each)
     if s.camera.separation or too_large:
         return apart
@@ -117,14 +122,14 @@ def _order_side(s: Situation, most: int) -> int:
     return 2 * math.ceil(half * turned) + 2
 
 
-def _work(s: Situation, windows: Windows, orders: int, samples: int) -> float:
+def _work(s: Situation, windows: Windows, orders: int, samples: tuple[int, int]) -> float:
     """Return the operations of rendering one PSF with its side orders, and their transforms."""
 
     def one(sides: tuple[int, int]) -> float:
-        return psf_operations(s.camera.panel, *(n * samples for n in sides))
+        return psf_operations(s.camera.panel, *(n * samples[0] for n in sides))
 
     # Each side order takes a picture that is drawn and transformed, and a transform of its PSF.
-    transform = transform_operations(*(n * samples for n in windows.picture))
+    transform = transform_operations(*(n * samples[1] for n in windows.picture))
     others = (2 * orders + 1) ** 2 - 1
     return one(windows.psf) + others * (one(windows.side_order) + 2 * transform) + transform
 

@@ -61,6 +61,14 @@ class TransferBounds:
         """Return the least ``|H|`` of the probed pattern's light in each range of frequencies."""
         return _least(self, self.least, low, high)
 
+    def mean_square_near(self, frequency: Array) -> Array:
+        """Estimate the mean of the probed pattern's ``|H|²`` over the directions, at frequencies.
+
+        Beyond the last bin, the last value is used.
+        """
+        index = np.searchsorted(self.high, frequency)
+        return self.mean_square[np.minimum(index, len(self.high) - 1)]
+
     def mean_square_between(self, low: Array, high: Array) -> Array:
         return _least(self, self.mean_square, low, high)
 

@@ -39,6 +39,11 @@ class PixelPicture(Drawable):
         if not all(math.isfinite(part) for part in self.offset):
             raise ValueError(f"offset is {self.offset} m; it must be finite in each axis")
 
+    @property
+    def bytes(self) -> int:
+        """Return the bytes that a scene picture's pixels take in memory."""
+        return self.image.numel() * self.image.element_size()
+
     def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
         y, x = (self._half(axis, magnification, shift) for axis in (0, 1))
         return y, x

@@ -119,7 +119,7 @@ def test_orders_close_together_are_one_psf(target, monkeypatch):
     image = torch.from_numpy(np.random.default_rng(2).random((12, 14, 3)).astype(np.float32))
     target = PhotographPrint(image, 1.1, 1e9, cover=0.5) if target == "photograph" else target
     s, recipe = taken(target, band=Band(550e-9, 10e-9, leak=1e-3)), FULL.with_changes(leak=4)
-    windows = rendering_windows(s, recipe.window, orders=1, samples=recipe.samples_per_pixel)
+    windows = rendering_windows(s, recipe.window, orders=1, samples=(3, 3))
     assert windows.merged_orders == 1
     together, work = render(s, recipe), Ledger()
     expected_electrons(s, recipe, ByteCache(), work)
@@ -166,10 +166,10 @@ def test_orders_far_apart_have_a_psf_each():
     stop lets another part of each pass."""
     fine = replace(PANEL, shape=(40, 50), pitch=4e-6)
     far = taken(Flat(1.0, 1e9), replace(CAMERA, panel=fine))
-    assert rendering_windows(far, 32, orders=2, samples=3).merged_orders == 0
-    assert rendering_windows(taken(), 32, orders=1, samples=3).merged_orders == 1
+    assert rendering_windows(far, 32, orders=2, samples=(3, 3)).merged_orders == 0
+    assert rendering_windows(taken(), 32, orders=1, samples=(3, 3)).merged_orders == 1
     apart = taken(camera=replace(CAMERA, separation=0.01))
-    assert rendering_windows(apart, 32, orders=1, samples=3).merged_orders == 0
+    assert rendering_windows(apart, 32, orders=1, samples=(3, 3)).merged_orders == 0
 
 
 def test_a_window_is_no_larger_than_the_orders_that_it_holds():
