@@ -17,7 +17,7 @@ from simulator.effects.blur_effects import (
 )
 from simulator.effects.electron_bounds import (
     light_norm_bound,
-    max_lamp_seconds,
+    max_light_seconds,
     proportional_error_bound,
     sensor_error_bound,
 )
@@ -117,7 +117,7 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
         rates = _likely_error_rates(s, "band", LEVELS.wavelengths)
     else:
         rates = cached_across_exposures(s, FILTER_BANDWIDTH, lambda: _node_count_error_rates(s))
-    return tuple(max_lamp_seconds(s) * one for one in rates)
+    return tuple(max_light_seconds(s) * one for one in rates)
 
 
 def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
@@ -127,7 +127,7 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
     """
     found, plane = spectral_measure(s, "band"), s.picture_probe.plane
     most, some = (
-        light_norm_bound(s) / max(max_lamp_seconds(s), 1e-300),
+        light_norm_bound(s) / max(max_light_seconds(s), 1e-300),
         s.picture_probe.sampled_frequencies,
     )
     if not len(some.ky):
@@ -290,7 +290,7 @@ class Leak(BlurEffect):
             return told
         rates = _likely_error_rates(s, "leak", LEVELS.leak[1:-1])
         rate = rates[min(level, len(rates)) - 1]
-        change = occlusion_factor(s) * leak_share(s) * max_lamp_seconds(s) * rate
+        change = occlusion_factor(s) * leak_share(s) * max_light_seconds(s) * rate
         how = "estimated: quadrature of H(k λ) by the far field"
         found = self.likely_light_error(s, change, how)
         return max(told, found, key=lambda one: one.mean)

@@ -13,7 +13,8 @@ from typing import ClassVar
 
 from simulator.effects.electron_bounds import (
     light_norm_bound,
-    max_lamp_seconds,
+    max_light_seconds,
+    max_panel_power,
     proportional_error_bound,
     sensor_error_bound,
     sharp_norm_bound,
@@ -38,11 +39,11 @@ def occlusion_factor(s: Situation) -> float:
 def psf_error_bound(s: Situation, change: float, how: str, density: float = math.inf) -> Bound:
     """Bound the error of an effect that changes PSFs by a share of their light.
 
-    change: ‖Δh‖₁, at most 2: each PSF loses what the other has instead. density: largest difference
-    of the PSFs, in shares per square metre of the sensor: ‖Δh‖₂² is at most the density times ‖Δh‖₁
-    times a pixel's area.
+    change: ‖Δh‖₁, over the light of ideal pixels; over that of the PSFs it is at most 2, for each
+    loses what the other has instead. density: largest difference of the PSFs, in shares per square
+    metre of the sensor: ‖Δh‖₂² is at most the density times ‖Δh‖₁ times a pixel's area.
     """
-    change = min(change, 2.0)
+    change = min(change / max_panel_power(s), 2.0)
     on_pixel = min(density * s.camera.sensor.pitch**2, 1.0)
     of_points = math.sqrt(on_pixel * change) * total_electrons(s)
     most = min(change * sharp_norm_bound(s), of_points, 2 * light_norm_bound(s))
@@ -58,7 +59,7 @@ def transfer_error_bound(s: Situation, gain: Gain, how: str) -> Bound:
         s,
         occlusion_factor(s)
         * float(s.picture_probe.power_spectrum.filtered_norm_bound(gain))
-        * max_lamp_seconds(s),
+        * max_light_seconds(s),
         how,
     )
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optics.camera import Camera
 from optics.pupil import object_to_lens_distance
 from optics.validation import as_number
-from simulator.effects.electron_bounds import max_lamp_seconds, sensor_error_bound
+from simulator.effects.electron_bounds import max_light_seconds, sensor_error_bound
 from simulator.effects.likely_errors import LightEffect
 from simulator.effects.rendering_work import ATTRIBUTION_ORDER, LEVELS, rendering_operations
 from simulator.formation.nodes import depth_nodes
@@ -47,7 +47,7 @@ class DepthLayers(LightEffect):
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         change = self._change(s, level) + self._change(s, self.finest_level(s))
         how = "proved: phases of two points of the pupil differ by 2π k ρ at most"
-        return sensor_error_bound(s, change * max_lamp_seconds(s), how)
+        return sensor_error_bound(s, change * max_light_seconds(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         """Return the operations that the depth-layer effect adds for the PSFs of more distances.

@@ -85,9 +85,21 @@ def lamp_ripple(s: Situation) -> float:
     return s.target.lamp.ripple if s.target.lamp is not None else 0.0
 
 
-def max_lamp_seconds(s: Situation) -> float:
-    """Bound an exposure in seconds of the lamp's mean light, flicker effect included."""
-    return s.exposure * (1 + lamp_ripple(s))
+def max_light_seconds(s: Situation) -> float:
+    """Bound the light of an exposure, in seconds of the lamp's mean light on ideal pixels.
+
+    The lamp's flicker and whatever raises the panel's power are included.
+    """
+    return s.exposure * (1 + lamp_ripple(s)) * max_panel_power(s)
+
+
+def max_panel_power(s: Situation) -> float:
+    """Bound the light of a PSF under any effects, relative to that of ideal pixels alone.
+
+    Gaps between pixels, and light that interferes, may add to the light of the pixels.
+    """
+    beats = abs(complex(s.path.interference)) if s.path is not None else 0.0
+    return s.pattern_probe.max_relative_power * (1 + beats)
 
 
 def sharp_norm_bound(s: Situation) -> float:
@@ -95,12 +107,12 @@ def sharp_norm_bound(s: Situation) -> float:
 
     No blur adds light (Young).
     """
-    return float(s.picture_probe.norm_bound) * max_lamp_seconds(s)
+    return float(s.picture_probe.norm_bound) * max_light_seconds(s)
 
 
 def total_electrons(s: Situation) -> float:
     """Return the unblurred picture's electrons, margin included, for bounds on effects."""
-    return s.picture_probe.total_with_margin * max_lamp_seconds(s)
+    return s.picture_probe.total_with_margin * max_light_seconds(s)
 
 
 @cached_per_situation
@@ -109,13 +121,13 @@ def _peak_light_electrons(s: Situation) -> float:
 
     Three bounds are compared: by Young, by the PSF's peak, and by frequency.
     """
-    sharpest = float(s.picture_probe.brightest) * max_lamp_seconds(s)
+    sharpest = float(s.picture_probe.brightest) * max_light_seconds(s)
     if not has_known_psf(s):
         return sharpest
     sharpest = min(sharpest, zeroth_order_share(s) * sharpest + off_plane_star_electrons(s))
     in_phase = s.picture_probe.power_spectrum.filtered_peak_bound(
         lambda k: mtf_bound(s, k)
-    ) * max_lamp_seconds(s) + off_plane_star_electrons(s)
+    ) * max_light_seconds(s) + off_plane_star_electrons(s)
     return min(
         sharpest, peak_pixel_share(s) * (total_electrons(s) + off_plane_star_electrons(s)), in_phase
     )
@@ -123,7 +135,7 @@ def _peak_light_electrons(s: Situation) -> float:
 
 def off_plane_star_electrons(s: Situation) -> float:
     """Return the electrons of stars outside the probed picture, which effects' bounds add."""
-    return s.picture_probe.off_plane_star_rate * max_lamp_seconds(s)
+    return s.picture_probe.off_plane_star_rate * max_light_seconds(s)
 
 
 @cached_per_situation
@@ -138,7 +150,7 @@ def light_norm_bound(s: Situation) -> float:
     summed = math.sqrt(psf_energy_bound(s)) * (total_electrons(s) + off_plane_star_electrons(s))
     resolved = s.picture_probe.power_spectrum.filtered_norm_bound(
         lambda k: mtf_bound(s, k)
-    ) * max_lamp_seconds(s) + off_plane_star_electrons(s)
+    ) * max_light_seconds(s) + off_plane_star_electrons(s)
     return min(sharp_norm_bound(s), summed, resolved)
 
 
@@ -255,8 +267,8 @@ def full_well_bounds(s: Situation) -> FullWells:
         return FullWells(count, total, energy)
     if not s.picture_probe.off_plane_star_rate:
         for share in (0.5, 0.7, 0.8, 0.9):
-            over = s.picture_probe.excess_over(share * well / max_lamp_seconds(s))
-            factor = _SETTINGS.light_margin * max_lamp_seconds(s) / (1 - share)
+            over = s.picture_probe.excess_over(share * well / max_light_seconds(s))
+            factor = _SETTINGS.light_margin * max_light_seconds(s) / (1 - share)
             total = min(total, factor * over[0])
             energy = min(energy, factor**2 * over[1])
     sensor = s.camera.sensor

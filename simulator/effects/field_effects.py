@@ -18,7 +18,7 @@ from simulator.effects.blur_effects import (
 )
 from simulator.effects.electron_bounds import (
     light_norm_bound,
-    max_lamp_seconds,
+    max_light_seconds,
     proportional_error_bound,
 )
 from simulator.effects.psf_bounds import illuminated_area_change, max_vignetting_change
@@ -60,7 +60,7 @@ class FieldPosition(BlurEffect):
             return Bound()
         rates = cached_across_exposures(s, f"likely {self.name}", lambda: _likely_error_rates(s))
         how = "estimated: transfer functions by the far field along the field's diagonals"
-        change = occlusion_factor(s) * max_lamp_seconds(s) * rates[level]
+        change = occlusion_factor(s) * max_light_seconds(s) * rates[level]
         return self.likely_light_error(s, change, how)
 
     def explain(self, s: Situation) -> str:

@@ -13,7 +13,7 @@ from simulator.effects.blur_effects import MAX_SINC_LOSS
 from simulator.effects.electron_bounds import (
     is_lamp_flickering,
     lamp_ripple,
-    max_lamp_seconds,
+    max_light_seconds,
     sensor_error_bound,
 )
 from simulator.effects.likely_errors import LightEffect
@@ -53,7 +53,7 @@ class Motion(LightEffect):
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         change = self._change(s, level) + self._change(s, self.finest_level(s))
         how = "proved: phases of light along the path, (π k v T)²/6 at most"
-        return sensor_error_bound(s, change * max_lamp_seconds(s), how)
+        return sensor_error_bound(s, change * max_light_seconds(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         """Return the operations that the motion effect adds: each further part is a picture.

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import torch
 from scipy.ndimage import maximum_filter1d
 
-from simulator.effects.electron_bounds import max_lamp_seconds, sensor_error_bound
+from simulator.effects.electron_bounds import max_light_seconds, sensor_error_bound
 from simulator.effects.likely_errors import LightEffect
 from simulator.effects.moving import transform
 from simulator.effects.rendering_work import (
@@ -47,7 +47,7 @@ class Occlusion(LightEffect, OnOffEffect):
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         how = "proved: light behind, as far as a PSF reaches from what hides, and what falls beyond"
-        return sensor_error_bound(s, max_lamp_seconds(s) * self._hidden_light_bound(s), how)
+        return sensor_error_bound(s, max_light_seconds(s) * self._hidden_light_bound(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         """Return the operations that the occlusion effect adds to simply summing the layers' light.

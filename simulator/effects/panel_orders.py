@@ -15,7 +15,7 @@ from simulator.effects.blur_effects import (
     psf_error_bound,
     transfer_error_bound,
 )
-from simulator.effects.electron_bounds import max_lamp_seconds
+from simulator.effects.electron_bounds import max_light_seconds
 from simulator.effects.likely_errors import FAR
 from simulator.effects.psf_bounds import can_orders_reach_sensor, has_occlusion
 from simulator.effects.rendering_work import LEVELS, PANEL_ORDERS, are_orders_coarse
@@ -88,7 +88,7 @@ class PanelOrders(BlurEffect):
         rate = cached_across_exposures(
             s, f"ghosts from order {lowest}", lambda: _ghost_norm(s, lowest)
         )
-        change = self.ghost_margin * max_lamp_seconds(s) * rate * _detail_factor(s, coarse=coarse)
+        change = self.ghost_margin * max_light_seconds(s) * rate * _detail_factor(s, coarse=coarse)
         how = f"estimated ×{self.ghost_margin:g}: pictures in orders, on coarse cells of the frame"
         found = self.likely_light_error(s, change, how)
         return min(told, found, key=lambda one: one.mean)

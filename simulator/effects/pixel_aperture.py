@@ -10,7 +10,7 @@ import numpy as np
 from simulator.effects.blur_effects import MAX_SINC_LOSS
 from simulator.effects.electron_bounds import (
     PixelwiseEffect,
-    max_lamp_seconds,
+    max_light_seconds,
     proportional_error_bound,
 )
 from simulator.effects.likely_errors import LightEffect
@@ -54,7 +54,7 @@ class PixelAperture(LightEffect, PixelwiseEffect):
         )
         return proportional_error_bound(
             s,
-            max_lamp_seconds(s) * change,
+            max_light_seconds(s) * change,
             f"audited ×{self.audit_margin:g}: 1 - sinc sinc ≤ (π p k)²/6 in every frequency",
         )
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.effects.blur_effects import BlurEffect, occlusion_factor, transfer_error_bound
-from simulator.effects.electron_bounds import max_lamp_seconds
+from simulator.effects.electron_bounds import max_light_seconds
 from simulator.effects.psf_bounds import has_occlusion, mtf_bound
 from simulator.effects.rendering_work import LEVELS, LIGHT_SAMPLING, first_level_reaching
 from simulator.effects.result_cache import cached_across_exposures
@@ -32,7 +32,8 @@ class LightSamplingSettings:
         Factor of the error bound, from audits: of detail finer than pixels, only the finest that
         pixels resolve is known.
     likely_factor : float
-        Factor of the estimated error, from audits: aliases of several directions meet.
+        Factor of the estimated error, from audits on random scenes: where edges lie at random,
+        aliases may be in phase.
     fine_detail : float
         Cycles per pixel from which on a picture's detail is taken to go on beyond what pixels
         resolve. Chosen.
@@ -41,7 +42,7 @@ class LightSamplingSettings:
     max_samples_per_pixel: int = 4
     max_samples: int = 2**27
     margin: float = 2.0
-    likely_factor: float = 1.5
+    likely_factor: float = 3.0
     fine_detail: float = 0.4
 
 
@@ -87,7 +88,7 @@ class LightSampling(BlurEffect):
             s, f"aliases at level {level}", lambda: _likely_error_rate(s, LEVELS.samples[level])
         )
         factor = _SETTINGS.likely_factor
-        change = factor * occlusion_factor(s) * max_lamp_seconds(s) * rate
+        change = factor * occlusion_factor(s) * max_light_seconds(s) * rate
         how = f"estimated ×{factor:g}: what edges fold back, blurred as by the far field"
         return self.likely_light_error(s, change, how)
 
@@ -98,26 +99,24 @@ class LightSampling(BlurEffect):
         return f"the picture has {falls}, and the light {s.coarsest_sampling} samples in a pixel"
 
 
-def _likely_error_rate(s: Situation, samples: int) -> float:
-    """Estimate the light-sampling effect's L2 error, electrons/s, for `samples` per pixel.
-
-    The aliases are those of _aliasing_gain(), with the pattern's own transfer function. Their
-    powers add up.
-    """
-    power, pitch = s.picture_probe.power_spectrum, s.camera.sensor.pitch
-    falls = _least_decay(s)
-    cycles = np.minimum((power.low + power.high) / 2 * pitch, samples / 2)
-    beyond = samples - cycles
-    transfers = s.pattern_probe.transfer_bounds
-    blurred = transfers.mean_square_near(cycles / pitch)
-    if samples < s.coarsest_sampling:
-        blurred = blurred + transfers.mean_square_near(beyond / pitch)
-    aliased = blurred * (cycles / beyond) ** (2 * (1 + falls))
-    return math.sqrt(float((power.power * aliased).sum()))
-
-
 def _aliasing_gain(s: Situation, samples: int) -> Gain:
-    """Bound the light-sampling effect's aliasing by frequency, for `samples` per pixel.
+    """Bound the light-sampling effect's aliasing by frequency, for `samples` per pixel."""
+    pitch = s.camera.sensor.pitch
+    aliases = _alias_power(s, samples, lambda cycles: mtf_bound(s, cycles / pitch) ** 2)
+    return lambda k: _SETTINGS.margin * np.sqrt(aliases(k * pitch))
+
+
+def _likely_error_rate(s: Situation, samples: int) -> float:
+    """Estimate the light-sampling effect's L2 error, electrons/s, for `samples` per pixel."""
+    power, pitch = s.picture_probe.power_spectrum, s.camera.sensor.pitch
+    transfers = s.pattern_probe.transfer_bounds
+    aliases = _alias_power(s, samples, lambda cycles: transfers.mean_square_near(cycles / pitch))
+    middles = (power.low + power.high) / 2 * pitch
+    return math.sqrt(float((power.power * aliases(middles)).sum()))
+
+
+def _alias_power(s: Situation, samples: int, contrast: Gain) -> Gain:
+    """Return the power of aliases over that of a picture, by cycles per pixel.
 
     Where a picture has edges, its spectrum falls with 1/k, and the mean over a sample's cell falls
     with another 1/k: aliases from beyond the samples' Nyquist frequency add (k / (n - k))² of the
@@ -126,27 +125,29 @@ def _aliasing_gain(s: Situation, samples: int) -> Gain:
     contrast from both.
 
     If light needs more samples to resolve its finest fringe, the pixels fold back what these
-    samples leave out: as much of the picture's spectrum there, blurred there, and averaged over
-    pixels instead of cells.
-    """
-    pitch, falls = s.camera.sensor.pitch, _least_decay(s)
+    samples leave out: as much of the picture's spectrum there, and averaged over pixels instead of
+    cells. Aliases of the picture are blurred as the frequency at which they appear, those of the
+    light as the one from which they come.
 
-    def aliased_share(cycles: NDArray[np.float64]) -> NDArray[np.float64]:
-        blurred = mtf_bound(s, cycles / pitch)
-        if samples < s.coarsest_sampling:
-            blurred = blurred + mtf_bound(s, (samples - cycles) / pitch)
-        return blurred * (cycles / (samples - cycles)) ** (1 + falls)
+    contrast: square of the transfer function, by cycles per pixel.
+    """
+    falls, finest = _least_decay(s), s.coarsest_sampling / 2
+    drawn = 0.0 if _has_exact_spectra(s) else 1.0
+
+    def aliases(cycles: NDArray[np.float64]) -> NDArray[np.float64]:
+        beyond = samples - cycles
+        left_out = (samples < s.coarsest_sampling) & (beyond <= finest)
+        blurred = drawn * contrast(cycles) + np.where(left_out, contrast(beyond), 0.0)
+        return blurred * (cycles / beyond) ** (2 * (1 + falls))
 
     fine = np.linspace(0.5, samples / 2, 65)
-    beyond = aliased_share(fine) * np.abs(np.sinc(fine)) * (0.5 / fine) ** falls
+    of_finer = (aliases(fine) * (np.sinc(fine) * (0.5 / fine) ** falls) ** 2).max()
 
-    def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
-        cycles = k * pitch
-        known = aliased_share(np.minimum(cycles, samples / 2))
-        total = np.where(cycles >= _SETTINGS.fine_detail, np.hypot(known, beyond.max()), known)
-        return _SETTINGS.margin * total
+    def power(cycles: NDArray[np.float64]) -> NDArray[np.float64]:
+        known = aliases(np.minimum(cycles, samples / 2))
+        return known + np.where(cycles >= _SETTINGS.fine_detail, of_finer, 0.0)
 
-    return gain
+    return power
 
 
 def _least_decay(s: Situation) -> int:

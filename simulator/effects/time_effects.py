@@ -12,6 +12,7 @@ from simulator.effects.electron_bounds import (
     PixelwiseEffect,
     is_lamp_flickering,
     light_norm_bound,
+    max_panel_power,
     sensor_error_bound,
 )
 from simulator.effects.likely_errors import LightEffect
@@ -39,7 +40,8 @@ class LampFlicker(LightEffect, OnOffEffect):
             )
         else:
             share, how = self._max_row_deviation(s), "proved: largest deviation of a row's exposure"
-        return sensor_error_bound(s, share * s.picture_probe.norm_bound * s.exposure, how)
+        change = share * s.picture_probe.norm_bound * s.exposure * max_panel_power(s)
+        return sensor_error_bound(s, change, how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         return float(s.camera.sensor.shape[0]) if levels[self.name] else 0.0

@@ -17,6 +17,7 @@ from optics.camera import Camera, Panel
 from optics.fourier import NonuniformTransform
 from optics.plane import Plane
 from optics.slm import Modulator
+from optics.slm.gap import gap_amplitude
 from optics.slm.phase_range import max_phase
 from optics.validation import as_number
 from simulator.panel_at_wavelength import modulator_at
@@ -174,6 +175,21 @@ class PatternProbe:
         weight = self.aperture_share.to(torch.float32).square()
         light = [((f.real.square() + f.imag.square()) * weight).sum() for f in self.fields]
         return float(min(light) / weight.sum()) if bool(weight.any()) else 0.0
+
+    @cached_property
+    def max_relative_power(self) -> float:
+        """Bound the power of any picture behind the probed panel, over uniform pixels' power.
+
+        The light of the gaps between pixels may be in phase with that of the pixels. An uneven
+        beam may be brighter than its mean where the stop is open.
+        """
+        power, panel = (1 + gap_amplitude(self.panel)) ** 2, self.panel
+        weight = self.aperture_share.square()
+        if panel.illumination is None or not bool(weight.any()):
+            return power
+        beam = panel.illumination.at_pixels(panel)
+        in_the_stop = float((beam * weight).sum() / weight.sum() / beam.mean())
+        return power * max(1.0, in_the_stop)
 
     @property
     def period(self) -> float:

@@ -96,6 +96,7 @@ def situation(target, cam=None, *, exposure=0.01, moment=0.0, moves=False, reach
     pattern = SimpleNamespace(
         reach_of_share=reach, side_order_share=0.0, period=1.0, peak=math.inf,
         squared_density=math.inf, zeroth_order_share=1.0,
+        max_relative_power=1.0,
         transfer_bounds=SimpleNamespace(modulus_bound=lambda k, spread: np.ones_like(k)),
     )  # fmt: skip
     shown = PanelContent.of(grey, 1 / 60 if moves else math.inf)

@@ -91,9 +91,10 @@ def reach() -> Situation:
     return seen(wide, RANDOM, at_the_corner(wide, 8))
 
 
-def sampling() -> Situation:
+def sampling(pitch: float = 10e-6) -> Situation:
+    """Noise finer than pixels; on large pixels, it is the light that needs several samples."""
     image = torch.from_numpy(np.random.default_rng(1).random((100, 100, 3)).astype(np.float32))
-    return seen(camera(pitch=10e-6), target=PhotographPrint(image, 1.0, 1e7, cover=0.7))
+    return seen(camera(pitch=pitch), target=PhotographPrint(image, 1.0, 1e7, cover=0.7))
 
 
 def leaking(most: float) -> Situation:
@@ -165,6 +166,10 @@ FIELDS = "Cauchy-Schwarz; a change in one place and the other counts by their su
 WORST = [
     Worst("PSF reach", reach, {0: 5, 1: 6}, "×1.5, ×1.3 for other wavelengths, and by energy"),
     Worst("light sampling", sampling, {0: 12, 1: 8, 2: 8}, "×2; every frequency at its worst"),
+    Worst("light sampling", lambda: sampling(30e-6), {0: 14, 1: 8},
+          "×2; every frequency at its worst", label="of the light", finer=2),
+    Worst("light sampling", lambda: seen(camera(pitch=30e-6)), {0: 8},
+          "×2; every frequency at its worst", label="of a star's light", finer=2),
     Worst("diffraction", lambda: seen(camera()), {0: 8}, "×1.5; waves and rays each from sharp"),
     Worst(
         "filter bandwidth", lambda: seen(camera(pitch=20e-6), lens_pattern(14),

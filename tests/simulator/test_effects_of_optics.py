@@ -23,7 +23,7 @@ from optical_situations import (
 
 from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.light import Band
+from optics.light import Band, Waveform
 from optics.polarisation import PathEffect
 from optics.psf import PSFOperator
 from simulator.effects.band_effects import Bandwidth
@@ -85,6 +85,21 @@ def test_no_effect_changes_more_than_its_bound(seed):
             assert not broken(s, effect, bare, cache)
             if effect.kind == "stage":
                 assert not broken(s, effect, few, cache)
+
+
+def test_nor_does_any_where_gaps_add_to_the_light():
+    """Gaps in phase with pixels make a picture brighter than ideal pixels would."""
+    bright = replace(CAMERA.panel, fill_factor=0.5, gap_reflection=0.7)
+    lamp = Waveform("sine", 100.0, 0.4, 0.3)
+    star = replace(STAR, lamp=lamp)
+    s = situation(star, replace(CAMERA, panel=bright), exposure=1.3e-3)
+    cache, full = ByteCache(), capped(s)
+    ideal = {name: level if name in STRUCTURE else 0 for name, level in full.items()}
+    with_gaps = {**ideal, "gap light": 1}
+    assert rendered(s, with_gaps, cache).sum() > 1.5 * rendered(s, ideal, cache).sum()
+    for effect in EFFECTS:
+        if effect.name in full:
+            assert not broken(s, effect, with_gaps, cache)
 
 
 @pytest.mark.sweep
