@@ -91,8 +91,8 @@ def test_nor_does_any_where_gaps_add_to_the_light():
     """Gaps in phase with pixels make a picture brighter than ideal pixels would."""
     bright = replace(CAMERA.panel, fill_factor=0.5, gap_reflection=0.7)
     lamp = Waveform("sine", 100.0, 0.4, 0.3)
-    star = replace(STAR, lamp=lamp)
-    s = situation(star, replace(CAMERA, panel=bright), exposure=1.3e-3)
+    even = PhotographPrint(torch.full((40, 60, 3), 0.5), 1.0, 1e7, cover=3.0, lamp=lamp)
+    s = situation(even, replace(CAMERA, panel=bright), exposure=1.3e-3)
     cache, full = ByteCache(), capped(s)
     ideal = {name: level if name in STRUCTURE else 0 for name, level in full.items()}
     with_gaps = {**ideal, "gap light": 1}
