@@ -103,7 +103,7 @@ def test_nor_does_a_lamp_where_gaps_add_to_the_light():
         expected_electrons(s, made.with_changes(lamp=on), cache, Ledger()) for on in (True, False)
     )
     changed = float(torch.linalg.vector_norm(lit - mean, dtype=torch.float64))
-    assert changed <= LampFlicker().error_bound(s, 0).mean <= 2 * changed
+    assert changed <= LampFlicker().error_bound(s, 0).mean <= 2.5 * changed
 
 
 @pytest.mark.sweep
