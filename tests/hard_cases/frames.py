@@ -84,7 +84,7 @@ def dark_and_clipped(tol: float) -> None:
     assert answer.state[0].tolist() == [DARK, CLIPPED]
     assert torch.isfinite(answer.rate).all()
     assert float(answer.rate[0, 0]) == 0
-    brightest = (4095 - 64) * SENSOR.gain / 0.1
+    brightest = (4095 - 0.5 - 64) * SENSOR.gain / 0.1
     assert abs(float(answer.rate[0, 1]) / brightest - 1) <= 1e-6
     assert math.isfinite(float(answer.variance[0, 0]))
 

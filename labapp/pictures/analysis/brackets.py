@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
@@ -109,14 +108,15 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
     frames = np.stack([record.image(i) for i in indices])
     darks = {t: _mean_dark(record, dark, t, sensor) for t in sorted(set(exposures.tolist()))}
     counts = [darks[t][1] for t in exposures.tolist()]
-    merged = hdr.merge_bracket(
-        torch.from_numpy(frames.astype(np.int32)),
-        torch.from_numpy(exposures),
-        torch.from_numpy(np.stack([darks[t][0] for t in exposures.tolist()])),
+    bracket = hdr.Bracket(
+        frames,
+        exposures,
+        [darks[t][0] for t in exposures.tolist()],
         # A level from the data sheet has no noise, like the mean of infinitely many frames.
-        torch.tensor([float(count or math.inf) for count in counts]),
+        [float(count or math.inf) for count in counts],
         sensor,
     )
+    merged = hdr.merge(bracket)
     state = merged.state.numpy()
     by_exposure = [frames[exposures == t] for t in darks]
     return Bracket(
@@ -124,8 +124,8 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
         pattern=record.pattern_names[record.column("pattern")[first]],
         wavelength=float(record.column("wavelength")[first]),
         exposures=list(darks),
-        rate=merged.rate.numpy(),
-        variance=merged.variance.numpy(),
+        rate=merged.rate.numpy().astype(np.float64),
+        variance=merged.variance.numpy().astype(np.float64),
         clipped=float((state == hdr.CLIPPED).mean()),
         dark=float((state == hdr.DARK).mean()),
         clipped_by_exposure=[float((f >= sensor.full_scale).mean()) for f in by_exposure],

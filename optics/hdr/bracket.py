@@ -1,0 +1,140 @@
+"""Describe an exposure bracket: frames, dark frames, and the noise that both have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optics.camera import Sensor
+
+Array = NDArray[np.float32]
+Frames = NDArray[Any] | Sequence[Any]
+"""(frames, rows, columns), or a sequence of what can be sliced by rows, as frames in a file."""
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """All frames of one exposure time.
+
+    time: seconds. frames: their indices in the bracket. floor: variance of a frame without light,
+    electrons². darks: number of dark frames whose mean is subtracted from each of them.
+    """
+
+    time: float
+    frames: tuple[int, ...]
+    floor: float
+    darks: float
+
+
+class Bracket:
+    """Frames of one scene with several exposure times, from one sensor.
+
+    Parameters
+    ----------
+    frames : NDArray or sequence
+        (frames, rows, columns) digital numbers, or a sequence of (rows, columns) that can be
+        sliced by rows, as frames in a file.
+    exposures : array_like
+        Exposure time of each frame in seconds. Frames of the same time share their dark frames.
+    darks : NDArray or sequence
+        Mean of the dark frames for each frame, as frames; or one number for each frame.
+    dark_counts : array_like
+        Number of dark frames in each mean; infinite for a level that is known without noise.
+    sensor : Sensor
+        Tells gain, read noise, dark current and full scale.
+
+    Raises
+    ------
+    ValueError
+        For no frames, frames of different sizes, times that aren't positive, numbers that aren't
+        finite, and lengths that don't match.
+    """
+
+    def __init__(
+        self,
+        frames: Frames,
+        exposures: ArrayLike,
+        darks: Frames,
+        dark_counts: ArrayLike,
+        sensor: Sensor,
+    ) -> None:
+        self.frames, self.darks, self.sensor = frames, darks, sensor
+        self.times = np.asarray(exposures, dtype=np.float64).ravel()
+        self.dark_counts = np.asarray(dark_counts, dtype=np.float64).ravel()
+        self.shape = self._require_matching()
+        self.exposures = self._group()
+
+    def _require_matching(self) -> tuple[int, int]:
+        """Return (rows, columns) of an HDR bracket's frames, or raise ValueError."""
+        count = len(self.times)
+        if count == 0:
+            raise ValueError("there are no exposures to merge; give at least one")
+        shapes = {np.shape(one) for one in self.frames}
+        if len(self.frames) != count or len(self.darks) != count:
+            raise ValueError(
+                f"{len(self.frames)} frames, {len(self.darks)} darks and {count} "
+                "exposures don't match; give one dark and one exposure time for each frame"
+            )
+        if len(shapes) > 1:
+            listed = ", ".join(str(one) for one in sorted(shapes))
+            raise ValueError(f"frames are {listed} pixels; all frames of a bracket have one size")
+        (shape,) = shapes
+        if len(shape) != 2 or not math.prod(shape):
+            raise ValueError(f"frames have the shape {shape}; each needs rows and columns")
+        for dark in self.darks:
+            if np.shape(dark) not in ((), shape):
+                raise ValueError(
+                    f"a dark is {np.shape(dark)} and the frames {shape} pixels, which don't "
+                    "match; give darks of the frames' size, or a number for each"
+                )
+        if not (np.isfinite(self.times) & (self.times > 0)).all():
+            raise ValueError(f"exposures are {self.times.tolist()} s; all must be positive")
+        if len(self.dark_counts) != count or not (self.dark_counts >= 1).all():
+            raise ValueError(
+                f"dark_counts are {self.dark_counts.tolist()}; each exposure needs at least 1"
+            )
+        return int(shape[0]), int(shape[1])
+
+    def _group(self) -> list[Exposure]:
+        """Return a bracket's different exposures, the shortest first."""
+        sensor, found = self.sensor, []
+        for time in np.unique(self.times):
+            indices = np.flatnonzero(self.times == time)
+            floor = sensor.read_noise**2 + sensor.gain**2 / 12 + sensor.dark_current * time
+            count = float(self.dark_counts[indices].min())
+            found.append(Exposure(float(time), tuple(indices.tolist()), floor, count))
+        return found
+
+    def clip_level(self, exposure: Exposure) -> float:
+        """Return the electrons of light from which an exposure of the bracket clips.
+
+        A number of full scale stands for all above half a number less.
+        """
+        dark = self.darks[exposure.frames[0]]
+        level = float(np.mean(np.asarray(dark, dtype=np.float64)))
+        return (self.sensor.full_scale - 0.5 - level) * self.sensor.gain
+
+    def electrons(self, index: int, rows: slice) -> tuple[Array, NDArray[np.bool_]]:
+        """Return electrons of light in some rows of a bracket's frame, and which are clipped.
+
+        Raises ValueError for numbers that aren't finite.
+        """
+        numbers = np.asarray(self.frames[index][rows])
+        dark = np.asarray(self.darks[index])
+        dark = dark if dark.ndim == 0 else dark[rows]
+        light = np.subtract(numbers, dark, dtype=np.float32)
+        if not np.isfinite(light).all():
+            name = "dark" if not np.isfinite(dark).all() else "frame"
+            raise ValueError(f"{name} {index} has NaN or infinite numbers; leave it out")
+        light *= np.float32(self.sensor.gain)
+        return light.ravel(), (numbers >= self.sensor.full_scale).ravel()
+
+    def with_factors(self, factors: ArrayLike) -> Bracket:
+        """Return the bracket with each exposure time multiplied by a factor."""
+        times = self.times * np.asarray(factors, dtype=np.float64)
+        return Bracket(self.frames, times, self.darks, self.dark_counts, self.sensor)

@@ -1,0 +1,223 @@
+"""Measure how exposures of a bracket differ from what they were said to be, by the frames alone.
+
+Each frame's light is a factor times its exposure time times the radiance of each pixel. The
+factors, and the radiance of all pixels, are those of largest likelihood, with the noise that a
+sensor has; a common factor can't be told, so that the middle one is taken to be 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.hdr.bracket import Bracket
+
+Array = NDArray[np.float64]
+
+_PIXELS = 100_000
+"""Pixels that are looked at, evenly over the frames. Chosen: ratios are right to 0.1 %."""
+
+_ROUNDS = 12
+"""Newton steps at most. Factors of 1.03 take four, two exchanged frames nine."""
+
+_SAFE = 8.0
+"""Standard deviations from the clip level within which an exposure of a pixel isn't used."""
+
+_LEAST_SIGNAL = 5.0
+"""Signal over noise of a pixel from which on it is used."""
+
+_STRAY = 5.0
+"""Robust deviations from a frame's median residual beyond which something moved in a pixel."""
+
+_NOTABLE, _SURE = 0.025, 5.0
+"""Relative difference, and standard deviations, from which on a frame is named. Chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExposureFactors:
+    """Light of a bracket's frames over that of their exposure times.
+
+    factors: one for each frame, with the middle one 1. deviations: their standard deviations.
+    scatter: root mean square of what they leave, over the noise: 1 if the noise is known.
+    pixels: that told.
+    """
+
+    times: Array
+    factors: Array
+    deviations: Array
+    scatter: float
+    pixels: int
+
+    @property
+    def suspects(self) -> list[int]:
+        """Return the indices of an HDR bracket's frames whose exposure is surely another."""
+        away = np.abs(np.log(self.factors))
+        notable = (away > _NOTABLE) & (away > _SURE * self.deviations)
+        return [int(one) for one in np.flatnonzero(notable)]
+
+    def explain(self, flicker_period: float = 0.01) -> list[str]:
+        """Say in words what is wrong with an HDR bracket's exposures; nothing if all are right.
+
+        flicker_period: seconds in which lamps may flicker.
+        """
+        found, told = [], set()
+        suspects = self.suspects
+        for one in suspects:
+            for other in suspects:
+                wanted = self.times[other] / self.times[one]
+                if one < other and wanted != 1 and self._is_exchange(one, other, wanted):
+                    told |= {one, other}
+                    found.append(
+                        f"frames {one + 1} and {other + 1} look exchanged: each has the light of "
+                        "the other's exposure time. Exchange them"
+                    )
+        rest = [one for one in suspects if one not in told]
+        for one in rest:
+            time, factor = self.times[one], self.factors[one]
+            words = (
+                f"frame {one + 1} has {factor:.3g} times the light of {time:.3g} s, as of "
+                f"{factor * time:.3g} s"
+            )
+            cause = "it was exposed otherwise, or something changed in all of the picture"
+            if time < 10 * flicker_period:
+                cause += (
+                    f"; or the light flickers, with a period near {flicker_period * 1e3:.3g} ms: "
+                    "expose for whole periods"
+                )
+            found.append(f"{words}: {cause}")
+        return found
+
+    def _is_exchange(self, one: int, other: int, wanted: float) -> bool:
+        return all(
+            abs(math.log(self.factors[index] / ratio)) < 0.1 * abs(math.log(ratio))
+            for index, ratio in ((one, wanted), (other, 1 / wanted))
+        )
+
+
+def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> ExposureFactors:
+    """Measure the light of a bracket's frames over that of their exposure times.
+
+    Parameters
+    ----------
+    bracket : Bracket
+        Two frames at least.
+    pixels : int, default 100000
+        Pixels to look at, at most, evenly over the frames.
+
+    Returns
+    -------
+    ExposureFactors
+
+    Raises
+    ------
+    ValueError
+        For a single frame, and if no pixel is bright without being clipped in two frames.
+    """
+    if len(bracket.times) < 2:
+        raise ValueError("one frame has no ratio of exposures; give two at least")
+    light, clipped = _sample(bracket, pixels)
+    floors, levels = _noise(bracket)
+    logs = np.zeros(len(bracket.times))
+    for _ in range(_ROUNDS):
+        step = _Step(light, clipped, bracket.times * np.exp(logs), floors, levels)
+        change, covariance = step.solve()
+        logs += change
+        if np.abs(change).max() < 1e-5:
+            break
+    logs -= np.median(logs)
+    scatter = step.scatter
+    deviations = np.sqrt(np.diag(covariance)) * max(1.0, scatter)
+    return ExposureFactors(bracket.times, np.exp(logs), deviations, scatter, step.count)
+
+
+def _sample(bracket: Bracket, pixels: int) -> tuple[Array, NDArray[np.bool_]]:
+    """Return electrons in some of an HDR bracket's pixels, (frames, pixels), and which clip."""
+    rows, columns = bracket.shape
+    count = max(1, min(rows, pixels // columns))
+    chosen = np.unique(np.linspace(0, rows - 1, count).round().astype(int))
+    parts = [
+        [bracket.electrons(index, slice(row, row + 1)) for row in chosen]
+        for index in range(len(bracket.times))
+    ]
+    light = np.array([np.concatenate([one for one, _ in frame]) for frame in parts])
+    clipped = np.array([np.concatenate([one for _, one in frame]) for frame in parts])
+    every = max(1, light.shape[1] // pixels)
+    return light[:, ::every].astype(np.float64), clipped[:, ::every]
+
+
+def _noise(bracket: Bracket) -> tuple[Array, Array]:
+    """Return the variance without light, and the clip level, of an HDR bracket's frames."""
+    floors, levels = (np.zeros((len(bracket.times), 1)) for _ in range(2))
+    for exposure in bracket.exposures:
+        indices = list(exposure.frames)
+        floors[indices] = exposure.floor * (1 + 1 / exposure.darks)
+        levels[indices] = bracket.clip_level(exposure)
+    return floors, levels
+
+
+class _Step:
+    """A Newton step of the HDR factors' logarithms, with the radiance of all pixels eliminated."""
+
+    def __init__(
+        self, light: Array, clipped: NDArray[np.bool_], times: Array, floors: Array, levels: Array
+    ) -> None:
+        self._light, self._times, self._floors = light, times[:, None], floors
+        rate = self._rate(np.zeros(light.shape[1]), ~clipped)
+        for _ in range(2):
+            rate = self._rate(rate, ~clipped)
+        shown = self._times * np.maximum(rate, 0)
+        # Whether an exposure clips is told by the others too: its own value depends on chance.
+        used = (levels - shown > _SAFE * np.sqrt(shown + floors)) & ~clipped
+        for _ in range(2):
+            rate = self._rate(rate, used)
+        shown = self._times * np.maximum(rate, 0)
+        variance = shown + floors
+        used &= (shown**2 / variance).max(axis=0) > _LEAST_SIGNAL**2
+        residual = (light - shown) / np.sqrt(variance)
+        # Where one exposure strays, the others are compared with a wrong radiance.
+        used &= (_is_regular(residual, used) | ~used).all(axis=0) & (used.sum(0) > 1)
+        self._shown, self._variance, self._used = shown, variance, used
+        self.count = int((used.sum(0) > 1).sum())
+        freedom = used.sum() - self.count - (len(times) - 1)
+        middle = np.array(
+            [
+                np.median(one[mask]) if mask.any() else 0.0
+                for one, mask in zip(residual, used, strict=True)
+            ]
+        )
+        squares = ((residual - middle[:, None]) ** 2 * used).sum()
+        self.scatter = math.sqrt(squares / freedom) if freedom > 0 else 1.0
+
+    def _rate(self, rate: Array, used: NDArray[np.bool_]) -> Array:
+        """Return the HDR rate by weights that a rate predicts."""
+        weight = used * self._times / (self._times * np.maximum(rate, 0) + self._floors)
+        below = (weight * self._times).sum(0)
+        return np.asarray((weight * self._light).sum(0) / np.where(below > 0, below, 1))
+
+    def solve(self) -> tuple[Array, Array]:
+        """Return the change of the HDR factors' logarithms and their covariance."""
+        information = self._shown**2 / self._variance * self._used
+        slope = self._shown * (self._light - self._shown) / self._variance * self._used
+        whole = np.maximum(information.sum(0), 1e-30)
+        matrix = np.diag(information.sum(1)) - (information / whole) @ information.T
+        if self.count < len(self._times) or np.linalg.matrix_rank(matrix) < len(matrix) - 1:
+            raise ValueError(
+                "no pixels are bright, and not clipped, in frames of all exposures: nothing tells "
+                "their ratios. Add exposures between them"
+            )
+        covariance = np.linalg.pinv(matrix, rcond=1e-10, hermitian=True)
+        return np.clip(covariance @ slope.sum(1), -0.7, 0.7), covariance
+
+
+def _is_regular(residual: Array, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where HDR residuals are near their frame's median, in robust deviations."""
+    kept = np.ones_like(used)
+    for one, mask, row in zip(residual, used, kept, strict=True):
+        if mask.any():
+            middle = np.median(one[mask])
+            spread = max(1.0, 1.4826 * float(np.median(np.abs(one[mask] - middle))))
+            row[:] = np.abs(one - middle) < _STRAY * spread
+    return kept
