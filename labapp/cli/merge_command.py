@@ -1,0 +1,122 @@
+"""The command `labapp merge`, for brackets of any camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labapp.cli.app import app
+from labapp.cli.shared_options import ForceOption, JsonOption, readable_path
+from labapp.common.errors import UserError
+
+
+def readable_paths(paths: list[Path]) -> list[Path]:
+    """Return the paths of a command's argument; raise UserError if one can't be opened."""
+    return [path for path in map(readable_path, paths) if path is not None]
+
+
+@app.command()
+def merge(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="IMAGE...",
+            callback=readable_paths,
+            help="Frames of the bracket: TIFF, PNG or .npy, of 8 or 16 bits, grey or colour.",
+        ),
+    ],
+    exposures: Annotated[
+        str,
+        typer.Option(
+            metavar="S,S,…", help="Exposure time of each frame in seconds, in the files' order."
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(metavar="FILE.h5", help="File to write; .tiff, .png and .html beside it."),
+    ],
+    dark: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="IMAGE",
+            callback=lambda paths: readable_paths(paths or []),
+            help="Dark frame; repeat it. As many for each exposure, in their order, or some for "
+            "all of them.",
+            show_default="the black level",
+        ),
+    ] = None,
+    sensor: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", callback=readable_path, help="Sensor file (TOML) that tells the noise."
+        ),
+    ] = None,
+    gain: Annotated[
+        float | None,
+        typer.Option(metavar="E", help="Electrons per digital number; overrides the sensor file."),
+    ] = None,
+    read_noise: Annotated[
+        float | None, typer.Option(metavar="E", help="Read noise in electrons.")
+    ] = None,
+    black: Annotated[
+        float | None,
+        typer.Option(metavar="DN", help="Digital number of no light.", show_default="0"),
+    ] = None,
+    full_scale: Annotated[
+        int | None,
+        typer.Option(
+            metavar="DN",
+            help="Digital number from which a pixel is clipped.",
+            show_default="the file's largest",
+        ),
+    ] = None,
+    linear: Annotated[
+        bool | None,
+        typer.Option(
+            "--linear/--srgb",
+            help="Take numbers as proportional to light, or as sRGB levels.",
+            show_default="sRGB in 8-bit pictures",
+        ),
+    ] = None,
+    method: Annotated[
+        str, typer.Option(help="Weights of exposures: full, Granados, Poisson or plain.")
+    ] = "full",
+    refine: Annotated[
+        bool,
+        typer.Option(
+            "--refine/--as-given",
+            help="Measure exposures on the frames, or trust their times.",
+        ),
+    ] = True,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Merge an exposure bracket into light with its variance and the state of each pixel (--out).
+
+    Exposures near their clip levels count without bias, those that contradict the others are left
+    out pixel by pixel, and wrong exposure times are measured and named. The report tells how
+    accurate the merge is, by simulating it. For instance
+
+    **labapp merge a.tiff b.tiff c.tiff --exposures 0.001,0.008,0.064 --gain 2.6 --read-noise 2.4
+    --black 64 --out merged.h5**
+    """
+    from labapp.pictures.merging.bracket_files import SensorNumbers
+    from labapp.pictures.merging.merge_command import MergeRequest, merge_bracket_files
+    from optics.hdr import METHODS
+
+    found = next((one for one in METHODS if one == method), None)
+    if found is None:
+        raise UserError(f"--method {method}: choose one of {', '.join(METHODS)}.")
+    try:
+        times = [float(part) for part in exposures.split(",")]
+    except ValueError:
+        raise UserError(
+            f"--exposures {exposures}: are seconds with commas between them, as in 0.001,0.008."
+        ) from None
+    request = MergeRequest(
+        files, times, dark or [], sensor, SensorNumbers(gain, read_noise, black, full_scale),
+        linear, found, refine, out, force,
+    )  # fmt: skip
+    merge_bracket_files(request, as_json=json)

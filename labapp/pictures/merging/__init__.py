@@ -1,0 +1,1 @@
+"""The command `labapp merge`: exposure brackets from files or a record to radiance."""

@@ -1,0 +1,170 @@
+"""Read the frames of an exposure bracket from picture files, and the sensor that took them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.photograph_file import InputPhotograph, read_photograph
+from labapp.files.sensor_file import read_sensor
+from optics.camera import Sensor
+
+Frame = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class SensorNumbers:
+    """What is said of a sensor on the command line; None for what the sensor file says.
+
+    gain: electrons per digital number. read_noise: electrons. black: digital number of no light.
+    full_scale: digital number from which pixels are clipped.
+    """
+
+    gain: float | None = None
+    read_noise: float | None = None
+    black: float | None = None
+    full_scale: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class BracketFiles:
+    """Frames of a bracket from files, each (bands, rows, columns), with times and darks.
+
+    darks: mean dark of each frame, (bands, rows, columns), or a level. dark_counts: frames in each
+    mean; infinite for a level.
+    """
+
+    names: list[str]
+    frames: list[Frame]
+    exposures: list[float]
+    darks: list[Frame | float]
+    dark_counts: list[float]
+    sensor: Sensor
+
+
+def read_bracket_files(
+    paths: Sequence[Path],
+    exposures: Sequence[float],
+    darks: Sequence[Path],
+    sensor_file: Path | None,
+    numbers: SensorNumbers,
+    linear: bool | None,
+) -> BracketFiles:
+    """Read a bracket's frames and darks from picture files.
+
+    Raises UserError for files that don't fit together, and for a sensor of which too little is
+    known.
+    """
+    if len(exposures) != len(paths):
+        raise UserError(
+            f"--exposures has {len(exposures)} times for {len(paths)} files. Give one for each, in "
+            "the files' order, as in --exposures 0.001,0.004,0.016."
+        )
+    if len(set(exposures)) == 1 and len(paths) > 1:
+        raise UserError(
+            f"--exposures: all are {exposures[0]:g} s. A bracket has different times; to average "
+            "frames of one time, give their true times, or average them elsewhere."
+        )
+    photographs = [read_photograph(path, linear=linear) for path in paths]
+    frames = [_numbers(one) for one in photographs]
+    for path, frame in zip(paths, frames, strict=True):
+        if frame.shape != frames[0].shape:
+            raise UserError(
+                f"{path}: is {_size(frame)} and {paths[0]} is {_size(frames[0])}. All frames of a "
+                "bracket have one size."
+            )
+    sensor = _sensor(sensor_file, numbers, photographs, frames[0].shape[1:])
+    means, counts = _mean_darks(darks, frames[0], len(frames), sensor, linear)
+    return BracketFiles(
+        [path.name for path in paths], frames, list(exposures), means, counts, sensor
+    )
+
+
+def _numbers(photograph: InputPhotograph) -> Frame:
+    """Return a bracket file's numbers, proportional to light; sRGB levels become 16-bit ones."""
+    if photograph.is_srgb:
+        return np.asarray(np.rint(photograph.light * 65535).astype(np.uint16))
+    levels = photograph.levels
+    if levels.dtype.kind == "f" and levels.max() <= 1:
+        raise UserError(
+            f"{photograph.path}: has numbers up to {levels.max():g}. Give the sensor's digital "
+            "numbers, not shares of them."
+        )
+    return np.asarray(levels)
+
+
+def _size(frame: Frame) -> str:
+    bands, rows, columns = frame.shape
+    return f"{columns} x {rows} pixels" + (f" in {bands} colours" if bands > 1 else "")
+
+
+def _sensor(
+    path: Path | None,
+    numbers: SensorNumbers,
+    photographs: Sequence[InputPhotograph],
+    shape: tuple[int, ...],
+) -> Sensor:
+    """Return the sensor of a bracket's files: of its own file, or of the numbers that are given."""
+    if path is not None:
+        known = read_sensor(path.name, path.parent).build()
+    else:
+        known = _described_sensor(numbers, photographs)
+    changes: dict[str, Any] = {
+        name: value
+        for name, value in (
+            ("gain", numbers.gain), ("read_noise", numbers.read_noise),
+            ("black_level", numbers.black),
+        )
+        if value is not None
+    }  # fmt: skip
+    rows, columns = shape
+    try:
+        known = replace(known, shape=(rows, columns), colour=None, **changes)
+        if numbers.full_scale is not None:
+            # The full scale follows from the well.
+            well = (numbers.full_scale - known.black_level + 0.5) * known.gain
+            known = replace(known, full_well=well + 5 * known.read_noise)
+    except ValueError as error:
+        raise UserError(f"the sensor's numbers can't be: {error}.") from error
+    return known
+
+
+def _described_sensor(numbers: SensorNumbers, photographs: Sequence[InputPhotograph]) -> Sensor:
+    """Return the sensor that --gain and --read-noise describe; its well never fills first."""
+    first = photographs[0]
+    if numbers.gain is None or numbers.read_noise is None:
+        raise UserError(
+            "the noise of the sensor isn't known: give --sensor FILE, or --gain (electrons per "
+            "digital number) and --read-noise (electrons). `labapp accuracy` and a photon transfer "
+            "run measure them."
+        )
+    bits = 16 if first.is_srgb or first.levels.dtype != np.uint8 else 8
+    return Sensor(bits=bits, full_well=1e9, dark_current=0.0, black_level=0.0)
+
+
+def _mean_darks(
+    paths: Sequence[Path], frame: Frame, count: int, sensor: Sensor, linear: bool | None
+) -> tuple[list[Frame | float], list[float]]:
+    """Return the mean dark of each of a bracket's files, and how many darks are in it."""
+    if not paths:
+        return [sensor.black_level] * count, [float("inf")] * count
+    darks = [_numbers(read_photograph(path, linear=linear)) for path in paths]
+    for path, dark in zip(paths, darks, strict=True):
+        if dark.shape != frame.shape:
+            raise UserError(f"{path}: is {_size(dark)} and the frames {_size(frame)}.")
+    each, rest = divmod(len(darks), count)
+    if each and not rest:
+        groups = [darks[number * each : (number + 1) * each] for number in range(count)]
+    else:
+        groups = [darks] * count
+    means: list[Frame | float] = []
+    for group in groups:
+        mean = np.asarray(np.mean(np.stack(group), axis=0, dtype=np.float64))
+        means.append(mean.astype(np.float32))
+    return means, [float(len(group)) for group in groups]

@@ -1,0 +1,66 @@
+"""The command `labapp merge`: merge a bracket of picture files, and tell how good it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from labapp.common.console import print_json, print_message, print_table, terminal_progress
+from labapp.common.errors import UserError
+from labapp.files.writing import make_folder, require_all_writable, write_atomically
+from labapp.pictures.merging.bracket_files import SensorNumbers, read_bracket_files
+from labapp.pictures.merging.merge_page import (
+    EXPOSURE_COLUMNS,
+    exposure_rows,
+    merge_page,
+    state_rows,
+)
+from labapp.pictures.merging.merged_bracket import merge_files
+from labapp.pictures.merging.merged_files import describe_merged, merged_paths, write_merged
+from optics import hdr
+
+
+@dataclass(frozen=True)
+class MergeRequest:
+    """What `labapp merge` was asked to do; the fields are its options."""
+
+    files: list[Path]
+    exposures: list[float]
+    darks: list[Path]
+    sensor: Path | None
+    numbers: SensorNumbers
+    linear: bool | None
+    method: hdr.Method
+    refine: bool
+    out: Path
+    force: bool
+
+
+def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
+    """Merge a bracket of files; write data, light, picture and report, and print what was found."""
+    if request.out.suffix.lower() not in (".h5", ".hdf5"):
+        raise UserError(f"--out {request.out}: must end in .h5; the other files lie beside it.")
+    paths = merged_paths(request.out)
+    kept = {one.resolve() for one in (*request.files, *request.darks)}
+    for path in paths.values():
+        if path.resolve() in kept:
+            raise UserError(f"--out {request.out}: {path.name} is a file that is read.")
+    require_all_writable(paths.values(), force=request.force)
+    source = read_bracket_files(
+        request.files, request.exposures, request.darks, request.sensor, request.numbers,
+        request.linear,
+    )  # fmt: skip
+    with terminal_progress() as progress:
+        merged = merge_files(source, request.method, request.refine, progress)
+        progress.report(0.9, "writing")
+        make_folder(request.out.parent)
+        write_merged(merged, paths)
+        write_atomically(paths["report"], merge_page(merged).encode())
+    if as_json:
+        print_json(describe_merged(merged) | {kind: str(path) for kind, path in paths.items()})
+        return
+    print_table("Exposures", EXPOSURE_COLUMNS, exposure_rows(merged))
+    print_table("Pixels", ("state", "share "), state_rows(merged))
+    for words in merged.told:
+        print_message(f"warning: {words}")
+    print_message("wrote " + ", ".join(str(path) for path in paths.values()))

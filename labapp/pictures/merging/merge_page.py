@@ -1,0 +1,97 @@
+"""Build the report of a merged bracket as a single HTML file without external resources."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from labapp.common.figure_png import figure_to_png
+from labapp.files.writing import encode_image
+from labapp.pictures.merging.merged_bracket import MergedFiles
+from labapp.pictures.merging.merged_files import picture_to_look_at
+from labapp.pictures.report.html import document, footer, heading, html_figure, html_table
+from optics import hdr
+
+EXPOSURE_COLUMNS = ("frame", "file", "exposure ", "light over it ", "clipped ")
+
+_STATES = {
+    hdr.VALID: "measured",
+    hdr.DARK: "dark: below three standard deviations of noise",
+    hdr.CLIPPED: "clipped in all exposures: a lower bound",
+    hdr.MAY_CLIP: "near the clip level of the shortest exposure: may be biased",
+    hdr.MOVED: "contradictory: exposures were left out",
+    hdr.DEFECTIVE: "defective",
+}
+
+
+def exposure_rows(merged: MergedFiles) -> list[list[str]]:
+    """Return the rows of a merged bracket's table of exposures."""
+    rows = []
+    for number, (name, time) in enumerate(
+        zip(merged.source.names, merged.source.exposures, strict=True)
+    ):
+        factor = "taken as 1"
+        if merged.factors is not None:
+            found, deviation = merged.factors.factors[number], merged.factors.deviations[number]
+            factor = f"{found:.4f} ± {deviation:.4f}"
+        rows.append(
+            [str(number + 1), name, f"{time:.4g} s", factor, f"{merged.clipped[number]:.2%}"]
+        )
+    return rows
+
+
+def state_rows(merged: MergedFiles) -> list[list[str]]:
+    """Return the rows of a merged bracket's table of pixel states; absent ones are left out."""
+    return [
+        [words, f"{merged.share(state):.3%}"]
+        for state, words in _STATES.items()
+        if merged.share(state)
+    ]
+
+
+def merge_page(merged: MergedFiles) -> str:
+    """Return the report of a merged bracket as an HTML page."""
+    looked_at = np.ascontiguousarray(picture_to_look_at(merged.rate)[..., ::-1])
+    shown = encode_image(Path("light.png"), looked_at)
+    warnings = "".join(f"<p><strong>{escape(one)}</strong></p>" for one in merged.told)
+    parts = [
+        heading("Merged bracket", ()),
+        warnings,
+        html_figure(shown, "Light, compressed for looking"),
+        "<h2>Exposures</h2>",
+        html_table(EXPOSURE_COLUMNS, exposure_rows(merged)),
+        "<h2>Pixels</h2>",
+        html_table(("state", "share "), state_rows(merged)),
+        "<h2>Accuracy</h2>",
+        html_figure(
+            figure_to_png(accuracy_figure(merged)),
+            f"Of frames simulated with these exposures and this sensor, method {merged.method}. "
+            "Efficiency: least variance of any unbiased estimate over the mean squared error",
+        ),
+        footer(),
+    ]
+    return document("Merged bracket", parts)
+
+
+def accuracy_figure(merged: MergedFiles) -> Figure:
+    """Draw the error and efficiency of a merged bracket by the light, with its histogram."""
+    figure = Figure(figsize=(13, 4.2), dpi=100, layout="constrained")
+    left, right = figure.subplots(1, 2)
+    found = merged.accuracy
+    left.loglog(found.rates, found.errors, "o-", label="error, rms")
+    left.loglog(found.rates, np.maximum(np.abs(found.biases), 1e-6), "s:", label="bias")
+    left.loglog(found.rates, found.bias_noise, "--", color="gray", label="chance in the bias")
+    left.set(xlabel="light (electrons/s)", ylabel="relative")
+    efficiency = left.twinx()
+    efficiency.plot(found.rates, found.efficiencies, "^-", color="tab:green", label="efficiency")
+    efficiency.set(ylim=(0, 1.3), ylabel="efficiency")
+    lines = [*left.get_lines(), *efficiency.get_lines()]
+    left.legend(lines, [str(one.get_label()) for one in lines], loc="lower left")
+    lit = merged.rate[merged.rate > 0]
+    if lit.size:
+        right.hist(np.log10(lit[:: max(1, lit.size // 1_000_000)]), bins=120, log=True)
+    right.set(xlabel="log₁₀ of the light (electrons/s)", ylabel="pixels")
+    return figure

@@ -1,0 +1,117 @@
+"""Merge the bands of a bracket, with exposures as the frames show them."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from labapp.pictures.merging.bracket_files import BracketFiles
+from optics import hdr
+from optics.progress import Progress
+
+_RATES_PER_DECADE = 2
+"""Rates for which the accuracy of a merge is told. Chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class MergedFiles:
+    """A merged bracket of files.
+
+    rate, variance, state: (bands, rows, columns). factors: light of each frame over that of its
+    exposure time, or None where it wasn't measured. told: what is wrong with exposures, in words.
+    clipped: share of each frame's pixels at full scale. accuracy: of such a merge, by simulation.
+    """
+
+    source: BracketFiles
+    method: hdr.Method
+    rate: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    state: NDArray[np.uint8]
+    factors: hdr.ExposureFactors | None
+    told: list[str]
+    clipped: list[float]
+    accuracy: hdr.ExpectedAccuracy
+
+    def share(self, state: hdr.PixelState) -> float:
+        """Return the share of a merged bracket's pixels in a state."""
+        return float((self.state == state).mean())
+
+
+def merge_files(
+    source: BracketFiles, method: hdr.Method, refine: bool, progress: Progress
+) -> MergedFiles:
+    """Merge a bracket of files, each band by itself, with one factor for each frame.
+
+    refine: whether exposures are measured, and those that are surely wrong corrected.
+    """
+    bands = [_band(source, number) for number in range(len(source.frames[0]))]
+    factors: hdr.ExposureFactors | None = None
+    told: list[str] = []
+    if refine and len(source.frames) > 1:
+        progress.report(0.0, "measuring exposures")
+        factors, told = _measured_factors(bands)
+        if factors is not None:
+            bands = [one.with_factors(factors.factors) for one in bands]
+    found = []
+    for number, band in enumerate(bands):
+        ends = (0.1 + 0.7 * (number + k) / len(bands) for k in (0, 1))
+        report = functools.partial(progress.part(*ends).report, message="merging")
+        found.append(hdr.merge(band, method, check=report))
+    progress.report(0.8, "simulating the merge")
+    full = source.sensor.full_scale
+    rate, variance, state = (
+        torch.stack([getattr(one, name) for one in found]).numpy()
+        for name in ("rate", "variance", "state")
+    )
+    return MergedFiles(
+        source, method, rate, variance, state, factors, told,
+        [float((frame >= full).mean()) for frame in source.frames],
+        hdr.expected_accuracy(bands[0], _told_rates(bands[0]), method),
+    )  # fmt: skip
+
+
+def _band(source: BracketFiles, number: int) -> hdr.Bracket:
+    """Return one band of a merged bracket's files."""
+    return hdr.Bracket(
+        [frame[number] for frame in source.frames],
+        source.exposures,
+        [dark[number] if isinstance(dark, np.ndarray) else dark for dark in source.darks],
+        source.dark_counts,
+        source.sensor,
+    )
+
+
+def _measured_factors(
+    bands: list[hdr.Bracket],
+) -> tuple[hdr.ExposureFactors | None, list[str]]:
+    """Return the exposure factors by the band of a merged bracket that tells most, and words."""
+    measured, refused = [], ""
+    for band in bands:
+        try:
+            measured.append(hdr.measure_exposure_factors(band))
+        except ValueError as error:
+            refused = str(error)
+    if not measured:
+        return None, [f"exposures were taken as they were given: {refused}"]
+    best = min(measured, key=lambda one: float(one.deviations.max()))
+    told = best.explain()
+    if best.scatter > 1.5:
+        told.append(
+            f"frames differ by {best.scatter:.2g} times the noise that the sensor is said to have: "
+            "check gain and read noise, and whether numbers are proportional to light"
+        )
+    return best, told
+
+
+def _told_rates(band: hdr.Bracket) -> NDArray[np.float64]:
+    """Return rates from the noise of the longest to the top of the shortest exposure."""
+    shortest, longest = band.exposures[0], band.exposures[-1]
+    low = math.log10(math.sqrt(longest.floor) / longest.time)
+    high = math.log10(0.9 * band.clip_level(shortest) / shortest.time)
+    count = max(2, math.ceil((high - low) * _RATES_PER_DECADE) + 1)
+    return np.asarray(np.logspace(low, high, count))
