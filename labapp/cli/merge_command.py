@@ -22,21 +22,24 @@ def merge(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="IMAGE...",
+            metavar="IMAGE...|RUN.h5",
             callback=readable_paths,
-            help="Frames of the bracket: TIFF, PNG or .npy, of 8 or 16 bits, grey or colour.",
-        ),
-    ],
-    exposures: Annotated[
-        str,
-        typer.Option(
-            metavar="S,S,…", help="Exposure time of each frame in seconds, in the files' order."
+            help="Frames of the bracket: TIFF, PNG or .npy, of 8 or 16 bits, grey or colour; or "
+            "the record of a run.",
         ),
     ],
     out: Annotated[
         Path,
         typer.Option(metavar="FILE.h5", help="File to write; .tiff, .png and .html beside it."),
     ],
+    exposures: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S,S,…",
+            help="Exposure time of each frame in seconds, in the files' order.",
+            show_default="the record's",
+        ),
+    ] = None,
     dark: Annotated[
         list[Path] | None,
         typer.Option(
@@ -44,7 +47,7 @@ def merge(
             callback=lambda paths: readable_paths(paths or []),
             help="Dark frame; repeat it. As many for each exposure, in their order, or some for "
             "all of them.",
-            show_default="the black level",
+            show_default="the record's, or the black level",
         ),
     ] = None,
     sensor: Annotated[
@@ -71,6 +74,16 @@ def merge(
             help="Digital number from which a pixel is clipped.",
             show_default="the file's largest",
         ),
+    ] = None,
+    target: Annotated[
+        str | None, typer.Option(help="Target of a record.", show_default="the only one")
+    ] = None,
+    pattern: Annotated[
+        str | None, typer.Option(help="Pattern of a record.", show_default="the only one")
+    ] = None,
+    wavelength_nm: Annotated[
+        float | None,
+        typer.Option(help="Wavelength of a record in nanometres.", show_default="the only one"),
     ] = None,
     linear: Annotated[
         bool | None,
@@ -103,6 +116,7 @@ def merge(
     --black 64 --out merged.h5**
     """
     from labapp.pictures.merging.bracket_files import SensorNumbers
+    from labapp.pictures.merging.bracket_record import RecordedFrames
     from labapp.pictures.merging.merge_command import MergeRequest, merge_bracket_files
     from optics.hdr import METHODS
 
@@ -110,13 +124,15 @@ def merge(
     if found is None:
         raise UserError(f"--method {method}: choose one of {', '.join(METHODS)}.")
     try:
-        times = [float(part) for part in exposures.split(",")]
+        times = exposures and [float(part) for part in exposures.split(",")]
     except ValueError:
         raise UserError(
             f"--exposures {exposures}: are seconds with commas between them, as in 0.001,0.008."
         ) from None
+    wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
     request = MergeRequest(
-        files, times, dark or [], sensor, SensorNumbers(gain, read_noise, black, full_scale),
-        linear, found, refine, out, force,
+        files, times or None, dark or [], sensor,
+        SensorNumbers(gain, read_noise, black, full_scale),
+        RecordedFrames(target, pattern, wavelength), linear, found, refine, out, force,
     )  # fmt: skip
     merge_bracket_files(request, as_json=json)

@@ -52,6 +52,12 @@ class ExposureFactors:
     pixels: int
 
     @property
+    def corrections(self) -> Array:
+        """Return the factors of an HDR bracket's frames that surely aren't 1; 1 for all others."""
+        sure = np.abs(np.log(self.factors)) > _SURE * self.deviations
+        return np.where(sure, self.factors, 1.0)
+
+    @property
     def suspects(self) -> list[int]:
         """Return the indices of an HDR bracket's frames whose exposure is surely another."""
         away = np.abs(np.log(self.factors))

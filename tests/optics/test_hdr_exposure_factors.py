@@ -63,7 +63,9 @@ def test_a_wrong_exposure_is_named_and_a_right_one_is_not():
         assert f"frame {wrong + 1} has" in words
         # A short one may have been taken in flickering light; a long one wasn't.
         assert ("flickers" in words) == (times[wrong] < 0.1)
-    assert measure_exposure_factors(bracket(times, np.ones(8), 9, (60, 200))[0]).explain() == []
+    right = measure_exposure_factors(bracket(times, np.ones(8), 9, (60, 200))[0])
+    assert right.explain() == []
+    assert (right.corrections == 1).all()
 
 
 def test_exchanged_frames_are_told_as_such():

@@ -104,26 +104,18 @@ def dark_target(plan: PlanFile) -> str:
 def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bracket:
     """Merge recorded pictures into a bracket, each less the mean dark frame of its exposure."""
     first = indices[0]
-    exposures = record.column("exposure")[indices]
-    frames = np.stack([record.image(i) for i in indices])
-    darks = {t: _mean_dark(record, dark, t, sensor) for t in sorted(set(exposures.tolist()))}
-    counts = [darks[t][1] for t in exposures.tolist()]
-    bracket = hdr.Bracket(
-        frames,
-        exposures,
-        [darks[t][0] for t in exposures.tolist()],
-        # A level from the data sheet has no noise, like the mean of infinitely many frames.
-        [float(count or math.inf) for count in counts],
-        sensor,
-    )
+    bracket = recorded_bracket(record, indices, dark, sensor)
+    frames, exposures = np.asarray(bracket.frames), bracket.times
     merged = hdr.merge(bracket)
     state = merged.state.numpy()
-    by_exposure = [frames[exposures == t] for t in darks]
+    times = np.unique(exposures).tolist()
+    by_exposure = [frames[exposures == t] for t in times]
+    counts = [0 if math.isinf(count) else int(count) for count in bracket.dark_counts]
     return Bracket(
         target=record.target_names[record.column("target")[first]],
         pattern=record.pattern_names[record.column("pattern")[first]],
         wavelength=float(record.column("wavelength")[first]),
-        exposures=list(darks),
+        exposures=times,
         rate=merged.rate.numpy().astype(np.float64),
         variance=merged.variance.numpy().astype(np.float64),
         clipped=float((state == hdr.CLIPPED).mean()),
@@ -131,6 +123,20 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
         clipped_by_exposure=[float((f >= sensor.full_scale).mean()) for f in by_exposure],
         dark_frames=min(counts),
         histogram=np.stack([np.bincount(f.ravel(), minlength=2**sensor.bits) for f in by_exposure]),
+    )
+
+
+def recorded_bracket(record: Record, indices: list[int], dark: str, sensor: Sensor) -> hdr.Bracket:
+    """Return recorded pictures as the frames of a bracket, with the mean dark of each exposure."""
+    exposures = record.column("exposure")[indices]
+    darks = {t: _mean_dark(record, dark, t, sensor) for t in sorted(set(exposures.tolist()))}
+    return hdr.Bracket(
+        np.stack([record.image(i) for i in indices]),
+        exposures,
+        [darks[t][0] for t in exposures.tolist()],
+        # A level from the data sheet has no noise, like the mean of infinitely many frames.
+        [float(darks[t][1] or math.inf) for t in exposures.tolist()],
+        sensor,
     )
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from labapp.common.console import print_json, print_message, print_table, terminal_progress
 from labapp.common.errors import UserError
 from labapp.files.writing import make_folder, require_all_writable, write_atomically
-from labapp.pictures.merging.bracket_files import SensorNumbers, read_bracket_files
+from labapp.pictures.merging.bracket_files import BracketFiles, SensorNumbers, read_bracket_files
+from labapp.pictures.merging.bracket_record import RecordedFrames, read_recorded_bracket
 from labapp.pictures.merging.merge_page import (
     EXPOSURE_COLUMNS,
     exposure_rows,
@@ -19,16 +20,19 @@ from labapp.pictures.merging.merged_bracket import merge_files
 from labapp.pictures.merging.merged_files import describe_merged, merged_paths, write_merged
 from optics import hdr
 
+_HDF5 = (".h5", ".hdf5")
+
 
 @dataclass(frozen=True)
 class MergeRequest:
     """What `labapp merge` was asked to do; the fields are its options."""
 
     files: list[Path]
-    exposures: list[float]
+    exposures: list[float] | None
     darks: list[Path]
     sensor: Path | None
     numbers: SensorNumbers
+    frames: RecordedFrames
     linear: bool | None
     method: hdr.Method
     refine: bool
@@ -38,7 +42,7 @@ class MergeRequest:
 
 def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
     """Merge a bracket of files; write data, light, picture and report, and print what was found."""
-    if request.out.suffix.lower() not in (".h5", ".hdf5"):
+    if request.out.suffix.lower() not in _HDF5:
         raise UserError(f"--out {request.out}: must end in .h5; the other files lie beside it.")
     paths = merged_paths(request.out)
     kept = {one.resolve() for one in (*request.files, *request.darks)}
@@ -46,10 +50,7 @@ def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
         if path.resolve() in kept:
             raise UserError(f"--out {request.out}: {path.name} is a file that is read.")
     require_all_writable(paths.values(), force=request.force)
-    source = read_bracket_files(
-        request.files, request.exposures, request.darks, request.sensor, request.numbers,
-        request.linear,
-    )  # fmt: skip
+    source = _read(request)
     with terminal_progress() as progress:
         merged = merge_files(source, request.method, request.refine, progress)
         progress.report(0.9, "writing")
@@ -64,3 +65,24 @@ def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
     for words in merged.told:
         print_message(f"warning: {words}")
     print_message("wrote " + ", ".join(str(path) for path in paths.values()))
+
+
+def _read(request: MergeRequest) -> BracketFiles:
+    """Read the bracket to merge, from a record or from picture files."""
+    if any(path.suffix.lower() in _HDF5 for path in request.files):
+        if len(request.files) > 1:
+            raise UserError("several files, one of them a record: give a record by itself.")
+        if request.exposures is not None or request.darks:
+            raise UserError("--exposures, --dark: a record has its own exposures and dark frames.")
+        return read_recorded_bracket(request.files[0], request.frames)
+    if request.frames != RecordedFrames():
+        raise UserError("--target, --pattern, --wavelength-nm: choose frames of a record only.")
+    if request.exposures is None:
+        raise UserError(
+            "--exposures is missing: give the exposure time of each file in seconds, in their "
+            "order, as in --exposures 0.001,0.004."
+        )
+    return read_bracket_files(
+        request.files, request.exposures, request.darks, request.sensor, request.numbers,
+        request.linear,
+    )  # fmt: skip

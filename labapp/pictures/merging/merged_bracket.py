@@ -47,7 +47,7 @@ def merge_files(
 ) -> MergedFiles:
     """Merge a bracket of files, each band by itself, with one factor for each frame.
 
-    refine: whether exposures are measured, and those that are surely wrong corrected.
+    refine: whether exposures are measured; those that surely differ are corrected.
     """
     bands = [_band(source, number) for number in range(len(source.frames[0]))]
     factors: hdr.ExposureFactors | None = None
@@ -56,7 +56,7 @@ def merge_files(
         progress.report(0.0, "measuring exposures")
         factors, told = _measured_factors(bands)
         if factors is not None:
-            bands = [one.with_factors(factors.factors) for one in bands]
+            bands = [one.with_factors(factors.corrections) for one in bands]
     found = []
     for number, band in enumerate(bands):
         ends = (0.1 + 0.7 * (number + k) / len(bands) for k in (0, 1))
