@@ -96,13 +96,12 @@ def merge(
     method: Annotated[
         str, typer.Option(help="Weights of exposures: full, Granados, Poisson or plain.")
     ] = "full",
-    refine: Annotated[
+    as_given: Annotated[
         bool,
         typer.Option(
-            "--refine/--as-given",
-            help="Measure exposures on the frames, or trust their times.",
+            "--as-given", help="Trust the exposure times; don't measure them on the frames."
         ),
-    ] = True,
+    ] = False,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -133,6 +132,6 @@ def merge(
     request = MergeRequest(
         files, times or None, dark or [], sensor,
         SensorNumbers(gain, read_noise, black, full_scale),
-        RecordedFrames(target, pattern, wavelength), linear, found, refine, out, force,
+        RecordedFrames(target, pattern, wavelength), linear, found, not as_given, out, force,
     )  # fmt: skip
     merge_bracket_files(request, as_json=json)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -66,6 +67,9 @@ def read_bracket_files(
             f"--exposures has {len(exposures)} times for {len(paths)} files. Give one for each, in "
             "the files' order, as in --exposures 0.001,0.004,0.016."
         )
+    wrong = [one for one in exposures if not 0 < one < math.inf]
+    if wrong:
+        raise UserError(f"--exposures: {wrong[0]:g} s can't be; all must be positive.")
     if len(set(exposures)) == 1 and len(paths) > 1:
         raise UserError(
             f"--exposures: all are {exposures[0]:g} s. A bracket has different times; to average "

@@ -1,0 +1,138 @@
+"""`labapp merge` on files of numpy's own generator, and on the record of a run."""
+
+import json
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+import tifffile
+from typer.testing import CliRunner
+
+from labapp.cli import app
+from labapp.common.errors import UserError
+
+TIMES = (1e-3, 4e-3, 16e-3)
+NOISE = ["--gain", "2.6", "--read-noise", "2.4", "--black", "64", "--full-scale", "4095"]
+
+
+def frame(rate, time, seed):
+    rng = np.random.default_rng(seed)
+    number = (rng.poisson(rate * time) + rng.normal(0, 2.4, rate.shape)) / 2.6 + 64
+    return np.clip(np.round(number), 0, 4095).astype(np.uint16)
+
+
+@pytest.fixture
+def scene():
+    return 10 ** np.random.default_rng(1).uniform(3, 6.5, (60, 80))
+
+
+@pytest.fixture
+def files(scene, tmp_path):
+    paths = [tmp_path / f"{number}.tiff" for number in range(3)]
+    for number, (path, time) in enumerate(zip(paths, TIMES, strict=True)):
+        tifffile.imwrite(path, frame(scene, time, number))
+    return paths
+
+
+def merged(arguments):
+    """What the command prints as JSON."""
+    done = CliRunner().invoke(app, ["merge", *map(str, arguments), "--json"])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
+
+
+def test_files_become_light_with_variance_state_and_a_report(files, scene, tmp_path):
+    out = tmp_path / "merged.h5"
+    said = merged([*files, "--exposures", "0.001,0.004,0.016", *NOISE, "--out", out])
+    with h5py.File(out) as file:
+        rate, variance, state = (file[name][:] for name in ("rate", "variance", "state"))
+        assert json.loads(file["description"][()])["method"] == "full"
+    valid = state == 0
+    assert valid.mean() > 0.9
+    assert np.mean((rate - scene)[valid] ** 2 / variance[valid]) == pytest.approx(1, abs=0.1)
+    assert np.array_equal(tifffile.imread(tmp_path / "merged.tiff"), rate)
+    assert cv2.imread(str(tmp_path / "merged.png")).shape == (60, 80, 3)
+    page = (tmp_path / "merged.html").read_text()
+    assert "0.tiff" in page
+    assert "measured" in page
+    assert said["warnings"] == []
+    assert min(said["accuracy"]["efficiency"]) > 0.85
+
+
+def test_a_wrong_exposure_is_named_and_corrected(scene, tmp_path):
+    paths = [tmp_path / f"{number}.png" for number in range(3)]
+    for number, (path, time) in enumerate(zip(paths, (1e-3, 4.4e-3, 16e-3), strict=True)):
+        cv2.imwrite(str(path), frame(scene, time, number))
+    arguments = [*paths, "--exposures", "0.001,0.004,0.016", *NOISE, "--out", tmp_path / "m.h5"]
+    said = merged(arguments)
+    assert said["factors"] == pytest.approx([1, 1.1, 1], abs=0.01)
+    (words,) = said["warnings"]
+    assert words.startswith("frame 2 has 1.1 times the light")
+    trusted = merged([*arguments, "--as-given", "--force"])
+    assert trusted["factors"] is None
+    assert trusted["states"]["MOVED"] > 10 * said["states"]["MOVED"]
+
+
+def test_dark_frames_are_subtracted(scene, tmp_path):
+    paths, darks = [], []
+    for number, time in enumerate(TIMES):
+        for kind, light, seed in (("light", scene, number), ("dark", 0 * scene, 9 + number)):
+            path = tmp_path / f"{kind}{number}.tiff"
+            # A level of its own for each exposure.
+            tifffile.imwrite(path, frame(light, time, seed) + 10 * number)
+            (paths if kind == "light" else darks).append(path)
+    options = [part for path in darks for part in ("--dark", path)]
+    times = ["--exposures", "0.001,0.004,0.016"]
+    merged([*paths, *times, *options, *NOISE, "--out", tmp_path / "m.h5"])
+    with h5py.File(tmp_path / "m.h5") as file:
+        rate = file["rate"][:]
+    assert np.median(rate / scene) == pytest.approx(1, abs=0.01)
+
+
+def test_colours_are_merged_each_by_itself(tmp_path):
+    rate = 10 ** np.random.default_rng(2).uniform(3, 6, (30, 40, 3))
+    paths = [tmp_path / f"{number}.tiff" for number in range(2)]
+    for number, path in enumerate(paths):
+        tifffile.imwrite(path, frame(rate, TIMES[number], number), photometric="rgb")
+    merged([*paths, "--exposures", "0.001,0.004", *NOISE, "--out", tmp_path / "m.h5"])
+    with h5py.File(tmp_path / "m.h5") as file:
+        assert file["rate"].shape == (3, 30, 40)
+        bright = rate[..., 1] > 1e5
+        assert np.median(file["rate"][1][bright] / rate[..., 1][bright]) == pytest.approx(
+            1, abs=0.01
+        )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--exposures", "0.001,0.004"], "2 times for 3 files"),
+        (["--exposures", "0.001,x,0.1"], "are seconds with commas"),
+        (["--exposures", "0.01,0.01,0.01"], "different times"),
+        (["--exposures", "0.01,0.02,-1"], "must be positive"),
+        ([], "--exposures is missing"),
+        (["--exposures", "0.001,0.004,0.016", "--method", "best"], "choose one of plain"),
+        (["--exposures", "0.001,0.004,0.016", "--target", "star"], "of a record only"),
+        (["--exposures", "0.001,0.004,0.016", "--gain", "-1"], "gain is -1"),
+    ],
+)
+def test_what_does_not_fit_is_refused(files, tmp_path, options, words):
+    with pytest.raises(UserError, match=words):
+        merged([*files, *NOISE, *options, "--out", tmp_path / "m.h5"])
+    assert not (tmp_path / "m.h5").exists()
+
+
+def test_unknown_noise_and_other_sizes_are_refused(files, tmp_path):
+    times = ["--exposures", "0.001,0.004,0.016"]
+    with pytest.raises(UserError, match="give --sensor FILE, or --gain"):
+        merged([*files, *times, "--out", tmp_path / "m.h5"])
+    tifffile.imwrite(files[1], np.zeros((10, 10), np.uint16))
+    with pytest.raises(UserError, match="10 x 10 pixels"):
+        merged([*files, *times, *NOISE, "--out", tmp_path / "m.h5"])
+    with pytest.raises(UserError, match=r"must end in \.h5"):
+        merged([*files, *times, *NOISE, "--out", tmp_path / "m.tiff"])
+    with pytest.raises(UserError, match="is a file that is read"):
+        merged([*files, *times, *NOISE, "--out", tmp_path / "0.h5"])
