@@ -216,6 +216,7 @@ def composite_over(
     the share of the rays to a sample that it stops. These rays are taken to be as bright as the
     other rays to the sample. This is exact where either layer is in focus, and right to about a
     percent elsewhere (Hasinoff and Kutulakos, A layer-based restoration framework for
-    variable-aperture photography, ICCV 2007).
+    variable-aperture photography, ICCV 2007). Where blurred edges of two layers lie along each
+    other, it is wrong by several percent of the light along that line: a ray passes both or none.
     """
     return behind * (1 - cover_share.clamp(0, 1)) + front
