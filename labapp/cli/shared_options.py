@@ -88,7 +88,7 @@ MemoryOption = Annotated[
     typer.Option(
         metavar="GB",
         help="Memory in GB for what simulated pictures share with later ones.",
-        show_default="0.6 and 110 bytes a pixel; a quarter of the machine's at most",
+        show_default="0.6 and 75 bytes a pixel; a quarter of the machine's at most",
     ),
 ]
 YesOption = Annotated[
