@@ -22,13 +22,16 @@ class Exposure:
     """All frames of one exposure time.
 
     time: seconds. frames: their indices in the bracket. floor: variance of a frame without light,
-    electrons². darks: number of dark frames whose mean is subtracted from each of them.
+    electrons². darks: number of dark frames whose mean is subtracted from each of them. dark_level:
+    mean digital number of these. clip_level: electrons of light from which a frame clips.
     """
 
     time: float
     frames: tuple[int, ...]
     floor: float
     darks: float
+    dark_level: float
+    clip_level: float
 
 
 class Bracket:
@@ -107,17 +110,12 @@ class Bracket:
             indices = np.flatnonzero(self.times == time)
             floor = sensor.read_noise**2 + sensor.gain**2 / 12 + sensor.dark_current * time
             count = float(self.dark_counts[indices].min())
-            found.append(Exposure(float(time), tuple(indices.tolist()), floor, count))
+            level = float(np.mean(self.darks[indices[0]], dtype=np.float64))
+            # A number of full scale stands for all above half a number less.
+            clip = (sensor.full_scale - 0.5 - level) * sensor.gain
+            frames = tuple(indices.tolist())
+            found.append(Exposure(float(time), frames, floor, count, level, clip))
         return found
-
-    def clip_level(self, exposure: Exposure) -> float:
-        """Return the electrons of light from which an exposure of the bracket clips.
-
-        A number of full scale stands for all above half a number less.
-        """
-        dark = self.darks[exposure.frames[0]]
-        level = float(np.mean(np.asarray(dark, dtype=np.float64)))
-        return (self.sensor.full_scale - 0.5 - level) * self.sensor.gain
 
     def electrons(self, index: int, rows: slice) -> tuple[Array, NDArray[np.bool_]]:
         """Return electrons of light in some rows of a bracket's frame, and which are clipped.
@@ -125,8 +123,8 @@ class Bracket:
         Raises ValueError for numbers that aren't finite.
         """
         numbers = np.asarray(self.frames[index][rows])
-        dark = np.asarray(self.darks[index])
-        dark = dark if dark.ndim == 0 else dark[rows]
+        dark = self.darks[index]
+        dark = np.asarray(dark[rows] if np.ndim(dark) else dark)
         light = np.subtract(numbers, dark, dtype=np.float32)
         if not np.isfinite(light).all():
             name = "dark" if not np.isfinite(dark).all() else "frame"

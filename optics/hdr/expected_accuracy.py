@@ -42,7 +42,7 @@ def cramer_rao_variance(bracket: Bracket, rate: float) -> float:
     for exposure in bracket.exposures:
         each = rate * exposure.time + exposure.floor
         deviation = np.sqrt(each + exposure.floor / exposure.darks)
-        above = (rate * exposure.time - bracket.clip_level(exposure)) / deviation
+        above = (rate * exposure.time - exposure.clip_level) / deviation
         if above < -_SURELY:
             count = len(exposure.frames)
             information += exposure.time**2 / (each / count + exposure.floor / exposure.darks)
@@ -80,7 +80,7 @@ def expected_accuracy(
     ExpectedAccuracy
     """
     rng, sensor = np.random.default_rng(seed), bracket.sensor
-    levels = [float(np.mean(np.asarray(dark, dtype=np.float64))) for dark in bracket.darks]
+    levels = {exposure.time: exposure.dark_level for exposure in bracket.exposures}
     shape = (len(rates), pixels)
 
     def numbers(light: Array | float, level: float, averaged: float = 1.0) -> Array:
@@ -88,8 +88,8 @@ def expected_accuracy(
         return np.asarray((rng.poisson(light, shape) + noise) / sensor.gain + level)
 
     frames, darks, shared = [], [], {}
-    for time, level, count in zip(bracket.times, levels, bracket.dark_counts, strict=True):
-        current = sensor.dark_current * time
+    for time, count in zip(bracket.times, bracket.dark_counts, strict=True):
+        level, current = levels[time], sensor.dark_current * time
         light = np.minimum(rates[:, None] * time + current, 10 * sensor.full_well)
         taken = numbers(light, level - current / sensor.gain)
         frames.append(np.clip(np.round(taken), 0, 2**sensor.bits - 1))

@@ -160,7 +160,7 @@ def _noise(bracket: Bracket) -> tuple[Array, Array]:
     for exposure in bracket.exposures:
         indices = list(exposure.frames)
         floors[indices] = exposure.floor * (1 + 1 / exposure.darks)
-        levels[indices] = bracket.clip_level(exposure)
+        levels[indices] = exposure.clip_level
     return floors, levels
 
 

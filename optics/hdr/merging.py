@@ -169,12 +169,12 @@ class _Tile:
     def _clip_rate(self, number: int) -> float:
         """Return the electrons per second from which an exposure of the HDR bracket clips."""
         exposure = self._exposures[number]
-        return self._bracket.clip_level(exposure) / exposure.time
+        return exposure.clip_level / exposure.time
 
     def _away_from_clipping(self, number: int, rate: Array) -> Array:
         """Return how far predicted HDR values are below an exposure's clip level, in deviations."""
         exposure = self._exposures[number]
-        level = np.float32(self._bracket.clip_level(exposure))
+        level = np.float32(exposure.clip_level)
         light = rate * np.float32(exposure.time)
         return np.asarray((level - light) / np.sqrt(_frame_variance(exposure, rate)))
 
@@ -329,7 +329,7 @@ class _Tile:
         Returns where a frame contradicts the values of shorter exposures, and was left out.
         """
         bracket, exposure = self._bracket, self._exposures[number]
-        level = bracket.clip_level(exposure)
+        level = exposure.clip_level
         deviation = math.sqrt(level + exposure.floor * (1 + 1 / exposure.darks))
         shorter = self._shorter(number)
         known, stated = rate[near].astype(np.float64), information[near].astype(np.float64)

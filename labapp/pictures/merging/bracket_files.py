@@ -145,8 +145,8 @@ def _described_sensor(numbers: SensorNumbers, photographs: Sequence[InputPhotogr
     if numbers.gain is None or numbers.read_noise is None:
         raise UserError(
             "the noise of the sensor isn't known: give --sensor FILE, or --gain (electrons per "
-            "digital number) and --read-noise (electrons). `labapp accuracy` and a photon transfer "
-            "run measure them."
+            "digital number) and --read-noise (electrons). The ready plan photon-transfer "
+            "measures them."
         )
     bits = 16 if first.is_srgb or first.levels.dtype != np.uint8 else 8
     return Sensor(bits=bits, full_well=1e9, dark_current=0.0, black_level=0.0)

@@ -55,8 +55,8 @@ def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
         merged = merge_files(source, request.method, request.refine, progress)
         progress.report(0.9, "writing")
         make_folder(request.out.parent)
-        write_merged(merged, paths)
-        write_atomically(paths["report"], merge_page(merged).encode())
+        shown = write_merged(merged, paths)
+        write_atomically(paths["report"], merge_page(merged, shown).encode())
     if as_json:
         print_json(describe_merged(merged) | {kind: str(path) for kind, path in paths.items()})
         return

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from html import escape
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from labapp.common.figure_png import figure_to_png
-from labapp.files.writing import encode_image
 from labapp.pictures.merging.merged_bracket import MergedFiles
-from labapp.pictures.merging.merged_files import picture_to_look_at
 from labapp.pictures.report.html import document, footer, heading, html_figure, html_table
 from optics import hdr
 
@@ -52,10 +49,8 @@ def state_rows(merged: MergedFiles) -> list[list[str]]:
     ]
 
 
-def merge_page(merged: MergedFiles) -> str:
-    """Return the report of a merged bracket as an HTML page."""
-    looked_at = np.ascontiguousarray(picture_to_look_at(merged.rate)[..., ::-1])
-    shown = encode_image(Path("light.png"), looked_at)
+def merge_page(merged: MergedFiles, shown: bytes) -> str:
+    """Return the report of a merged bracket as an HTML page; shown: PNG of its light."""
     warnings = "".join(f"<p><strong>{escape(one)}</strong></p>" for one in merged.told)
     parts = [
         heading("Merged bracket", ()),

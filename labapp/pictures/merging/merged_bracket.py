@@ -112,6 +112,6 @@ def _told_rates(band: hdr.Bracket) -> NDArray[np.float64]:
     """Return rates from the noise of the longest to the top of the shortest exposure."""
     shortest, longest = band.exposures[0], band.exposures[-1]
     low = math.log10(math.sqrt(longest.floor) / longest.time)
-    high = math.log10(0.9 * band.clip_level(shortest) / shortest.time)
+    high = math.log10(0.9 * shortest.clip_level / shortest.time)
     count = max(2, math.ceil((high - low) * _RATES_PER_DECADE) + 1)
     return np.asarray(np.logspace(low, high, count))

@@ -27,13 +27,14 @@ def merged_paths(path: Path) -> dict[str, Path]:
     }
 
 
-def write_merged(merged: MergedFiles, paths: dict[str, Path]) -> None:
-    """Write a merged bracket's data, light and picture."""
+def write_merged(merged: MergedFiles, paths: dict[str, Path]) -> bytes:
+    """Write a merged bracket's data, light and picture; return the picture's PNG."""
     write_atomically(paths["data"], _hdf5(merged))
     light = encode_photograph(paths["light"], merged.rate, in_srgb=False, white_level=1.0)
     write_atomically(paths["light"], light)
-    shown = picture_to_look_at(merged.rate)
-    write_atomically(paths["picture"], encode_image(paths["picture"], shown[..., ::-1]))
+    shown = encode_image(paths["picture"], picture_to_look_at(merged.rate)[..., ::-1])
+    write_atomically(paths["picture"], shown)
+    return shown
 
 
 def describe_merged(merged: MergedFiles) -> dict[str, Any]:
@@ -91,8 +92,8 @@ def picture_to_look_at(rate: NDArray[np.float32]) -> NDArray[np.uint8]:
     lit = luminance[luminance > 0]
     if not lit.size:
         return np.zeros(light.shape, dtype=np.uint8)
-    scaled = 0.18 * luminance / np.exp(np.log(lit).mean())
+    key = 0.18 / np.exp(np.log(lit).mean())
+    scaled = key * luminance
     white = max(1.0, float(np.quantile(scaled, 0.999)))
     factor = (1 + scaled / white**2) / (1 + scaled)
-    shown = light * (0.18 / np.exp(np.log(lit).mean()) * factor)[..., None]
-    return encode_srgb(shown)
+    return encode_srgb(light * (key * factor)[..., None])
