@@ -238,7 +238,6 @@ def picture_key(s: Situation) -> Hashable:
 
     The start of the exposure is part of it only if the picture depends on it.
     """
-    beats = complex(s.path.interference) if s.path else 0j
     return (
         s.camera,
         s.mount,
@@ -249,7 +248,7 @@ def picture_key(s: Situation) -> Hashable:
         (s.panel_content.names, s.panel_content.frame_time),
         s.exposure_start if _depends_on_start(s) else 0.0,
         s.exposure,
-        beats,
+        s.interference,
         s.numerics,
     )
 

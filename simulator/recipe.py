@@ -80,12 +80,9 @@ class Recipe:
 
     @property
     def light_samples_per_pixel(self) -> int:
-        """Return the samples of blurred light in a pixel along each axis, by a simulation recipe.
-
-        Where light is multiplied by what hides it, both need all their detail.
-        """
+        """Return the samples of blurred light along each axis of a pixel, by a simulation recipe."""
         drawn = self.picture_samples_per_pixel or self.samples_per_pixel
-        return self.samples_per_pixel if self.occlusion else min(drawn, self.samples_per_pixel)
+        return light_samples(self.samples_per_pixel, drawn, occlusion=self.occlusion)
 
     @property
     def stages(self) -> Stages:
@@ -102,3 +99,11 @@ class Recipe:
     def with_changes(self, **changes: object) -> Recipe:
         """Return a simulation recipe with some fields changed."""
         return replace(self, **changes)  # type: ignore[arg-type]
+
+
+def light_samples(of_psf: int, of_picture: int, *, occlusion: bool) -> int:
+    """Return the samples of blurred light in a pixel along each axis, for a simulation recipe.
+
+    Where light is multiplied by what hides it, both need all their detail.
+    """
+    return of_psf if occlusion else min(of_picture, of_psf)

@@ -66,6 +66,11 @@ class Situation:
         return self.band.centre
 
     @property
+    def interference(self) -> complex:
+        """Return how strongly modulated and unmodulated light interfere in a simulated situation."""
+        return complex(self.path.interference) if self.path is not None else 0j
+
+    @property
     def exposure_span(self) -> float:
         """Return the seconds over which the sensor's rows are exposed in a simulated situation.
 

@@ -17,3 +17,8 @@ def gap_amplitude(panel: Panel) -> float:
     strengthens the light in this model.
     """
     return panel.gap_reflection * (1 - panel.fill_factor) / panel.fill_factor
+
+
+def max_gap_power(panel: Panel) -> float:
+    """Return the largest power of the SLM's field with its gaps, over that of its pixels alone."""
+    return (1 + gap_amplitude(panel)) ** 2

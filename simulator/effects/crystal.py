@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from optics.slm.dynamics import first_start_phase, relaxed_phase
-from optics.slm.gap import gap_amplitude
+from optics.slm.gap import max_gap_power
 from simulator.effects.blur_effects import OnOffBlurEffect, psf_error_bound
 from simulator.effects.electron_bounds import is_lamp_flickering
 from simulator.effects.field_distance import MARGIN, sample_pixels
@@ -55,7 +55,7 @@ class CrystalResponse(OnOffBlurEffect):
         )
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        spread = (1 + gap_amplitude(s.camera.panel)) ** 2 * phase_error_gain(s.camera.panel) ** 2
+        spread = max_gap_power(s.camera.panel) * phase_error_gain(s.camera.panel) ** 2
         change = MARGIN * _psf_change(s) * spread
         how = f"audited ×{MARGIN:g}: mean and power of what the field lacks, worst of all times"
         return psf_error_bound(s, change, how)

@@ -98,8 +98,7 @@ def max_panel_power(s: Situation) -> float:
 
     Gaps between pixels, and light that interferes, may add to the light of the pixels.
     """
-    beats = abs(complex(s.path.interference)) if s.path is not None else 0.0
-    return s.pattern_probe.max_relative_power * (1 + beats)
+    return s.pattern_probe.max_relative_power * (1 + abs(s.interference))
 
 
 def sharp_norm_bound(s: Situation) -> float:

@@ -87,8 +87,7 @@ def phase_error_psf_bound(s: Situation, pixels: PixelSample, error: torch.Tensor
     if not has_coherent_background(s):
         return psf_distance_bound(pixels, one, torch.ones_like(one))
     still = math.sqrt(pixels.mean((one - 1).abs() ** 2).real)
-    beats = abs(complex(s.path.interference)) if s.path is not None else 0.0
-    return (2 + beats) * still
+    return (2 + abs(s.interference)) * still
 
 
 def has_coherent_background(s: Situation) -> bool:
@@ -96,5 +95,4 @@ def has_coherent_background(s: Situation) -> bool:
 
     It interferes with the light that the pattern modulates.
     """
-    beats = s.path is not None and abs(complex(s.path.interference)) > 0
-    return bool(s.camera.panel.gap_reflection) or beats
+    return bool(s.camera.panel.gap_reflection) or bool(s.interference)

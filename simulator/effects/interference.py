@@ -19,24 +19,16 @@ class Interference(OnOffBlurEffect):
     requires = ("unmodulated light", "diffraction")
 
     def is_present(self, s: Situation) -> bool:
-        return s.path is not None and _strength(s) > 0 and not s.picture_probe.is_dark
+        return bool(s.interference) and not s.picture_probe.is_dark
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         # Light from the gaps between pixels, and an uneven beam, may raise the power of either
         # wave above 1.
         how = "proved: Cauchy-Schwarz on two waves, each of all the light"
-        return psf_error_bound(s, _strength(s) * _brightest(s), how)
+        return psf_error_bound(s, abs(s.interference) * _brightest(s), how)
 
     def explain(self, s: Situation) -> str:
-        return f"the two beat by {_strength(s):.2g} of the light at most"
-
-
-def _strength(s: Situation) -> float:
-    """Return the strength of the polarisation interference effect.
-
-    The effect is interference of unmodulated with modulated light.
-    """
-    return abs(complex(s.path.interference)) if s.path is not None else 0.0
+        return f"the two beat by {abs(s.interference):.2g} of the light at most"
 
 
 def _brightest(s: Situation) -> float:

@@ -10,6 +10,7 @@ import torch
 from optics.plane import centred_crop
 from simulator.effects.electron_bounds import sensor_error_bound
 from simulator.effects.picture_norms import estimated_light
+from simulator.effects.result_cache import cached_across_patterns
 from simulator.planning import Bound, Effect
 from simulator.situation import Situation
 
@@ -55,11 +56,11 @@ def _mean_inverse_variance(s: Situation) -> float:
 
     It is the sharp picture's, and so the same for all patterns.
     """
-    causes = ("mean inverse variance", s.camera.sensor, s.exposure)
-    known = s.picture_probe.results
-    if causes not in known:
-        sensor = s.camera.sensor
+    sensor = s.camera.sensor
+
+    def mean() -> float:
         light = centred_crop(s.picture_probe.sharp_picture, sensor.shape).clamp(min=0) * s.exposure
         noise = sensor.read_noise**2 + sensor.dark_current * s.exposure
-        known[causes] = float((1 / (light + max(noise, 0.1))).mean(dtype=torch.float64))
-    return float(known[causes])
+        return float((1 / (light + max(noise, 0.1))).mean(dtype=torch.float64))
+
+    return cached_across_patterns(s, ("mean inverse variance", sensor, s.exposure), mean)

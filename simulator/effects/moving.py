@@ -17,7 +17,7 @@ from simulator.effects.electron_bounds import (
     sensor_error_bound,
 )
 from simulator.effects.likely_errors import LightEffect
-from simulator.effects.rendering_work import LEVELS, PSF_REACH, light_samples
+from simulator.effects.rendering_work import LEVELS, PSF_REACH, light_samples_at
 from simulator.formation.windows import rendering_windows
 from simulator.formation.work import transform_operations
 from simulator.planning import Bound
@@ -118,4 +118,4 @@ def transform(s: Situation, levels: Mapping[str, int]) -> float:
     The number depends on how far the PSFs reach and how fine the samples are.
     """
     windows = rendering_windows(s, LEVELS.windows[levels.get(PSF_REACH, 0)])
-    return transform_operations(*(n * light_samples(s, levels) for n in windows.picture))
+    return transform_operations(*(n * light_samples_at(s, levels) for n in windows.picture))

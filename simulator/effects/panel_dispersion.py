@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import torch
 
-from optics.slm.gap import gap_amplitude
+from optics.slm.gap import max_gap_power
 from simulator.effects.blur_effects import OnOffBlurEffect, psf_error_bound
 from simulator.effects.field_distance import MARGIN, phase_error_psf_bound, sample_pixels
 from simulator.effects.panel_effects import phase_error_gain
@@ -75,7 +75,7 @@ def _psf_change_at(s: Situation, wavelength: float) -> float:
     figure = 0.0
     if panel.flatness is not None:
         figure = 2 * np.pi * (1 / wavelength - 1 / s.wavelength)
-    spread = (1 + gap_amplitude(panel)) ** 2 * phase_error_gain(panel)
+    spread = max_gap_power(panel) * phase_error_gain(panel)
     changes = []
     for grey, phase in zip(s.pattern_probe.greys, s.pattern_probe.phases, strict=True):
         error = pixels(there.phase(grey)) if maps else there.phase(pixels(grey))

@@ -13,7 +13,7 @@ import torch
 
 from optics.camera import Panel
 from optics.slm.coupling import fringing_field_mean
-from optics.slm.gap import gap_amplitude
+from optics.slm.gap import gap_amplitude, max_gap_power
 from optics.slm.jitter import scattered_share
 from optics.slm.reflection import front_reflection_share, transmitted_unmodulated_share
 from simulator.effects.blur_effects import OnOffBlurEffect, psf_error_bound
@@ -90,7 +90,7 @@ class Illumination(PanelEffect):
         light = panel.illumination.at_pixels(panel)
         field = pixels(torch.sqrt(light / light.mean())).to(torch.complex128)
         # The gaps between pixels are lit as unevenly as the pixels.
-        found = psf_distance_bound(pixels, field, torch.ones_like(field)) * _gap_power(panel)
+        found = psf_distance_bound(pixels, field, torch.ones_like(field)) * max_gap_power(panel)
         return margin(s) * found, describe_proof(
             s, "Cauchy-Schwarz; amplitude that isn't the mean's"
         )
@@ -215,7 +215,7 @@ class Flicker(PanelEffect):
             lost = torch.from_numpy(1 - scipy.special.j0((panel.flicker * some).numpy()))
             rms = math.sqrt(pixels.mean(lost**2).real)
             worst = max(worst, 2 * pixels.mean(lost).real + 2 * rms)
-        spread = _gap_power(panel) * phase_error_gain(panel) ** 2
+        spread = max_gap_power(panel) * phase_error_gain(panel) ** 2
         # A nonlinear response may make phases larger than the pattern's.
         return margin(s) * 1.5 * worst * spread, "audited ×1.5: mean and power of the ripple"
 
@@ -232,18 +232,10 @@ class Jitter(RedirectedLight):
     source = "Ruze, Proc. IEEE 54, 633 (1966)"
 
     def redirected_share(self, s: Situation) -> float:
-        return scattered_share(s.camera.panel.jitter) * _gap_power(s.camera.panel)
+        return scattered_share(s.camera.panel.jitter) * max_gap_power(s.camera.panel)
 
     def explain(self, s: Situation) -> str:
         return f"pixels err on their own by {s.camera.panel.jitter:.2g} rad and scatter light"
-
-
-def _gap_power(panel: Panel) -> float:
-    """Return the factor by which light from the gaps may enlarge a panel effect's power.
-
-    The factor is the panel's largest power, relative to that of its pixels.
-    """
-    return (1 + gap_amplitude(panel)) ** 2
 
 
 class GapLight(PanelEffect):
@@ -278,7 +270,7 @@ class Flatness(PanelEffect):
         path = panel.flatness.at_pixels(panel) * (2 * math.pi / s.band.support[0])
         change = (
             phase_error_psf_bound(s, pixels, pixels(path))
-            * _gap_power(panel)
+            * max_gap_power(panel)
             * phase_error_gain(panel)
         )
         return margin(s) * change, describe_proof(s, "Cauchy-Schwarz; the figure's rms phase")

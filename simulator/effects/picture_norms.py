@@ -18,7 +18,7 @@ from simulator.effects.psf_bounds import (
     is_uniform_scene,
     vignetting_samples,
 )
-from simulator.effects.result_cache import cached_across_exposures
+from simulator.effects.result_cache import cached_across_exposures, cached_across_patterns
 from simulator.effects.spectra import spectral_measure
 from simulator.planning.bound import MinimumNorms
 from simulator.probing.picture_probe import MARGIN
@@ -172,10 +172,7 @@ def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int],
     The result depends on the sharp picture alone.
     """
     causes = (what, edge, s.camera.sensor.shape)
-    if causes not in s.picture_probe.results:
-        s.picture_probe.results[causes] = find(edge)
-    found: T = s.picture_probe.results[causes]
-    return found
+    return cached_across_patterns(s, causes, lambda: find(edge))
 
 
 def _frame_without_edge(s: Situation, edge: int) -> torch.Tensor:

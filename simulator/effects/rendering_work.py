@@ -16,7 +16,7 @@ from simulator.formation.coarse_orders import can_be_coarse
 from simulator.formation.merged_parts import groups_of_parts
 from simulator.formation.windows import rendering_windows
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
-from simulator.recipe import SMALLEST_WINDOW
+from simulator.recipe import SMALLEST_WINDOW, light_samples
 from simulator.situation import Situation
 
 
@@ -141,7 +141,7 @@ def _operations(s: Situation, found: tuple[int, ...]) -> float:
     """Return the operations of rendering, cached by the levels of the relevant effects."""
     levels = dict(zip(_RELEVANT_EFFECTS, found, strict=True))
     wave = bool(levels.get(DIFFRACTION, 0))
-    of_psf, of_light = samples = s.coarsest_sampling, light_samples(s, levels)
+    of_psf, of_light = samples = s.coarsest_sampling, light_samples_at(s, levels)
     coarse = wave and are_orders_coarse(s, levels.get(PANEL_ORDERS, 0))
     if coarse:
         levels[PANEL_ORDERS] = 0
@@ -176,13 +176,10 @@ def _coarse_order_operations(s: Situation) -> float:
     return 3 * transform_operations(rows, columns)
 
 
-def light_samples(s: Situation, levels: Mapping[str, int]) -> int:
-    """Return the samples of blurred light in a pixel along each axis, by effect levels.
-
-    This is the rule of Recipe.light_samples_per_pixel.
-    """
+def light_samples_at(s: Situation, levels: Mapping[str, int]) -> int:
+    """Return the samples of blurred light in a pixel along each axis, by effect levels."""
     drawn = LEVELS.samples[levels.get(LIGHT_SAMPLING, 0)]
-    return s.coarsest_sampling if levels.get(OCCLUSION, 0) else min(drawn, s.coarsest_sampling)
+    return light_samples(s.coarsest_sampling, drawn, occlusion=bool(levels.get(OCCLUSION, 0)))
 
 
 def _picture_oversampling(of_light: int, levels: Mapping[str, int]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Concatenate, ParamSpec, TypeVar
 
 from simulator.situation import Situation
@@ -44,4 +44,13 @@ def cached_across_exposures(s: Situation, what: str, find: Callable[[], T]) -> T
     if causes not in s.pattern_probe.results:
         s.pattern_probe.results[causes] = find()
     found: T = s.pattern_probe.results[causes]
+    return found
+
+
+def cached_across_patterns(s: Situation, causes: Hashable, find: Callable[[], T]) -> T:
+    """Return an effect's result that follows from the sharp picture and the named causes alone."""
+    known = s.picture_probe.results
+    if causes not in known:
+        known[causes] = find()
+    found: T = known[causes]
     return found

@@ -52,7 +52,7 @@ def can_be_coarse(s: Situation) -> bool:
     return (
         not s.camera.separation
         and math.prod(s.camera.panel.shape) >= _SMALLEST_PANEL
-        and not (s.path is not None and abs(complex(s.path.interference)))
+        and not s.interference
         and s.mount.is_aligned
         and s.mount.is_centred
         and not s.target.is_moving

@@ -76,7 +76,7 @@ class Kernels:
         The key has everything else that the PSFs depend on.
         """
         r = self._recipe
-        beats = complex(self._s.path.interference) if self._s.path and r.interference else 0j
+        beats = self._s.interference if r.interference else 0j
         sides = (self.plane.shape, self._around_orders.shape, self._merged_orders)
         axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction)
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
@@ -168,9 +168,9 @@ class Kernels:
         """Render the PSF of the panel's fields, by waves or rays as the recipe says."""
         if isinstance(operator, RayOperator):
             return _ray_psf(operator, modulator, parts)
-        if not self._recipe.interference or self._s.path is None:
+        if not self._recipe.interference:
             return modulated_psf(operator, modulator, parts)
-        return _interference_psf(operator, modulator, parts, complex(self._s.path.interference))
+        return _interference_psf(operator, modulator, parts, self._s.interference)
 
     def _side_order_light(
         self, point: PointSource, order: Order, modulator: Modulator, parts: WeightedFields

@@ -138,9 +138,8 @@ class _Rendering:
             fixed_pattern=False, shot="none", clipping=False, read_noise=False,
             quantisation=False,
         )  # fmt: skip
-        beats = complex(s.path.interference) if s.path else 0j
         causes = (
-            "light", s.camera, s.mount, s.target, s.band, beats, s.numerics, axes,
+            "light", s.camera, s.mount, s.target, s.band, s.interference, s.numerics, axes,
             cell.panel_state, cell.shift, cell.path,
         )  # fmt: skip
         return self._cache.get(causes, lambda: self._compute_light(cell, number))

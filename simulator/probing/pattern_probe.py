@@ -17,7 +17,7 @@ from optics.camera import Camera, Panel
 from optics.fourier import NonuniformTransform
 from optics.plane import Plane
 from optics.slm import Modulator
-from optics.slm.gap import gap_amplitude
+from optics.slm.gap import max_gap_power
 from optics.slm.phase_range import max_phase
 from optics.validation import as_number
 from simulator.panel_at_wavelength import modulator_at
@@ -183,7 +183,7 @@ class PatternProbe:
         The light of the gaps between pixels may be in phase with that of the pixels. An uneven
         beam may be brighter than its mean where the stop is open.
         """
-        power, panel = (1 + gap_amplitude(self.panel)) ** 2, self.panel
+        power, panel = max_gap_power(self.panel), self.panel
         weight = self.aperture_share.square()
         if panel.illumination is None or not bool(weight.any()):
             return power

@@ -103,7 +103,7 @@ def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -
         "exposure": exposure, "exposure_start": 0.0,
         "exposure_span": frame_duration(one, exposure),
         "target": SimpleNamespace(lamp=None, is_moving=False, layers=()),
-        "panel_content": SimpleNamespace(is_changing=False), "path": None,
+        "panel_content": SimpleNamespace(is_changing=False), "interference": 0j,
         "pattern_probe": SimpleNamespace(max_relative_power=1.0),
         "cache": SituationCache(),
     } | more)  # fmt: skip
