@@ -80,7 +80,7 @@ class Recipe:
 
     @property
     def light_samples_per_pixel(self) -> int:
-        """Return the samples of blurred light along each axis of a pixel, by a simulation recipe."""
+        """Return the samples of blurred light along a pixel, by a simulation recipe."""
         drawn = self.picture_samples_per_pixel or self.samples_per_pixel
         return light_samples(self.samples_per_pixel, drawn, occlusion=self.occlusion)
 

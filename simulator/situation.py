@@ -67,7 +67,7 @@ class Situation:
 
     @property
     def interference(self) -> complex:
-        """Return how strongly modulated and unmodulated light interfere in a simulated situation."""
+        """Return how strongly unmodulated light interferes in a simulated situation; 0 without."""
         return complex(self.path.interference) if self.path is not None else 0j
 
     @property

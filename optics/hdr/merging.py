@@ -148,13 +148,13 @@ class _Tile:
 
     def merge(self) -> tuple[Array, Array, NDArray[np.uint8]]:
         """Return rate, variance and state of the HDR pixels."""
-        rate, information = self._weighted(None, self._counts)
+        rate, information = self._weighted_mean(None, self._counts)
         if self._method in ("Granados", "full"):
             for _ in range(_PASSES):
-                rate, information = self._weighted(rate, self._counts)
+                rate, information = self._weighted_mean(rate, self._counts)
         moved = np.zeros(rate.shape, dtype=bool)
         if self._method == "full":
-            rate, information, moved = self._refined(rate)
+            rate, information, moved = self._refine(rate)
         seen = information > 0
         variance = np.where(seen, 1 / np.where(seen, information, 1), np.inf).astype(np.float32)
         if self._method in ("plain", "Poisson"):
@@ -189,7 +189,7 @@ class _Tile:
         variance += np.float32(exposure.floor) if rate is None else _frame_variance(exposure, rate)
         return np.float32(exposure.time) / variance
 
-    def _weighted(self, rate: Array | None, counts: list[Array]) -> tuple[Array, Array]:
+    def _weighted_mean(self, rate: Array | None, counts: list[Array]) -> tuple[Array, Array]:
         """Return the weighted mean of the HDR bracket's rates, and the sum of weights.
 
         rate: predicts the variance; None for that without light. counts: frames that count.
@@ -218,7 +218,7 @@ class _Tile:
             below += np.float32(weight) * count * np.float32(exposure.time)
         return np.where(seen, total / np.where(seen, below, 1) ** 2, np.inf).astype(np.float32)
 
-    def _refined(self, rate: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def _refine(self, rate: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return HDR rate, information and movement, by exposures that surely aren't clipped.
 
         Whether they are is told by the predicted value, since their own depends on chance. The
@@ -230,7 +230,7 @@ class _Tile:
             np.where(may_clip, np.float32(0), count) if may_clip.any() else count
             for count, may_clip in zip(self._counts, near, strict=True)
         ]
-        known, information = self._weighted(rate, sure)
+        known, information = self._weighted_mean(rate, sure)
         known, information, moved = self._without_outliers(known, information, sure)
         for number, exposure in enumerate(self._exposures[1:], 1):
             here = near[number] & (information > 0)
@@ -294,7 +294,7 @@ class _Tile:
                 sure[number] = np.where(left_out, np.float32(0), count)
                 out &= ~left_out
             for _ in range(2):
-                rate, information = self._weighted(rate, sure)
+                rate, information = self._weighted_mean(rate, sure)
         return rate, information, moved
 
     def _differences(self, rate: Array, sure: list[Array]) -> list[Array]:

@@ -74,7 +74,7 @@ def near_clipping(shorter: float) -> NearClipping:
         Standard deviation of all shorter exposures together, over that of the exposure.
     """
     step = round(_STEPS_PER_FACTOR * math.log(min(max(shorter, 0.05), 50.0)))
-    return _designed(step)
+    return _design_estimates(step)
 
 
 def least_variance(light: Array, shorter: float) -> Array:
@@ -90,7 +90,7 @@ def least_variance(light: Array, shorter: float) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _designed(step: int) -> NearClipping:
+def _design_estimates(step: int) -> NearClipping:
     """Choose the estimates near a clip level by least squares."""
     shorter = math.exp(step / _STEPS_PER_FACTOR)
     # Where the shorter exposures are much noisier, changes are spread over as much.

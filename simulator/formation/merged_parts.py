@@ -61,9 +61,9 @@ def _mix(
 ) -> PixelPicture:
     """Add up pictures of the same pixels for rendering, each times its share."""
 
-    def added() -> PixelPicture:
+    def sum_pictures() -> PixelPicture:
         known = [one for one in pictures if isinstance(one, PixelPicture)]
         images = torch.stack([one.image for one in known])
         return replace(known[0], image=torch.tensordot(torch.tensor(shares).to(images), images, 1))
 
-    return cache.get(("mixed", pictures, shares), added)
+    return cache.get(("mixed", pictures, shares), sum_pictures)

@@ -57,7 +57,7 @@ def _bracket(rate: float, times: list[float], darks: int, rng: np.random.Generat
     return Bracket(frames, times, [dark[t] for t in times], [darks] * len(times), _SENSOR)
 
 
-def _seen(rate: float, times: list[float], darks: int, rng: np.random.Generator) -> Seen:
+def _judge(rate: float, times: list[float], darks: int, rng: np.random.Generator) -> Seen:
     bracket = _bracket(rate, times, darks, rng)
     found = merge(bracket)
     error = found.rate.numpy().astype(np.float64) - rate
@@ -90,11 +90,11 @@ def bracket_figures(folder: Path) -> list[Figure]:
         brightest = 0.5 * top / times[0]
         for rate in brightest / 10 ** np.arange(0, math.log10(_RANGE) + 0.1, 0.5):
             if all(abs(math.log(rate * t / top)) > 0.3 for t in times):
-                far.append(_seen(float(rate), times, darks, rng))
+                far.append(_judge(float(rate), times, darks, rng))
     for ratio, seen in near.items():
         times = [1e-3 * ratio**k for k in range(3)]
         for share in np.arange(0.95, 1.0501, 0.005):
-            seen.append(_seen(share * top / times[-1], times, 4, rng))
+            seen.append(_judge(share * top / times[-1], times, 4, rng))
     every = [one for seen in near.values() for one in seen]
     # The mean of so many squares is itself known to some parts in a thousand only.
     sure = 3 * math.sqrt(2 / _PIXELS)

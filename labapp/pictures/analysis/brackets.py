@@ -63,7 +63,7 @@ class Bracket:
     @property
     def name(self) -> str:
         """Describe a bracket of recorded pictures in words: target, pattern and wavelength."""
-        return f"{self.target}, {self.pattern}, {self.wavelength * 1e9:g} nm"
+        return _describe(self.target, self.pattern, self.wavelength)
 
 
 def merge_all(
@@ -75,19 +75,48 @@ def merge_all(
     """
     sensor = record.bench.build_camera().sensor
     dark = dark_target(record.plan)
-    wanted = [
-        {"target": target, "pattern": pattern, "wavelength_asked": wavelength}
+    found = [one for one in find_brackets(record) if targets is None or one.target in targets]
+    merged = []
+    for number, one in enumerate(found):
+        progress.report(number / len(found), f"merging {one.target}, {one.pattern}")
+        merged.append(_merge(record, one.frames, dark, sensor))
+    return merged
+
+
+@dataclass(frozen=True)
+class RecordedBracket:
+    """Where a record holds a bracket: the indices of its frames.
+
+    wavelength: metres, as it was asked for.
+    """
+
+    target: str
+    pattern: str
+    wavelength: float
+    frames: list[int]
+
+    @property
+    def name(self) -> str:
+        """Describe a bracket of recorded pictures in words: target, pattern and wavelength."""
+        return _describe(self.target, self.pattern, self.wavelength)
+
+
+def find_brackets(record: Record) -> list[RecordedBracket]:
+    """Return the brackets of recorded pictures, without dark frames."""
+    dark = dark_target(record.plan)
+    wavelengths = sorted(set(record.column("wavelength_asked").tolist()))
+    return [
+        RecordedBracket(target, pattern, wavelength, frames)
         for target in record.target_names
         for pattern in record.pattern_names
-        for wavelength in sorted(set(record.column("wavelength_asked").tolist()))
-        if target != dark and (targets is None or target in targets)
+        for wavelength in wavelengths
+        if target != dark
+        and (frames := record.select(target=target, pattern=pattern, wavelength_asked=wavelength))
     ]
-    found = [(one, indices) for one in wanted if (indices := record.select(**one))]
-    merged = []
-    for number, (one, indices) in enumerate(found):
-        progress.report(number / len(found), f"merging {one['target']}, {one['pattern']}")
-        merged.append(_merge(record, indices, dark, sensor))
-    return merged
+
+
+def _describe(target: str, pattern: str, wavelength: float) -> str:
+    return f"{target}, {pattern}, {wavelength * 1e9:g} nm"
 
 
 def merge_frame(record: Record, index: int) -> Bracket:

@@ -10,7 +10,9 @@ import numpy as np
 from labapp.common.errors import UserError
 from labapp.pictures.analysis.brackets import (
     WAVELENGTH_TOLERANCE,
+    RecordedBracket,
     dark_target,
+    find_brackets,
     recorded_bracket,
 )
 from labapp.pictures.merging.bracket_files import BracketFiles
@@ -35,21 +37,18 @@ def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
     Raises UserError, with all brackets of the record, if none fits or several do.
     """
     with Record(path) as record:
-        dark = dark_target(record.plan)
-        every = _brackets(record, dark)
+        every = find_brackets(record)
         found = [one for one in every if _fits(one, wanted)]
         if len(found) != 1:
             which = "several brackets fit" if found else "no bracket fits"
-            listed = "; ".join(_describe(one) for one in (found or every)[:12])
+            listed = "; ".join(one.name for one in (found or every)[:12])
             raise UserError(
                 f"{path}: {which}. Choose by --target, --pattern and --wavelength-nm: {listed}."
             )
-        target, pattern, asked = found[0]
-        indices = record.select(target=target, pattern=pattern, wavelength_asked=asked)
-        sensor = record.bench.build_camera().sensor
-        bracket = recorded_bracket(record, indices, dark, sensor)
+        frames, sensor = found[0].frames, record.bench.build_camera().sensor
+        bracket = recorded_bracket(record, frames, dark_target(record.plan), sensor)
     return BracketFiles(
-        [f"frame {index}" for index in indices],
+        [f"frame {index}" for index in frames],
         [np.asarray(frame)[None] for frame in bracket.frames],
         bracket.times.tolist(),
         [np.asarray(one)[None] for one in bracket.darks],
@@ -58,30 +57,12 @@ def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
     )
 
 
-def _brackets(record: Record, dark: str) -> list[tuple[str, str, float]]:
-    """Return (target, pattern, wavelength that was asked for) of a record's brackets."""
-    wavelengths = sorted(set(record.column("wavelength_asked").tolist()))
-    return [
-        (target, pattern, wavelength)
-        for target in record.target_names
-        for pattern in record.pattern_names
-        for wavelength in wavelengths
-        if target != dark
-        and record.select(target=target, pattern=pattern, wavelength_asked=wavelength)
-    ]
-
-
-def _fits(one: tuple[str, str, float], wanted: RecordedFrames) -> bool:
-    target, pattern, wavelength = one
+def _fits(one: RecordedBracket, wanted: RecordedFrames) -> bool:
     return (
-        wanted.target in (None, target)
-        and wanted.pattern in (None, pattern)
+        wanted.target in (None, one.target)
+        and wanted.pattern in (None, one.pattern)
         and (
-            wanted.wavelength is None or abs(wanted.wavelength - wavelength) < WAVELENGTH_TOLERANCE
+            wanted.wavelength is None
+            or abs(wanted.wavelength - one.wavelength) < WAVELENGTH_TOLERANCE
         )
     )
-
-
-def _describe(one: tuple[str, str, float]) -> str:
-    target, pattern, wavelength = one
-    return f"{target}, {pattern}, {wavelength * 1e9:g} nm"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from labapp.common.console import print_json, print_message, print_table, terminal_progress
 from labapp.common.errors import UserError
+from labapp.files.cube_paths import HDF5_ENDINGS
 from labapp.files.writing import make_folder, require_all_writable, write_atomically
 from labapp.pictures.merging.bracket_files import BracketFiles, SensorNumbers, read_bracket_files
 from labapp.pictures.merging.bracket_record import RecordedFrames, read_recorded_bracket
@@ -19,8 +20,6 @@ from labapp.pictures.merging.merge_page import (
 from labapp.pictures.merging.merged_bracket import merge_files
 from labapp.pictures.merging.merged_files import describe_merged, merged_paths, write_merged
 from optics import hdr
-
-_HDF5 = (".h5", ".hdf5")
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class MergeRequest:
 
 def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
     """Merge a bracket of files; write data, light, picture and report, and print what was found."""
-    if request.out.suffix.lower() not in _HDF5:
+    if request.out.suffix.lower() not in HDF5_ENDINGS:
         raise UserError(f"--out {request.out}: must end in .h5; the other files lie beside it.")
     paths = merged_paths(request.out)
     kept = {one.resolve() for one in (*request.files, *request.darks)}
@@ -69,7 +68,7 @@ def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
 
 def _read(request: MergeRequest) -> BracketFiles:
     """Read the bracket to merge, from a record or from picture files."""
-    if any(path.suffix.lower() in _HDF5 for path in request.files):
+    if any(path.suffix.lower() in HDF5_ENDINGS for path in request.files):
         if len(request.files) > 1:
             raise UserError("several files, one of them a record: give a record by itself.")
         if request.exposures is not None or request.darks:
