@@ -106,6 +106,8 @@ class RestorationMethod:
         Whether `solve` needs the argument `denoise` as well.
     restores_bands : bool
         Whether scenes of several bands, seen through a mosaic of filters, are restored too.
+    takes_variance : bool
+        Whether the photograph's variance map is used. Other methods take one noise for all pixels.
     slow_if_wide : bool
         Whether twice the default number is needed where a wide PSF brings much light from beyond
         the frame.
@@ -120,6 +122,7 @@ class RestorationMethod:
     needs_denoiser: bool = False
     slow_if_wide: bool = False
     restores_bands: bool = False
+    takes_variance: bool = False
 
     def default_iterations(self, observation: Observation) -> int:
         """Return the number of iterations of a deconvolution for which nothing was asked."""

@@ -57,14 +57,17 @@ class Observation:
     border : {"unknown", "dark", "periodic"}, default "unknown"
         What the scene does beyond the frame. "unknown" is right for photographs of a real scene.
     weights : torch.Tensor, (rows, columns), optional
-        Weight of each pixel in the data term: noise² over the pixel's variance; 0 where a pixel is
-        dead. All 1 if None.
+        Weight of each pixel in the data term, relative to a pixel whose noise is `noise`; 0 where
+        a pixel is dead. All 1 if None.
     clipped : torch.Tensor of bool, (rows, columns), optional
         True where the well was full: there the light is at least what was measured.
     is_numpy : bool, default False
         Whether the photograph was a numpy array, so that restore() returns one.
     least_noise : float, default 0
         Noise that is known to be there, for example of photons; an estimate isn't below it.
+    variance : torch.Tensor, (rows, columns), optional
+        Variance of each pixel from which `weights` were made: see `with_variance`. None where all
+        pixels have the same noise.
 
     Raises
     ------
@@ -82,6 +85,7 @@ class Observation:
     clipped: torch.Tensor | None = None
     is_numpy: bool = False
     least_noise: float = 0.0
+    variance: torch.Tensor | None = None
 
     def __post_init__(self) -> None:
         shapes = f"image is {tuple(self.image.shape)} and psf {tuple(self.psf.shape)}"
@@ -96,7 +100,10 @@ class Observation:
             self.given_noise >= 0 and math.isfinite(self.given_noise)
         ):
             raise ValueError(f"noise is {self.given_noise:g}; it must be finite, and not negative")
-        require_same_shape("image", self.image, weights=self.weights, clipped=self.clipped)
+        require_same_shape(
+            "image", self.image,
+            weights=self.weights, clipped=self.clipped, variance=self.variance,
+        )  # fmt: skip
         if self.weights is not None:
             require_weights(self.weights)
         require_finite("image", self.image)

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.variance_map import with_variance
 from optics.operators.blur import Border
 from optics.validation import accepts_numpy, as_floating_point, require_number, require_tensor
 
@@ -20,6 +21,8 @@ def build_observation(
     border: Border = "unknown",
     weights: Any = None,
     clipped: Any = None,
+    *,
+    variance: Any = None,
 ) -> Observation:
     """Gather what a deconvolution needs: the blurred photograph, PSF, noise and weights.
 
@@ -43,6 +46,10 @@ def build_observation(
         Weight of each pixel in the data term; 0 where a pixel is dead.
     clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
         True where the well was full.
+    variance : torch.Tensor or numpy.ndarray, (rows, columns), optional
+        Variance of each pixel, as of a merged exposure bracket; infinite where nothing was
+        measured. It takes the place of `noise`: see with_variance(). `weights` then only say which
+        pixels are used.
 
     Returns
     -------
@@ -54,11 +61,13 @@ def build_observation(
     TypeError
         If an argument is no array, or not of real numbers.
     ValueError
-        If `Observation` raises it.
+        If `Observation` or with_variance() raises it, or if noise and variance are both given.
     """
+    if noise is not None and variance is not None:
+        raise ValueError(f"noise is {noise:g} and variance is given too; give one of them")
     if noise is not None:
         require_number("noise", noise)
-    built: Observation = _build_observation(image, psf, noise, border, weights, clipped)
+    built: Observation = _build_observation(image, psf, noise, border, weights, clipped, variance)
     return replace(built, is_numpy=isinstance(image, np.ndarray))
 
 
@@ -70,9 +79,11 @@ def _build_observation(
     border: Border,
     weights: torch.Tensor | None,
     clipped: torch.Tensor | None,
+    variance: torch.Tensor | None,
 ) -> Observation:
     """Build a deconvolution's observation from tensors or arrays of any real numbers."""
     given = {"image": image, "psf": psf, "weights": weights, "clipped": clipped}
+    given["variance"] = variance
     for name, value in given.items():
         require_tensor(name, value)
         if value is not None and value.is_complex():
@@ -81,4 +92,5 @@ def _build_observation(
     weights = weights if weights is None else weights.to(image)
     clipped = clipped if clipped is None else clipped.to(torch.bool)
     told = noise if noise is None else float(noise)
-    return Observation(image, psf.to(image), told, border, weights, clipped)
+    built = Observation(image, psf.to(image), told, border, weights, clipped)
+    return built if variance is None else with_variance(built, variance)

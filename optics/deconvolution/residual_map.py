@@ -35,7 +35,10 @@ def residual_map(observation: Observation, restored: RestoredImage) -> torch.Ten
     light = irfft2(rfft2(whole) * observation.otf, observation.period_shape)
     light = observation.sum_bands(observation.crop_to_frame(light))
     left = observation.normalised_image - light.reshape(observation.image.shape)
-    left = left / observation.scene_noise
+    if observation.variance is None:
+        left = left / observation.scene_noise
+    else:
+        left = left * observation.psf_sum / observation.variance.sqrt()
     if observation.effective_weights is not None:
         left[observation.effective_weights <= 0] = torch.nan
     if known is None and not observation.is_fully_measured:

@@ -10,6 +10,7 @@ from optics.deconvolution.method_names import RESTORATIONS
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.restoration_case import RestorationCase, predicted_gain
 from optics.deconvolution.restored_image import RestoredImage
+from optics.deconvolution.variance_map import without_variance
 from optics.progress import Progress
 from optics.validation import require_count, require_positive
 
@@ -80,6 +81,8 @@ def restore(
         name = method or DEFAULT_METHOD
         number = METHODS[name].default_iterations(observation) if count is None else count
     chosen = METHODS[name]
+    if not chosen.takes_variance:
+        observation = without_variance(observation)
     if not chosen.restores_bands and observation.needs_filters:
         able = [one for one, method in METHODS.items() if method.restores_bands]
         raise ValueError(

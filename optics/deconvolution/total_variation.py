@@ -56,6 +56,13 @@ LEAST_BAND_WEIGHT = 3e-4
 neither filters nor PSFs determine needs a prior also where there is no noise."""
 
 
+VARIED_WEIGHT = 1.8
+"""Factor on the estimated weight for photographs with a variance map. The gradients from which the
+weight is estimated are mostly those of the brightest parts. Measured on nine photographs of three
+scenes with three PSFs, of 1, 1.5 and 2.2: the gain in light is 0.6 dB, 0.7 dB and 0.5 dB, and that in
+its logarithm -1.2 dB, -0.2 dB and 0.4 dB."""
+
+
 @single_threaded
 def total_variation(
     observation: Observation,
@@ -202,10 +209,11 @@ def weight_settings(
     """
     if weight is not None:
         return SplittingSettings(iterations, weight, tol=tol)
+    varied = 1.0 if observation.variance is None else VARIED_WEIGHT
     delay, limits = (5, (LEAST_WEIGHT_SHARE, 2.5)) if is_predictable else (3, (1 / 8, 8.0))
     least = 0.0
     if not observation.needs_filters:
-        first = initial_weight(observation, power)
+        first = varied * initial_weight(observation, power)
     else:
         # Blur and interpolation make the first picture smoother than the scene.
         least = LEAST_BAND_WEIGHT * observation.scale ** (2 - power)
@@ -214,7 +222,7 @@ def weight_settings(
 
     def estimate(picture: torch.Tensor, used: float, residual: float) -> float:
         freedom = observation.explained_share(residual)
-        wanted = penalty.estimate_weight(picture, observation.disturbance, freedom)
+        wanted = varied * penalty.estimate_weight(picture, observation.disturbance, freedom)
         return damped_weight(max(wanted, least), used, first, *limits)
 
     return SplittingSettings(iterations, first, estimate, delay, tol)
@@ -257,4 +265,5 @@ METHOD = RestorationMethod(
     splitting_cost,
     slow_if_wide=True,
     restores_bands=True,
+    takes_variance=True,
 )  # fmt: skip
