@@ -59,8 +59,8 @@ neither filters nor PSFs determine needs a prior also where there is no noise.""
 VARIED_WEIGHT = 1.8
 """Factor on the estimated weight for photographs with a variance map. The gradients from which the
 weight is estimated are mostly those of the brightest parts. Measured on nine photographs of three
-scenes with three PSFs, of 1, 1.5 and 2.2: the gain in light is 0.6 dB, 0.7 dB and 0.5 dB, and that in
-its logarithm -1.2 dB, -0.2 dB and 0.4 dB."""
+scenes with three PSFs, of 1, 1.5 and 2.2: the gain in light is 0.6 dB, 0.7 dB and 0.5 dB, and that
+in its logarithm -1.2 dB, -0.2 dB and 0.4 dB."""
 
 
 @single_threaded

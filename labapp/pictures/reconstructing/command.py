@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +85,7 @@ def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[st
     """Return the printed rows on a restored picture: method, noise, residual and scores."""
     bands = outcome.bands
     masked = float((problem.clipped | ~np.isfinite(problem.light)).mean())
-    told = problem.noise_source(bands[0].noise)
+    told = outcome.noise_source(problem)
     weights = [band.weight for band in bands if band.weight is not None]
     colours = [] if problem.filters is None else [["colours", _describe_colours(problem.filters)]]
     rows = [
@@ -93,6 +93,7 @@ def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[st
         ["PSF", problem.psf_source + _refined_scale(outcome)],
         ["method", outcome.method],
         ["noise", f"{_join_values([b.noise for b in bands])} {problem.unit}, {told}"],
+        *([["variance map", outcome.variance_words]] if outcome.variance_uses else []),
         ["weight", _join_values(weights) if weights else "none"],
         ["iterations", " / ".join(dict.fromkeys(str(b.iterations) for b in bands))],
         ["clipped or dead pixels", f"{masked:.2%}, left out".replace("%", " %")],
@@ -158,6 +159,7 @@ def _as_data(
         "unit": problem.unit,
         "noise": [band.noise for band in bands],
         "noise_told": problem.noise is not None,
+        "variance_map": [asdict(one) for one in outcome.variance_uses] or None,
         "weight": [band.weight for band in bands],
         "iterations": [band.iterations for band in bands],
         "converged": [band.converged for band in bands],

@@ -12,6 +12,7 @@ from optics.deconvolution import restoration_choice
 from optics.deconvolution.method_names import ALIASES, AUTO, METHOD_CHOICES
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.restored_image import RestoredImage
+from optics.deconvolution.variance_gain import Solve
 from optics.progress import Progress
 
 
@@ -54,6 +55,34 @@ class MethodChoice:
                 "well: --method tv, for example."
             )
 
+    def variance_solver(self, observation: Observation, share: float) -> tuple[str, Solve | None]:
+        """Return the chosen method's name, and a function that restores with a variance map.
+
+        The function is None if the method takes one noise for all pixels. `share` is the share of
+        the budget that the band of the picture may take.
+        """
+        name = self._method_name
+        count = None
+        if self.budget is not None:
+            denoise = bundled_denoiser() if name is None else None
+            name, count = restoration_choice.choose_method(
+                observation, self.budget * share, name, denoise=denoise, speed=self.speed
+            )
+        chosen = name or restoration_choice.DEFAULT_METHOD
+        if not restoration_choice.METHODS[chosen].takes_variance:
+            return chosen, None
+
+        def solve(seen: Observation, weight: float | None) -> RestoredImage:
+            used = self.weight if weight is None else weight
+            return restoration_choice.restore(seen, method=chosen, count=count, weight=used)
+
+        return chosen, solve
+
+    @property
+    def _method_name(self) -> str | None:
+        """Name of the restoration method that the user chose; None for the best one."""
+        return None if self.method == AUTO else ALIASES.get(self.method, self.method)
+
     def restore(
         self, observation: Observation, share: float, progress: Progress, counts: Mapping[str, int]
     ) -> RestoredImage:
@@ -75,7 +104,7 @@ class MethodChoice:
         ValueError
             If no method fits the budget or the observation.
         """
-        name = None if self.method == AUTO else ALIASES.get(self.method, self.method)
+        name = self._method_name
         learned = (
             restoration_choice.METHODS[name].needs_denoiser if name else self.budget is not None
         )

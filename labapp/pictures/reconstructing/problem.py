@@ -59,6 +59,9 @@ class RestorationProblem:
         Iterations by the name of a method, where the plan states them.
     filters : ColourFilters or None
         Colour filters of the sensor, through which all bands are restored together.
+    variance : NDArray or None
+        Variance of each pixel, of the same shape as `light`; infinite where nothing was measured.
+        None if it isn't known.
     """
 
     light: Light
@@ -76,6 +79,7 @@ class RestorationProblem:
     reference: ReferencePicture | None = None
     planned_iterations: Mapping[str, int] = field(default_factory=dict)
     filters: ColourFilters | None = None
+    variance: NDArray[np.floating] | None = None
 
     def observations(self) -> list[Observation]:
         """Return what each band of the picture to restore shows: light, PSF and noise.

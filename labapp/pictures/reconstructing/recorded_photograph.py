@@ -149,6 +149,7 @@ class RecordedPhotograph:
             reference=self._reference,
             planned_iterations={"richardson-lucy": self.roles.iterations},
             filters=self.filters,
+            variance=np.where(self.dead_pixels, np.inf, self.photograph.variance)[None],
         )
 
     @property

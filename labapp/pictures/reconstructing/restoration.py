@@ -12,6 +12,12 @@ from labapp.files.photograph_file import Light
 from labapp.pictures.analysis.score import Score
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem
+from labapp.pictures.reconstructing.variance_use import (
+    VarianceUse,
+    choose_variance,
+    why_without_map,
+)
+from optics.deconvolution.observation import Observation
 from optics.deconvolution.psf_scale import PSFScale, refine_psf_scale
 from optics.deconvolution.residual_map import residual_map
 from optics.deconvolution.restored_image import RestoredImage
@@ -19,9 +25,9 @@ from optics.deconvolution.verdict import Verdict, judge_restoration
 from optics.progress import Progress
 from optics.threads import single_threaded
 
-_SCALE_BUDGET, _RESTORING_SHARE = 2.0, 0.8
-"""Seconds of a band's budget from which the scale of its PSF is looked for, and the share of the
-budget that is then left for the restoration."""
+_TRIAL_BUDGET, _RESTORING_SHARE = 2.0, 0.8
+"""Seconds of a band's budget from which the scale of its PSF and the gain of its variance map are
+looked for, and the share of the budget that is then left for the restoration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +50,8 @@ class RestoredPicture:
         What was found in each band.
     psf_scales : tuple of PSFScale
         Scale of the PSF that each band shows; empty where there was no time to look for it.
+    variance_uses : tuple of VarianceUse
+        Whether the variance map of each band was used, and why; empty without a map.
     refined : bool
         Whether PSFs of a wrong scale were replaced by scaled ones.
     scores : tuple of Score or None
@@ -58,6 +66,7 @@ class RestoredPicture:
     verdicts: tuple[Verdict, ...]
     psf_scales: tuple[PSFScale, ...] = ()
     refined: bool = False
+    variance_uses: tuple[VarianceUse, ...] = ()
     scores: tuple[Score, Score] | None = None
 
     @property
@@ -71,6 +80,17 @@ class RestoredPicture:
         found = {one.cause: one for verdict in self.verdicts for one in verdict.findings}
         judged = all(verdict.judges_psf for verdict in self.verdicts)
         return str(Verdict(tuple(found.values()), judged))
+
+    def noise_source(self, problem: RestorationProblem) -> str:
+        """Say how the noise of the restored picture is known."""
+        if any(one.is_used for one in self.variance_uses):
+            return "root mean square of its variance map"
+        return problem.noise_source(self.bands[0].noise)
+
+    @property
+    def variance_words(self) -> str:
+        """Say in words whether the picture's variance map was used, and what it gained."""
+        return " / ".join(dict.fromkeys(str(one) for one in self.variance_uses))
 
     @property
     def causes(self) -> list[str]:
@@ -93,18 +113,20 @@ def restore_picture(
         raise UserError("--refine-psf: needs a picture without colour filters. Leave it out.")
     started, seen = time.process_time(), problem.observations()
     share = 1 / len(seen)
-    looks = wish.refine_psf or wish.budget is None or wish.budget * share >= _SCALE_BUDGET
+    looks = wish.refine_psf or wish.budget is None or wish.budget * share >= _TRIAL_BUDGET
     progress.report(0, "scale of the PSF")
     scales = problem.psf_scales if looks else ()
     refined = wish.refine_psf and any(one.is_wrong for one in scales)
     if refined:
         pairs = zip(seen, scales, strict=True)
         seen = [refine_psf_scale(band, one) if one.is_wrong else band for band, one in pairs]
-    rest = progress.part(0.1, 1)
+    share_left = share * (_RESTORING_SHARE if looks else 1)
+    seen, uses = _with_variance(problem, seen, wish, share_left, looks, progress)
+    rest = progress.part(0.2, 1)
     found = tuple(
         wish.restore(
             band,
-            share * (_RESTORING_SHARE if looks else 1),
+            share_left,
             rest.part(number * share, (number + 1) * share),
             problem.planned_iterations,
         )
@@ -129,4 +151,27 @@ def restore_picture(
     )
     known = problem.reference
     scores = None if known is None else (known.score(problem.blurred_bands), known.score(light))
-    return RestoredPicture(light, left, found, residual, spent, verdicts, scales, refined, scores)
+    return RestoredPicture(
+        light, left, found, residual, spent, verdicts, scales, refined, uses, scores
+    )
+
+
+def _with_variance(
+    problem: RestorationProblem,
+    seen: list[Observation],
+    wish: MethodChoice,
+    share: float,
+    has_time: bool,
+    progress: Progress,
+) -> tuple[list[Observation], tuple[VarianceUse, ...]]:
+    """Return the picture's bands as they are to be restored, with variance maps where they gain."""
+    if problem.variance is None:
+        return seen, ()
+    if (reason := why_without_map(problem)) is not None:
+        return seen, (reason,)
+    progress.report(0.1, "gain of the variance map")
+    chosen = [
+        choose_variance(band, one, wish, share, has_time=has_time)
+        for band, one in zip(seen, problem.variance, strict=True)
+    ]
+    return [band for band, _ in chosen], tuple(use for _, use in chosen)

@@ -46,7 +46,7 @@ class Restoration:
             scores=scores,
             method=outcome.method,
             noise=band.noise,
-            noise_source=problem.noise_source(band.noise),
+            noise_source=_noise_words(problem, outcome),
             unit=problem.unit,
             weight=band.weight,
             iterations=band.iterations,
@@ -85,6 +85,12 @@ def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restorati
     except ValueError as error:
         raise UserError(f"{command.path}: {error}.") from error
     return Restoration(command.path, problem, outcome)
+
+
+def _noise_words(problem: RestorationProblem, outcome: RestoredPicture) -> str:
+    """Say for the window how the noise is known, and what a variance map gained."""
+    told = outcome.noise_source(problem)
+    return f"{told}; variance map {outcome.variance_words}" if outcome.variance_uses else told
 
 
 def _bands_hint(error: UserError) -> str:

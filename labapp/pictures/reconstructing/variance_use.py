@@ -1,0 +1,96 @@
+"""Decide whether a picture is restored with its variance map, and say what the map gains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from labapp.pictures.reconstructing.method_choice import MethodChoice
+from labapp.pictures.reconstructing.problem import RestorationProblem
+from optics.deconvolution.observation import Observation
+from optics.deconvolution.variance_gain import estimate_variance_gain
+from optics.deconvolution.variance_map import with_doubted_variance
+
+_LEAST_GAIN = 0.1
+"""Expected gain in dB from which the map is used. Chosen: nobody sees less."""
+
+_SEED = 0
+"""Seed of the trial's noise: the same picture always gives the same restoration."""
+
+
+@dataclass(frozen=True)
+class VarianceUse:
+    """Whether a band of a picture was restored with its variance map, and why.
+
+    Attributes
+    ----------
+    is_used : bool
+        Whether it was restored with the map.
+    gain : float or None
+        Expected gain over one noise for all pixels, in dB of the mean squared error; None where it
+        wasn't estimated.
+    reason : str
+        The reason in words.
+    """
+
+    is_used: bool
+    gain: float | None
+    reason: str
+
+    def __str__(self) -> str:
+        """Return the use of a restoration's variance map in words."""
+        return f"{'used' if self.is_used else 'not used'}: {self.reason}"
+
+
+def why_without_map(problem: RestorationProblem) -> VarianceUse | None:
+    """Say why a picture with a variance map is restored without it; None if it may be used."""
+    if problem.noise is not None:
+        return VarianceUse(False, None, "one noise was told for all pixels")
+    if problem.filters is not None:
+        return VarianceUse(False, None, "light behind colour filters is restored with one noise")
+    return None
+
+
+def choose_variance(
+    observation: Observation,
+    variance: np.ndarray,
+    choice: MethodChoice,
+    share: float,
+    *,
+    has_time: bool,
+) -> tuple[Observation, VarianceUse]:
+    """Choose whether a band of a picture is restored with its variance map.
+
+    Parameters
+    ----------
+    observation : Observation
+        The band with one noise for all pixels.
+    variance : np.ndarray
+        (rows, columns): variance of each pixel; infinite where nothing was measured.
+    choice : MethodChoice
+        The method that the user chose.
+    share : float
+        Share of the budget that the band may take.
+    has_time : bool
+        Whether there is time for estimating the gain.
+
+    Returns
+    -------
+    tuple of Observation and VarianceUse
+        The band as it is to be restored, and why.
+    """
+    varied = with_doubted_variance(observation, torch.from_numpy(variance).to(observation.image))
+    if varied.variance is None:
+        return observation, VarianceUse(False, None, "the noise is even, so that it gains nothing")
+    name, solve = choice.variance_solver(varied, share)
+    if solve is None:
+        return observation, VarianceUse(False, None, f"{name} takes one noise for all pixels")
+    if not has_time:
+        return varied, VarianceUse(True, None, "its gain wasn't estimated, for want of time")
+    gain = estimate_variance_gain(varied, solve, torch.Generator().manual_seed(_SEED))
+    told = f"{gain:+.1f} dB expected against one noise for all pixels, by a simulated photograph"
+    if gain < _LEAST_GAIN:
+        return observation, VarianceUse(False, gain, f"it gains nothing, {told}")
+    return varied, VarianceUse(True, gain, told)
