@@ -25,9 +25,10 @@ def reconstruct(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="RUN.h5|IMAGE",
+            metavar="RUN.h5|MERGED.h5|IMAGE",
             callback=readable_path,
-            help="Record of a run, or a PNG, TIFF, JPEG or NPY picture.",
+            help="Record of a run, a bracket that labapp merge wrote, or a PNG, TIFF, JPEG or NPY "
+            "picture.",
         ),
     ],
     psf: Annotated[
@@ -55,7 +56,10 @@ def reconstruct(
     ] = None,
     noise: Annotated[
         float | None,
-        typer.Option(help="Standard deviation of a pixel's light.", show_default="estimated"),
+        typer.Option(
+            help="Standard deviation of a pixel's light.",
+            show_default="a bracket's variance map, or estimated",
+        ),
     ] = None,
     weight: Annotated[
         float | None,
@@ -212,14 +216,15 @@ def reconstruct(
     .tiff and .npy hold the filters' bands, in which white is equal, and a .png holds sRGB.
     Without options the noise is estimated and the weight chosen.
     The scene beyond the frame, clipped pixels and dead ones (NaN) count as unknown. The verdict
-    says whether photograph, PSF and noise fit together, and what doesn't: a PSF of a wrong
-    scale (**--refine-psf** mends it), a noise that was told wrongly, clipped pixels that weren't
-    marked. It can't see a common shift of the PSF, which only moves the picture. The
-    restoration of a record is compared with the neutral photograph of the run, unless
-    --truth is given. **--blind SIZE** estimates an unknown PSF from sharp edges in the picture,
-    writes it beside the result, and says how far to trust it; this takes about a minute. A PSF is
-    scaled to a sum of 1, except for the star of the same run, which is measured relative to the
-    neutral star. For instance
+    says whether photograph, PSF and noise fit together, and what doesn't: a PSF of a wrong scale
+    (**--refine-psf** mends it), a noise that was told wrongly, clipped pixels that weren't marked.
+    It can't see a common shift of the PSF, which only moves the picture. A bracket has a variance
+    map: pixels are weighted by it where that gains, and the row "variance map" says what it gained
+    by an estimate, or why it isn't used. The restoration of a record is compared with the neutral
+    photograph of the run, unless --truth is given. **--blind SIZE** estimates an unknown PSF from
+    sharp edges in the picture, writes it beside the result, and says how far to trust it; this
+    takes about a minute. A PSF is scaled to a sum of 1, except for the star of the same run, which
+    is measured relative to the neutral star. For instance
 
     **labapp reconstruct first-light/run.h5 --budget 2 --out restored.png**
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -29,11 +29,32 @@ on nine photographs of three scenes with three PSFs."""
 Solve = Callable[[Observation, float | None], RestoredImage]
 """Restores an observation with a regularisation weight, which it chooses itself if None."""
 
+_DIM = 1e-4
+"""Light, relative to the brightest, above which the logarithm counts. Chosen: four decades."""
+
+
+@dataclass(frozen=True)
+class VarianceGain:
+    """What a restoration gains by a variance map over one noise for all pixels, in dB.
+
+    Attributes
+    ----------
+    light : float
+        Mean squared error of the light with one noise, over that with the map. Bright parts make
+        most of it.
+    logarithm : float
+        The same for the logarithm of the light above a ten-thousandth of its peak, to which dim
+        parts contribute as much.
+    """
+
+    light: float
+    logarithm: float
+
 
 @torch.no_grad()
 def estimate_variance_gain(
     observation: Observation, solve: Solve, generator: torch.Generator
-) -> float:
+) -> VarianceGain:
     """Estimate what a restoration gains by its photograph's variance map, in dB.
 
     This is a parametric bootstrap (Efron and Tibshirani 1993, chapter 6). The middle of the
@@ -53,15 +74,19 @@ def estimate_variance_gain(
 
     Returns
     -------
-    float
-        Mean squared error of the restoration with one noise for all pixels, over that of the
-        restoration with the map, in dB: above 0 if the map gains. 0 if the noise is even.
+    VarianceGain
+        Above 0 if the map gains; 0 if the noise is even.
+
+    Raises
+    ------
+    ValueError
+        If nothing was measured in the middle, or if it is darker than its noise.
     """
     if observation.variance is None:
-        return 0.0
+        return VarianceGain(0.0, 0.0)
     middle = _middle(observation, observation.variance)
     if middle.variance is None:
-        return 0.0
+        return VarianceGain(0.0, 0.0)
     usual = solve(middle, None).weight or 0.0
     scene = torch.as_tensor(solve(middle, _SHARPER * usual).period_image).clamp(min=0)
     light = irfft2(rfft2(scene) * middle.otf, middle.period_shape)
@@ -69,21 +94,29 @@ def estimate_variance_gain(
     finite = torch.where(torch.isfinite(middle.variance), middle.variance, 0)
     noise = torch.randn(light.shape, generator=generator, dtype=light.dtype) * finite.sqrt()
     trial = replace(middle, image=light + noise)
-    wrong = [
-        _squared_error(solve(one, None), middle.crop_to_frame(scene))
+    even, mapped = (
+        _squared_errors(solve(one, None), middle.crop_to_frame(scene))
         for one in (without_variance(trial), trial)
-    ]
-    tiny = torch.finfo(torch.float64).tiny
-    ratio = torch.tensor(wrong, dtype=torch.float64).clamp(min=tiny)
-    return float(10 * torch.log10(ratio[0] / ratio[1]))
+    )
+    return VarianceGain(*(10 * torch.log10(even / mapped)).tolist())
 
 
-def _squared_error(restored: RestoredImage, scene: torch.Tensor) -> float:
-    """Return the squared error of a restoration of a known scene, without the rim."""
-    wrong = torch.as_tensor(restored.image) - scene
-    rim = [min(_RIM, (n - 1) // 2) for n in wrong.shape]
-    inside = wrong[rim[0] : wrong.shape[0] - rim[0], rim[1] : wrong.shape[1] - rim[1]]
-    return float(inside.square().sum(dtype=torch.float64))
+def _squared_errors(restored: RestoredImage, scene: torch.Tensor) -> torch.Tensor:
+    """Return the squared errors of the light and of its logarithm in a restoration, (2,), above 0.
+
+    The scene is known. The rim doesn't count.
+    """
+    rim = [min(_RIM, (n - 1) // 2) for n in scene.shape[-2:]]
+    found, truth = (
+        torch.as_tensor(one).to(torch.float64)[
+            ..., rim[0] : one.shape[-2] - rim[0], rim[1] : one.shape[-1] - rim[1]
+        ]
+        for one in (restored.image, scene)
+    )
+    peak = truth.max().clamp(min=torch.finfo(torch.float32).tiny)
+    logs = [torch.log10(one.clamp(min=0) / peak + _DIM) for one in (found, truth)]
+    squares = [(found - truth).square().sum() / peak**2, (logs[0] - logs[1]).square().sum()]
+    return torch.stack(squares).clamp(min=torch.finfo(torch.float64).tiny)
 
 
 def _middle(observation: Observation, variance: torch.Tensor) -> Observation:
@@ -104,6 +137,7 @@ def _middle(observation: Observation, variance: torch.Tensor) -> Observation:
         image=centred_crop(observation.image, (rows, columns)).contiguous(),
         weights=used,
         clipped=cut[1],
+        given_noise=None,
         border="unknown",
         is_numpy=False,
         variance=None,

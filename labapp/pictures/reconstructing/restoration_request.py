@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.photograph_file import InputPhotograph, Light, read_photograph
 from labapp.pictures.analysis.score import ReferencePicture
+from labapp.pictures.reconstructing.merged_photograph import is_merged, read_merged
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from labapp.pictures.reconstructing.psf_files import read_psf_file
 from labapp.pictures.reconstructing.recorded_photograph import (
@@ -45,7 +46,7 @@ class RestorationRequest:
     Attributes
     ----------
     source : Path
-        Record or picture to restore.
+        Record, merged bracket or picture to restore.
     psf : Path or None
         File of the PSF; None for the star of the record `source`.
     choice : RecordSelection
@@ -94,6 +95,8 @@ class RestorationRequest:
 
         Raises UserError, which names file, value and remedy.
         """
+        if is_merged(self.source):
+            return self._problem_from_merged(progress)
         if is_record(self.source):
             return self._problem_from_record(progress)
         return self._problem_from_picture(progress)
@@ -166,28 +169,64 @@ class RestorationRequest:
 
         Raises UserError for options that a record doesn't have.
         """
-        for name in ("clip", "dark", "linear"):
-            if getattr(self, name) is not None:
-                raise UserError(
-                    f"--{name}: {self.source} is a record, which knows its own. Leave it out."
-                )
+        self._refuse_levels("a record")
         found = read_recorded_photograph(self.source, self.choice, progress, star=star)
         self._require_reference_shape((found.band_count, *found.light.shape[1:]))
         return found
 
-    def _problem_from_picture(self, progress: Progress) -> RestorationProblem:
-        if self.psf is None and self.blind is None:
+    def _refuse_levels(self, kind: str) -> None:
+        """Raise UserError for options on levels of a picture, where none are to be restored."""
+        for name in ("clip", "dark", "linear"):
+            if getattr(self, name) is not None:
+                raise UserError(
+                    f"--{name}: {self.source} is {kind}, which knows its own. Leave it out."
+                )
+
+    def _problem_from_merged(self, progress: Progress) -> RestorationProblem:
+        """Build the problem of restoring a merged bracket's light."""
+        self._refuse_levels("a merged bracket")
+        for name in ("target", "frame"):
+            if getattr(self.choice, name) is not None:
+                raise UserError(f"--{name}: {self.source} is one merged picture. Leave it out.")
+        progress.report(0, f"reading {self.source.name}")
+        found = read_merged(self.source)
+        self._require_reference_shape(found.light.shape)
+        psf, told, notes = self._given_psf(found.light, found.clipped, progress)
+        return RestorationProblem(
+            found.light,
+            psf,
+            found.clipped,
+            str(self.source),
+            told,
+            "electrons per second",
+            noise=self.noise,
+            border=self.border,
+            notes=tuple(notes),
+            noise_floor=found.least_noise,
+            reference=self.reference,
+            variance=found.variance,
+        )
+
+    def _given_psf(
+        self, light: Light, clipped: NDArray[np.bool_], progress: Progress
+    ) -> tuple[Light, str, Sequence[str]]:
+        """Return the PSF of a picture to restore, its source in words, and remarks.
+
+        Raises UserError if it is neither given nor to be estimated.
+        """
+        if self.psf is not None:
+            psf, notes = read_psf_file(self.psf, len(light), self.choice)
+            return psf, str(self.psf), notes
+        if self.blind is None:
             raise UserError(
                 f"{self.source}: what has blurred it? Give its PSF: --psf FILE, or let it be "
                 "looked for: --blind SIZE."
             )
+        return self._estimate_psf(light, clipped, progress)
+
+    def _problem_from_picture(self, progress: Progress) -> RestorationProblem:
         picture = self.read_picture(progress)
-        notes: Sequence[str]
-        if self.psf is None:
-            psf, told, notes = self._estimate_psf(picture.light, picture.clipped, progress)
-        else:
-            psf, notes = read_psf_file(self.psf, len(picture.read.levels), self.choice)
-            told = str(self.psf)
+        psf, told, notes = self._given_psf(picture.light, picture.clipped, progress)
         return self.build_picture_problem(picture, psf, told, notes)
 
     def _problem_from_record(self, progress: Progress) -> RestorationProblem:

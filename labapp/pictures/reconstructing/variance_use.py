@@ -10,11 +10,11 @@ import torch
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from optics.deconvolution.observation import Observation
-from optics.deconvolution.variance_gain import estimate_variance_gain
+from optics.deconvolution.variance_gain import VarianceGain, estimate_variance_gain
 from optics.deconvolution.variance_map import with_doubted_variance
 
 _LEAST_GAIN = 0.1
-"""Expected gain in dB from which the map is used. Chosen: nobody sees less."""
+"""Expected gain of the light in dB from which the map is used. Chosen: nobody sees less."""
 
 _SEED = 0
 """Seed of the trial's noise: the same picture always gives the same restoration."""
@@ -28,15 +28,14 @@ class VarianceUse:
     ----------
     is_used : bool
         Whether it was restored with the map.
-    gain : float or None
-        Expected gain over one noise for all pixels, in dB of the mean squared error; None where it
-        wasn't estimated.
+    gain : VarianceGain or None
+        Expected gain over one noise for all pixels; None where it wasn't estimated.
     reason : str
         The reason in words.
     """
 
     is_used: bool
-    gain: float | None
+    gain: VarianceGain | None
     reason: str
 
     def __str__(self) -> str:
@@ -89,8 +88,15 @@ def choose_variance(
         return observation, VarianceUse(False, None, f"{name} takes one noise for all pixels")
     if not has_time:
         return varied, VarianceUse(True, None, "its gain wasn't estimated, for want of time")
-    gain = estimate_variance_gain(varied, solve, torch.Generator().manual_seed(_SEED))
-    told = f"{gain:+.1f} dB expected against one noise for all pixels, by a simulated photograph"
-    if gain < _LEAST_GAIN:
+    try:
+        gain = estimate_variance_gain(varied, solve, torch.Generator().manual_seed(_SEED))
+    except ValueError as error:
+        # The middle may be clipped or dark, though the rest of the photograph isn't.
+        return varied, VarianceUse(True, None, f"its gain can't be estimated, because {error}")
+    told = (
+        f"{gain.light:+.1f} dB expected against one noise for all pixels ({gain.logarithm:+.1f} dB "
+        "in the logarithm of the light), by a simulated photograph"
+    )
+    if gain.light < _LEAST_GAIN:
         return observation, VarianceUse(False, gain, f"it gains nothing, {told}")
     return varied, VarianceUse(True, gain, told)
