@@ -105,11 +105,19 @@ def test_without_time_the_map_is_used_and_its_gain_not_told(labapp, merged, tmp_
 
 def test_even_noise_gains_nothing_and_is_told(labapp, merged, tmp_path):
     with h5py.File(tmp_path / "merged.h5", "r+") as file:
-        file["variance"][:] = np.median(file["variance"][:])
+        file["variance"][:] = np.mean(file["variance"][:])
     told, _ = restored(labapp, tmp_path, "--method", "tv")
     (use,) = told["variance_map"]
     assert not use["is_used"]
-    assert "even, so that it gains nothing" in use["reason"]
+    assert "noise is even, so that it gains nothing" in use["reason"]
+
+
+def test_noise_that_the_map_doesnt_have_is_added_and_told(labapp, merged, tmp_path):
+    with h5py.File(tmp_path / "merged.h5", "r+") as file:
+        file["variance"][:] /= 100
+    told, _ = restored(labapp, tmp_path, "--method", "tv")
+    (use,) = told["variance_map"]
+    assert "far more noise than the map has" in use["reason"]
 
 
 def test_a_middle_without_a_measured_pixel_doesnt_end_the_restoration(labapp, tmp_path):

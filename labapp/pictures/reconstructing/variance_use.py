@@ -16,6 +16,8 @@ from optics.deconvolution.variance_map import with_doubted_variance
 _LEAST_GAIN = 0.1
 """Expected gain of the light in dB from which the map is used. Chosen: nobody sees less."""
 
+_UNEXPLAINED = "the photograph shows far more noise than the map has"
+
 _SEED = 0
 """Seed of the trial's noise: the same picture always gives the same restoration."""
 
@@ -80,9 +82,12 @@ def choose_variance(
     tuple of Observation and VarianceUse
         The band as it is to be restored, and why.
     """
-    varied = with_doubted_variance(observation, torch.from_numpy(variance).to(observation.image))
+    given = torch.from_numpy(variance).to(observation.image)
+    varied = with_doubted_variance(observation, given)
     if varied.variance is None:
-        return observation, VarianceUse(False, None, "the noise is even, so that it gains nothing")
+        stated = float(given[torch.isfinite(given)].mean()) ** 0.5
+        even = "the noise is even" if varied.noise < 1.01 * stated else _UNEXPLAINED
+        return observation, VarianceUse(False, None, f"{even}, so that it gains nothing")
     name, solve = choice.variance_solver(varied, share)
     if solve is None:
         return observation, VarianceUse(False, None, f"{name} takes one noise for all pixels")
@@ -97,6 +102,8 @@ def choose_variance(
         f"{gain.light:+.1f} dB expected against one noise for all pixels ({gain.logarithm:+.1f} dB "
         "in the logarithm of the light), by a simulated photograph"
     )
+    if not torch.equal(varied.variance, given):
+        told += f"; {_UNEXPLAINED}, and the rest was added to it"
     if gain.light < _LEAST_GAIN:
         return observation, VarianceUse(False, gain, f"it gains nothing, {told}")
     return varied, VarianceUse(True, gain, told)
