@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drivers.interfaces import Surroundings
 from figures import Figure
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.sensor import emva1288
+from optics.camera_noise import CameraNoise, PairedFrames, characterise_camera
 from optics.threads import single_threaded
 from simulator.devices.simulated_camera import SimulatedCamera
 from simulator.scene import Dark, Flat, Scene
@@ -36,9 +36,6 @@ _SHARES = (0.002, *(float(share) for share in np.linspace(0.02, 1.0, 25)))
 """Of that, the exposures of the photon transfer curve. In the first hardly any dark current adds
 to the read noise."""
 
-_FRAMES = 40
-"""Of either kind, for the fixed pattern."""
-
 
 @dataclass(frozen=True)
 class Bench:
@@ -58,18 +55,19 @@ def emva_figures(folder: Path) -> list[Figure]:
     """Gain, noise, dark current, linearity and non-uniformity, as they were put in."""
     bench, rate = _bench()
     found = _measured(bench)
-    uniform = _uniformity(bench, found.gain)
     sensor = bench.world.camera.sensor
+    assert found.prnu is not None
+    assert found.linearity is not None
     pairs = {
-        "gain": (found.gain, sensor.gain),
-        "read noise": (found.read_noise, sensor.read_noise),
-        "dark current": (found.dark_current, sensor.dark_current),
-        "electrons by time": (found.rate, rate),
-        "PRNU": (uniform.prnu, sensor.prnu),
-        "DSNU": (uniform.dsnu, sensor.dsnu),
+        "gain": (found.gain.value, sensor.gain),
+        "read noise": (found.read_noise.value, sensor.read_noise),
+        "dark current": (found.dark_current.value, sensor.dark_current),
+        "electrons by time": (found.linearity.rate * found.gain.value, rate),
+        "PRNU": (found.prnu.value, sensor.prnu),
+        "DSNU": (found.dsnu.value, sensor.dsnu),
     }
     errors = {name: value / put_in - 1 for name, (value, put_in) in pairs.items()}
-    errors["linearity"] = found.linearity_error
+    errors["linearity"] = found.linearity.error.value
     return [
         Figure(
             "simulated frames measured as EMVA 1288 does, against what was put in",
@@ -93,25 +91,20 @@ def _bench() -> tuple[Bench, float]:
     return Bench(world, SimulatedCamera(Surroundings(world.clock, world))), wanted
 
 
-def _measured(bench: Bench) -> emva1288.Characteristics:
+def _measured(bench: Bench) -> CameraNoise:
     exposures = [round(share * _LONGEST, 6) for share in _SHARES]
-    lit, dark = (
-        {time: _pair(bench, target, time) for time in exposures} for target in ("even", "dark")
+    frames: list[NDArray[np.uint16]] = []
+    for target in ("dark", "even"):
+        for time in exposures:
+            frames += bench.frames(target, time, 2)
+    return characterise_camera(
+        PairedFrames(
+            frames,
+            np.tile(np.repeat(exposures, 2), 2),
+            np.repeat([False, True], 2 * len(exposures)),
+            2**SENSOR.bits - 1,
+        )
     )
-    return emva1288.measure_characteristics(lit, dark)
-
-
-def _pair(
-    bench: Bench, target: str, exposure: float
-) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-    first, second = bench.frames(target, exposure, 2)
-    return first, second
-
-
-def _uniformity(bench: Bench, gain: float) -> emva1288.Uniformity:
-    half = round(0.5 * _LONGEST, 6)
-    lit, dark = (bench.frames(target, half, _FRAMES) for target in ("even", "dark"))
-    return emva1288.uniformity(lit, dark, gain)
 
 
 MEASUREMENTS = {"emva": emva_figures}

@@ -16,7 +16,6 @@ ROOMS = ("optics", "drivers", "simulator", "labapp")
 FOR_CALLERS = {
     "optics.focal_plane": "the field near a focus, for Python",
     "optics.psf.over_field": "PSFs between field positions, for Python; the guide has an example",
-    "optics.sensor.emva1288": "photon transfer as EMVA 1288 measures it, for Python",
     "optics.slanted_edge": "a camera's MTF from a picture of an edge, for Python",
     "optics.system_mtf": "a camera's MTF from its description, for Python",
     "optics.throughput": "the camera equation: electrons from a radiance, for Python",

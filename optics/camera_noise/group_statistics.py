@@ -1,0 +1,240 @@
+"""Measure a group of a camera's pixels: an area of the sensor, behind one colour of filter.
+
+Groups are measured apart, because each is lit differently, and because many points tell whether a
+fit describes them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.camera_noise.defects import GroupDefects, find_defects
+from optics.camera_noise.pair_noise import PairNoise, measure_pair
+from optics.camera_noise.paired_frames import PairedFrames
+from optics.camera_noise.pixel_maps import (
+    BOX,
+    GroupMaps,
+    Mask,
+    average_frames,
+    without_slow_changes,
+)
+
+_BRIGHT = 99.9
+"""Percentile of a group's numbers that counts as its brightest pixel. Chosen, below defects."""
+
+_OPEN_SHARE = 0.8
+"""Share of the largest number, above darkness, up to which the brightest pixel is clear of
+clipping. Chosen."""
+
+_LIT_SHARE = 0.05
+"""Share of the largest number from which an exposure tells of the response. Chosen."""
+
+
+@dataclass(frozen=True)
+class LightStatistics:
+    """A group of a camera's pixels in light of one exposure time.
+
+    exposure: seconds. mean: number, DN. brightest: number of the brightest pixel, DN. signal: mean
+    less the mean dark number. variance, dark_variance: temporal, of a frame, DN². spread,
+    dark_spread: as in PairNoise. count, dark_count: independent squares of both. ratio: light of
+    the later frames over that of the earlier ones.
+    """
+
+    exposure: float
+    mean: float
+    brightest: float
+    signal: float
+    variance: float
+    dark_variance: float
+    spread: float
+    dark_spread: float
+    count: int
+    dark_count: int
+    ratio: float
+
+
+@dataclass(frozen=True)
+class DarkStatistics:
+    """A group of a camera's pixels in darkness of one exposure time.
+
+    exposure: seconds. mean: number, DN. variance: temporal, of a frame, DN². over_pixels: variance
+    of all numbers of a frame, DN². spread, count: as in PairNoise. zeros: share of numbers that are
+    0. pixels: good ones.
+    """
+
+    exposure: float
+    mean: float
+    variance: float
+    over_pixels: float
+    spread: float
+    count: int
+    zeros: float
+    pixels: int
+
+
+@dataclass(frozen=True)
+class HalfProducts:
+    """Sums over a camera's pixels of two halves of a map, from which their covariance follows."""
+
+    count: int = 0
+    first: float = 0.0
+    second: float = 0.0
+    first_squares: float = 0.0
+    second_squares: float = 0.0
+    products: float = 0.0
+
+    @staticmethod
+    def of(first: NDArray[np.float64], second: NDArray[np.float64]) -> HalfProducts:
+        """Sum the two halves of a camera's map, (n,) each."""
+        return HalfProducts(
+            len(first), float(first.sum()), float(second.sum()), float((first**2).sum()),
+            float((second**2).sum()), float((first * second).sum()),
+        )  # fmt: skip
+
+    def __add__(self, other: HalfProducts) -> HalfProducts:
+        return HalfProducts(
+            self.count + other.count, self.first + other.first, self.second + other.second,
+            self.first_squares + other.first_squares,
+            self.second_squares + other.second_squares, self.products + other.products,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class GroupStatistics:
+    """What is measured on a group of a camera's pixels.
+
+    filter: (row, column) of the group's colour filter in its period. light, dark: by rising
+    exposure time. response, offsets: sums of the halves of both maps, of relative response without
+    slow changes and of dark numbers less a reference. defects: masks. rows, columns: of the pixels.
+    box: share of a pixel's own spread that is left of the response.
+    """
+
+    filter: tuple[int, int]
+    light: list[LightStatistics]
+    dark: list[DarkStatistics]
+    response: HalfProducts
+    offsets: HalfProducts
+    defects: GroupDefects
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+
+
+def measure_groups(source: PairedFrames) -> list[GroupStatistics]:
+    """Measure all groups of a camera's pixels, area by area.
+
+    Raises ValueError if frames are repeated, or dark numbers end at 0.
+    """
+    found = []
+    for rows, columns in source.areas:
+        frames = np.stack([np.asarray(frame[rows, columns]) for frame in source.frames])
+        if not np.isfinite(frames).all():
+            raise ValueError("a frame has NaN or infinite numbers; leave it out")
+        for y in range(source.period[0]):
+            for x in range(source.period[1]):
+                own = frames[:, y :: source.period[0], x :: source.period[1]]
+                if not own.size:
+                    continue
+                step = source.period
+                places = np.mgrid[
+                    rows.start + y : rows.stop : step[0], columns.start + x : columns.stop : step[1]
+                ]
+                found.append(_measure_group(source, own, (y, x), places))
+    return found
+
+
+def _measure_group(
+    source: PairedFrames,
+    frames: NDArray[Any],
+    place: tuple[int, int],
+    places: NDArray[np.int64],
+) -> GroupStatistics:
+    """Measure a group of a camera's pixels on all of its frames, (frames, rows, columns)."""
+    maps = average_frames(frames, source.light, source.dark, _bright_exposures(source, frames))
+    defects = find_defects(maps, max(source.dark))
+    good = defects.good
+    if good.sum() < max(16, 0.5 * good.size):
+        raise ValueError(
+            f"{(~good).sum()} of {good.size} pixels around row {places[0].mean():.0f}, column "
+            f"{places[1].mean():.0f} look defective; check that light and darkness are what they "
+            "are said to be, and that the light is even"
+        )
+    dark = [_dark_statistics(source, frames, time, good) for time in source.dark]
+    levels = {one.exposure: one for one in dark}
+    light = [_light_statistics(source, frames, levels[time], good) for time in source.light]
+    return GroupStatistics(
+        place, light, dark, _response_products(maps, good), _offset_products(maps, good), defects,
+        places[0], places[1],
+    )  # fmt: skip
+
+
+def _bright_exposures(source: PairedFrames, frames: NDArray[Any]) -> list[float]:
+    """Return exposure times at which a group of the camera is bright, and clear of clipping."""
+    darkness = {time: float(frames[source.dark[time][0][0]].mean()) for time in source.light}
+    first = {time: frames[pairs[0][0]] for time, pairs in source.light.items()}
+    room = max(float(frame.mean()) - darkness[time] for time, frame in first.items())
+    return [
+        time
+        for time, frame in first.items()
+        if frame.mean() - darkness[time] > _LIT_SHARE * room
+        and np.percentile(frame, _BRIGHT) - darkness[time] < _OPEN_SHARE * room
+    ]
+
+
+def _dark_statistics(
+    source: PairedFrames, frames: NDArray[Any], time: float, good: Mask
+) -> DarkStatistics:
+    """Measure a camera's dark pairs of an exposure time on a group of pixels."""
+    pairs = [measure_pair(frames[a], frames[b], good) for a, b in source.dark[time]]
+    every = [frames[index][good] for pair in source.dark[time] for index in pair]
+    mean, variance, spread, count = _combine(pairs)
+    return DarkStatistics(
+        time, mean, variance, float(np.mean([one.var(dtype=np.float64) for one in every])), spread,
+        count, float(np.mean([(one <= 0).mean() for one in every])), int(good.sum()),
+    )  # fmt: skip
+
+
+def _light_statistics(
+    source: PairedFrames, frames: NDArray[Any], dark: DarkStatistics, good: Mask
+) -> LightStatistics:
+    """Measure a camera's pairs in light of an exposure time on a group of pixels."""
+    listed = source.light[dark.exposure]
+    pairs = [measure_pair(frames[a], frames[b], good, dark.mean) for a, b in listed]
+    mean, variance, spread, count = _combine(pairs)
+    return LightStatistics(
+        dark.exposure, mean, float(np.percentile(frames[listed[0][0]][good], _BRIGHT)),
+        mean - dark.mean, variance, dark.variance, spread, dark.spread, count, dark.count,
+        max((one.ratio for one in pairs), key=lambda ratio: abs(ratio - 1)),
+    )  # fmt: skip
+
+
+def _combine(pairs: list[PairNoise]) -> tuple[float, float, float, int]:
+    """Return mean, variance, spread and count of several of a camera's pairs."""
+    counts = [one.count for one in pairs]
+    return (
+        float(np.mean([one.mean for one in pairs])),
+        float(np.average([one.variance for one in pairs], weights=counts)),
+        float(np.mean([one.spread for one in pairs])),
+        sum(counts),
+    )
+
+
+def _response_products(maps: GroupMaps, good: Mask) -> HalfProducts:
+    """Sum the halves of the response of a group of a camera's pixels."""
+    if maps.response is None:
+        return HalfProducts()
+    first, second = (without_slow_changes(one, good)[good] for one in maps.response)
+    return HalfProducts.of(first, second)
+
+
+def _offset_products(maps: GroupMaps, good: Mask) -> HalfProducts:
+    """Sum the halves of the dark numbers of a group of a camera's pixels."""
+    return HalfProducts.of(maps.dark[0][good], maps.dark[1][good])
+
+
+def box_share() -> float:
+    """Return the share of a camera's response variance that is left without slow changes."""
+    return 1 - 1 / BOX**2
