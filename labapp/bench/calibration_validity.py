@@ -1,4 +1,4 @@
-"""Warn in words if the calibration of a bench may no longer hold."""
+"""Warn in words if a calibration of a bench, or of its camera, may no longer hold."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 
 from drivers.interfaces import Identity
 from labapp.files.bench_file import BenchFile
-from labapp.files.calibration_file import CalibrationFile
+from labapp.files.calibration_file import CalibrationFile, DeviceIdentityTable
+from labapp.files.camera_noise_file import CameraNoiseFile
 from labapp.files.reading import FileModel
 
 
@@ -24,15 +25,19 @@ class CalibrationValiditySettings:
     max_extrapolation_nm : float
         Distance in nm by which the phase response may be extrapolated beyond the wavelengths at
         which it was measured. Chosen.
+    max_camera_age_days : int
+        Age in days beyond which a calibration of the camera gives a warning. Chosen.
     """
 
     max_age_days: int = 30
     max_extrapolation_nm: float = 15.0
+    max_camera_age_days: int = 180
 
 
 _SETTINGS = CalibrationValiditySettings()
 
 _REMEDY = "Calibrate again: labapp calibrate"
+_CAMERA_REMEDY = "Calibrate the camera again: labapp calibrate --camera"
 
 _DECISIVE_ROLES = ("slm", "camera")
 """Devices whose replacement makes a calibration invalid; filters and targets may change."""
@@ -79,14 +84,67 @@ def validity_warnings(
     if days > trusted:
         found.append(f"the calibration is {days} days old, and {trusted} are trusted. {_REMEDY}")
     for role in _DECISIVE_ROLES:
-        found += _device_warnings(calibration, role, identities)
-    described = bench.model_dump(mode="json")
+        device = calibration.devices.get(role)
+        found += _device_warnings("the calibration", role, device, identities, _REMEDY)
     for part in ("panel", "lens", "sensor", "polarisation"):
         then = getattr(calibration, part) or {}
-        since = _keys_at_default(getattr(bench, part)) - then.keys()
-        today = {key: value for key, value in (described[part] or {}).items() if key not in since}
-        found += _settings_warnings(part, then, today)
+        found += _part_warnings(bench, part, then, _REMEDY)
     return found
+
+
+def camera_calibration_summary(calibration: CameraNoiseFile) -> str:
+    """Summarise in one line which calibration of the camera is in force on the bench."""
+    gain, noise = calibration.gain_electrons_per_dn, calibration.read_noise_electrons
+    return (
+        f"camera calibration of {calibration.date:%Y-%m-%d %H:%M} in force ({gain.value:.4g} "
+        f"electrons/DN, read noise {noise.value:.3g} electrons, "
+        f"{len(calibration.defects.pixels)} defective pixels; record {calibration.record})"
+    )
+
+
+def camera_validity_warnings(
+    calibration: CameraNoiseFile,
+    bench: BenchFile,
+    identities: Mapping[str, Identity],
+    now: datetime | None = None,
+) -> list[str]:
+    """Return the reasons why the calibration of the bench's camera may no longer hold.
+
+    Parameters
+    ----------
+    calibration : CameraNoiseFile
+        Calibration in force.
+    bench : BenchFile
+        Description of the bench today.
+    identities : mapping
+        Identities of the open devices, by their names on the bench.
+    now : datetime or None
+        Time at which the age is judged; None for the present.
+    """
+    now = now or datetime.now(UTC)
+    found = []
+    days = (now - calibration.date).days
+    trusted = _SETTINGS.max_camera_age_days
+    if days > trusted:
+        found.append(
+            f"the camera calibration is {days} days old, and {trusted} are trusted: pixels become "
+            f"hot with time. {_CAMERA_REMEDY}"
+        )
+    found += _device_warnings(
+        "the camera calibration", "camera", calibration.camera, identities, _CAMERA_REMEDY
+    )
+    found += _part_warnings(bench, "sensor", calibration.sensor, _CAMERA_REMEDY)
+    options = bench.devices.camera.options
+    return found + _settings_warnings("camera", calibration.options, options, _CAMERA_REMEDY)
+
+
+def _part_warnings(bench: BenchFile, part: str, then: Mapping[str, Any], remedy: str) -> list[str]:
+    """Warn if a table of the bench file has changed since a calibration."""
+    table = getattr(bench, part)
+    described = table.model_dump(mode="json") if table else {}
+    since = _keys_at_default(table) - then.keys()
+    today = {key: value for key, value in described.items() if key not in since}
+    return _settings_warnings(part, then, today, remedy)
 
 
 def _keys_at_default(table: FileModel | None) -> set[str]:
@@ -121,16 +179,21 @@ def wavelength_warnings(calibration: CalibrationFile, wavelengths: Iterable[floa
 
 
 def _device_warnings(
-    calibration: CalibrationFile, role: str, identities: Mapping[str, Identity]
+    what: str,
+    role: str,
+    then: DeviceIdentityTable | None,
+    identities: Mapping[str, Identity],
+    remedy: str,
 ) -> list[str]:
-    then, now = calibration.devices.get(role), identities.get(role)
+    """Warn if a bench's device is another than that of a calibration, `what`."""
+    now = identities.get(role)
     if then is None or now is None:
         return []
     if (then.model, then.serial, then.simulated) == (now.model, now.serial, now.simulated):
         return []
     return [
-        f"the calibration was made with the {role} {_device_name(then.model, then.serial)}, and "
-        f"this is {_device_name(now.model, now.serial)}. {_REMEDY}"
+        f"{what} was made with the {role} {_device_name(then.model, then.serial)}, and "
+        f"this is {_device_name(now.model, now.serial)}. {remedy}"
     ]
 
 
@@ -138,7 +201,9 @@ def _device_name(model: str, serial: str) -> str:
     return f"{model} {serial}".strip()
 
 
-def _settings_warnings(part: str, then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+def _settings_warnings(
+    part: str, then: Mapping[str, Any], now: Mapping[str, Any], remedy: str
+) -> list[str]:
     changed = [key for key in sorted({*then, *now}) if then.get(key) != now.get(key)]
     if not changed:
         return []
@@ -146,7 +211,7 @@ def _settings_warnings(part: str, then: Mapping[str, Any], now: Mapping[str, Any
         f"{key} was {_short(then.get(key))} and is {_short(now.get(key))}" for key in changed[:3]
     )
     more = f" (and {len(changed) - 3} more)" if len(changed) > 3 else ""
-    return [f"the bench file's {part} has changed since the calibration: {listed}{more}. {_REMEDY}"]
+    return [f"the bench file's {part} has changed since the calibration: {listed}{more}. {remedy}"]
 
 
 def _short(value: Any) -> str:

@@ -29,6 +29,8 @@ from drivers.interfaces import (
 from drivers.supervised import SupervisedCamera, SupervisedDevice
 from labapp.bench.calibration_validity import (
     calibration_summary,
+    camera_calibration_summary,
+    camera_validity_warnings,
     validity_warnings,
     wavelength_warnings,
 )
@@ -127,9 +129,8 @@ class Bench:
     def calibration_warnings_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
         """Return the reasons why the bench's calibration may not hold at wavelengths in metres."""
         calibration = self.file.active_calibration
-        if calibration is None:
-            return ()
-        return (*self.calibration_warnings, *wavelength_warnings(calibration, wavelengths))
+        beyond = wavelength_warnings(calibration, wavelengths) if calibration else []
+        return (*self.calibration_warnings, *beyond)
 
     def make_safe(self) -> list[DeviceError]:
         """Make all of the bench's devices safe at once, and return the errors of those that fail.
@@ -441,16 +442,18 @@ def _open_devices(
 
 
 def _log_calibration(bench: Bench) -> tuple[str, ...]:
-    """Log which calibration is in force on the bench, and return warnings if it may not hold."""
-    calibration = bench.file.active_calibration
-    if calibration is None:
-        return ()
-    log.info("%s", calibration_summary(calibration))
+    """Log which calibrations are in force on the bench; return warnings if they may not hold."""
     identities = {name: device.identity for name, device in bench.devices.items()}
-    found = tuple(validity_warnings(calibration, bench.file, identities))
+    found = []
+    if (calibration := bench.file.active_calibration) is not None:
+        log.info("%s", calibration_summary(calibration))
+        found += validity_warnings(calibration, bench.file, identities)
+    if (camera := bench.file.active_camera_calibration) is not None:
+        log.info("%s", camera_calibration_summary(camera))
+        found += camera_validity_warnings(camera, bench.file, identities)
     for doubt in found:
         log.warning("STALE CALIBRATION: %s", doubt)
-    return found
+    return tuple(found)
 
 
 def read_scene(files: BenchFiles) -> SceneFile:

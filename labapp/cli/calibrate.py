@@ -73,14 +73,16 @@ def calibrate(
         str | None,
         typer.Option(
             metavar="TARGET",
-            help="With --spectra, target that is a white sheet.",
+            help="With --spectra, target that is a white sheet; with --camera, one that is evenly "
+            "lit.",
             show_default="flat",
         ),
     ] = None,
     flat_ms: Annotated[
         float | None,
         typer.Option(
-            help="With --spectra, exposure time of the white sheet, a little below clipping, in "
+            help="With --spectra, exposure time of the white sheet, a little below clipping; with "
+            "--camera, longest exposure time, a quarter more than fills the pixels; in "
             "milliseconds.  [found by trial]"
         ),
     ] = None,
@@ -90,6 +92,26 @@ def calibrate(
             metavar="NAME|FILE",
             help="With --spectra, spectrum of the lamp, for the filter's transmission: a CIE "
             "illuminant, such as A, or a CSV file of wavelengths in nm and power.",
+        ),
+    ] = None,
+    camera: Annotated[
+        bool,
+        typer.Option(
+            "--camera", help="Calibrate gain, noise, saturation and defects of the camera alone."
+        ),
+    ] = False,
+    exposures: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="With --camera, number of exposure times.", show_default="50"
+        ),
+    ] = None,
+    dark_s: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="With --camera, longest exposure time of darkness in seconds.",
+            show_default="2",
         ),
     ] = None,
     plan_only: Annotated[
@@ -121,12 +143,37 @@ def calibrate(
     **spectra.json** and **spectra.png** instead, for labapp reconstruct --calibration. For instance
 
     **labapp calibrate --spectra --bench colour.toml --out spectra --yes**
+
+    **--camera** calibrates the camera alone, by photon transfer (EMVA 1288): pairs of frames of an
+    evenly lit target (**--flat**) and of darkness (**--dark**), from darkness to saturation. It
+    measures gain, read noise, full well, linearity, PRNU, DSNU and dark current, each with its
+    uncertainty, and lists hot and dead pixels. The light may be of any strength and needn't be
+    quite even, but it shouldn't move; a texture should be out of focus. The folder gets
+    **camera.json** and **camera.png** instead; add the line `camera_calibration = "camera.json"`
+    to the bench file, and merges, reports and restorations use what was measured. **--fit** takes
+    a record of the ready plan photon-transfer, too. For instance
+
+    **labapp calibrate --camera --out camera --yes**
     """
     if fit is None and out is None:
         raise UserError("--out is missing: name a folder for plan, record and results.")
-    spectra_only = {"--plan": plan, "--flat": flat, "--flat-ms": flat_ms, "--lamp": lamp}
-    panel_only = {"--regions": regions, "--levels": levels, "--only": only}
-    _require_options_of_one_kind(spectra, spectra_only, panel_only)
+    _require_options_of_kind(
+        "--camera" if camera else "--spectra" if spectra else "",
+        {
+            ("--spectra",): {"--spectra": spectra or None, "--plan": plan, "--lamp": lamp},
+            ("--spectra", "--camera"): {"--flat": flat, "--flat-ms": flat_ms},
+            ("--camera",): {"--exposures": exposures, "--dark-s": dark_s},
+            ("",): {"--regions": regions, "--levels": levels, "--only": only},
+            ("", "--spectra"): {"--exposure-ms": exposure_ms},
+        },
+    )
+    if camera:
+        asked_of_camera: dict[str, Any] = {
+            "flat": flat, "wavelength_nm": tuple(wavelength_nm or ()), "exposures": exposures,
+            "flat_ms": flat_ms, "dark_s": dark_s,
+        }  # fmt: skip
+        _calibrate_camera(context, asked_of_camera, out, fit, plan_only=plan_only)
+        return
     if spectra:
         named: dict[str, Any] = {
             "plan": plan, "flat": flat or "flat", "flat_ms": flat_ms, "lamp": lamp,
@@ -185,15 +232,46 @@ def _calibrate_spectra(
     take(asked, out, options.bench_files(), options.run_mode)
 
 
-def _require_options_of_one_kind(
-    spectra: bool, spectra_only: dict[str, Any], panel_only: dict[str, Any]
+def _calibrate_camera(
+    context: typer.Context,
+    named: dict[str, Any],
+    out: Path | None,
+    fit: Path | None,
+    *,
+    plan_only: bool,
 ) -> None:
-    """Raise UserError for options that mean nothing to the kind of calibration of the command."""
-    refused = panel_only if spectra else spectra_only
-    given = next((name for name, value in refused.items() if value is not None), None)
-    if given is not None and spectra:
-        raise UserError(f"{given}: means nothing with --spectra. Leave one of the two out.")
-    if given is not None:
+    """Calibrate a camera's noise, as the command's options say."""
+    use_one_thread()
+    from labapp.calibration.camera.command import (
+        CameraOptions,
+        calibrate_camera_of_bench,
+        refit_camera,
+        write_camera_plan,
+    )
+
+    options = get_option_group(context, RunOptions)
+    if fit is not None:
+        refit_camera(fit, named["flat"], options.run_mode)
+        return
+    assert out is not None
+    asked = CameraOptions(**named, dark=get_option_group(context, StarOptions).dark)
+    take = write_camera_plan if plan_only else calibrate_camera_of_bench
+    take(asked, out, options.bench_files(), options.run_mode)
+
+
+def _require_options_of_kind(kind: str, options: dict[tuple[str, ...], dict[str, Any]]) -> None:
+    """Raise UserError for options that mean nothing to the kind of calibration of the command.
+
+    kind: "--camera", "--spectra", or "" for that of panel and lens. options: values of options by
+    the kinds to which they mean something; None for one that isn't given.
+    """
+    for kinds, values in options.items():
+        given = next((name for name, value in values.items() if value is not None), None)
+        if given is None or kind in kinds:
+            continue
+        if kind:
+            raise UserError(f"{given}: means nothing with {kind}. Leave one of the two out.")
+        named = " or ".join(one for one in kinds if one)
         raise UserError(
-            f"{given}: means something with --spectra only. Add --spectra, or leave it out."
+            f"{given}: means something with {named} only. Add {kinds[-1]}, or leave it out."
         )

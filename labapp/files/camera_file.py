@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile
+from labapp.files.camera_noise_file import CameraNoiseFile
 from labapp.files.panel_file import PanelTable, with_panel
 from labapp.files.polarisation_table import PolarisationTable
 from labapp.files.quantities import Amount, Finite, Positive, Share
@@ -71,8 +72,9 @@ class CameraFile(FileModel):
     transmission is the share of the light that passes everything except the panel and the
     elements in `polarisation`. The panel's unmodulated share is either given or follows from
     `polarisation`. calibration is the name of a file that `labapp calibrate` wrote, or its
-    contents; its measurements replace the description. glare is the share of the light that
-    veils the picture evenly.
+    contents; its measurements replace the description. camera_calibration is likewise that of
+    `labapp calibrate --camera`, whose measurements replace those of the sensor. glare is
+    the share of the light that veils the picture evenly.
     """
 
     version: Literal[1]
@@ -83,6 +85,7 @@ class CameraFile(FileModel):
     sensor: SensorTable
     polarisation: PolarisationTable | None = None
     calibration: str | CalibrationFile | None = None
+    camera_calibration: str | CameraNoiseFile | None = None
     glare: Share = 0.0
 
     @model_validator(mode="after")
@@ -113,6 +116,17 @@ class CameraFile(FileModel):
         return self.calibration
 
     @property
+    def active_camera_calibration(self) -> CameraNoiseFile | None:
+        """The calibration of the camera's noise that the camera file has or names; None without.
+
+        If the camera file only names a calibration file, that file is read. Raises UserError if it
+        can't be read.
+        """
+        if isinstance(self.camera_calibration, str):
+            return read_file(Path(self.camera_calibration), CameraNoiseFile)
+        return self.camera_calibration
+
+    @property
     def interference(self) -> float | None:
         """Strength of the interference of modulated and unmodulated light in the camera file.
 
@@ -124,15 +138,15 @@ class CameraFile(FileModel):
         return float(self.polarisation.build().effect().interference.abs())
 
     def without_calibration(self) -> Self:
-        """Return the camera file as it is described, without its calibration."""
-        return self.model_copy(update={"calibration": None})
+        """Return the camera file as it is described, without its calibrations."""
+        return self.model_copy(update={"calibration": None, "camera_calibration": None})
 
     def build_camera(self) -> Camera:
         """Return the camera file's calibrated camera.
 
-        Raises UserError if the calibration is of another panel.
+        Raises UserError if a calibration is of another panel or sensor.
         """
-        described = self._build_nominal_camera()
+        described = self._apply_camera_calibration(self._build_nominal_camera())
         calibration = self.active_calibration
         if calibration is None:
             return described
@@ -142,6 +156,20 @@ class CameraFile(FileModel):
             raise UserError(
                 f"the calibration of {calibration.date:%Y-%m-%d} is not of this panel: {error}. "
                 "Calibrate this bench, or remove the key 'calibration' from its file."
+            ) from error
+
+    def _apply_camera_calibration(self, camera: Camera) -> Camera:
+        """Return the camera with the sensor as the camera file's calibration measured it."""
+        calibration = self.active_camera_calibration
+        if calibration is None:
+            return camera
+        try:
+            return replace(camera, sensor=calibration.apply_to(camera.sensor))
+        except ValueError as error:
+            raise UserError(
+                f"the camera calibration of {calibration.date:%Y-%m-%d} is not of this sensor: "
+                f"{error}. Calibrate it with labapp calibrate --camera, or remove the key "
+                "'camera_calibration' from the bench file."
             ) from error
 
     def _build_nominal_camera(self) -> Camera:
@@ -185,4 +213,6 @@ def resolve_included_files(data: dict[str, Any], path: Path, model: type[C]) -> 
     found: dict[str, Any] = {"panel": file.panel.resolve_files(folder)}
     if isinstance(file.calibration, str):
         found["calibration"] = read_file(folder / file.calibration, CalibrationFile)
+    if isinstance(file.camera_calibration, str):
+        found["camera_calibration"] = read_file(folder / file.camera_calibration, CameraNoiseFile)
     return file.model_copy(update=found)

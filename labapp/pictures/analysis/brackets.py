@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
+from labapp.pictures.analysis.known_defects import fill_defects, known_defects
 from labapp.runs.record.reader import Record
 from optics import hdr
 from optics.camera import Sensor
@@ -46,6 +47,9 @@ class Bracket:
         was used instead.
     histogram : NDArray
         (exposures, levels): how many pixels have each digital number.
+    defects : NDArray of bool or None
+        (rows, columns): pixels that the camera's calibration lists as defective, whose values were
+        filled from around them; None if none are known.
     """
 
     target: str
@@ -59,6 +63,7 @@ class Bracket:
     clipped_by_exposure: list[float]
     dark_frames: int
     histogram: NDArray[np.int64]
+    defects: NDArray[np.bool_] | None = None
 
     @property
     def name(self) -> str:
@@ -135,8 +140,12 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
     first = indices[0]
     bracket = recorded_bracket(record, indices, dark, sensor)
     frames, exposures = np.asarray(bracket.frames), bracket.times
-    merged = hdr.merge(bracket)
+    defects = known_defects(record)
+    merged = hdr.merge(bracket, defects=defects)
     state = merged.state.numpy()
+    rate, variance = (one.numpy().astype(np.float64) for one in (merged.rate, merged.variance))
+    if defects is not None:
+        fill_defects(rate, variance, defects, sensor)
     times = np.unique(exposures).tolist()
     by_exposure = [frames[exposures == t] for t in times]
     counts = [0 if math.isinf(count) else int(count) for count in bracket.dark_counts]
@@ -145,13 +154,14 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
         pattern=record.pattern_names[record.column("pattern")[first]],
         wavelength=float(record.column("wavelength")[first]),
         exposures=times,
-        rate=merged.rate.numpy().astype(np.float64),
-        variance=merged.variance.numpy().astype(np.float64),
+        rate=rate,
+        variance=variance,
         clipped=float((state == hdr.CLIPPED).mean()),
         dark=float((state == hdr.DARK).mean()),
         clipped_by_exposure=[float((f >= sensor.full_scale).mean()) for f in by_exposure],
         dark_frames=min(counts),
         histogram=np.stack([np.bincount(f.ravel(), minlength=2**sensor.bits) for f in by_exposure]),
+        defects=defects,
     )
 
 

@@ -38,7 +38,7 @@ class BracketFiles:
     """Frames of a bracket from files, each (bands, rows, columns), with times and darks.
 
     darks: mean dark of each frame, (bands, rows, columns), or a level. dark_counts: frames in each
-    mean; infinite for a level.
+    mean; infinite for a level. defects: (rows, columns), pixels that don't measure light, or None.
     """
 
     names: list[str]
@@ -47,6 +47,7 @@ class BracketFiles:
     darks: list[Frame | float]
     dark_counts: list[float]
     sensor: Sensor
+    defects: NDArray[np.bool_] | None = None
 
 
 def read_bracket_files(
@@ -145,7 +146,7 @@ def _described_sensor(numbers: SensorNumbers, photographs: Sequence[InputPhotogr
     if numbers.gain is None or numbers.read_noise is None:
         raise UserError(
             "the noise of the sensor isn't known: give --sensor FILE, or --gain (electrons per "
-            "digital number) and --read-noise (electrons). The ready plan photon-transfer "
+            "digital number) and --read-noise (electrons). labapp calibrate --camera "
             "measures them."
         )
     bits = 16 if first.is_srgb or first.levels.dtype != np.uint8 else 8

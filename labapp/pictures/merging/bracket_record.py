@@ -15,6 +15,7 @@ from labapp.pictures.analysis.brackets import (
     find_brackets,
     recorded_bracket,
 )
+from labapp.pictures.analysis.known_defects import known_defects
 from labapp.pictures.merging.bracket_files import BracketFiles
 from labapp.runs.record.reader import Record
 
@@ -47,6 +48,7 @@ def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
             )
         frames, sensor = found[0].frames, record.bench.build_camera().sensor
         bracket = recorded_bracket(record, frames, dark_target(record.plan), sensor)
+        defects = known_defects(record)
     return BracketFiles(
         [f"frame {index}" for index in frames],
         [np.asarray(frame)[None] for frame in bracket.frames],
@@ -54,6 +56,7 @@ def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
         [np.asarray(one)[None] for one in bracket.darks],
         bracket.dark_counts.tolist(),
         sensor,
+        defects,
     )
 
 

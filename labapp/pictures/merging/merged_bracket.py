@@ -61,7 +61,7 @@ def merge_files(
     for number, band in enumerate(bands):
         ends = (0.1 + 0.7 * (number + k) / len(bands) for k in (0, 1))
         report = functools.partial(progress.part(*ends).report, message="merging")
-        found.append(hdr.merge(band, method, check=report))
+        found.append(hdr.merge(band, method, source.defects, report))
     progress.report(0.8, "simulating the merge")
     full = source.sensor.full_scale
     rate, variance, state = (

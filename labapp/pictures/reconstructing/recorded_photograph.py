@@ -231,6 +231,8 @@ def find_photograph(
     else:
         filters, psf = shown.filters, shown.bands
     dead = find_dead_pixels([photograph, *sharp], (1, 1) if filters is None else filters.period)
+    if photograph.defects is not None:
+        dead |= photograph.defects
     neutral = sharp[0] if sharp else None
     return RecordedPhotograph(path, photograph, psf, neutral, roles, filters, dead, frame)
 

@@ -224,8 +224,11 @@ class Record:
         """
         return self._read(f"{layout.DATA}/{name}")
 
-    def image(self, index: int) -> NDArray[np.uint16]:
-        return self._read(f"{layout.DATA}/images", index)
+    def image(
+        self, index: int, rows: slice = slice(None), columns: slice = slice(None)
+    ) -> NDArray[np.uint16]:
+        """Return a frame of the run's record, or some of its rows and columns."""
+        return self._read(f"{layout.DATA}/images", (index, rows, columns))
 
     @property
     def frame_count(self) -> int:

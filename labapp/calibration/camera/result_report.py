@@ -1,0 +1,189 @@
+"""Report the calibration of a camera as tables, and advise what to do at the bench."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from labapp.common.console import out, print_message, print_table
+from labapp.files.camera_noise_file import CameraNoiseFile, QuantityTable
+
+Row = list[str]
+
+
+@dataclass(frozen=True)
+class CameraAdviceLimits:
+    """Set the limits beyond which a camera calibration's report gives advice. All are chosen.
+
+    Attributes
+    ----------
+    chi2 : tuple of float
+        Reduced chi-square of the photon transfer curve, between which its points scatter as they
+        should.
+    unevenness_percent : float
+        Light of the brightest area over that of the dimmest, less 100.
+    jump_percent : float
+        Change of the light within a pair.
+    drift_percent : float
+        Change of the light over the run.
+    linearity_percent : float
+        Linearity error.
+    """
+
+    chi2: tuple[float, float] = (0.7, 1.4)
+    unevenness_percent: float = 10.0
+    jump_percent: float = 1.0
+    drift_percent: float = 2.0
+    linearity_percent: float = 1.0
+
+
+_LIMITS = CameraAdviceLimits()
+
+_LIMIT_WORDS = {"converter": "the converter's end", "well": "the wells' end", None: ""}
+
+
+def camera_data(file: CameraNoiseFile, paths: tuple[Path, ...]) -> dict[str, Any]:
+    """Return a camera calibration's report as plain data."""
+    return file.model_dump(mode="json") | {
+        "advice": camera_advice(file),
+        "files": [str(one) for one in paths],
+    }
+
+
+def print_camera(file: CameraNoiseFile, paths: tuple[Path, ...]) -> None:
+    """Print a camera calibration's report: results, defects, advice, and how to use the file."""
+    print_table("Camera (EMVA 1288)", ["what", "found ", "± ", "unit", "how"], camera_rows(file))
+    print_table("Defective pixels", ["kind", "pixels ", "criterion"], defect_rows(file))
+    for line in camera_advice(file):
+        print_message(line)
+    for path in paths:
+        out.print(f"wrote {path}", markup=False, soft_wrap=True)
+    out.print("put it in force with a line in the bench file:")
+    out.print(f'camera_calibration = "{paths[0]}"', markup=False, soft_wrap=True)
+
+
+def camera_rows(file: CameraNoiseFile) -> list[Row]:
+    """Return the rows of a camera calibration's table of results."""
+    noise = "temporal, rounding and dark current taken off"
+    if file.read_noise_is_limit:
+        noise = "at most: steps are too coarse to show it"
+    clip = ""
+    if file.clip_number_dn is not None:
+        clip = f"{_LIMIT_WORDS[file.clip_limit]}, at {file.clip_number_dn.value:.5g} DN"
+    curve = f"photon transfer, reduced χ² {file.reduced_chi2:.2f}, {file.degrees_of_freedom} d.o.f."
+    listed: list[tuple[str, QuantityTable | None, str, str]] = [
+        ("conversion gain 1/K", file.gain_electrons_per_dn, "e-/DN", curve),
+        ("overall system gain K", file.system_gain_dn_per_electron, "DN/e-", "the same"),
+        ("read noise", file.read_noise_electrons, "e-", noise),
+        ("temporal dark noise", file.dark_noise_dn, "DN", "as the numbers show it"),
+        ("black level", file.black_level_dn, "DN", "darkness at 0 s"),
+        ("dark current", file.dark_current_electrons_per_s, "e-/s", "growth of darkness"),
+        ("full well", file.full_well_electrons, "e-", clip or "no exposure was saturated"),
+        ("saturation capacity", file.saturation_capacity_electrons, "e-", "largest variance"),
+        ("sensitivity threshold", file.sensitivity_threshold_electrons, "e-", "SNR 1"),
+        ("dynamic range", file.dynamic_range_db, "dB", "capacity over threshold, 20 log10"),
+        ("SNR max", file.snr_max_db, "dB", "at the capacity, 20 log10"),
+        ("linearity error", file.linearity_error_percent, "%", "mean, 5 to 95 % of saturation"),
+        ("PRNU1288", file.prnu_percent, "%", "without slow changes and defects"),
+        ("DSNU1288", file.dsnu_electrons, "e-", "without defects"),
+        ("drift of the lamp", file.lamp_drift_percent, "%", "first to last exposure"),
+    ]
+    return [[name, *_number(one), unit, how] for name, one, unit, how in listed]
+
+
+def _number(one: QuantityTable | None) -> list[str]:
+    """Format a camera's quantity with two digits of its uncertainty."""
+    if one is None:
+        return ["unknown", ""]
+    if not one.sigma > 0:
+        return [f"{one.value:g}", ""]
+    decimals = max(0, 1 - math.floor(math.log10(one.sigma)))
+    return [f"{one.value:.{decimals}f}", f"{one.sigma:.{decimals}f}"]
+
+
+def defect_rows(file: CameraNoiseFile) -> list[Row]:
+    """Return the rows of a camera calibration's table of defective pixels."""
+    found = file.defects
+    hot = (
+        f"dark signal ± {found.hot_electrons:.3g} e- or dark current + "
+        f"{found.hot_electrons_per_s:.3g} e-/s off the median"
+    )
+    off = f"{found.response_percent:g} %"
+    return [
+        ["hot, by dark signal", _count(found.hot), hot],
+        ["hot, by photo-response", _count(found.bright), f"{off} above the pixels around"],
+        ["weak", _count(found.weak), f"{off} below the pixels around"],
+        ["dead", _count(found.dead), f"below {found.dead_percent:g} % of the pixels around"],
+    ]
+
+
+def _count(pixels: tuple[tuple[int, int], ...]) -> str:
+    return str(len(pixels))
+
+
+def camera_advice(file: CameraNoiseFile) -> list[str]:
+    """Return what a camera calibration's results advise to do at the bench, in sentences."""
+    return [*_camera_advice(file), *_light_advice(file)]
+
+
+def _camera_advice(file: CameraNoiseFile) -> list[str]:
+    """Return advice on the camera and its settings."""
+    said, (low, high) = [], _LIMITS.chi2
+    if file.reduced_chi2 > high:
+        said.append(
+            f"variances scatter more than photons make them (χ² {file.reduced_chi2:.2f}): check "
+            "that frames are raw, without gamma, sharpening or automatic gain, and that the light "
+            "doesn't move."
+        )
+    elif file.reduced_chi2 < low:
+        said.append(
+            f"variances scatter less than photons make them (χ² {file.reduced_chi2:.2f}): check "
+            "that frames are raw, without noise reduction, binning or compression."
+        )
+    if file.full_well_electrons is None:
+        said.append(
+            "no exposure was saturated, and full well, capacity and dynamic range are unknown: "
+            "expose longer (--flat-ms)."
+        )
+    if file.read_noise_is_limit:
+        said.append(
+            "the read noise is less than the converter's steps show: choose more bits or a higher "
+            "analogue gain, if the camera has them."
+        )
+    error = file.linearity_error_percent
+    if error is not None and error.value > _LIMITS.linearity_percent:
+        said.append(
+            f"the signal is {error.value:.2g} % off a line on average: check that gamma is 1 and "
+            "that the light is steady, or keep pixels below the bend."
+        )
+    current = file.dark_current_electrons_per_s
+    if current.sigma > max(abs(current.value), 0.0):
+        said.append(
+            f"the dark current is known to {current.sigma:.2g} e-/s only: take longer darkness "
+            "(--dark-s)."
+        )
+    return said
+
+
+def _light_advice(file: CameraNoiseFile) -> list[str]:
+    """Return advice on the light of a camera's calibration."""
+    said = []
+    if file.light_unevenness_percent > _LIMITS.unevenness_percent:
+        said.append(
+            f"the light differs by {file.light_unevenness_percent:.0f} % over the sensor: "
+            "saturation capacity and PRNU are less sure; defocus the target, or light it evenly."
+        )
+    if file.lamp_jump_percent > _LIMITS.jump_percent:
+        said.append(
+            f"the light changed by up to {file.lamp_jump_percent:.1f} % within a pair: the gain "
+            "allows for it, the linearity doesn't; use a steady lamp, or whole periods of it."
+        )
+    drift = file.lamp_drift_percent
+    if drift is not None and abs(drift.value) > _LIMITS.drift_percent:
+        said.append(
+            f"the lamp drifted by {drift.value:+.1f} % during the run, which is allowed for: let "
+            "it warm up."
+        )
+    return said
