@@ -20,12 +20,12 @@ PATTERN_FOLDER = "patterns"
 
 
 def write_plan(folder: Path, plan: PlanFile, patterns: Mapping[str, NDArray[np.uint8]]) -> Path:
-    """Write plan.toml and patterns/*.png into a folder; return the path of the plan file.
+    """Write plan.toml, and patterns/*.png if any, into a folder; return the path of the plan file.
 
     Raises UserError if they can't be written.
     """
     pictures = folder / PATTERN_FOLDER
-    make_folder(pictures)
+    make_folder(pictures if patterns else folder)
     path = folder / "plan.toml"
     try:
         for name, grey in patterns.items():

@@ -149,7 +149,8 @@ def print_written_plan(
     if as_json:
         print_json({"plan": str(plan), "patterns": patterns})
         return
-    lines = f"wrote {plan} and {patterns} patterns. Then:\nlabapp run {plan} --out {record}"
+    both = f" and {patterns} patterns" if patterns else ""
+    lines = f"wrote {plan}{both}. Then:\nlabapp run {plan} --out {record}"
     # A command to copy isn't broken into lines.
     out.print(f"{lines}\n{following}", markup=False, soft_wrap=True)
 

@@ -86,11 +86,9 @@ def write_camera_plan(
     request = options.request()
     require_free_names(folder, (PLAN_FILE,), force=execution.force)
     with open_bench(files) as bench:
-        plan = prepare_camera_plan(bench, request, folder, force=execution.force)
+        prepare_camera_plan(bench, request, folder, force=execution.force)
     fit = f"labapp calibrate --camera --fit {folder / RECORD_FILE}"
-    print_written_plan(
-        folder / PLAN_FILE, len(plan.patterns), folder / RECORD_FILE, fit, execution.as_json
-    )
+    print_written_plan(folder / PLAN_FILE, 0, folder / RECORD_FILE, fit, execution.as_json)
 
 
 def refit_camera(record: Path, flat: str | None, execution: ExecutionOptions) -> None:
