@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from labapp.bench.calibration_validity import calibration_summary, camera_calibration_summary
 from labapp.common.console import out, print_json, print_table
 from labapp.runs.effect_plan_tables import show_effects
 from labapp.runs.record import layout
@@ -25,6 +26,8 @@ def show_record(path: Path, *, as_json: bool) -> None:
     out.print(f"{data['stored']} of {data['frames']} frames stored, {data['size']}")
     out.print(f"started {data['start_time']}, ended {data['end_time'] or 'not yet'}")
     out.print(f"expected {data['expected_s']:.1f} s of bench time, on a {data['clock']} clock")
+    for line in data["calibrations"]:
+        out.print(line, markup=False)
     if data["retried"]:
         out.print(f"frames that needed more than one attempt: {data['retried']}")
     if data["missing"]:
@@ -63,11 +66,21 @@ def record_data(record: Record) -> dict[str, Any]:
         "retried": np.flatnonzero(record.column("attempts") > 1).tolist(),
         "groups": _groups(record),
         "devices": record.devices,
+        "calibrations": _calibrations(record),
         "faults": record.faults,
         "effect_plan": record.effect_plan,
         "versions": record.versions,
         "log": record.log,
     }
+
+
+def _calibrations(record: Record) -> list[str]:
+    """Return which calibrations were in force when a run's record was made."""
+    panel, camera = record.bench.active_calibration, record.bench.active_camera_calibration
+    return [
+        *([calibration_summary(panel)] if panel else []),
+        *([camera_calibration_summary(camera)] if camera else []),
+    ]
 
 
 def _groups(record: Record) -> list[dict[str, Any]]:

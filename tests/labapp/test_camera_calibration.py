@@ -199,7 +199,7 @@ def test_in_force_the_sensor_is_as_measured(found, in_force):
     assert sensor.full_scale == 4095
 
 
-def test_the_virtual_camera_stays_as_it_is(found, files, in_force, folder, tmp_path):
+def test_the_virtual_camera_stays_as_it_is(found, files, in_force, folder, labapp, tmp_path):
     wrong = found.file.model_copy(
         update={"gain_electrons_per_dn": QuantityTable(value=5.0, sigma=0.01)}
     )
@@ -218,6 +218,10 @@ def test_the_virtual_camera_stays_as_it_is(found, files, in_force, folder, tmp_p
             kept = record.bench.active_camera_calibration
     np.testing.assert_array_equal(*taken)
     assert kept == wrong
+    code, said, _ = labapp("show", tmp_path / "with.h5")
+    assert code == 0
+    assert "camera calibration of" in said
+    assert "in force (5 electrons/DN" in " ".join(said.split())
 
 
 def photograph_plan():
