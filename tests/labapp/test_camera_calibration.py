@@ -364,6 +364,11 @@ def test_light_beyond_what_the_camera_can_expose_is_named(exposure, rate, words)
         judge_trials([trial(exposure, rate=rate)], SENSOR)
 
 
+def test_a_target_with_a_picture_is_named():
+    with pytest.raises(UserError, match=r"lit unevenly: its dimmest pixels have 10% .* --flat"):
+        judge_trials([replace(trial(0.016), evenness=0.1)], SENSOR)
+
+
 def test_exposures_are_even_and_out_of_order():
     listed = light_exposures(CameraRequest(flat_ms=250.0, exposures=50), SENSOR)
     np.testing.assert_allclose(sorted(listed), 5.0 * np.arange(1, 51))

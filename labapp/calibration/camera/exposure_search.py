@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench
 from labapp.calibration.camera.request import NEUTRAL_NAME, CameraRequest
@@ -33,6 +34,10 @@ then saturated, and tells the clip level."""
 _DIM_PERCENTILE = 0.5
 """Percentile of the pixels that counts as the dimmest, defective ones left out."""
 
+_LEAST_EVEN = 0.25
+"""Light of the dimmest pixels over that of the middle ones behind the same filter, below which a
+target isn't evenly lit. Chosen: vignetting takes less."""
+
 _MOST_ROUNDS = 5
 """Most rounds of trials. Chosen: they cover exposures from microseconds to minutes."""
 
@@ -42,11 +47,16 @@ _BENT = 0.9
 
 @dataclass(frozen=True)
 class FlatTrial:
-    """A trial frame: exposure in seconds; numbers above black of the middle and dimmest pixel."""
+    """A trial frame of the flat target.
+
+    exposure: seconds. middle, dimmest: numbers above black of the middle and the dimmest pixel.
+    evenness: the dimmest over the middle pixel, the least behind any filter.
+    """
 
     exposure: float
     middle: float
     dimmest: float
+    evenness: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -98,10 +108,25 @@ def _read_trials(path: Path, sensor: Sensor) -> list[FlatTrial]:
     found = []
     with Record(path) as record:
         for index, exposure in enumerate(record.column("exposure").tolist()):
-            numbers = record.image(index)
-            dim, middle = np.percentile(numbers, [_DIM_PERCENTILE, 50]) - sensor.black_level
-            found.append(FlatTrial(exposure, float(middle), float(dim)))
+            found.append(_measure_trial(exposure, record.image(index), sensor))
     return found
+
+
+def _measure_trial(exposure: float, numbers: NDArray[np.uint16], sensor: Sensor) -> FlatTrial:
+    """Measure a trial frame of a camera's calibration, behind each colour of filter."""
+    pattern = sensor.colour.pattern if sensor.colour else ("M",)
+    rows, columns = len(pattern), len(pattern[0])
+    levels = [
+        np.percentile(numbers[y::rows, x::columns], [_DIM_PERCENTILE, 50]) - sensor.black_level
+        for y in range(rows)
+        for x in range(columns)
+    ]
+    return FlatTrial(
+        exposure,
+        float(np.median(numbers)) - sensor.black_level,
+        min(float(dim) for dim, _ in levels),
+        min(float(dim / max(middle, 1.0)) for dim, middle in levels),
+    )
 
 
 def judge_trials(trials: list[FlatTrial], sensor: Sensor) -> float | tuple[float, ...]:
@@ -119,6 +144,12 @@ def judge_trials(trials: list[FlatTrial], sensor: Sensor) -> float | tuple[float
     # Wells may be full before the converter's range ends.
     full = [one for one in trials if one.middle < _BENT * rate * one.exposure]
     level = min(room, max((one.middle for one in full), default=room))
+    if best.evenness < _LEAST_EVEN:
+        raise UserError(
+            f"the flat target is lit unevenly: its dimmest pixels have {best.evenness:.0%} of the "
+            "light of the middle ones. Take a target without a picture, out of focus, and light it "
+            "evenly, or name another with --flat."
+        )
     if best.middle > _BENT * level:
         return (_require_possible(best.exposure / _RATIO, sensor),)
     longest = _BEYOND * level / dim_rate
