@@ -51,16 +51,49 @@ def report(
 
 
 @app.command()
-def verify(record: RecordArgument, json: JsonOption = False) -> None:
-    """Check that the record RUN.h5 is complete: frames, checksums, patterns, settings, state.
+def verify(
+    record: RecordArgument,
+    digest: Annotated[
+        str,
+        typer.Option(
+            metavar="DIGEST",
+            help="Digest that the end of the run printed, to compare the record with.",
+        ),
+    ] = "",
+    json: JsonOption = False,
+) -> None:
+    """Check that the record RUN.h5 is complete and unchanged: frames, settings, patterns, log.
 
-    The exit code is 0 only if all is well. Otherwise the last line says what to do. For instance
+    SHA-256 digests, which are chained while the record is written, tell any change. Somebody who
+    makes all of them anew can still hide one: keep the digest that the run prints at its end in
+    another place, and give it as --digest. The exit code is 0 only if all is well. Otherwise the
+    last line says what to do. For instance
 
     **labapp verify first-light/run.h5**
     """
     from labapp.runs.verifying import verify_record
 
-    raise typer.Exit(0 if verify_record(record, as_json=json) else 1)
+    raise typer.Exit(0 if verify_record(record, as_json=json, digest=digest) else 1)
+
+
+@app.command()
+def salvage(
+    record: RecordArgument,
+    out: Annotated[Path, typer.Option(metavar="NEW.h5", help="New record for what is saved.")],
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Save every whole frame of the damaged or truncated record RUN.h5 into a new one (--out).
+
+    Frames are saved with their settings if their digests show that they are whole. What is lost is
+    printed, and stands in the new record's log; **labapp resume** takes the lost frames again,
+    where plan and bench are saved. The damaged file isn't changed. For instance
+
+    **labapp salvage damaged.h5 --out saved.h5**
+    """
+    from labapp.runs.salvaging import salvage_record
+
+    salvage_record(record, out, force=force, as_json=json)
 
 
 @app.command()

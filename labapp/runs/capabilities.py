@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from labapp.runs.bench_interface import Bench
 
@@ -57,6 +59,14 @@ class BenchCapabilities:
             slm_settling=bench.slm.settling,
             filter_settling=bench.filter.settling,
         )
+
+    @staticmethod
+    def of_data(data: Mapping[str, Any]) -> BenchCapabilities:
+        """Return what was written as plain data, whose tuples may have become lists."""
+        values: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in data.items()
+        }
+        return BenchCapabilities(**values)
 
     def wavelength_in_metres(self, nm: float) -> float:
         """Convert a wavelength in a run's plan from nanometres to metres, rounded to picometres.

@@ -28,6 +28,8 @@ def show_record(path: Path, *, as_json: bool) -> None:
     out.print(f"expected {data['expected_s']:.1f} s of bench time, on a {data['clock']} clock")
     for line in data["calibrations"]:
         out.print(line, markup=False)
+    if data["digest"]:
+        out.print(f"digest {data['digest']}", markup=False, soft_wrap=True)
     if data["retried"]:
         out.print(f"frames that needed more than one attempt: {data['retried']}")
     if data["missing"]:
@@ -61,6 +63,7 @@ def record_data(record: Record) -> dict[str, Any]:
         "seed": record.seed,
         "start_time": record.text("start_time"),
         "end_time": record.end_time,
+        "digest": record.closing_digest,
         "clock": record.text("clock"),
         "expected_s": record.expected_seconds,
         "retried": np.flatnonzero(record.column("attempts") > 1).tolist(),

@@ -16,7 +16,7 @@ from labapp.files.plan_file import NamedPlan
 from labapp.files.writing import make_folder
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.queue import RunRequest, run_all
-from labapp.runs.acquisition.runner import RunOutcome, resume_run
+from labapp.runs.acquisition.runner import RunOutcome, prepare_resume, resume_run
 from labapp.runs.keyboard import open_keyboard
 from labapp.runs.record.reader import Record, file_sha256
 from labapp.runs.state import State
@@ -77,9 +77,10 @@ def resume_file(
     record: Path, bench: Path | None, faults: Path | None, execution: ExecutionOptions
 ) -> None:
     """Resume a run: take the frames that its record lacks, on the bench on which it began."""
+    with terminal_progress() as progress:
+        missing = prepare_resume(record, progress)
     with Record(record) as opened:
         setup = bench_setup_of(opened, faults)
-        missing = opened.missing_frames()
     made_from = setup if bench is None else _with_bench(setup, bench)
     if not execution.as_json:
         print_message(f"{record}: {len(missing)} frames to take")
@@ -168,6 +169,8 @@ def _report_outcome(outcome: RunOutcome, execution: ExecutionOptions) -> None:
     )
     text = f"{outcome.path}: COMPLETE ({took}). See it with: labapp show {outcome.path}"
     out.print(text, markup=False, soft_wrap=True)
+    # Kept elsewhere, it shows later whether the record is still the one that the run left.
+    out.print(f"digest {outcome.digest}", markup=False, soft_wrap=True)
     if outcome.message:
         print_error(outcome.message)
 
@@ -180,4 +183,5 @@ def _as_data(outcome: RunOutcome) -> dict[str, object]:
         "message": outcome.message,
         "expected_s": outcome.expected_seconds,
         "took_s": outcome.elapsed_seconds,
+        "digest": outcome.digest,
     }

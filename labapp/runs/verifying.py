@@ -23,13 +23,14 @@ _STALL_TIMEOUT = 60.0
 _CHECKS = "labapp.runs.record.checks:send_verification"
 
 
-def verify_record(path: Path, *, as_json: bool) -> bool:
+def verify_record(path: Path, *, as_json: bool, digest: str = "") -> bool:
     """Verify a run's record and print the findings; return whether the record is in order.
 
+    `digest` is the one that the end of the run printed, if the record is to be compared with it.
     Raises UserError if there is no such file.
     """
     with terminal_progress() as progress:
-        found = verify(path, progress)
+        found = verify(path, progress, digest=digest)
     if as_json:
         print_json(_as_data(found))
         return found.is_in_order
@@ -40,9 +41,15 @@ def verify_record(path: Path, *, as_json: bool) -> bool:
 
 
 def verify(
-    path: Path, progress: Progress | None = None, *, timeout: float = _STALL_TIMEOUT
+    path: Path,
+    progress: Progress | None = None,
+    *,
+    digest: str = "",
+    timeout: float = _STALL_TIMEOUT,
 ) -> Verification:
     """Verify a run's record by all checks that its state allows, however damaged it is.
+
+    `digest` is the one that the end of the run printed, if the record is to be compared with it.
 
     The checks run in a process of their own, see labapp.runs.record.checks. That process is ended
     after `timeout` seconds without progress. Raises UserError if there is no such file.
@@ -51,7 +58,9 @@ def verify(
     require_file(path)
     with (
         tempfile.TemporaryFile() as complaints,
-        closing(ChildProcess(_CHECKS, path, grace=0.0, errors=complaints.fileno())) as process,
+        closing(
+            ChildProcess(_CHECKS, (path, digest), grace=0.0, errors=complaints.fileno())
+        ) as process,
     ):
         try:
             while not isinstance(

@@ -143,14 +143,16 @@ def test_this_process_is_alive_and_a_finished_one_is_not():
     assert not writer_process.is_alive(done.stdout)
 
 
-def test_the_log_never_outgrows_its_room(path):
+def test_a_full_log_keeps_its_lines_and_counts_those_that_are_lost(path):
     room = layout.log_capacity(3)
     with new(path) as writer:
         for number in range(room + 50):
             writer.log(number, f"line {number}")
+        writer.set_state(State.FAILED)
     with Record(path) as record:
         assert len(record.log) == room
-        assert record.log[-1] == (room + 49.0, f"line {room + 49}")
+        assert record.log[-1] == (room - 1.0, f"line {room - 1}")
+        assert record.lost_log_lines == 50
 
 
 def test_the_log_goes_on_when_the_record_is_opened_again(path):
@@ -209,10 +211,8 @@ def test_writing_leaves_all_but_the_values_as_it_was(path):
     """Byte by byte: outside the datasets' own places the file never changes after making."""
     new(path).close()
     before = np.frombuffer(path.read_bytes(), np.uint8)
-    written = ("images", *layout.MEASURED)
     with h5py.File(path, "r") as file:
-        places = [file["entry/data"][name] for name in written]
-        places += [file["entry"][n] for n in ("state", "message", "end_time", "writer", "log")]
+        places = [file[name] for name in layout.CHANGING]
         ranges = [(d.id.get_offset(), d.nbytes) for d in places]
     with RecordWriter(path) as writer:
         for index in range(3):

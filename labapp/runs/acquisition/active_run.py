@@ -21,6 +21,7 @@ from labapp.runs.acquisition.frame_taker import AskOperator, FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
 from labapp.runs.bench_interface import Bench
+from labapp.runs.record.checks import check_record
 from labapp.runs.record.logbook import logbook
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
@@ -52,6 +53,8 @@ class RunOutcome:
         Expected and elapsed seconds of the bench's time, without pauses and prompts.
     device_error : DeviceError, optional
         Error of the device that ended the run, if one did.
+    digest : str
+        Digest over the whole record in hexadecimal; empty if it couldn't be written.
     """
 
     path: Path
@@ -61,6 +64,7 @@ class RunOutcome:
     expected_seconds: float = 0.0
     elapsed_seconds: float = 0.0
     device_error: DeviceError | None = None
+    digest: str = ""
 
 
 class ActiveRun:
@@ -97,7 +101,7 @@ class ActiveRun:
             keeper = FrameStore(self._writer, 2 * rows * columns, as_planned, self._pause)
             self._expected = sum(shot.duration for shot in shots)
             state, message = self._take_all(shots, keeper, on_frame, is_resumed)
-            return self._verify_outcome(state, message)
+            return self._verify_outcome(state, message, is_resumed)
 
     def _take_all(
         self, listed: Sequence[Shot], keeper: FrameStore, on_frame: OnFrame | None, again: bool
@@ -229,14 +233,19 @@ class ActiveRun:
         log.info("expected %.3f s of bench time, took %.3f s", self._done, self._took)
         self._write_state(written, message)
 
-    def _write_state(self, state: State, message: str) -> None:
+    def _write_state(self, state: State, message: str) -> str:
+        """Write the run's state, and return the digest over its record if it has ended."""
         try:
-            self._writer.set_state(state, message)
+            return self._writer.set_state(state, message)
         except OSError as error:
             log.error("%s: the end of the run could not be written: %s", self._path, error)
+            return ""
 
-    def _verify_outcome(self, state: State, message: str) -> RunOutcome:
-        """Return how the run ended: COMPLETE only if every frame reads back from the record."""
+    def _verify_outcome(self, state: State, message: str, is_resumed: bool) -> RunOutcome:
+        """Return how the run ended: COMPLETE only if every frame reads back from the record.
+
+        A record that was begun earlier must pass all checks, too.
+        """
         with Record(self._path) as record:
             # Reading all frames back takes time, so a run that was cancelled or failed skips it.
             missing = (
@@ -244,9 +253,14 @@ class ActiveRun:
             )
         if state is State.COMPLETE and missing:
             state, message = State.FAILED, f"{len(missing)} frames don't read back"
-        self._write_state(state, message)
+        digest = self._write_state(state, message)
+        if state is State.COMPLETE and is_resumed:
+            found = check_record(self._path)
+            if not found.is_in_order:
+                state, message = State.FAILED, f"not in order: {found.reason}"
+                digest = self._write_state(state, message)
         return RunOutcome(
-            self._path, state, missing, message, self._done, self._took, self._trouble
+            self._path, state, missing, message, self._done, self._took, self._trouble, digest
         )
 
 

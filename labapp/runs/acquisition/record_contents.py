@@ -47,5 +47,6 @@ def build_record_contents(
         video_frame=capabilities.video_frame,
         pictures={str(path): file_sha256(path) for path in scene.input_files} if scene else {},
         clock="real" if bench.file.is_real else "virtual",
+        capabilities=asdict(capabilities),
         faults=[asdict(fault) for fault in bench.world.faults.script] if bench.world else (),
     )

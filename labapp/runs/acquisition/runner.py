@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -20,10 +22,15 @@ from labapp.runs.bench_interface import Bench
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record
+from labapp.runs.record.repair import repair_record
+from labapp.runs.state import State
 from labapp.runs.steps import Shot
+from labapp.runs.verifying import verify
 from optics.progress import Progress
 
-__all__ = ["OnFrame", "RunOutcome", "resume_run", "run_plan"]
+__all__ = ["OnFrame", "RunOutcome", "prepare_resume", "resume_run", "run_plan"]
+
+log = logging.getLogger(__name__)
 
 
 def run_plan(
@@ -123,7 +130,7 @@ def resume_run(
     path : Path
         File of the record.
     missing : sequence of int, optional
-        Result of Record.missing_frames(), if it is known; that call reads the whole file.
+        Result of prepare_resume(), if it is known; that call reads the whole file.
     progress : Progress, optional
         Reports the run's progress, and can pause or cancel it.
     on_frame : callable, optional
@@ -139,13 +146,17 @@ def resume_run(
     Raises
     ------
     UserError
-        If the bench isn't the one that the run began on, or the record is still being written.
+        If the bench isn't the one that the run began on, or the record is still being written, or
+        damaged where resuming can't mend it.
     """
     progress = progress or Progress()
     abilities = BenchCapabilities.of(bench)
+    missing = prepare_resume(path) if missing is None else missing
     with Record(path) as record:
+        if not missing and record.state is State.COMPLETE:
+            digest = record.closing_digest
+            return RunOutcome(path, State.COMPLETE, [], record.message, digest=digest)
         plan = record.plan
-        missing = record.missing_frames() if missing is None else missing
         patterns = record.patterns()
         listed = feasible_shots(plan, abilities, str(path))
         _require_same_bench(record, bench, listed)
@@ -155,6 +166,27 @@ def resume_run(
     hooks = Hooks.of(plan, bench)
     run = ActiveRun(bench, plan, path, patterns, hooks, ask, progress)
     return run.take(left, on_frame, is_resumed=True)
+
+
+def prepare_resume(path: Path, progress: Progress | None = None) -> list[int]:
+    """Repair what follows from the rest of a run's record, and return the frames to be taken.
+
+    They are those that were never stored or are damaged. Raises UserError if the record is being
+    written, is of an older format, or is damaged where taking frames again doesn't mend it.
+    """
+    for done in repair_record(path):
+        log.warning("%s: %s", path, done)
+    found = verify(path, progress)
+    if found.is_in_order:
+        return []
+    if found.resume_command is None:
+        remedy = (
+            "Wait for its run to end."
+            if found.is_being_written
+            else f"Save its frames with: labapp salvage {shlex.quote(str(path))} --out FILE"
+        )
+        raise UserError(f"{path}: can't be resumed: {found.reason}. {remedy}")
+    return sorted(found.not_stored + found.damaged)
 
 
 def _require_person(ask: AskOperator | None, prompts: Sequence[str]) -> None:

@@ -25,9 +25,15 @@ from labapp.common.errors import UserError
 from labapp.files.frame_list import format_frame_list
 from labapp.runs.frame_acceptance import EXPOSURE_TOLERANCE, WAVELENGTH_TOLERANCE
 from labapp.runs.record import layout
+from labapp.runs.record.digest_checks import check_closing, check_links, check_log
 from labapp.runs.record.reader import Record, file_sha256
-from labapp.runs.record.verification import CheckStatus, RecordFinding, Verification
+from labapp.runs.record.verification import (
+    RecordFinding,
+    StatusAndDetail,
+    Verification,
+)
 from labapp.runs.state import State
+from labapp.runs.steps import planned_shots
 from optics.progress import Cancelled, Progress
 
 _SETTING_TOLERANCES = (
@@ -37,21 +43,21 @@ _SETTING_TOLERANCES = (
 """Each setting with the allowed difference from its request, absolute and as a share, and with
 the scale and name of the unit in messages."""
 
-StatusAndDetail = tuple[CheckStatus, str]
-"""The status of a check of a record, and its details in words."""
 
+def check_record(path: Path, progress: Progress | None = None, *, digest: str = "") -> Verification:
+    """Make all checks of a run's record that its damage allows, in this process.
 
-def check_record(path: Path, progress: Progress | None = None) -> Verification:
-    """Make all checks of a run's record that its damage allows, in this process."""
+    `digest` is the one that the end of the run printed, if the record is to be compared with it.
+    """
     found = Verification(str(path))
     try:
-        record = Record(path)
+        record = Record(path, damaged=True)
     except UserError as error:
         found.findings.append(RecordFinding("file", "WRONG", _detail(path, error)))
         return found
     with record:
-        found.findings.append(RecordFinding("file", "ok", f"a record of format {layout.FORMAT}"))
-        checks = _Checks(record, found, progress or Progress())
+        found.findings.append(RecordFinding("file", "ok", f"a record of format {record.format}"))
+        checks = _Checks(record, found, progress or Progress(), digest)
         share = 0.0
         for name, check in checks.by_name().items():
             checks.progress.report(share, f"check {name}")
@@ -79,8 +85,11 @@ def _run_check(name: str, check: Callable[[], StatusAndDetail], path: Path) -> R
 class _Checks:
     """The checks of one record, in the order in which they are listed."""
 
-    def __init__(self, record: Record, found: Verification, progress: Progress) -> None:
+    def __init__(
+        self, record: Record, found: Verification, progress: Progress, digest: str
+    ) -> None:
         self._record, self._found, self.progress = record, found, progress
+        self._digest = digest
 
     def by_name(self) -> dict[str, Callable[[], StatusAndDetail]]:
         """Return the checks of a run's record by name.
@@ -88,16 +97,33 @@ class _Checks:
         Later checks use the findings of earlier ones.
         """
         return {
+            "structure": self._check_structure,
             "contents": self._check_contents,
             "plan": self._check_planned_columns,
             "frames": self._check_frames,
             "checksums": self._check_checksums,
+            "digests": lambda: check_links(self._record),
+            "log": lambda: check_log(self._record),
             "patterns": self._check_patterns,
             "settings": self._check_settings,
             "camera": self._check_camera,
             "state": self._check_state,
+            "closing": lambda: check_closing(self._record, self._digest),
             "scene pictures": self._check_scene_pictures,
         }
+
+    def _check_structure(self) -> StatusAndDetail:
+        """Check that all that was known before the first frame of the run is as it was."""
+        structure = self._record.structure
+        if structure is None and self._record.format == layout.UNPROTECTED_FORMAT:
+            return "note", "of an older format: settings, log and texts aren't protected"
+        if structure is None:
+            return "WRONG", "the table of places at the file's beginning is missing or damaged"
+        if structure.changed:
+            return "WRONG", structure.explain()
+        if moved := self._record.moved_datasets():
+            return "WRONG", f"not at the place that the table tells: {', '.join(moved)}"
+        return "ok", "all that was known before the first frame is as it was"
 
     def _check_contents(self) -> StatusAndDetail:
         """Check that all datasets of a run's record decode, and have the right type and length."""
@@ -138,7 +164,23 @@ class _Checks:
         for column in ("exposure_asked", "wavelength_asked"):
             if bad := _where(~_is_positive(record.column(column))):
                 return "WRONG", f"no {column}: of frames {format_frame_list(bad)}"
+        if wrong := self._differs_from_plan():
+            return "WRONG", f"not what the plan asks for: {', '.join(wrong)}"
         return "ok", f"{known['target']} targets, {known['pattern']} patterns"
+
+    def _differs_from_plan(self) -> list[str]:
+        """Return the planned columns of a run's record that don't follow from its plan."""
+        record = self._record
+        capabilities = record.capabilities
+        if capabilities is None:
+            return []
+        shots = planned_shots(record.plan, capabilities)
+        planned = layout.planned_columns(shots, record.target_names, record.pattern_names)
+        return [
+            name
+            for name, values in planned.items()
+            if not np.array_equal(values, record.column(name))
+        ]
 
     def _check_frames(self) -> StatusAndDetail:
         """Check that every planned frame of the run is stored in the record."""
@@ -306,8 +348,12 @@ def _printable(text: str) -> str:
     return "".join(one if one.isprintable() else " " for one in text)
 
 
-def send_verification(line: MessageSocket, path: Path) -> None:
-    """Check a run's record; send the progress as (share, message), and at last the findings."""
+def send_verification(line: MessageSocket, asked: tuple[Path, str]) -> None:
+    """Check a run's record; send the progress as (share, message), and at last the findings.
+
+    `asked` is the record's file, and the digest that it should have, or an empty text.
+    """
+    path, digest = asked
     progress = Progress(lambda share, message: line.send((share, message)))
     progress.report(0.0, "open the record")
-    line.send(CallResult(check_record(path, progress)))
+    line.send(CallResult(check_record(path, progress, digest=digest)))

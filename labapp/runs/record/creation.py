@@ -23,6 +23,13 @@ from labapp.common.errors import UserError
 from labapp.files import nexus
 from labapp.files.writing import require_writable, sync_to_disk
 from labapp.runs.record import layout, writer_process
+from labapp.runs.record.digests import structure_digest
+from labapp.runs.record.place_table import (
+    USER_BLOCK,
+    encode,
+    rebuild_table,
+    write_all,
+)
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
 
@@ -56,6 +63,8 @@ class RecordContents:
         Script of the faults of a virtual bench.
     clock : str
         "real" or "virtual".
+    capabilities : plain data
+        What the bench can do, from which the planned columns follow.
     """
 
     title: str
@@ -74,6 +83,7 @@ class RecordContents:
     pictures: Mapping[str, str] = field(default_factory=dict)
     faults: Sequence[dict[str, Any]] = ()
     clock: str = "real"
+    capabilities: Mapping[str, Any] = field(default_factory=dict)
 
 
 def create_record(path: Path, contents: RecordContents, *, force: bool = False) -> None:
@@ -87,8 +97,9 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
     _remove_drafts(path)
     draft = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
-        with h5py.File(draft, "w", libver="latest") as file:
+        with h5py.File(draft, "w", libver="latest", userblock_size=USER_BLOCK) as file:
             _fill(file, contents)
+        _protect(draft)
         sync_to_disk(draft)
         os.replace(draft, path)
     except OSError as error:
@@ -96,6 +107,19 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
     finally:
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)
+
+
+def _protect(draft: Path) -> None:
+    """Write a new record's table of places, and the digest of its structure."""
+    handle = os.open(draft, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        table = rebuild_table(draft, handle)
+        write_all(handle, memoryview(encode(table)), 0)
+        digest = structure_digest(handle, table)
+        place = table.places[f"{layout.DIGESTS}/structure"]
+        write_all(handle, memoryview(digest), place.offset)
+    finally:
+        os.close(handle)
 
 
 def utc_timestamp() -> str:
@@ -124,7 +148,7 @@ def _fill(file: h5py.File, c: RecordContents) -> None:
     entry = nexus.create_group(file, layout.ENTRY, "NXentry")
     entry.attrs["default"] = "data"
     texts = {"title": c.title, "definition": "labapp_run", "start_time": utc_timestamp()}
-    for name in ("plan", "bench", "scene", "effect_plan", "pictures", "faults"):
+    for name in ("plan", "bench", "scene", "effect_plan", "pictures", "faults", "capabilities"):
         texts[name] = json.dumps(getattr(c, name))
     texts["clock"] = c.clock
     texts["versions"] = json.dumps(nexus.program_versions())
@@ -139,6 +163,11 @@ def _fill(file: h5py.File, c: RecordContents) -> None:
         entry, "writer", np.array([writer_process.describe_this_process().encode()], layout.WRITER)
     )
     _allocate(entry, "log", np.zeros(layout.log_capacity(len(c.shots)), layout.LOG_ROW))
+    _allocate(entry, "log_lost", np.zeros(1, np.uint64))
+    digests = nexus.create_group(file, layout.DIGESTS, "NXcollection")
+    for name in ("structure", "closing"):
+        _allocate(digests, name, np.zeros(1, layout.DIGEST))
+    _allocate(digests, "chain", np.zeros(layout.chain_capacity(len(c.shots)), layout.CHAIN_ROW))
     instrument = nexus.create_group(entry, "instrument", "NXinstrument")
     for name, identity in c.identities.items():
         device = nexus.create_group(
@@ -171,29 +200,18 @@ def _fill_data(file: h5py.File, c: RecordContents) -> None:
     data = nexus.create_group(file, layout.DATA, "NXdata")
     n, (rows, columns) = len(c.shots), c.frame_shape
     data.attrs.update({"signal": "images", "axes": list(layout.AXES)})
-    _reserve(data, "images", (n, rows, columns), np.dtype("u2"))
-    data["images"].attrs.update({"units": "DN", "interpretation": "image"})
     for name, size in (("y", rows), ("x", columns)):
         data[name] = (np.arange(size) - size // 2) * c.pixel_pitch
-    names, targets = list(c.patterns), list(c.targets)
-    planned = {
-        "frame": [s.index for s in c.shots],
-        "step": [s.step for s in c.shots],
-        "repeat": [s.repeat for s in c.shots],
-        "role": [layout.ROLES.index(s.role) for s in c.shots],
-        "target": [targets.index(s.target) for s in c.shots],
-        "pattern": [names.index(s.pattern) for s in c.shots],
-        "slot": [s.slot for s in c.shots],
-        "exposure_asked": [s.exposure for s in c.shots],
-        "wavelength_asked": [s.wavelength for s in c.shots],
-    }
-    for name, dtype in layout.PLANNED.items():
-        _allocate(data, name, np.array(planned[name], dtype))
+    planned = layout.planned_columns(c.shots, list(c.targets), list(c.patterns))
+    for name, values in planned.items():
+        _allocate(data, name, values)
     for name, dtype in layout.MEASURED.items():
         _allocate(data, name, np.zeros(n, dtype))
     for name, unit in layout.UNITS.items():
         data[name].attrs["units"] = unit
     data["role"].attrs["names"] = list(layout.ROLES)
+    _reserve(data, "images", (n, rows, columns), np.dtype("u2"))
+    data["images"].attrs.update({"units": "DN", "interpretation": "image"})
     for axis, name in zip(data["images"].dims, layout.AXES, strict=True):
         axis.label = name
 

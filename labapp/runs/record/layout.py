@@ -5,7 +5,7 @@
     clock            "real", or "virtual" where time moves as the plan says
     end_time, state, message, writer   (1,)  see labapp.runs.state; the reason for the state;
                      the writing process: host, number, start (JSON)
-    plan, bench, scene, faults, versions                       as run (JSON)
+    plan, bench, scene, faults, versions, capabilities         as run (JSON)
     effect_plan      the simulator's effect plans (JSON, null for a real bench): "effects",
                      descriptions by name; "plans", one for each different target, pattern,
                      wavelength and exposure. Older records have one by "pattern, wavelength"
@@ -23,11 +23,17 @@
         attempts     number of attempts at the frame
         checksum     CRC-32 of the image's bytes
         stored       1 once the frame is on the disk
+        images       come last in the file, after all else that a frame needs
     patterns/images  (p, rows, columns) uint8, as shown, frames of videos one by one
     patterns/names, first, frames, frame_time, sha256      for each pattern: index of its first
                      image, number of images, seconds for which each is shown (0: a still)
     targets/names
-    log              time (bench clock) and text of what happened
+    log              time (bench clock) and text of what happened, and the digest of each line
+    log_lost         (1,) lines that a full log had no room for
+    digests          structure, chain, closing: see labapp.runs.record.digests
+
+The file begins with a user block: the table of places (see labapp.runs.record.place_table), which
+tells without HDF5 where every dataset lies.
 
 `target` and `pattern` are indices into the names, `role` into ROLES; slot 0 is a tunable
 filter. All datasets are contiguous, and are created before the first frame. HDF5 itself never
@@ -38,13 +44,19 @@ half-written, and a full disk damages only the frame that was being written.
 
 from __future__ import annotations
 
-from typing import get_args
+from collections.abc import Sequence
+from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labapp.files.plan_file import Role
+from labapp.runs.steps import Shot
 
-FORMAT = 2
+FORMAT = 3
+
+UNPROTECTED_FORMAT = 2
+"""Format of records that are read, too, but have no digests."""
 
 ENTRY = "entry"
 DATA = "entry/data"
@@ -95,13 +107,58 @@ UNITS = {
     "x": "m",
 }
 
-LOG_ROW = np.dtype([("time", "f8"), ("text", "S200")])
+DIGEST = np.dtype(("u1", (32,)))
+"""A SHA-256."""
+
+LOG_ROW = np.dtype([("time", "f8"), ("text", "S200"), ("digest", DIGEST)])
+
+CHAIN_ROW = np.dtype([("frame", "u4"), ("image", DIGEST), ("settings", DIGEST), ("link", DIGEST)])
+"""What is appended for each stored frame: see labapp.runs.record.digests."""
 STATE = np.dtype("S16")
 MESSAGE = np.dtype("S800")
 WRITER = np.dtype("S400")
 END_TIME_DTYPE = np.dtype("S40")
 
+DIGESTS = "entry/digests"
+
+CHANGING = (
+    *(f"{ENTRY}/{name}" for name in ("state", "message", "end_time", "writer", "log", "log_lost")),
+    *(f"{DIGESTS}/{name}" for name in ("structure", "chain", "closing")),
+    *(f"{DATA}/{name}" for name in MEASURED),
+    f"{DATA}/images",
+)
+"""Datasets that are written after a record has been made."""
+
+SHOWN_IMAGES = f"{PATTERNS}/images"
+"""Dataset that never changes, but is large; the table of places has its digest."""
+
 
 def log_capacity(frames: int) -> int:
     """Return how many log lines a run's record holds, enough for some failures and resumptions."""
     return 256 + 6 * frames
+
+
+def chain_capacity(frames: int) -> int:
+    """Return how many links a run's record holds, enough for frames that are taken again."""
+    return 256 + 2 * frames
+
+
+def planned_columns(
+    shots: Sequence[Shot], targets: Sequence[str], patterns: Sequence[str]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of a run's record that follow from its shots, by name.
+
+    Raises ValueError if a shot has a target or pattern that isn't among the names.
+    """
+    columns = {
+        "frame": [s.index for s in shots],
+        "step": [s.step for s in shots],
+        "repeat": [s.repeat for s in shots],
+        "role": [ROLES.index(s.role) for s in shots],
+        "target": [targets.index(s.target) for s in shots],
+        "pattern": [patterns.index(s.pattern) for s in shots],
+        "slot": [s.slot for s in shots],
+        "exposure_asked": [s.exposure for s in shots],
+        "wavelength_asked": [s.wavelength for s in shots],
+    }
+    return {name: np.array(columns[name], dtype) for name, dtype in PLANNED.items()}

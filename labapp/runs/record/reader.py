@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -19,7 +21,11 @@ from labapp.common.errors import UserError
 from labapp.files.file_lookup import require_file
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
-from labapp.runs.record import layout, writer_process
+from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.record import digests, layout, writer_process
+from labapp.runs.record.chain import FrameChain, LogChain, follow_frames, follow_log
+from labapp.runs.record.place_table import find_places
+from labapp.runs.record.structure import read_structure, require_plain_structure
 from labapp.runs.state import State
 from optics.progress import Progress
 
@@ -51,30 +57,44 @@ class Record:
     ----------
     path : Path
         File of the record.
+    damaged : bool, default False
+        Whether a record is opened whose structure has changed since it was made, to see what can
+        still be read.
 
     Raises
     ------
     UserError
-        If the file isn't a record of this application.
+        If the file isn't a record of this application, its structure has changed, or it refers to
+        other files.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, damaged: bool = False) -> None:
         self.path = path
         require_file(path)
+        self.structure = read_structure(path)
+        if self.structure is not None and path.stat().st_size < self.structure.table.size:
+            there, full = path.stat().st_size, self.structure.table.size
+            raise UserError(f"{path}: {_cut_short(there, full)}")
+        if self.structure is not None and self.structure.changed and not damaged:
+            raise UserError(f"{path}: is damaged: {self.structure.explain()}")
         try:
             self._file = h5py.File(path, "r")
         except (OSError, RuntimeError) as error:
             raise UserError(f"{path}: {_explain_open_failure(path, error)}") from error
         try:
-            with self._damage_as_user_error("labapp_format"):
-                written = self._file.attrs.get("labapp_format")
+            self._require_known_format()
+            require_plain_structure(self._file, path)
         except UserError:
             self.close()
             raise
-        if written != layout.FORMAT:
-            self.close()
+
+    def _require_known_format(self) -> None:
+        """Raise UserError if the file isn't a record of a run that this program reads."""
+        with self._damage_as_user_error("labapp_format"):
+            self.format = self._file.attrs.get("labapp_format")
+        if self.format not in (layout.FORMAT, layout.UNPROTECTED_FORMAT):
             raise UserError(
-                f"{path}: is not a record of format {layout.FORMAT} (found {written}). "
+                f"{self.path}: is not a record of format {layout.FORMAT} (found {self.format}). "
                 "Give a record that `labapp run` or `labapp demo` wrote."
             )
 
@@ -203,6 +223,21 @@ class Record:
             return frames if group["frame_time"][index] else frames[0]
 
     @property
+    def capabilities(self) -> BenchCapabilities | None:
+        """What the recorded run's bench could do; None in records of older formats."""
+        if self.format == layout.UNPROTECTED_FORMAT or not (known := self._json("capabilities")):
+            return None
+        return BenchCapabilities.of_data(known)
+
+    @property
+    def closing_digest(self) -> str:
+        """The digest over the whole record, in hexadecimal; empty before the run has ended."""
+        if self.format == layout.UNPROTECTED_FORMAT:
+            return ""
+        digest = self._read(f"{layout.DIGESTS}/closing")[0]
+        return bytes(digest).hex() if digest.any() else ""
+
+    @property
     def expected_seconds(self) -> float:
         """Expected duration of the recorded run in seconds of bench time, settling included."""
         return float(self._read("entry/expected_seconds"))
@@ -255,23 +290,95 @@ class Record:
         self, indices: Sequence[int], progress: Progress
     ) -> tuple[list[int], list[int], list[int]]:
         """Read a run's frames back; return the indices of intact, never stored and damaged ones."""
-        stored, sums = self.column("stored"), self.column("checksum")
+        stored, is_whole = self.column("stored"), self._frame_check()
         found, not_stored, damaged = [], [], []
         for done, index in enumerate(indices):
             progress.report(done / len(indices), f"read frame {index} back")
             if not stored[index]:
                 not_stored.append(index)
-            elif self._has_checksum(index, sums[index]):
+            elif is_whole(index):
                 found.append(index)
             else:
                 damaged.append(index)
         return found, not_stored, damaged
 
-    def _has_checksum(self, index: int, known: int) -> bool:
+    def _frame_check(self) -> Callable[[int], bool]:
+        """Return the function that tells whether a stored frame of the record is whole.
+
+        By its link, which covers image and settings; in older formats by its checksum.
+        """
+        if not self.is_protected:
+            sums = self.column("checksum")
+            return lambda index: self._image_has(
+                index, lambda image: checksum(image) == sums[index]
+            )
+        chain, rows = self.frame_chain, self._read(f"{layout.DIGESTS}/chain")
+        columns = {name: self.column(name) for name in digests.SETTINGS}
+
+        def is_whole(index: int) -> bool:
+            if index not in chain.latest:
+                return False
+            row = rows[chain.latest[index]]
+            settings = {name: column[index] for name, column in columns.items()}
+            return bool(
+                digests.settings_digest(settings) == row["settings"].tobytes()
+            ) and self._image_has(
+                index, lambda image: digests.image_digest(image) == row["image"].tobytes()
+            )
+
+        return is_whole
+
+    def _image_has(self, index: int, test: Callable[[NDArray[np.uint16]], bool]) -> bool:
+        """Return whether a frame's image in the run's record can be read and passes a test."""
         try:
-            return checksum(self.image(index)) == known
+            return test(self.image(index))
         except UserError:
             return False
+
+    @property
+    def is_protected(self) -> bool:
+        """Whether digests protect the run's record; older formats have none."""
+        return bool(self.format != layout.UNPROTECTED_FORMAT)
+
+    @cached_property
+    def frame_chain(self) -> FrameChain:
+        """The links of the run's frames, as they were when they were first asked for."""
+        return follow_frames(self._read(f"{layout.DIGESTS}/chain"), self._structure_digest)
+
+    @property
+    def log_chain(self) -> LogChain:
+        return follow_log(self._read("entry/log"), self._structure_digest)
+
+    @property
+    def lost_log_lines(self) -> int:
+        """Lines of the run's log for which its record had no room."""
+        return int(self._read("entry/log_lost")[0]) if self.is_protected else 0
+
+    @property
+    def _structure_digest(self) -> bytes:
+        return bytes(self._read(f"{layout.DIGESTS}/structure")[0])
+
+    def compute_closing_digest(self) -> str:
+        """Return the digest over the whole record as it is, in hexadecimal."""
+        frames, lines = self.frame_chain, self.log_chain
+        ending = [self._read(f"entry/{name}").tobytes() for name in digests.ENDING]
+        return digests.closing_digest(
+            self._structure_digest, frames.length, frames.last, lines.length, lines.last, ending
+        ).hex()
+
+    def moved_datasets(self) -> list[str]:
+        """Return the datasets that lie elsewhere in a run's record than its table tells."""
+        if self.structure is None:
+            return []
+        known = self.structure.table
+        there = find_places(self._file, known.size)
+        names = sorted({*known.places, *there.places})
+        return [
+            name
+            for name in names
+            if name not in known.places
+            or replace(known.places[name], digest="") != there.places.get(name)
+        ]
 
     def select(self, **criteria: Any) -> list[int]:
         """Return the indices of stored frames in a run's record that have given column values.
@@ -299,7 +406,7 @@ class Record:
 
         def collect(path: str, item: Any) -> None:
             group, _, name = path.rpartition("/")
-            decided = group != layout.ENTRY and name not in layout.UNSEEDED
+            decided = group not in (layout.ENTRY, layout.DIGESTS) and name not in layout.UNSEEDED
             if isinstance(item, h5py.Dataset) and item.shape and decided:
                 found[path] = item[()]
 
@@ -343,11 +450,22 @@ def _explain_open_failure(path: Path, error: Exception) -> str:
     with path.open("rb") as file:
         if file.read(len(_SIGNATURE)) != _SIGNATURE:
             return "is not an HDF5 file, or has lost its beginning. Give a record of a run."
-    sizes = re.search(r"truncated file: eof = (\d+),.*stored_eof = (\d+)", str(error))
-    if sizes:
-        there, full = sizes.groups()
-        return f"is cut short: {there} of {full} bytes are there. Restore it from a copy."
+    if (full := stored_file_size(error)) is not None:
+        return _cut_short(path.stat().st_size, full)
     return f"is damaged: HDF5 can't open it ({error}). Restore it from a copy."
+
+
+def stored_file_size(error: Exception) -> int | None:
+    """Return the size that a truncated file had by HDF5's error; None for other errors."""
+    found = re.search(r"truncated file: eof = \d+,.*stored_eof = (\d+)", str(error))
+    return int(found[1]) if found else None
+
+
+def _cut_short(there: int, full: int) -> str:
+    return (
+        f"is cut short: {there} of {full} bytes are there. Restore it from a copy, or save its "
+        "frames with: labapp salvage"
+    )
 
 
 def file_sha256(file: Path) -> str:

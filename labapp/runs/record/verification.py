@@ -6,10 +6,13 @@ import shlex
 from dataclasses import dataclass, field
 from typing import Literal
 
-_FIXED_BY_RESUME = {"frames", "checksums", "state"}
+_FIXED_BY_RESUME = {"frames", "checksums", "settings", "camera", "digests", "state", "closing"}
 """Checks of a record that pass again when a resumed run has taken the missing frames."""
 
 CheckStatus = Literal["ok", "note", "unfinished", "WRONG"]
+
+StatusAndDetail = tuple[CheckStatus, str]
+"""The status of a check of a record, and its details in words."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,14 @@ class Verification:
         return f"labapp resume {shlex.quote(self.path)}"
 
     @property
+    def reason(self) -> str:
+        """What is wrong or lacking in a run's record, in words; empty if it is in order."""
+        bad = [one for one in self.findings if one.result == "WRONG"] or [
+            one for one in self.findings if one.result == "unfinished"
+        ]
+        return "; ".join(f"{one.check}: {one.detail}" for one in bad)
+
+    @property
     def verdict(self) -> str:
         """One line for the user on the condition of a run's record and what to do."""
         if self.is_in_order:
@@ -62,7 +73,10 @@ class Verification:
         if self.failed_checks == ["file"]:
             return f"{self.path}: NOT IN ORDER: it {self.findings[0].detail}"
         if self.failed_checks:
-            remedy = "Restore it from a copy, or run its plan again."
+            remedy = (
+                "Restore it from a copy, or save its frames with: "
+                f"labapp salvage {shlex.quote(self.path)} --out FILE"
+            )
             if self.resume_command:
                 remedy = f"To take again what is missing: {self.resume_command}"
             return f"{self.path}: NOT IN ORDER: {', '.join(self.failed_checks)}. {remedy}"

@@ -2,64 +2,70 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
-import struct
 import time
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.interfaces import Frame, checksum
 from labapp.common.errors import UserError
-from labapp.runs.record import layout, writer_process
+from labapp.runs.record import digests, layout, writer_process
+from labapp.runs.record.chain import follow_frames, follow_log
 from labapp.runs.record.creation import utc_timestamp
+from labapp.runs.record.place_table import TableError, read_table, write_all
+from labapp.runs.record.writing_lock import open_for_writing
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
-
-_ENTRY_FIELDS = ("state", "message", "end_time", "writer", "log")
 
 
 class CorruptFrame(Exception):
     """A frame's picture differs from the one that the camera sent."""
 
 
-@dataclass(frozen=True)
-class _Place:
-    """The place of a dataset in a record's file: its offset in bytes, shape and type."""
-
-    offset: int
-    shape: tuple[int, ...]
-    dtype: np.dtype
-
-    @property
-    def row_bytes(self) -> int:
-        return int(np.prod(self.shape[1:], dtype=np.int64)) * self.dtype.itemsize
-
-
 class RecordWriter:
     """Writes frames, state and log into an existing record; a context manager.
 
-    HDF5 is used only to find the place of each dataset; see labapp.runs.record.layout. Raises
-    UserError if another process writes the record.
+    HDF5 isn't used: the table of places tells where each dataset lies. Raises UserError if another
+    process writes the record, or its table or chains are damaged.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with h5py.File(path, "r") as file:
-            names = [*(f"{layout.ENTRY}/{name}" for name in _ENTRY_FIELDS)]
-            names += [f"{layout.DATA}/{name}" for name in ("images", *layout.MEASURED)]
-            self._places = {name.rpartition("/")[2]: _place(file[name]) for name in names}
-            written = np.flatnonzero(file["entry/log"]["text"] != b"")
-        self._log_length = int(written[-1]) + 1 if len(written) else 0
-        self._checksum_thread = ThreadPoolExecutor(1, "checksum")
+        self._digest_threads = ThreadPoolExecutor(2, "digest")
         self._handle = -1
         self._open()
+        try:
+            self._continue_chains()
+        except (TableError, KeyError) as error:
+            self.close()
+            raise UserError(
+                f"{path}: can't be written on: {error}. Save its frames with: labapp salvage"
+            ) from error
+        if self._read("closing", 0).strip(b"\0"):
+            # What was closed is open again; until it is closed anew, nothing promises otherwise.
+            self._put("state", 0, State.PLANNED.value.encode())
+            self._put("closing", 0, np.zeros((), layout.DIGEST))
+            self._put("end_time", 0, b"")
+        self._ended: State | None = None
         self._put("writer", 0, writer_process.describe_this_process().encode())
+
+    def _continue_chains(self) -> None:
+        """Find where the record's links and log lines end."""
+        table = read_table(self._handle)
+        self._places = {name.rpartition("/")[2]: table.places[name] for name in layout.CHANGING}
+        self._structure = table.read(self._handle, f"{layout.DIGESTS}/structure").tobytes()
+        frames = follow_frames(table.read(self._handle, f"{layout.DIGESTS}/chain"), self._structure)
+        lines = follow_log(table.read(self._handle, f"{layout.ENTRY}/log"), self._structure)
+        for name, broken in (("chain", frames.broken), ("log", lines.broken)):
+            if broken is not None:
+                raise TableError(f"its {name} is damaged at row {broken}")
+        self._links, self._last_link, self._latest = frames.length, frames.last, frames.latest
+        self._lines, self._last_line = lines.length, lines.last
 
     def __enter__(self) -> Self:
         return self
@@ -68,7 +74,7 @@ class RecordWriter:
         self.close()
 
     def close(self) -> None:
-        self._checksum_thread.shutdown()
+        self._digest_threads.shutdown()
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
@@ -88,15 +94,6 @@ class RecordWriter:
         from the one that the camera sent, and OSError if the disk refuses it. In both cases the
         frame isn't marked as stored.
         """
-        image = np.ascontiguousarray(frame.image, dtype=self._places["images"].dtype)
-        if image.shape != self._places["images"].shape[1:]:
-            raise CorruptFrame(f"it has {image.shape} pixels")
-        # The checksum is computed while the picture is being written.
-        summed = self._checksum_thread.submit(checksum, image)
-        self._write("images", shot.index, image.data.cast("B"))
-        found = summed.result()
-        if frame.checksum is not None and found != frame.checksum:
-            raise CorruptFrame(f"its checksum is {found:08x}, the camera's {frame.checksum:08x}")
         values = {
             "exposure": frame.exposure,
             "wavelength": wavelength,
@@ -105,43 +102,103 @@ class RecordWriter:
             "timestamp": time.time(),
             "number": frame.number,
             "attempts": attempts,
-            "checksum": found,
         }
-        for name, value in values.items():
-            self._put(name, shot.index, value)
-        self._put("stored", shot.index, 1)
+        self.store_values(shot.index, frame.image, values, frame.checksum)
+
+    def store_values(
+        self,
+        index: int,
+        image: NDArray[np.uint16],
+        values: Mapping[str, Any],
+        known: int | None = None,
+    ) -> None:
+        """Store a frame's image and measured columns in the run's record: see `store`.
+
+        values: all measured columns but `checksum` and `stored`. known: CRC-32 that the image
+        should have.
+        """
+        image = np.ascontiguousarray(image, dtype=self._places["images"].dtype)
+        if image.shape != self._places["images"].shape[1:]:
+            raise CorruptFrame(f"it has {image.shape} pixels")
+        # Checksum and digest are computed while the picture is being written.
+        summed = self._digest_threads.submit(checksum, image)
+        digested = self._digest_threads.submit(digests.image_digest, image)
+        self._write("images", index, image.data.cast("B"))
+        found = summed.result()
+        if known is not None and found != known:
+            raise CorruptFrame(f"its checksum is {found:08x}, the camera's {known:08x}")
+        settings = {**values, "checksum": found}
+        for name, value in settings.items():
+            self._put(name, index, value)
+        self._append_link(index, digested.result(), digests.settings_digest(settings))
+        self._put("stored", index, 1)
+
+    def _append_link(self, frame: int, image: bytes, settings: bytes) -> None:
+        """Append a stored frame's link to the chain of the run's record."""
+        if self._links == self._places["chain"].shape[0]:
+            raise UserError(
+                f"{self.path}: so many frames were taken again that there is no room for their "
+                "digests. Save what is there with: labapp salvage"
+            )
+        link = digests.link_digest(self._last_link, frame, image, settings)
+        row = tuple(np.frombuffer(one, np.uint8) for one in (image, settings, link))
+        self._put("chain", self._links, (frame, *row))
+        self._latest[frame] = self._links
+        self._links, self._last_link = self._links + 1, link
 
     def is_stored_intact(self, index: int) -> bool:
-        """Return whether the file of the run's record holds a frame intact, by its checksum."""
-        data, known = self._read("images", index), self._read("checksum", index)
-        if len(data) < self._places["images"].row_bytes:
+        """Return whether the file of the run's record holds a frame intact, by its digest."""
+        if index not in self._latest:
             return False
-        return checksum(np.frombuffer(data, np.uint16)) == np.frombuffer(known, np.uint32)[0]
+        data = self._read("images", index)
+        (row,) = np.frombuffer(self._read("chain", self._latest[index]), layout.CHAIN_ROW)
+        image = np.frombuffer(data, np.uint8)
+        return digests.image_digest(image) == row["image"].tobytes()
 
     def log(self, time_: float, text: str) -> None:
-        """Add a line to the log of the run's record; if it is full, overwrite its last line."""
-        row = min(self._log_length, self._places["log"].shape[0] - 1)
-        self._put("log", row, (time_, text.encode()[:200]))
-        self._log_length += 1
+        """Add a line to the log of the run's record; if it is full, count the line as lost."""
+        if self._lines == self._places["log"].shape[0]:
+            (lost,) = np.frombuffer(self._read("log_lost", 0), self._places["log_lost"].dtype)
+            self._put("log_lost", 0, lost + 1)
+            return
+        # Zeros at the end of a text of fixed length would be lost.
+        cut = text.encode()[: layout.LOG_ROW["text"].itemsize].rstrip(b"\0")
+        digest = digests.line_digest(self._last_line, time_, cut)
+        self._put("log", self._lines, (time_, cut, np.frombuffer(digest, np.uint8)))
+        self._lines, self._last_line = self._lines + 1, digest
+        if self._ended:
+            self._close_record(self._ended)
 
-    def set_state(self, state: State, message: str = "") -> None:
-        """Write the run's state and its reason to the record, and the time if the run has ended."""
+    def set_state(self, state: State, message: str = "") -> str:
+        """Write the run's state and its reason to the record, and the time if the run has ended.
+
+        Returns the closing digest of an ended run in hexadecimal, which covers the whole record;
+        otherwise an empty text.
+        """
+        self._ended = state if state.has_ended else None
         self._put("message", 0, message.encode()[: layout.MESSAGE.itemsize])
-        self._put("end_time", 0, utc_timestamp().encode() if state.has_ended else b"")
+        self._put("end_time", 0, utc_timestamp().encode() if self._ended else b"")
+        digest = self._close_record(self._ended)
         self._put("state", 0, state.value.encode())
+        return digest
+
+    def _close_record(self, ended: State | None) -> str:
+        """Write the closing digest of a run's record that ended in a state, and return it."""
+        digest = self._closing_digest(ended) if ended else bytes(layout.DIGEST.itemsize)
+        self._put("closing", 0, np.frombuffer(digest, np.uint8))
+        return digest.hex() if ended else ""
+
+    def _closing_digest(self, state: State) -> bytes:
+        """Return the digest over the run's record with the state that it's about to have."""
+        ending = {name: self._read(name, 0) for name in digests.ENDING}
+        ending["state"] = np.array(state.value.encode(), layout.STATE).tobytes()
+        return digests.closing_digest(
+            self._structure, self._links, self._last_link, self._lines, self._last_line,
+            ending.values(),
+        )  # fmt: skip
 
     def _open(self) -> None:
-        self._handle = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
-        try:
-            # The lock belongs to the open file, not to the process. It covers one byte far beyond
-            # the file's end, so that it doesn't interfere with HDF5's own locks.
-            lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 2**62, 1, 0)
-            fcntl.fcntl(self._handle, fcntl.F_OFD_SETLK, lock)
-        except OSError as error:
-            self.close()
-            raise UserError(
-                f"{self.path}: is being written by another process. Wait for it to end."
-            ) from error
+        self._handle = open_for_writing(self.path)
 
     def _put(self, name: str, row: int, value: Any) -> None:
         """Write a row of a dataset at its place in the file of the run's record."""
@@ -156,11 +213,4 @@ class RecordWriter:
     def _write(self, name: str, row: int, data: memoryview) -> None:
         place = self._places[name]
         offset = place.offset + row * place.row_bytes
-        while data:
-            written = os.pwrite(self._handle, data, offset)
-            data, offset = data[written:], offset + written
-
-
-def _place(dataset: h5py.Dataset) -> _Place:
-    """Return where a dataset of the run's record lies in its file."""
-    return _Place(dataset.id.get_offset(), dataset.shape, dataset.dtype)
+        write_all(self._handle, data, offset)

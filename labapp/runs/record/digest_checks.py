@@ -1,0 +1,119 @@
+"""The checks of a record's digests: of its frames, its log, and of all after the run's end."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.files.frame_list import format_frame_list
+from labapp.runs.frame_acceptance import WAVELENGTH_TOLERANCE, is_exposure_as_requested
+from labapp.runs.record import layout
+from labapp.runs.record.digests import SETTINGS
+from labapp.runs.record.reader import Record
+from labapp.runs.record.verification import StatusAndDetail
+from labapp.runs.state import State
+
+
+def check_links(record: Record) -> StatusAndDetail:
+    """Check that the links of a run's frames follow from each other, and belong to its frames."""
+    if not record.is_protected:
+        return "note", "none: of an older format"
+    chain = record.frame_chain
+    if chain.broken is not None:
+        return "WRONG", f"link {chain.broken} doesn't follow from those before it"
+    stored = record.column("stored")
+    if odd := np.flatnonzero(stored > 1).tolist():
+        return "WRONG", f"`stored` is neither 0 nor 1: of frames {format_frame_list(odd)}"
+    linked = np.zeros(record.frame_count, bool)
+    beyond = [frame for frame in chain.latest if frame >= record.frame_count]
+    if beyond:
+        return "WRONG", f"links of frames that aren't planned: {format_frame_list(beyond)}"
+    linked[list(chain.latest)] = True
+    if bare := np.flatnonzero((stored == 1) & ~linked).tolist():
+        return "WRONG", f"stored without a link: frames {format_frame_list(bare)}"
+    if wrong := _check_unacknowledged(record, np.flatnonzero(linked & (stored == 0)).tolist()):
+        return wrong
+    if bad := _written_without_link(record, linked):
+        return "WRONG", f"settings of frames without a link: {format_frame_list(bad)}"
+    return "ok", f"{chain.length} links of frames follow from each other"
+
+
+def _check_unacknowledged(record: Record, frames: list[int]) -> StatusAndDetail | None:
+    """Check a run's frames that have a link, but aren't marked as stored.
+
+    The link is written just before the mark, so a killed writer may leave one.
+    """
+    if not frames or record.state.is_under_way:
+        return None
+    chain = record.frame_chain
+    if record.state is State.INTERRUPTED and [chain.latest[one] for one in frames] == [
+        chain.length - 1
+    ]:
+        return "unfinished", f"frame {frames[0]} is whole, but its writer ended before it said so"
+    return "WRONG", f"linked, and yet not stored: frames {format_frame_list(frames)}"
+
+
+def _written_without_link(record: Record, linked: NDArray[np.bool_]) -> list[int]:
+    """Return the frames of a run without a link in whose settings there is something.
+
+    A killed writer may leave one that is half written: its first settings, in their order.
+    """
+    columns = {name: record.column(name) for name in SETTINGS}
+    written = np.any([column != 0 for column in columns.values()], axis=0)
+    found: list[int] = np.flatnonzero(written & ~linked).tolist()
+    if len(found) == 1 and not record.state.has_ended:
+        (frame,) = found
+        if _is_half_written(record, frame, {name: c[frame] for name, c in columns.items()}):
+            return []
+    return found
+
+
+def _is_half_written(record: Record, frame: int, settings: dict[str, float]) -> bool:
+    """Return whether settings are the first of a run's frame that was taken as the plan asks."""
+    last = max(number for number, value in enumerate(settings.values()) if value)
+    before = list(settings)[:last]
+    # The bench's clock and a camera's count may begin at 0.
+    if not all(settings[name] for name in before if name not in ("time", "number")):
+        return False
+    wavelength, asked = settings["wavelength"], record.column("wavelength_asked")[frame]
+    return is_exposure_as_requested(
+        settings["exposure"], record.column("exposure_asked")[frame]
+    ) and (not wavelength or abs(wavelength - asked) <= WAVELENGTH_TOLERANCE)
+
+
+def check_log(record: Record) -> StatusAndDetail:
+    """Check that the lines of a run's log follow from each other; tell how many were lost."""
+    lines, lost = len(record.log), record.lost_log_lines
+    if not record.is_protected:
+        return "note", f"{lines} lines, which aren't protected: of an older format"
+    chain = record.log_chain
+    if chain.broken is not None:
+        return "WRONG", f"line {chain.broken} doesn't follow from those before it"
+    room = layout.log_capacity(record.frame_count)
+    if lost and chain.length < room:
+        return "WRONG", f"{lost} lines are said to be lost, though {room - chain.length} had room"
+    more = f"; {lost} more had no room" if lost else ""
+    return "ok", f"{lines} lines follow from each other{more}"
+
+
+def check_closing(record: Record, expected: str = "") -> StatusAndDetail:
+    """Check the digest over a whole record after the end of its run.
+
+    `expected` is the digest that the end of the run printed, in hexadecimal, if it's known.
+    """
+    if not record.is_protected:
+        if expected:
+            return "WRONG", "the record is of an older format, which has no digest"
+        return "note", "none: of an older format"
+    written, state = record.closing_digest, record.state
+    if not state.has_ended:
+        if written:
+            return "WRONG", f"there is a digest over all, though the run is {state}"
+        if expected:
+            return "WRONG", "the run hasn't ended, so there is no digest to compare"
+        return "note", "state, message and writer aren't protected before the run's end"
+    if written != record.compute_closing_digest():
+        return "WRONG", "the digest over all isn't that of this file: something has changed"
+    if expected and written != expected.strip().lower():
+        return "WRONG", f"the digest is {written}, not the one given: the record was changed"
+    return "ok", f"{written}{', as given' if expected else ''}"

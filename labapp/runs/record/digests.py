@@ -1,0 +1,106 @@
+"""The digests that protect a record: of its structure, of each frame, of the log, and of all.
+
+All are SHA-256. What is known before the first frame has one digest, "structure": every byte of the
+file but those of the datasets that change. Each stored frame appends a link to "chain": the frame's
+index, the digest of its image, that of its settings, and that of the link before with these. Lines
+of the log are chained likewise. When a run ends, "closing" is the digest of all others, of state,
+message and time. So no byte can change, no frame be exchanged, repeated or left out unless every
+digest after it is made anew; and then the closing digest differs from the one that was printed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.runs.record import layout
+from labapp.runs.record.place_table import PlaceTable
+
+_BLOCK = 1 << 20
+"""Bytes that are read at once."""
+
+_LOG_BEGIN = b"labapp log\n"
+_CHAIN_BEGIN = b"labapp frames\n"
+_CLOSING = b"labapp closing\n"
+
+ENDING = ("state", "message", "end_time", "writer", "log_lost")
+"""Datasets of the entry that the closing digest covers beside the chains."""
+
+SETTINGS = tuple(name for name in layout.MEASURED if name != "stored")
+"""Columns that a frame's link covers. `stored` follows from the link itself."""
+
+
+def structure_digest(handle: int, table: PlaceTable, block: bytes = b"") -> bytes:
+    """Return the digest of a record's file without the datasets that change, and of its size.
+
+    The images of the patterns have a digest of their own in the table, which is covered. `block`
+    stands for the first bytes of the file.
+    """
+    left_out = sorted(
+        (place.offset, place.end)
+        for name, place in table.places.items()
+        if name in (*layout.CHANGING, layout.SHOWN_IMAGES)
+    )
+    found = sha256(table.size.to_bytes(8, "little") + block)
+    position = len(block)
+    for begin, end in (*left_out, (table.size, table.size)):
+        while position < begin:
+            data = os.pread(handle, min(_BLOCK, begin - position), position)
+            if not data:
+                return found.digest()
+            found.update(data)
+            position += len(data)
+        position = max(position, end)
+    return found.digest()
+
+
+def image_digest(image: NDArray[Any]) -> bytes:
+    """Return the digest of a frame's bytes in a record."""
+    return sha256(np.ascontiguousarray(image).data).digest()
+
+
+def settings_digest(values: Mapping[str, Any]) -> bytes:
+    """Return the digest of a frame's measured columns in a record, without `stored`."""
+    packed = [np.asarray(values[name], layout.MEASURED[name]).tobytes() for name in SETTINGS]
+    return sha256(b"".join(packed)).digest()
+
+
+def first_link(structure: bytes) -> bytes:
+    """Return what the first frame's link in a record builds on."""
+    return sha256(_CHAIN_BEGIN + structure).digest()
+
+
+def link_digest(before: bytes, frame: int, image: bytes, settings: bytes) -> bytes:
+    """Return the digest of a frame's link in a record, which builds on the link before."""
+    return sha256(before + int(frame).to_bytes(4, "little") + image + settings).digest()
+
+
+def first_line(structure: bytes) -> bytes:
+    """Return what the first line of a record's log builds on."""
+    return sha256(_LOG_BEGIN + structure).digest()
+
+
+def line_digest(before: bytes, time: float, text: bytes) -> bytes:
+    """Return the digest of a line in a record's log, which builds on the line before."""
+    return sha256(before + np.float64(time).tobytes() + text).digest()
+
+
+def closing_digest(
+    structure: bytes, links: int, last_link: bytes, lines: int, last_line: bytes,
+    ending: Iterable[bytes],
+) -> bytes:  # fmt: skip
+    """Return the digest over all of an ended run's record.
+
+    links and lines are counted. `ending` are the bytes of the datasets in ENDING.
+    """
+    found = sha256(_CLOSING + structure)
+    found.update(links.to_bytes(8, "little") + last_link)
+    found.update(lines.to_bytes(8, "little") + last_line)
+    for part in ending:
+        found.update(part)
+    return found.digest()

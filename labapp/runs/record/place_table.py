@@ -1,0 +1,180 @@
+"""The table of a record's places: where each dataset lies in the file, told without HDF5.
+
+It stands in the file's user block, before HDF5's own beginning: a mark, the length of the table,
+its SHA-256, and the table as JSON, padded with zeros. So frames can be read from a file whose HDF5
+structure is damaged or cut off, and each dataset that never changes can be told to be whole.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.runs.record import layout
+
+USER_BLOCK = 1 << 15
+"""Bytes before HDF5's beginning; a power of two, as HDF5 asks for. A table takes about 8 kB."""
+
+_MARK = b"labapp record 3\n"
+_HEAD = len(_MARK) + 8 + 32
+
+
+class TableError(Exception):
+    """A file doesn't begin with a whole table of places."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """The place of a dataset in a record's file.
+
+    offset: in bytes from the file's beginning. digest: SHA-256 of its bytes in hexadecimal; empty
+    for a dataset that changes.
+    """
+
+    offset: int
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    digest: str = ""
+
+    @property
+    def row_bytes(self) -> int:
+        return math.prod(self.shape[1:]) * self.dtype.itemsize
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    @property
+    def end(self) -> int:
+        return self.offset + self.size
+
+
+@dataclass(frozen=True)
+class PlaceTable:
+    """Where the datasets of a record lie. size: of the file, in bytes. places: by path."""
+
+    size: int
+    places: Mapping[str, Place]
+
+    def read(self, handle: int, name: str) -> NDArray[Any]:
+        """Read a dataset of the record; raise TableError if the file ends before it does."""
+        place = self.places[name]
+        data = os.pread(handle, place.size, place.offset)
+        if len(data) < place.size:
+            raise TableError(f"{name} is cut off")
+        return np.frombuffer(data, place.dtype).reshape(place.shape)
+
+    def is_whole(self, handle: int, name: str) -> bool:
+        """Return whether a dataset that never changes is as it was when the record was made."""
+        place = self.places[name]
+        data = os.pread(handle, place.size, place.offset)
+        return sha256(data).hexdigest() == place.digest
+
+
+def find_places(file: h5py.File, size: int) -> PlaceTable:
+    """Return the table of an open HDF5 file of `size` bytes, without digests."""
+    found: dict[str, Place] = {}
+
+    def collect(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = Place(item.id.get_offset(), item.shape, _plain(item.dtype))
+
+    file.visititems(collect)
+    return PlaceTable(size, found)
+
+
+def with_digests(table: PlaceTable, handle: int) -> PlaceTable:
+    """Return a record's table with the SHA-256 of each dataset that never changes."""
+    digests = {
+        name: sha256(table.read(handle, name).tobytes()).hexdigest()
+        for name in table.places
+        if name not in layout.CHANGING
+    }
+    places = {
+        name: Place(place.offset, place.shape, place.dtype, digests.get(name, ""))
+        for name, place in table.places.items()
+    }
+    return PlaceTable(table.size, places)
+
+
+def rebuild_table(path: Path, handle: int) -> PlaceTable:
+    """Return the table of a record by what HDF5 and the file's bytes tell now.
+
+    Raises OSError, RuntimeError, ValueError or KeyError if HDF5 can't read the file.
+    """
+    with h5py.File(path, "r") as file:
+        return with_digests(find_places(file, path.stat().st_size), handle)
+
+
+def encode(table: PlaceTable) -> bytes:
+    """Return the bytes of a record's user block."""
+    rows = {
+        name: [place.offset, list(place.shape), _type_name(place.dtype), place.digest]
+        for name, place in table.places.items()
+    }
+    text = json.dumps({"size": table.size, "datasets": rows}).encode()
+    whole = _MARK + len(text).to_bytes(8, "little") + sha256(text).digest() + text
+    if len(whole) > USER_BLOCK:
+        raise ValueError(f"the table of places has {len(whole)} bytes, more than {USER_BLOCK}")
+    return whole.ljust(USER_BLOCK, b"\0")
+
+
+def read_table(handle: int) -> PlaceTable:
+    """Read the table at the beginning of an open record; raise TableError if it isn't whole."""
+    block = os.pread(handle, USER_BLOCK, 0)
+    length = int.from_bytes(block[len(_MARK) : len(_MARK) + 8], "little")
+    text = block[_HEAD : _HEAD + length]
+    known = block[_HEAD - 32 : _HEAD]
+    if not block.startswith(_MARK) or len(text) != length or sha256(text).digest() != known:
+        raise TableError("the table of places at the file's beginning is missing or damaged")
+    try:
+        return _decode(text)
+    except (ValueError, TypeError, KeyError) as error:
+        raise TableError(f"the table of places can't be read: {error}") from error
+
+
+def write_all(handle: int, data: memoryview, offset: int) -> None:
+    """Write bytes at their place in a record's file, which may take several calls."""
+    while data:
+        written = os.pwrite(handle, data, offset)
+        data, offset = data[written:], offset + written
+
+
+def _decode(text: bytes) -> PlaceTable:
+    data = json.loads(text)
+    places = {}
+    for name, (offset, shape, kind, digest) in data["datasets"].items():
+        place = Place(int(offset), tuple(int(n) for n in shape), _type(kind), str(digest))
+        if min(place.offset, *place.shape, 0) < 0 or place.end > data["size"]:
+            raise ValueError(f"{name} doesn't lie within the file")
+        places[name] = place
+    return PlaceTable(int(data["size"]), places)
+
+
+def _plain(dtype: np.dtype) -> np.dtype:
+    """Return a type without what h5py notes in it, such as the encoding of texts."""
+    return _type(_type_name(dtype))
+
+
+def _type_name(dtype: np.dtype) -> Any:
+    """Return the name of a type in the table: text, or (name, type, shape) of each field."""
+    if dtype.names is None:
+        return dtype.str
+    fields = [(name, dtype[name]) for name in dtype.names]
+    return [[name, field.base.str, list(field.shape)] for name, field in fields]
+
+
+def _type(name: Any) -> np.dtype:
+    if isinstance(name, str):
+        return np.dtype(name)
+    return np.dtype([(field, kind, tuple(shape)) for field, kind, shape in name])

@@ -1,0 +1,239 @@
+"""Repair what is damaged in a record and follows from the rest of it.
+
+Three things do. The table of places follows from HDF5's structure, if nothing else has changed.
+Planned columns follow from the plan, and the digest of the structure tells whether
+the repair is right. A frame's link follows from its image and settings, and the next link tells
+whether it is right.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.plan_file import PlanFile
+from labapp.files.reading import validate
+from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.record import layout
+from labapp.runs.record.digests import (
+    SETTINGS,
+    first_link,
+    image_digest,
+    link_digest,
+    settings_digest,
+    structure_digest,
+)
+from labapp.runs.record.place_table import (
+    PlaceTable,
+    TableError,
+    encode,
+    read_table,
+    rebuild_table,
+    write_all,
+)
+from labapp.runs.record.writing_lock import open_for_writing
+from labapp.runs.steps import planned_shots
+
+Digests = Callable[[int], tuple[bytes, bytes]]
+"""Returns the digests of a frame's image and of its settings, as they are in the file."""
+
+
+def repair_record(path: Path) -> list[str]:
+    """Repair table, planned columns and links of a run's record where that is surely right.
+
+    Returns what was repaired, in words. Nothing else is changed. Raises UserError if another
+    process writes the record.
+    """
+    handle = open_for_writing(path)
+    try:
+        table, done = _repaired_table(path, handle)
+        return [*done, *_repair_planned(handle, table, path), *_repair_links(handle, table)]
+    except (TableError, KeyError):
+        return []
+    finally:
+        os.close(handle)
+
+
+def _repaired_table(path: Path, handle: int) -> tuple[PlaceTable, list[str]]:
+    """Return the table of places of a run's record, and what was done to it, in words."""
+    try:
+        return read_table(handle), []
+    except TableError:
+        table = proved_table(path, handle)
+        if table is None:
+            raise
+        write_all(handle, memoryview(encode(table)), 0)
+        return table, ["the table of places, made anew and proved by the digest of the structure"]
+
+
+def proved_table(path: Path, handle: int) -> PlaceTable | None:
+    """Return the table of a record that has lost it, as the digest of its structure proves it.
+
+    None if HDF5 can't read the file, or something else has changed, too.
+    """
+    try:
+        table = rebuild_table(path, handle)
+        known = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError, TableError):
+        return None
+    return table if structure_digest(handle, table, encode(table)) == known else None
+
+
+def _repair_planned(handle: int, table: PlaceTable, path: Path) -> list[str]:
+    """Write the planned columns of a run's record anew if they alone have changed."""
+    names = [f"{layout.DATA}/{name}" for name in layout.PLANNED]
+    lost = [name for name in names if not table.is_whole(handle, name)]
+    if not lost:
+        return []
+    before = {name: table.read(handle, name).tobytes() for name in lost}
+    columns = planned_from_texts(handle, table, path)
+    if columns is None:
+        return []
+    for name in lost:
+        _write(handle, table, name, columns[name.rpartition("/")[2]].tobytes())
+    if (
+        structure_digest(handle, table)
+        == table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
+    ):
+        return [f"written anew from the plan: {', '.join(lost)}"]
+    for name, data in before.items():
+        _write(handle, table, name, data)
+    return []
+
+
+def planned_from_texts(
+    handle: int, table: PlaceTable, path: Path
+) -> dict[str, NDArray[Any]] | None:
+    """Return the planned columns that follow from the plan of a run's record.
+
+    None if the plan, or what else they follow from, has changed since the record was made.
+    """
+    needed = ("entry/plan", "entry/capabilities", "entry/targets/names", "entry/patterns/names")
+    if not all(table.is_whole(handle, name) for name in needed):
+        return None
+    plan, capabilities = (json.loads(table.read(handle, name).tobytes()) for name in needed[:2])
+    targets, patterns = (
+        [name.decode() for name in table.read(handle, one).tolist()] for one in needed[2:]
+    )
+    if not capabilities:
+        return None
+    try:
+        shots = planned_shots(
+            validate(plan, PlanFile, str(path)), BenchCapabilities.of_data(capabilities)
+        )
+        return layout.planned_columns(shots, targets, patterns)
+    except (UserError, TypeError, ValueError):
+        return None
+
+
+def _repair_links(handle: int, table: PlaceTable) -> list[str]:
+    """Write damaged links of a run's frames anew where the next link proves them."""
+    name = f"{layout.DIGESTS}/chain"
+    rows = table.read(handle, name).copy()
+    structure = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
+    if structure_digest(handle, table) != structure:
+        # Nothing tells where the chain begins.
+        return []
+    stored = table.read(handle, f"{layout.DATA}/stored")
+    repaired = repair_links(rows, structure, stored, frame_digests(handle, table))
+    if not repaired:
+        return []
+    _write(handle, table, name, rows.tobytes())
+    return [f"{len(repaired)} rows of the frames' digests, computed anew or cleared"]
+
+
+def frame_digests(handle: int, table: PlaceTable) -> Digests:
+    """Return the function that computes the digests of a frame in a run's record."""
+    place = table.places[f"{layout.DATA}/images"]
+    columns = {name: table.read(handle, f"{layout.DATA}/{name}") for name in SETTINGS}
+
+    def compute(frame: int) -> tuple[bytes, bytes]:
+        data = os.pread(handle, place.row_bytes, place.offset + frame * place.row_bytes)
+        settings = {name: column[frame] for name, column in columns.items()}
+        return image_digest(np.frombuffer(data, np.uint8)), settings_digest(settings)
+
+    return compute
+
+
+def repair_links(
+    rows: NDArray[Any], structure: bytes, stored: NDArray[Any], compute: Digests
+) -> list[int]:
+    """Compute damaged links of a record's frames anew, in place; return their rows.
+
+    A link is computed for the frame that its image and settings tell, otherwise for the one that
+    lacks a link and comes next in the order of the plan. It is kept only if an undamaged link
+    follows from it. Rows behind the last link that can be followed become zeros.
+    """
+    own = own_frames(rows, compute, len(stored))
+    missing = _frames_without_link(rows, stored, own)
+    before, trial = first_link(structure), rows.copy()
+    repaired: list[int] = []
+    pending: list[int] = []
+    for number in range(len(rows)):
+        if not _follows(trial[number], before):
+            frame = own.get(number, missing[0] if missing else None)
+            if frame is None or not trial[number:].view(np.uint8).any():
+                break
+            missing = [one for one in missing if one != frame]
+            trial[number] = _make_link(frame, before, compute)
+            pending.append(number)
+        else:
+            repaired += pending
+            pending = []
+        before = trial[number]["link"].tobytes()
+    end = pending[0] if pending else number
+    cut = np.flatnonzero(rows[end:].view(np.uint8).reshape(len(rows) - end, -1).any(axis=1)) + end
+    trial[end:] = np.zeros((), rows.dtype)
+    rows[:] = trial
+    return [*repaired, *cut.tolist()]
+
+
+def _make_link(frame: int, before: bytes, compute: Digests) -> tuple[Any, ...]:
+    """Return the row of a record's frame that builds on the link before."""
+    image, settings = compute(frame)
+    link = link_digest(before, frame, image, settings)
+    return (frame, *(np.frombuffer(one, np.uint8) for one in (image, settings, link)))
+
+
+def _follows(row: np.void, before: bytes) -> bool:
+    """Return whether a link of a record's frame follows from the one before."""
+    digest = link_digest(before, row["frame"], row["image"].tobytes(), row["settings"].tobytes())
+    return bool(digest == row["link"].tobytes())
+
+
+def own_frames(rows: NDArray[Any], compute: Digests, frames: int) -> dict[int, int]:
+    """Return the frame of each row that has the digests of that frame of the record."""
+    found = {}
+    for number, row in enumerate(rows):
+        frame = int(row["frame"])
+        if frame < frames and row["image"].any():
+            image, settings = compute(frame)
+            if image == row["image"].tobytes() and settings == row["settings"].tobytes():
+                found[number] = frame
+    return found
+
+
+def _frames_without_link(
+    rows: NDArray[Any], stored: NDArray[Any], own: Mapping[int, int]
+) -> list[int]:
+    """Return the stored frames of a record that no row names, in the order of the plan.
+
+    A row names its frame if it has the digests of the frame, or follows from the row before.
+    """
+    named = set(own.values())
+    for before, row in pairwise(rows):
+        if _follows(row, before["link"].tobytes()):
+            named.add(int(row["frame"]))
+    return [frame for frame in np.flatnonzero(stored == 1).tolist() if frame not in named]
+
+
+def _write(handle: int, table: PlaceTable, name: str, data: bytes) -> None:
+    write_all(handle, memoryview(data), table.places[name].offset)

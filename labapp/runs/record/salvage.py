@@ -1,0 +1,367 @@
+"""Find the frames that are whole in a damaged or truncated record, and what else it still tells.
+
+A record of format 3 is read by its table of places, without HDF5: frames are whole if image and
+settings have the digests of their link. Of what was known before the first frame, each dataset is
+kept that has its digest. If the table itself is damaged, or the format is older, HDF5 tells the
+places; a truncated file is read from a copy that is padded with zeros. Frames of the older format
+are whole if they have their checksum, and if that is lost, too, only their image is there.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.interfaces import Identity, checksum
+from labapp.common.errors import UserError
+from labapp.files.frame_list import format_frame_list
+from labapp.runs.record import layout
+from labapp.runs.record.creation import RecordContents
+from labapp.runs.record.digests import SETTINGS
+from labapp.runs.record.place_table import PlaceTable, TableError, find_places, read_table
+from labapp.runs.record.reader import stored_file_size
+from labapp.runs.record.repair import (
+    frame_digests,
+    own_frames,
+    planned_from_texts,
+    proved_table,
+    repair_links,
+)
+from labapp.runs.record.structure import require_plain_structure
+from labapp.runs.steps import Shot
+from optics.progress import Progress
+
+_JSON = ("plan", "bench", "scene", "effect_plan", "pictures", "faults", "capabilities")
+
+
+@dataclass
+class SalvagedFrame:
+    """A frame that was found. settings: by column; None where only the image is there."""
+
+    index: int
+    image: NDArray[np.uint16]
+    settings: dict[str, Any] | None
+
+
+@dataclass
+class Remains:
+    """What a damaged record still tells.
+
+    contents: to make a new record from. whole: indices of frames that are whole with their
+    settings. images_only: indices of frames without settings. lacks: what is lost, in words.
+    """
+
+    contents: RecordContents
+    whole: list[int] = field(default_factory=list)
+    images_only: list[int] = field(default_factory=list)
+    lacks: list[str] = field(default_factory=list)
+
+
+class DamagedRecord:
+    """Reads what is whole in a damaged record of a run; see `open_damaged`."""
+
+    def __init__(self, path: Path, handle: int, table: PlaceTable, form: int) -> None:
+        self._path, self._handle, self._table, self._format = path, handle, table, form
+        self._lacks: list[str] = []
+
+    def find_remains(self, progress: Progress) -> Remains:
+        """Find the frames that are whole, and what a new record can be made from."""
+        columns = self._planned_columns()
+        contents = self._contents(columns)
+        found = Remains(contents)
+        count = len(contents.shots)
+        stored = self._read_or_none(f"{layout.DATA}/stored")
+        is_whole = self._whole_frames()
+        for index in range(count):
+            progress.report(index / count, f"look at frame {index}")
+            progress.raise_if_cancelled()
+            if is_whole(index):
+                found.whole.append(index)
+            elif self._has_image_only(index, stored):
+                found.images_only.append(index)
+        found.lacks = self._lacks
+        missing = sorted({*range(count)} - {*found.whole, *found.images_only})
+        if missing:
+            found.lacks = [f"frames {format_frame_list(missing)}", *found.lacks]
+        if found.images_only:
+            listed = format_frame_list(found.images_only)
+            found.lacks.append(f"the measured settings of frames {listed}, planned ones instead")
+        return found
+
+    def frame(self, index: int) -> SalvagedFrame:
+        """Return a frame of the run's record."""
+        place = self._table.places[f"{layout.DATA}/images"]
+        data = self._image_bytes(index)
+        image = np.frombuffer(data, place.dtype).reshape(place.shape[1:])
+        columns = {name: self._read_or_none(f"{layout.DATA}/{name}") for name in SETTINGS}
+        if any(column is None for column in columns.values()):
+            return SalvagedFrame(index, image, None)
+        settings = {name: column[index] for name, column in columns.items() if column is not None}
+        return SalvagedFrame(index, image, settings)
+
+    def log_lines(self) -> list[tuple[float, str]]:
+        """Return the lines of the run's log as far as they can be read."""
+        rows = self._read_or_none("entry/log")
+        if rows is None:
+            return []
+        lines = [(float(row["time"]), bytes(row["text"])) for row in rows]
+        return [
+            (time, text.decode(errors="replace")) for time, text in lines if text and time == time
+        ]
+
+    def _read_or_none(self, name: str) -> NDArray[Any] | None:
+        """Read a dataset of the run's record; None if it is cut off, or isn't there."""
+        try:
+            return self._table.read(self._handle, name)
+        except (TableError, KeyError):
+            return None
+
+    def _known(self, name: str) -> NDArray[Any] | None:
+        """Read a dataset that was known before the run began, if it is as it was."""
+        found = self._read_or_none(name)
+        if found is None or not self._table.places[name].digest:
+            return found
+        return found if self._table.is_whole(self._handle, name) else None
+
+    def _image_bytes(self, index: int) -> bytes:
+        place = self._table.places[f"{layout.DATA}/images"]
+        return os.pread(self._handle, place.row_bytes, place.offset + index * place.row_bytes)
+
+    def _whole_frames(self) -> Any:
+        """Return the function that tells whether a frame of the run's record is whole."""
+        if self._format == layout.UNPROTECTED_FORMAT:
+            return self._has_checksum()
+        rows = self._read_or_none(f"{layout.DIGESTS}/chain")
+        structure = self._read_or_none(f"{layout.DIGESTS}/structure")
+        stored = self._read_or_none(f"{layout.DATA}/stored")
+        settings = [self._read_or_none(f"{layout.DATA}/{name}") for name in SETTINGS]
+        if rows is None or structure is None or stored is None or any(c is None for c in settings):
+            self._lacks.append("the digests of the frames")
+            return lambda index: False
+        repaired, compute = rows.copy(), frame_digests(self._handle, self._table)
+        repair_links(repaired, structure.tobytes(), stored, compute)
+        whole = {
+            frame
+            for links in (rows, repaired)
+            for frame in own_frames(links, compute, len(stored)).values()
+        }
+        return lambda index: index in whole
+
+    def _has_checksum(self) -> Any:
+        """Return the function that tells whether an older record's frame has its checksum."""
+        stored, sums = (
+            self._read_or_none(f"{layout.DATA}/{name}") for name in ("stored", "checksum")
+        )
+        if stored is None or sums is None:
+            return lambda index: False
+
+        def is_whole(index: int) -> bool:
+            data = self._image_bytes(index)
+            size = self._table.places[f"{layout.DATA}/images"].row_bytes
+            whole = len(data) == size and checksum(np.frombuffer(data, np.uint8)) == sums[index]
+            return bool(stored[index] and whole)
+
+        return is_whole
+
+    def _has_image_only(self, index: int, stored: NDArray[Any] | None) -> bool:
+        """Return whether an older record has a frame's image, but nothing measured."""
+        if self._format != layout.UNPROTECTED_FORMAT or stored is not None:
+            return False
+        data = self._image_bytes(index)
+        size = self._table.places[f"{layout.DATA}/images"].row_bytes
+        return len(data) == size and bool(np.frombuffer(data, np.uint8).any())
+
+    def _planned_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the planned columns of the run's record, or what its plan makes of them."""
+        found = {name: self._known(f"{layout.DATA}/{name}") for name in layout.PLANNED}
+        whole = {name: column for name, column in found.items() if column is not None}
+        if len(whole) == len(found):
+            return whole
+        if self._format == layout.FORMAT:
+            again = planned_from_texts(self._handle, self._table, self._path)
+            if again is not None:
+                return again
+        there = {name: self._read_or_none(f"{layout.DATA}/{name}") for name in layout.PLANNED}
+        left = {name: column for name, column in there.items() if column is not None}
+        if len(left) < len(there):
+            raise UserError(
+                f"{self._path}: neither the plan nor the columns that follow from it are there, so "
+                "nothing tells what the frames are of. Restore the file from a copy."
+            )
+        lost = ", ".join(sorted(set(there) - set(whole)))
+        self._lacks.append(f"the proof of what was planned ({lost}): frames may be of others")
+        counts = {"role": len(layout.ROLES)}
+        for kind in ("target", "pattern"):
+            names = self._known(f"entry/{kind}s/names")
+            counts[kind] = len(names) if names is not None else 1 + int(left[kind].max())
+        return left | {name: np.minimum(left[name], count - 1) for name, count in counts.items()}
+
+    def _contents(self, columns: Mapping[str, NDArray[Any]]) -> RecordContents:
+        """Return what a new record of the run is made from; what is lost is left empty."""
+        texts = {name: self._json(name) for name in _JSON}
+        names = self._names("entry/targets/names", columns["target"], "target")
+        patterns = self._patterns(columns["pattern"])
+        shots = [
+            Shot(
+                index, int(columns["step"][index]), int(columns["repeat"][index]),
+                names[columns["target"][index]], list(patterns)[columns["pattern"][index]],
+                float(columns["wavelength_asked"][index]),
+                float(columns["exposure_asked"][index]),
+                layout.ROLES[columns["role"][index]], slot=int(columns["slot"][index]),
+            )
+            for index in range(len(columns["frame"]))
+        ]  # fmt: skip
+        x = self._known(f"{layout.DATA}/x")
+        times = self._known(f"{layout.PATTERNS}/frame_time")
+        seed = self._known("entry/seed")
+        _, rows, pixels = self._table.places[f"{layout.DATA}/images"].shape
+        return RecordContents(
+            title=self._text("title") or self._path.stem,
+            seed=int(seed) if seed is not None else 0,
+            plan=texts["plan"] or {},
+            bench=texts["bench"] or {},
+            scene=texts["scene"],
+            effect_plan=texts["effect_plan"],
+            identities=self._identities(),
+            targets=names,
+            patterns=patterns,
+            shots=shots,
+            frame_shape=(rows, pixels),
+            pixel_pitch=float(x[1] - x[0]) if x is not None and len(x) > 1 else 1.0,
+            video_frame=float(times.max()) if times is not None else 0.0,
+            pictures=texts["pictures"] or {},
+            faults=texts["faults"] or [],
+            clock=self._text("clock") or "real",
+            capabilities=texts["capabilities"] or {},
+        )
+
+    def _text(self, name: str) -> str | None:
+        """Return a text of the run's record; None if it is lost."""
+        found = self._known(f"entry/{name}")
+        try:
+            return None if found is None else bytes(found[()]).decode()
+        except UnicodeDecodeError:
+            return None
+
+    def _json(self, name: str) -> Any:
+        """Return plain data of the run's record; None if they are lost, which is noted."""
+        if name == "capabilities" and self._format == layout.UNPROTECTED_FORMAT:
+            return None
+        text = self._text(name)
+        try:
+            return json.loads(text or "")
+        except ValueError:
+            self._lacks.append(f"the {name.replace('_', ' ')}")
+            return None
+
+    def _names(self, name: str, indices: NDArray[Any], kind: str) -> list[str]:
+        """Return names in the run's record; if they are lost, numbers instead."""
+        found = self._known(name)
+        if found is not None:
+            return [one.decode(errors="replace") for one in found.tolist()]
+        self._lacks.append(f"the names of the {kind}s")
+        return [f"{kind} {number}" for number in range(int(indices.max()) + 1)]
+
+    def _patterns(self, indices: NDArray[Any]) -> dict[str, NDArray[np.uint8]]:
+        """Return the patterns of the run's record by name; those that are lost are black."""
+        names = self._names(f"{layout.PATTERNS}/names", indices, "pattern")
+        first, count, times = (
+            self._known(f"{layout.PATTERNS}/{name}") for name in ("first", "frames", "frame_time")
+        )
+        images = self._read_or_none(layout.SHOWN_IMAGES)
+        shape = self._table.places[layout.SHOWN_IMAGES].shape[1:]
+        if first is None or count is None or times is None or images is None:
+            self._lacks.append("the patterns, black instead")
+            return {name: np.zeros(shape, np.uint8) for name in names}
+        if self._known(layout.SHOWN_IMAGES) is None:
+            self._lacks.append("the patterns as they were shown")
+        shown = {}
+        for name, begin, length, time in zip(names, first, count, times, strict=True):
+            part = images[int(begin) : int(begin + length)].copy()
+            shown[name] = part if time else part[0]
+        return shown
+
+    def _identities(self) -> dict[str, Identity]:
+        """Return the devices of the run's record that are still known."""
+        names = {
+            name.split("/")[2]
+            for name in self._table.places
+            if name.startswith("entry/instrument/")
+        }
+        found = {}
+        for name in sorted(names):
+            model, serial = (self._text(f"instrument/{name}/{one}") for one in ("model", "serial"))
+            simulated = self._known(f"entry/instrument/{name}/simulated")
+            if model is None or serial is None or simulated is None:
+                self._lacks.append(f"what the {name} was")
+                continue
+            found[name] = Identity(model, serial, simulated=bool(simulated))
+        return found
+
+
+@contextmanager
+def open_damaged(path: Path) -> Iterator[DamagedRecord]:
+    """Open a damaged record of a run for salvage; raise UserError if nothing tells its places."""
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        table, form = _find_table(path, handle)
+        yield DamagedRecord(path, handle, table, form)
+    finally:
+        os.close(handle)
+
+
+def _find_table(path: Path, handle: int) -> tuple[PlaceTable, int]:
+    """Return the places of a record's datasets, and the record's format."""
+    try:
+        return read_table(handle), layout.FORMAT
+    except TableError:
+        table = proved_table(path, handle)
+    return (table, layout.FORMAT) if table is not None else _places_by_hdf5(path)
+
+
+def _places_by_hdf5(path: Path) -> tuple[PlaceTable, int]:
+    """Return the places of a record's datasets as HDF5 tells them, and the record's format."""
+    with _openable(path) as whole:
+        try:
+            with h5py.File(whole, "r") as file:
+                form = int(file.attrs.get("labapp_format", 0))
+                require_plain_structure(file, whole)
+                table = find_places(file, whole.stat().st_size)
+        except (OSError, RuntimeError, KeyError, ValueError) as error:
+            raise UserError(
+                f"{path}: neither its table of places nor HDF5 tells where the frames are "
+                f"({error}). Restore the file from a copy."
+            ) from error
+    if form not in (layout.FORMAT, layout.UNPROTECTED_FORMAT):
+        raise UserError(f"{path}: is not a record of a run. Give one that `labapp run` wrote.")
+    return table, form
+
+
+@contextmanager
+def _openable(path: Path) -> Iterator[Path]:
+    """Yield the file, or a copy padded with zeros to the length that HDF5 needs."""
+    try:
+        h5py.File(path, "r").close()
+        yield path
+    except OSError as error:
+        sizes = stored_file_size(error)
+        if sizes is None:
+            raise UserError(
+                f"{path}: HDF5 can't open it: {error}. Restore it from a copy."
+            ) from error
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            copy = Path(folder, path.name)
+            shutil.copyfile(path, copy)
+            os.truncate(copy, sizes)
+            yield copy

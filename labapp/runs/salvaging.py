@@ -1,0 +1,93 @@
+"""The command `labapp salvage`: save the whole frames of a damaged record into a new one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from labapp.common.console import out, print_json, terminal_progress
+from labapp.common.errors import UserError
+from labapp.files.file_lookup import require_file
+from labapp.runs.record import layout
+from labapp.runs.record.creation import create_record
+from labapp.runs.record.salvage import DamagedRecord, Remains, open_damaged
+from labapp.runs.record.writer import RecordWriter
+from labapp.runs.state import State
+from optics.progress import Progress
+
+
+@dataclass(frozen=True)
+class Salvage:
+    """What was saved of a damaged record. lacks: what is lost, in words. digest: of the new one."""
+
+    path: Path
+    saved: int
+    planned: int
+    lacks: list[str]
+    digest: str
+
+
+def salvage_record(path: Path, new: Path, *, force: bool, as_json: bool) -> None:
+    """Save the whole frames of a run's damaged record into a new one, and print what is lost.
+
+    Raises UserError if nothing can be saved, or the new record can't be written.
+    """
+    with terminal_progress() as progress:
+        done = salvage(path, new, force=force, progress=progress)
+    if as_json:
+        print_json(
+            {
+                "record": str(done.path), "saved": done.saved, "planned": done.planned,
+                "lacks": done.lacks, "digest": done.digest,
+            }
+        )  # fmt: skip
+        return
+    out.print(f"{new}: {done.saved} of {done.planned} frames saved", markup=False, soft_wrap=True)
+    for one in done.lacks:
+        out.print(f"lost: {one}", markup=False, soft_wrap=True)
+    out.print(f"digest {done.digest}", markup=False, soft_wrap=True)
+
+
+def salvage(
+    path: Path, new: Path, *, force: bool = False, progress: Progress | None = None
+) -> Salvage:
+    """Save the whole frames of a run's damaged record into a new one; the old one isn't changed.
+
+    Raises UserError if nothing can be saved, or the new record can't be written.
+    """
+    progress = progress or Progress()
+    require_file(path)
+    if path.resolve() == new.resolve():
+        raise UserError(f"{new}: is the damaged record itself. Name another file.")
+    with open_damaged(path) as damaged:
+        found = damaged.find_remains(progress.part(0, 0.5))
+        if not found.whole and not found.images_only:
+            raise UserError(f"{path}: no frame is whole, so there is nothing to save.")
+        create_record(new, found.contents, force=force)
+        digest = _copy(damaged, found, path, new, progress.part(0.5, 1))
+    saved = len(found.whole) + len(found.images_only)
+    return Salvage(new, saved, len(found.contents.shots), found.lacks, digest)
+
+
+def _copy(damaged: DamagedRecord, found: Remains, path: Path, new: Path, progress: Progress) -> str:
+    """Copy the frames and the log of a run's record; return the digest of the new record."""
+    frames = sorted([*found.whole, *found.images_only])
+    with RecordWriter(new) as writer:
+        for time, text in damaged.log_lines():
+            writer.log(time, text)
+        for done, index in enumerate(frames):
+            progress.report(done / len(frames), f"save frame {index}")
+            progress.raise_if_cancelled()
+            frame = damaged.frame(index)
+            shot = found.contents.shots[index]
+            planned = {
+                **dict.fromkeys(layout.MEASURED, 0),
+                "exposure": shot.exposure, "wavelength": shot.wavelength,
+            }  # fmt: skip
+            kept = planned if frame.settings is None else frame.settings
+            values = {k: v for k, v in kept.items() if k not in ("checksum", "stored")}
+            writer.store_values(index, frame.image, values)
+        for lost in found.lacks:
+            writer.log(0.0, f"salvage: lost {lost}")
+        message = f"salvaged from {path.name}; lost: {'; '.join(found.lacks) or 'nothing'}"
+        return writer.set_state(State.FAILED, message)
