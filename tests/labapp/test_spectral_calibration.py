@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from forging import forge, replace_text
 from small_bench.spectral import BANDS_NM, MONO_SENSOR, write_files
 
 from labapp.bench.opening import BenchFiles, open_bench
@@ -513,6 +514,6 @@ def without_filters(record: Path, copy: Path) -> Path:
         bench = json.loads(file["entry/bench"][()])
         del bench["sensor"]["colour"]
         bench["sensor"]["quantum_efficiency"] = 0.6
-        del file["entry/bench"]
-        file["entry/bench"] = json.dumps(bench)
+        replace_text(file, "entry/bench", json.dumps(bench))
+    forge(copy)
     return copy

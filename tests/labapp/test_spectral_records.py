@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 import torch
+from forging import forge, replace_text
 from scipy.signal import fftconvolve
 from small_bench.spectral import (
     BANDS_NM,
@@ -288,8 +289,8 @@ def edit_bench(path: Path, change) -> None:
     with h5py.File(path, "r+") as file:
         bench = json.loads(file["entry/bench"][()])
         change(bench)
-        del file["entry/bench"]
-        file["entry/bench"] = json.dumps(bench)
+        replace_text(file, "entry/bench", json.dumps(bench))
+    forge(path)
 
 
 def make_monochrome(record: Path, copy: Path, share: float) -> Path:
@@ -370,6 +371,7 @@ def make_broad(record: Path, copy: Path) -> Path:
         data["stored"][coded[1:]] = 0
         for name in ("wavelength", "wavelength_asked"):
             data[name][coded[0]] = 545e-9
+    forge(copy)
     return copy
 
 
