@@ -535,7 +535,8 @@ def test_a_disk_that_fails_for_good_ends_the_run(plan, bench, tmp_path, monkeypa
     pwrite = os.pwrite
 
     def break_down(handle, data, offset):
-        if len(data) > 4000:
+        # The table of places, at the beginning, is written before the run begins.
+        if len(data) > 4000 and offset:
             raise OSError(errno.EIO, "Input/output error")
         return pwrite(handle, data, offset)
 
@@ -686,7 +687,7 @@ def test_a_pattern_that_is_damaged_in_the_record_is_not_shown(small, plan, tmp_p
         file["entry/patterns/images"][1, 0, 0] ^= 1
     with (
         open_bench(small.bench_files) as bench,
-        pytest.raises(UserError, match="pattern 'lens' isn't as it was shown"),
+        pytest.raises(UserError, match="not as they were shown: lens"),
     ):
         resume_run(bench, path)
 

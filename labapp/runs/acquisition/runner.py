@@ -153,13 +153,13 @@ def resume_run(
     abilities = BenchCapabilities.of(bench)
     missing = prepare_resume(path) if missing is None else missing
     with Record(path) as record:
-        if not missing and record.state is State.COMPLETE:
-            digest = record.closing_digest
-            return RunOutcome(path, State.COMPLETE, [], record.message, digest=digest)
         plan = record.plan
         patterns = record.patterns()
         listed = feasible_shots(plan, abilities, str(path))
         _require_same_bench(record, bench, listed)
+        if not missing and record.state is State.COMPLETE:
+            digest = record.closing_digest
+            return RunOutcome(path, State.COMPLETE, [], record.message, digest=digest)
     left = [listed[index] for index in missing]
     require_space(path, 2 * len(left) * abilities.frame_shape[0] * abilities.frame_shape[1])
     _require_person(ask, estimate_run(left, plan, abilities).prompts)
