@@ -21,7 +21,6 @@ from labapp.runs.acquisition.frame_taker import AskOperator, FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
 from labapp.runs.bench_interface import Bench
-from labapp.runs.record.checks import check_record
 from labapp.runs.record.logbook import logbook
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
@@ -255,6 +254,8 @@ class ActiveRun:
             state, message = State.FAILED, f"{len(missing)} frames don't read back"
         digest = self._write_state(state, message)
         if state is State.COMPLETE and is_resumed:
+            from labapp.runs.record.checks import check_record
+
             found = check_record(self._path)
             if not found.is_in_order:
                 state, message = State.FAILED, f"not in order: {found.reason}"

@@ -22,10 +22,8 @@ from labapp.runs.bench_interface import Bench
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record
-from labapp.runs.record.repair import repair_record
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
-from labapp.runs.verifying import verify
 from optics.progress import Progress
 
 __all__ = ["OnFrame", "RunOutcome", "prepare_resume", "resume_run", "run_plan"]
@@ -174,6 +172,10 @@ def prepare_resume(path: Path, progress: Progress | None = None) -> list[int]:
     They are those that were never stored or are damaged. Raises UserError if the record is being
     written, is of an older format, or is damaged where taking frames again doesn't mend it.
     """
+    # Imported here, because a new run needs neither.
+    from labapp.runs.record.repair import repair_record
+    from labapp.runs.verifying import verify
+
     for done in repair_record(path):
         log.warning("%s: %s", path, done)
     found = verify(path, progress)
