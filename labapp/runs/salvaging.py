@@ -8,7 +8,6 @@ from pathlib import Path
 from labapp.common.console import out, print_json, terminal_progress
 from labapp.common.errors import UserError
 from labapp.files.file_lookup import require_file
-from labapp.runs.record import layout
 from labapp.runs.record.creation import create_record
 from labapp.runs.record.salvage import DamagedRecord, Remains, open_damaged
 from labapp.runs.record.writer import RecordWriter
@@ -61,32 +60,23 @@ def salvage(
         raise UserError(f"{new}: is the damaged record itself. Name another file.")
     with open_damaged(path) as damaged:
         found = damaged.find_remains(progress.part(0, 0.5))
-        if not found.whole and not found.images_only:
+        if not found.whole:
             raise UserError(f"{path}: no frame is whole, so there is nothing to save.")
         create_record(new, found.contents, force=force)
         digest = _copy(damaged, found, path, new, progress.part(0.5, 1))
-    saved = len(found.whole) + len(found.images_only)
-    return Salvage(new, saved, len(found.contents.shots), found.lacks, digest)
+    return Salvage(new, len(found.whole), len(found.contents.shots), found.lacks, digest)
 
 
 def _copy(damaged: DamagedRecord, found: Remains, path: Path, new: Path, progress: Progress) -> str:
     """Copy the frames and the log of a run's record; return the digest of the new record."""
-    frames = sorted([*found.whole, *found.images_only])
     with RecordWriter(new) as writer:
         for time, text in damaged.log_lines():
             writer.log(time, text)
-        for done, index in enumerate(frames):
-            progress.report(done / len(frames), f"save frame {index}")
+        for done, index in enumerate(found.whole):
+            progress.report(done / len(found.whole), f"save frame {index}")
             progress.raise_if_cancelled()
-            frame = damaged.frame(index)
-            shot = found.contents.shots[index]
-            planned = {
-                **dict.fromkeys(layout.MEASURED, 0),
-                "exposure": shot.exposure, "wavelength": shot.wavelength,
-            }  # fmt: skip
-            kept = planned if frame.settings is None else frame.settings
-            values = {k: v for k, v in kept.items() if k not in ("checksum", "stored")}
-            writer.store_values(index, frame.image, values)
+            image, settings = damaged.frame(index)
+            writer.store_values(index, image, settings)
         for lost in found.lacks:
             writer.log(0.0, f"salvage: lost {lost}")
         message = f"salvaged from {path.name}; lost: {'; '.join(found.lacks) or 'nothing'}"

@@ -3,63 +3,23 @@
 from __future__ import annotations
 
 import json
-import os
 from hashlib import sha256
 
 import h5py
 import numpy as np
 import pytest
+from eight_frames import places, take
 from forging import forge
-from small_bench.setups import small_setup
 
-from labapp.bench.opening import open_bench
-from labapp.files.plan_file import PlanFile
-from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.checks import check_record
-from labapp.runs.record.place_table import read_table
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
-from optics.progress import Progress
-
-PLAN = PlanFile.model_validate(
-    {
-        "version": 1,
-        "title": "Eight frames",
-        "seed": 3,
-        "patterns": {
-            "neutral": {"kind": "constant"},
-            "lens": {"kind": "lens", "focal_length_m": 50.0},
-        },
-        "acquire": [
-            {
-                "targets": ["dark", "star"],
-                "patterns": ["neutral", "lens"],
-                "wavelengths_nm": [550],
-                "exposures_ms": [1, 2],
-            }
-        ],
-    }
-)
-
-SETUP = small_setup((16, 24))
-
-
-def taken(path, frames: int = 8) -> str:
-    """Take so many frames of the plan, and return the digest that the run ends with."""
-    progress = Progress()
-
-    def stop(shot, frame):
-        if shot.index == frames - 1 < 7:
-            progress.cancel()
-
-    with open_bench(SETUP) as bench:
-        return run_plan(bench, PLAN, path, progress=progress, on_frame=stop).digest
 
 
 @pytest.fixture(scope="module")
 def complete(tmp_path_factory) -> tuple[bytes, str]:
     path = tmp_path_factory.mktemp("complete") / "run.h5"
-    digest = taken(path)
+    digest = take(path)
     return path.read_bytes(), digest
 
 
@@ -67,7 +27,7 @@ def complete(tmp_path_factory) -> tuple[bytes, str]:
 def interrupted(tmp_path_factory) -> bytes:
     """A record of five frames whose writer is gone without a word."""
     path = tmp_path_factory.mktemp("interrupted") / "run.h5"
-    taken(path, 5)
+    take(path, 5)
     with h5py.File(path, "r+") as file:
         gone = json.loads(file["entry/writer"][0]) | {"start": "1"}
         file["entry/writer"][0] = json.dumps(gone).encode()
@@ -76,14 +36,6 @@ def interrupted(tmp_path_factory) -> bytes:
         file["entry/digests/closing"][0] = 0
     assert check_record(path).failed_checks == []
     return path.read_bytes()
-
-
-def places(path):
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        return read_table(handle).places
-    finally:
-        os.close(handle)
 
 
 def unnoticed_flips(path, data: bytes, count: int, seed: int, aside: tuple[str, ...]) -> list[str]:
@@ -280,7 +232,7 @@ def test_frames_of_another_record_do_not_fit(tmp_path, complete):
     """The same plan taken again: frames of one put into the other, with their links."""
     path, other = tmp_path / "run.h5", tmp_path / "other.h5"
     path.write_bytes(complete[0])
-    taken(other)
+    take(other)
     with h5py.File(path, "r+") as file, h5py.File(other, "r") as source:
         for name in ("images", "exposure", "time", "timestamp", "number", "checksum", "gain"):
             file[f"entry/data/{name}"][3] = source[f"entry/data/{name}"][3]

@@ -23,8 +23,11 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record import layout
+from labapp.runs.record.chain import follow_log
 from labapp.runs.record.digests import (
+    ENDING,
     SETTINGS,
+    closing_digest,
     first_link,
     image_digest,
     link_digest,
@@ -44,6 +47,10 @@ from labapp.runs.steps import planned_shots
 
 Digests = Callable[[int], tuple[bytes, bytes]]
 """Returns the digests of a frame's image and of its settings, as they are in the file."""
+
+
+EndProof = Callable[[int, bytes], bool]
+"""Returns whether so many links, of which the last is given, are those of a run that has ended."""
 
 
 def repair_record(path: Path) -> list[str]:
@@ -143,7 +150,9 @@ def _repair_links(handle: int, table: PlaceTable) -> list[str]:
         # Nothing tells where the chain begins.
         return []
     stored = table.read(handle, f"{layout.DATA}/stored")
-    repaired = repair_links(rows, structure, stored, frame_digests(handle, table))
+    repaired = repair_links(
+        rows, structure, stored, frame_digests(handle, table), end_proof(handle, table)
+    )
     if not repaired:
         return []
     _write(handle, table, name, rows.tobytes())
@@ -163,14 +172,32 @@ def frame_digests(handle: int, table: PlaceTable) -> Digests:
     return compute
 
 
+def end_proof(handle: int, table: PlaceTable) -> EndProof:
+    """Return the function that compares links with the closing digest of a run's record."""
+    closing = table.read(handle, f"{layout.DIGESTS}/closing").tobytes()
+    structure = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
+    lines = follow_log(table.read(handle, "entry/log"), structure)
+    ending = [table.read(handle, f"{layout.ENTRY}/{name}").tobytes() for name in ENDING]
+
+    def is_proved(links: int, last: bytes) -> bool:
+        return closing == closing_digest(structure, links, last, lines.length, lines.last, ending)
+
+    return is_proved
+
+
 def repair_links(
-    rows: NDArray[Any], structure: bytes, stored: NDArray[Any], compute: Digests
+    rows: NDArray[Any],
+    structure: bytes,
+    stored: NDArray[Any],
+    compute: Digests,
+    is_proved: EndProof,
 ) -> list[int]:
     """Compute damaged links of a record's frames anew, in place; return their rows.
 
     A link is computed for the frame that its image and settings tell, otherwise for the one that
     lacks a link and comes next in the order of the plan. It is kept only if an undamaged link
-    follows from it. Rows behind the last link that can be followed become zeros.
+    follows from it, or the closing digest proves it. Rows behind the last link that can be
+    followed become zeros.
     """
     own = own_frames(rows, compute, len(stored))
     missing = _frames_without_link(rows, stored, own)
@@ -180,7 +207,7 @@ def repair_links(
     for number in range(len(rows)):
         if not _follows(trial[number], before):
             frame = own.get(number, missing[0] if missing else None)
-            if frame is None or not trial[number:].view(np.uint8).any():
+            if frame is None:
                 break
             missing = [one for one in missing if one != frame]
             trial[number] = _make_link(frame, before, compute)
@@ -189,6 +216,9 @@ def repair_links(
             repaired += pending
             pending = []
         before = trial[number]["link"].tobytes()
+    if pending and is_proved(number, before):
+        repaired += pending
+        pending = []
     end = pending[0] if pending else number
     cut = np.flatnonzero(rows[end:].view(np.uint8).reshape(len(rows) - end, -1).any(axis=1)) + end
     trial[end:] = np.zeros((), rows.dtype)

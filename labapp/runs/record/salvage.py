@@ -4,7 +4,7 @@ A record of format 3 is read by its table of places, without HDF5: frames are wh
 settings have the digests of their link. Of what was known before the first frame, each dataset is
 kept that has its digest. If the table itself is damaged, or the format is older, HDF5 tells the
 places; a truncated file is read from a copy that is padded with zeros. Frames of the older format
-are whole if they have their checksum, and if that is lost, too, only their image is there.
+are whole if they have their checksum.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +32,7 @@ from labapp.runs.record.digests import SETTINGS
 from labapp.runs.record.place_table import PlaceTable, TableError, find_places, read_table
 from labapp.runs.record.reader import stored_file_size
 from labapp.runs.record.repair import (
+    end_proof,
     frame_digests,
     own_frames,
     planned_from_texts,
@@ -46,25 +47,15 @@ _JSON = ("plan", "bench", "scene", "effect_plan", "pictures", "faults", "capabil
 
 
 @dataclass
-class SalvagedFrame:
-    """A frame that was found. settings: by column; None where only the image is there."""
-
-    index: int
-    image: NDArray[np.uint16]
-    settings: dict[str, Any] | None
-
-
-@dataclass
 class Remains:
     """What a damaged record still tells.
 
     contents: to make a new record from. whole: indices of frames that are whole with their
-    settings. images_only: indices of frames without settings. lacks: what is lost, in words.
+    settings. lacks: what is lost, in words.
     """
 
     contents: RecordContents
     whole: list[int] = field(default_factory=list)
-    images_only: list[int] = field(default_factory=list)
     lacks: list[str] = field(default_factory=list)
 
 
@@ -81,34 +72,25 @@ class DamagedRecord:
         contents = self._contents(columns)
         found = Remains(contents)
         count = len(contents.shots)
-        stored = self._read_or_none(f"{layout.DATA}/stored")
         is_whole = self._whole_frames()
         for index in range(count):
             progress.report(index / count, f"look at frame {index}")
             progress.raise_if_cancelled()
             if is_whole(index):
                 found.whole.append(index)
-            elif self._has_image_only(index, stored):
-                found.images_only.append(index)
-        found.lacks = self._lacks
-        missing = sorted({*range(count)} - {*found.whole, *found.images_only})
-        if missing:
-            found.lacks = [f"frames {format_frame_list(missing)}", *found.lacks]
-        if found.images_only:
-            listed = format_frame_list(found.images_only)
-            found.lacks.append(f"the measured settings of frames {listed}, planned ones instead")
+        missing = sorted({*range(count)} - {*found.whole})
+        lost = [f"frames {format_frame_list(missing)}"] if missing else []
+        found.lacks = [*lost, *self._lacks]
         return found
 
-    def frame(self, index: int) -> SalvagedFrame:
-        """Return a frame of the run's record."""
+    def frame(self, index: int) -> tuple[NDArray[np.uint16], dict[str, Any]]:
+        """Return the image of a frame of the run's record, and its measured columns by name."""
         place = self._table.places[f"{layout.DATA}/images"]
-        data = self._image_bytes(index)
-        image = np.frombuffer(data, place.dtype).reshape(place.shape[1:])
-        columns = {name: self._read_or_none(f"{layout.DATA}/{name}") for name in SETTINGS}
-        if any(column is None for column in columns.values()):
-            return SalvagedFrame(index, image, None)
-        settings = {name: column[index] for name, column in columns.items() if column is not None}
-        return SalvagedFrame(index, image, settings)
+        image = np.frombuffer(self._image_bytes(index), place.dtype).reshape(place.shape[1:])
+        columns = {
+            name: self._table.read(self._handle, f"{layout.DATA}/{name}") for name in SETTINGS
+        }
+        return image, {name: column[index] for name, column in columns.items()}
 
     def log_lines(self) -> list[tuple[float, str]]:
         """Return the lines of the run's log as far as they can be read."""
@@ -138,7 +120,7 @@ class DamagedRecord:
         place = self._table.places[f"{layout.DATA}/images"]
         return os.pread(self._handle, place.row_bytes, place.offset + index * place.row_bytes)
 
-    def _whole_frames(self) -> Any:
+    def _whole_frames(self) -> Callable[[int], bool]:
         """Return the function that tells whether a frame of the run's record is whole."""
         if self._format == layout.UNPROTECTED_FORMAT:
             return self._has_checksum()
@@ -150,7 +132,8 @@ class DamagedRecord:
             self._lacks.append("the digests of the frames")
             return lambda index: False
         repaired, compute = rows.copy(), frame_digests(self._handle, self._table)
-        repair_links(repaired, structure.tobytes(), stored, compute)
+        proof = end_proof(self._handle, self._table)
+        repair_links(repaired, structure.tobytes(), stored, compute, proof)
         whole = {
             frame
             for links in (rows, repaired)
@@ -158,7 +141,7 @@ class DamagedRecord:
         }
         return lambda index: index in whole
 
-    def _has_checksum(self) -> Any:
+    def _has_checksum(self) -> Callable[[int], bool]:
         """Return the function that tells whether an older record's frame has its checksum."""
         stored, sums = (
             self._read_or_none(f"{layout.DATA}/{name}") for name in ("stored", "checksum")
@@ -173,14 +156,6 @@ class DamagedRecord:
             return bool(stored[index] and whole)
 
         return is_whole
-
-    def _has_image_only(self, index: int, stored: NDArray[Any] | None) -> bool:
-        """Return whether an older record has a frame's image, but nothing measured."""
-        if self._format != layout.UNPROTECTED_FORMAT or stored is not None:
-            return False
-        data = self._image_bytes(index)
-        size = self._table.places[f"{layout.DATA}/images"].row_bytes
-        return len(data) == size and bool(np.frombuffer(data, np.uint8).any())
 
     def _planned_columns(self) -> dict[str, NDArray[Any]]:
         """Return the planned columns of the run's record, or what its plan makes of them."""

@@ -114,8 +114,8 @@ class RecordWriter:
     ) -> None:
         """Store a frame's image and measured columns in the run's record: see `store`.
 
-        values: all measured columns but `checksum` and `stored`. known: CRC-32 that the image
-        should have.
+        values: all measured columns; `checksum` and `stored` may be left out. known: CRC-32 that
+        the image should have.
         """
         image = np.ascontiguousarray(image, dtype=self._places["images"].dtype)
         if image.shape != self._places["images"].shape[1:]:
