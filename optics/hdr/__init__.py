@@ -2,17 +2,27 @@
 
 The files are in the order of the work: what a merged picture is, the bracket with its noise, the
 estimate where an exposure may be clipped, the merge itself, how accurate it is, and exposures that
-differ from what they were said to be.
+differ from what they were said to be. A bracket is chosen before it is taken: the scene is metered,
+the exposures are searched for, and a scene that has changed since is told.
 """
 
 from optics.hdr.bracket import Bracket
+from optics.hdr.bracket_choice import (
+    ChosenBracket,
+    UnreachableSNR,
+    WantedSNR,
+    choose_bracket,
+)
+from optics.hdr.bracket_ladders import LADDER_RATIOS, choose_ladder
 from optics.hdr.expected_accuracy import (
     ExpectedAccuracy,
     cramer_rao_variance,
     expected_accuracy,
 )
 from optics.hdr.exposure_factors import ExposureFactors, measure_exposure_factors
+from optics.hdr.exposure_limits import ExposureLimits, common_period
 from optics.hdr.merging import METHODS, Method, merge, merge_bracket
+from optics.hdr.metering import Meter, MeteredRange
 from optics.hdr.radiance import (
     CLIPPED,
     DARK,
@@ -23,24 +33,38 @@ from optics.hdr.radiance import (
     PixelState,
     RadianceEstimate,
 )
+from optics.hdr.scene_change import SceneChange, block_rates, scene_change
 
 __all__ = [
     "CLIPPED",
     "DARK",
     "DEFECTIVE",
+    "LADDER_RATIOS",
     "MAY_CLIP",
     "METHODS",
     "MOVED",
     "VALID",
     "Bracket",
+    "ChosenBracket",
     "ExpectedAccuracy",
     "ExposureFactors",
+    "ExposureLimits",
+    "Meter",
+    "MeteredRange",
     "Method",
     "PixelState",
     "RadianceEstimate",
+    "SceneChange",
+    "UnreachableSNR",
+    "WantedSNR",
+    "block_rates",
+    "choose_bracket",
+    "choose_ladder",
+    "common_period",
     "cramer_rao_variance",
     "expected_accuracy",
     "measure_exposure_factors",
     "merge",
     "merge_bracket",
+    "scene_change",
 ]

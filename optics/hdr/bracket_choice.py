@@ -1,0 +1,199 @@
+"""Choose an exposure bracket: the shortest time, or the fewest frames, for a wanted accuracy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optics.camera import Sensor
+from optics.hdr.bracket_search import BracketSearch, Groups, in_order
+from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
+from optics.hdr.exposure_snr import ExposureSNR, decibels, from_decibels
+
+Least = Literal["time", "frames"]
+
+_LEAST_DB, _DB_STEPS = -40.0, 14
+"""Lowest ratio that is offered where the wanted one can't be reached, and halvings of the interval
+between both. Chosen: to .01 dB."""
+
+
+@dataclass(frozen=True)
+class WantedSNR:
+    """The signal-to-noise ratio that a merged HDR bracket shall have in each pixel of a range.
+
+    Parameters
+    ----------
+    snr_db : float
+        20 log10 of the rate over its standard deviation.
+    low, high : float
+        Rates in electrons per second between which it is wanted.
+    darks : float, default inf
+        Dark frames whose mean is subtracted, for each exposure time; infinite for a level that is
+        known without noise.
+    dark_frames_counted : bool, default False
+        Whether the time of these dark frames counts.
+
+    Raises
+    ------
+    ValueError
+        For a ratio that isn't finite, rates that aren't positive or in order, and no dark frames.
+    """
+
+    snr_db: float
+    low: float
+    high: float
+    darks: float = math.inf
+    dark_frames_counted: bool = False
+
+    def __post_init__(self) -> None:
+        if not -40 <= self.snr_db <= 120:
+            raise ValueError(f"snr_db is {self.snr_db:g}; give a ratio from -40 to 120 dB")
+        if not 0 < self.low <= self.high < math.inf:
+            raise ValueError(
+                f"the range is {self.low:g} to {self.high:g} electrons/s; rates are positive, and "
+                "the lower one comes first"
+            )
+        if not self.darks >= 1:
+            raise ValueError(f"darks is {self.darks:g}; give 1 at least, or infinity")
+        if self.dark_frames_counted and math.isinf(self.darks):
+            raise ValueError("darks is infinite, so that their time can't count; say how many")
+
+    @property
+    def taken_darks(self) -> int:
+        """Number of dark frames at each exposure time that count as part of the HDR bracket."""
+        return int(self.darks) if self.dark_frames_counted else 0
+
+
+@dataclass(frozen=True)
+class ChosenBracket:
+    """Exposures of an HDR bracket, and what they reach.
+
+    groups: exposure times in seconds with their numbers of frames, the shortest first. duration:
+    seconds with read-out, and with dark frames where they count. noise: tells the ratio. taken:
+    exposures that were there already, and are merged with these.
+    """
+
+    groups: Groups
+    duration: float
+    noise: ExposureSNR
+    taken: Groups = ()
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Exposure time of each frame of the HDR bracket in seconds, the shortest first."""
+        return tuple(time for time, count in self.groups for _ in range(count))
+
+    @property
+    def frames(self) -> int:
+        """Number of the HDR bracket's frames, dark frames aside."""
+        return sum(count for _, count in self.groups)
+
+    def snr_db(self, rates: ArrayLike) -> NDArray[np.float64]:
+        """Return the signal-to-noise ratio of merged pixels in dB, at rates in electrons/s."""
+        flat = np.asarray(rates, dtype=np.float64)
+        every = in_order((*self.groups, *self.taken))
+        found = [decibels(self.noise.snr(every, float(rate))) for rate in flat.ravel()]
+        return np.array(found).reshape(flat.shape)
+
+
+class UnreachableSNR(ValueError):
+    """Raised if no HDR bracket within the limits reaches the wanted ratio over the range."""
+
+
+def choose_bracket(
+    sensor: Sensor,
+    wanted: WantedSNR,
+    limits: ExposureLimits,
+    least: Least = "time",
+    taken: Groups = (),
+) -> ChosenBracket:
+    """Choose the exposures of an HDR bracket that reach a ratio over a range of rates.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Tells gain, read noise, dark current and full scale.
+    wanted : WantedSNR
+        Ratio, range and dark frames.
+    limits : ExposureLimits
+        Exposure times that are allowed, read-out time, and the largest number of frames.
+    least : {"time", "frames"}, default "time"
+        What to minimise. Of brackets that are alike in it, the other one decides.
+    taken : tuple of (seconds, frames)
+        Exposures that are there already, as from metering, and are merged with the chosen ones.
+        They don't count as frames or time.
+
+    Returns
+    -------
+    ChosenBracket
+        The same exposure time may be there several times. For the fewest frames the number is
+        exact, if each has dark frames of its own; the time is within some percent of the least.
+
+    Raises
+    ------
+    UnreachableSNR
+        If it can't be reached; the message says what can be.
+    ValueError
+        For another `least`.
+
+    References
+    ----------
+    S. W. Hasinoff, F. Durand and W. T. Freeman, "Noise-optimal capture for high dynamic range
+    photography", CVPR 2010, doi 10.1109/CVPR.2010.5540167.
+    """
+    if least not in ("time", "frames"):
+        raise ValueError(f"least is {least!r}; choose time or frames")
+    search = search_for(sensor, wanted, limits, taken)
+    noise = ExposureSNR(sensor, wanted.darks)
+    if search.suffices(()):
+        return ChosenBracket((), 0.0, noise, taken)
+    fewest, reached = search.fewest_frames()
+    if not fewest or reached > wanted.low * (1 + 1e-9):
+        raise UnreachableSNR(_explain(sensor, wanted, limits, reached))
+    frames = sum(count for _, count in fewest)
+    groups = search.shortest_time(frames if least == "frames" else limits.most_frames)
+    return ChosenBracket(groups, search.duration(groups), noise, taken)
+
+
+def search_for(
+    sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits, taken: Groups = ()
+) -> BracketSearch:
+    """Return the search for HDR exposures that reach a ratio within limits."""
+    noise = ExposureSNR(sensor, wanted.darks)
+    snr = from_decibels(wanted.snr_db)
+    return BracketSearch(noise, limits, wanted.low, wanted.high, snr, wanted.taken_darks, taken)
+
+
+def _explain(sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits, reached: float) -> str:
+    """Say why no HDR bracket reaches a ratio over a range, and what can be reached."""
+    shortest = AllowedTimes(limits).time(0)
+    brightest = ExposureSNR(sensor, wanted.darks).brightest(shortest)
+    if brightest < wanted.high:
+        return (
+            f"the brightest pixels, of {wanted.high:.3g} electrons/s, may be clipped in the "
+            f"shortest exposure, {shortest * 1e3:g} ms, which takes up to {brightest:.3g} "
+            "electrons/s. Dim the light, allow shorter exposures, or end the range there"
+        )
+    frames = "1 frame" if limits.most_frames == 1 else f"{limits.most_frames} frames"
+    where = f"from {reached:.3g} electrons/s up" if reached < wanted.high else "at no rate"
+    return (
+        f"{wanted.snr_db:.4g} dB aren't reached from {wanted.low:.3g} to {wanted.high:.3g} "
+        f"electrons/s with {frames} of at most {limits.longest * 1e3:g} ms: {where}; over the "
+        f"whole range, {_reachable_db(sensor, wanted, limits):.1f} dB. Ask for less, or allow more "
+        "frames, longer exposures or more dark frames"
+    )
+
+
+def _reachable_db(sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits) -> float:
+    """Return the ratio in dB that HDR brackets within limits reach over the whole range."""
+    low, high = _LEAST_DB, wanted.snr_db
+    for _ in range(_DB_STEPS):
+        middle = (low + high) / 2
+        less = replace(wanted, snr_db=middle)
+        _, reached = search_for(sensor, less, limits).fewest_frames()
+        low, high = (middle, high) if reached <= wanted.low * (1 + 1e-9) else (low, middle)
+    return low
