@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import Field
 
 from labapp.files.camera_file import CameraFile, resolve_included_files
+from labapp.files.quantities import Positive
 from labapp.files.reading import FileModel, bundled_path, read_file
 from optics.camera import Camera
 
@@ -64,9 +65,14 @@ class DevicesTable(FileModel):
 
 
 class BenchFile(CameraFile):
-    """A bench: devices bound to a camera description."""
+    """A bench: devices bound to a camera description.
+
+    flicker_hz is how often a second the light of the lamp repeats, which is twice the frequency of
+    the mains: brackets that are chosen have exposures of whole periods.
+    """
 
     devices: DevicesTable
+    flicker_hz: Positive | None = None
 
     @property
     def is_virtual(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from labapp.files.bracket_table import BracketTable, ChosenTable
 from labapp.files.file_lookup import find_plan
 from labapp.files.pattern_table import Pattern, VideoPattern
 from labapp.files.quantities import Finite, Positive
@@ -69,12 +70,16 @@ class Acquisition(FileModel):
         Slots of a filter wheel, from 1, instead of wavelengths.
     periods : tuple of int
         Exposures as whole periods of the block's videos, instead of milliseconds.
+    bracket : BracketTable
+        A signal-to-noise ratio for which the exposures are chosen, instead of either.
+    chosen : ChosenTable
+        Why the exposures were chosen, in the plan of a record.
     order : tuple of axis names
         Order of the axes, the slowest first. Axes that are left out follow in their usual order.
     together : tuple of groups of axis names
         Axes of the same length that step together, instead of in all combinations.
     any_exposure : bool
-        Whether an exposure may end within the period of a video.
+        Whether an exposure may end within the period of a video, or of a lamp's flicker.
     role : str
         "light" for pictures of a target, else the kind of calibration frame.
     """
@@ -85,6 +90,8 @@ class Acquisition(FileModel):
     slots: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None
     exposures_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
     periods: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None
+    bracket: BracketTable | None = None
+    chosen: ChosenTable | None = None
     repeats: Count = 1
     order: tuple[Axis, ...] = ()
     together: tuple[tuple[Axis, ...], ...] = ()
@@ -94,9 +101,10 @@ class Acquisition(FileModel):
 
     @model_validator(mode="after")
     def _one_way_each(self) -> Acquisition:
-        for one, other in (("wavelengths_nm", "slots"), ("exposures_ms", "periods")):
-            if (getattr(self, one) is None) == (getattr(self, other) is None):
-                raise ValueError(f"a block has either {one} or {other}")
+        if (self.wavelengths_nm is None) == (self.slots is None):
+            raise ValueError("a block has either wavelengths_nm or slots")
+        if sum(one is not None for one in (self.exposures_ms, self.periods, self.bracket)) != 1:
+            raise ValueError("a block has either exposures_ms, periods or bracket")
         return self
 
     @model_validator(mode="after")
@@ -107,6 +115,11 @@ class Acquisition(FileModel):
         if len(set(grouped)) < len(grouped):
             raise ValueError("together names an axis twice")
         for group in self.together:
+            if self.bracket is not None and "exposure" in group:
+                raise ValueError(
+                    "the exposures of a bracket can't step together with another axis, since their "
+                    "number is chosen later; give exposures_ms"
+                )
             lengths = {axis: self.length(axis) for axis in group}
             if len(group) < 2 or len(set(lengths.values())) > 1:
                 listed = ", ".join(f"{axis} {n}" for axis, n in lengths.items())
@@ -197,6 +210,11 @@ class PlanFile(FileModel):
                 if isinstance(self.patterns[frame], VideoPattern):
                     raise ValueError(f"pattern {name!r} has the video {frame!r} as a frame")
         return self
+
+    @property
+    def has_brackets(self) -> bool:
+        """Whether exposures of the plan file are still to be chosen."""
+        return any(block.bracket is not None for block in self.acquire)
 
     @model_validator(mode="after")
     def _periods_have_videos(self) -> PlanFile:

@@ -27,6 +27,8 @@ class BenchCapabilities:
         Time from the end of an exposure to the picture.
     target_settling, slm_settling, filter_settling : float
         Settling time of each device.
+    flicker_period : float, optional
+        Period of the lamp's flicker, if the bench file tells it.
     """
 
     targets: tuple[str, ...]
@@ -41,6 +43,7 @@ class BenchCapabilities:
     target_settling: float
     slm_settling: float
     filter_settling: float
+    flicker_period: float | None = None
 
     @staticmethod
     def of(bench: Bench) -> BenchCapabilities:
@@ -58,6 +61,7 @@ class BenchCapabilities:
             target_settling=bench.targets.settling,
             slm_settling=bench.slm.settling,
             filter_settling=bench.filter.settling,
+            flicker_period=1 / bench.file.flicker_hz if bench.file.flicker_hz else None,
         )
 
     @staticmethod

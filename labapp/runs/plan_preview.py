@@ -18,9 +18,11 @@ from labapp.runs.acquisition.feasibility import (
     RunEstimate,
     estimate_run,
     feasible_shots,
+    longest_estimate,
     prompts_by_frame,
 )
 from labapp.runs.acquisition.frame_storage import free_bytes, require_space
+from labapp.runs.brackets.extremes import possible_plans
 from labapp.runs.bundled_plans import abbreviate_list, format_range
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.steps import Shot
@@ -28,7 +30,11 @@ from labapp.runs.steps import Shot
 
 @dataclass(frozen=True)
 class Preview:
-    """Preview of a plan on a bench; source is its file, free the bytes in the current folder."""
+    """Preview of a plan on a bench; source is its file, free the bytes in the current folder.
+
+    If exposures are to be chosen, shots and estimate are those in the brightest light that the
+    camera can take, and most those that take longest and need most space.
+    """
 
     plan: PlanFile
     source: Path
@@ -37,6 +43,7 @@ class Preview:
     capabilities: BenchCapabilities
     shots: Sequence[Shot]
     estimate: RunEstimate
+    most: RunEstimate
     free: int
 
     @property
@@ -88,16 +95,20 @@ def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
     `source` is the plan's file.
     """
     abilities = BenchCapabilities.of(bench)
-    listed = feasible_shots(plan, abilities, str(source))
-    expected = estimate_run(listed, plan, abilities)
+    possible = possible_plans(plan, abilities, bench.description.sensor, str(source))
+    shots = [feasible_shots(one, abilities, str(source)) for one in possible]
+    estimates = [
+        estimate_run(listed, one, abilities) for listed, one in zip(shots, possible, strict=True)
+    ]
     return Preview(
         plan,
         source,
         bench.file.name,
         bench.simulated_devices,
         abilities,
-        listed,
-        expected,
+        shots[0],
+        estimates[0],
+        longest_estimate(estimates),
         free_bytes(Path.cwd()),
     )
 
@@ -141,17 +152,22 @@ def _try_patterns(preview: Preview, bench: Bench) -> None:
 
 
 def _print_summary(preview: Preview) -> None:
-    expected, asked = preview.estimate, len(preview.estimate.prompts)
+    expected, most, asked = preview.estimate, preview.most, len(preview.estimate.prompts)
     badge = (
         f"SIMULATED: {', '.join(preview.simulated_devices)}"
         if preview.simulated_devices
         else "real devices"
     )
     person = f", besides what a person takes who is asked {asked} times" if asked else ""
+    frames = _span(f"{expected.frames}", f"{most.frames}")
+    steps = "" if preview.plan.has_brackets else f" in {preview.steps} steps"
+    seconds = _span(_duration(expected.seconds), _duration(most.seconds))
+    disk = _span(_size(expected.disk_bytes), _size(most.disk_bytes))
     lines = (
-        f"{expected.frames} frames in {preview.steps} steps",
-        f"{_duration(expected.seconds)} of bench time{person}",
-        f"{_size(expected.disk_bytes)} on disk, {_size(preview.free)} free in this folder",
+        f"{frames} frames{steps}",
+        f"{seconds} of bench time{person}",
+        f"{disk} on disk, {_size(preview.free)} free in this folder",
+        *_bracket_lines(preview.plan),
     )
     out.print(preview.plan.title, style="bold", markup=False)
     out.print(f"On {preview.bench}  {badge}", markup=False)
@@ -160,6 +176,27 @@ def _print_summary(preview: Preview) -> None:
     out.print()
     rows = [list(limit.values()) for limit in _limits(preview)]
     print_table("Asked for, and what this bench has", ["", "asked", "bench"], rows)
+
+
+def _span(least: str, most: str) -> str:
+    """Return a range of what a run takes in words; one number where both ends are alike."""
+    return least if least == most else f"{least} to {most}"
+
+
+def _bracket_lines(plan: PlanFile) -> list[str]:
+    """Say which exposures of a run are still to be chosen, or have been."""
+    lines = []
+    for number, block in enumerate(plan.acquire, 1):
+        if block.bracket is not None:
+            how = "by metering, before the record is made" if block.bracket.is_metered else "now"
+            lines.append(
+                f"exposures of block {number} are chosen {how}: {block.bracket.describe()}"
+            )
+        if block.chosen is not None:
+            lines.append(f"exposures of block {number} were chosen: {block.chosen.describe()}")
+    if any(block.bracket is not None and block.bracket.is_metered for block in plan.acquire):
+        lines.append("what follows is for the brightest light that the camera takes")
+    return lines
 
 
 def _limits(preview: Preview) -> list[dict[str, str]]:
@@ -258,6 +295,9 @@ def _as_data(preview: Preview) -> dict[str, Any]:
         "seconds": expected.seconds,
         "prompts": list(expected.prompts),
         "disk_bytes": expected.disk_bytes,
+        "most_frames": preview.most.frames,
+        "most_seconds": preview.most.seconds,
+        "most_disk_bytes": preview.most.disk_bytes,
         "free_bytes": preview.free,
         "limits": _limits(preview),
     }

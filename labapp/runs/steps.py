@@ -71,13 +71,33 @@ def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> list[Shot]
     return _schedule_shots(listed, capabilities)
 
 
+def planned_settings(
+    block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
+) -> list[Shot]:
+    """Return one shot of a run for each target, pattern and wavelength of a block of its plan.
+
+    Their exposures, and calibration frames, are left out.
+    """
+    alone = {"bracket": None, "periods": None, "exposures_ms": (1.0,)}
+    single = {"repeats": 1, "interleave": (), "together": _without_exposure(block)}
+    each = block.model_copy(update=alone | single)
+    return planned_shots(plan.model_copy(update={"acquire": (each,)}), capabilities)
+
+
+def _without_exposure(block: Acquisition) -> tuple[tuple[Axis, ...], ...]:
+    """Return the axes of a run's block that step together, without exposures and repeats."""
+    kept = [tuple(a for a in group if a not in ("exposure", "repeat")) for group in block.together]
+    return tuple(group for group in kept if len(group) > 1)
+
+
 def block_exposures(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
 ) -> list[float]:
     """Return the exposures for a block of a run's plan, in seconds.
 
-    The exposures are rounded to microseconds, as in cameras.
+    The exposures are rounded to microseconds, as in cameras. Those of a bracket must be settled.
     """
+    assert block.bracket is None, "the exposures of a bracket are chosen before shots are planned"
     if block.exposures_ms is not None:
         return [round(ms * 1e3) / 1e6 for ms in block.exposures_ms]
     # Periods are those common to all videos, so that frames of different patterns compare.

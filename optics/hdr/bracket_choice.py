@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from optics.camera import Sensor
 from optics.hdr.bracket_search import BracketSearch, Groups, in_order
 from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
-from optics.hdr.exposure_snr import ExposureSNR, decibels, from_decibels
+from optics.hdr.exposure_snr import FIRST_MARGIN, ExposureSNR, decibels, from_decibels
 
 Least = Literal["time", "frames"]
 
@@ -34,8 +34,9 @@ class WantedSNR:
     darks : float, default inf
         Dark frames whose mean is subtracted, for each exposure time; infinite for a level that is
         known without noise.
-    dark_frames_counted : bool, default False
-        Whether the time of these dark frames counts.
+    counted_darks : float, default 0
+        Dark frames at each exposure time whose time counts as the bracket's; a part of them where
+        several brackets share them.
 
     Raises
     ------
@@ -47,7 +48,7 @@ class WantedSNR:
     low: float
     high: float
     darks: float = math.inf
-    dark_frames_counted: bool = False
+    counted_darks: float = 0.0
 
     def __post_init__(self) -> None:
         if not -40 <= self.snr_db <= 120:
@@ -59,13 +60,8 @@ class WantedSNR:
             )
         if not self.darks >= 1:
             raise ValueError(f"darks is {self.darks:g}; give 1 at least, or infinity")
-        if self.dark_frames_counted and math.isinf(self.darks):
-            raise ValueError("darks is infinite, so that their time can't count; say how many")
-
-    @property
-    def taken_darks(self) -> int:
-        """Number of dark frames at each exposure time that count as part of the HDR bracket."""
-        return int(self.darks) if self.dark_frames_counted else 0
+        if not 0 <= self.counted_darks < math.inf:
+            raise ValueError(f"counted_darks is {self.counted_darks:g}; it can't be negative")
 
 
 @dataclass(frozen=True)
@@ -165,13 +161,13 @@ def search_for(
     """Return the search for HDR exposures that reach a ratio within limits."""
     noise = ExposureSNR(sensor, wanted.darks)
     snr = from_decibels(wanted.snr_db)
-    return BracketSearch(noise, limits, wanted.low, wanted.high, snr, wanted.taken_darks, taken)
+    return BracketSearch(noise, limits, wanted.low, wanted.high, snr, wanted.counted_darks, taken)
 
 
 def _explain(sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits, reached: float) -> str:
     """Say why no HDR bracket reaches a ratio over a range, and what can be reached."""
     shortest = AllowedTimes(limits).time(0)
-    brightest = ExposureSNR(sensor, wanted.darks).brightest(shortest)
+    brightest = ExposureSNR(sensor, wanted.darks).brightest(shortest, FIRST_MARGIN)
     if brightest < wanted.high:
         return (
             f"the brightest pixels, of {wanted.high:.3g} electrons/s, may be clipped in the "

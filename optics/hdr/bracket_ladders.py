@@ -9,7 +9,7 @@ from optics.camera import Sensor
 from optics.hdr.bracket_choice import ChosenBracket, UnreachableSNR, WantedSNR, search_for
 from optics.hdr.bracket_search import BracketSearch, Groups, in_order
 from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
-from optics.hdr.exposure_snr import ExposureSNR
+from optics.hdr.exposure_snr import FIRST_MARGIN, ExposureSNR
 
 LADDER_RATIOS = (2.0, 4.0, 8.0)
 """Ratios of the ladders that chosen brackets are usually compared with."""
@@ -59,7 +59,8 @@ def _ladder_times(
     shift: the first time over the longest that isn't clipped at the brightest rate.
     """
     allowed = AllowedTimes(limits)
-    first, last = (search.longest_usable(rate) for rate in (wanted.high, wanted.low))
+    first = search.longest_usable(wanted.high, FIRST_MARGIN)
+    last = search.longest_usable(wanted.low)
     if first is None or last is None:
         return
     times: list[float] = []

@@ -111,16 +111,16 @@ def common_period(periods: Sequence[float]) -> float:
     Returns
     -------
     float
-        A multiple of the longest. It may miss multiples of the others by a thousandth of them.
+        A multiple of the first. It may miss multiples of the others by a thousandth of them.
 
     Raises
     ------
     ValueError
         If there is none up to fifty times the longest.
     """
-    longest = max(periods)
-    for count in range(1, _MOST_PERIODS + 1):
-        whole = count * longest
+    first = periods[0]
+    for count in range(1, math.floor(_MOST_PERIODS * max(periods) / first) + 1):
+        whole = count * first
         if all(abs(whole / one - round(whole / one)) <= _WITHIN_PERIOD for one in periods):
             return whole
     listed = ", ".join(f"{one * 1e3:g}" for one in periods)

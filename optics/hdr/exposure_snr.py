@@ -19,9 +19,13 @@ from optics.camera import Sensor
 Group = tuple[float, int]
 """An exposure time in seconds, and the number of frames that have it."""
 
-_MARGIN = 4.0
+MARGIN = 4.0
 """Standard deviations below the clip level from which an exposure counts. Measured: merged there,
 it tells 0.8 to 1 of what it would without clipping, the less the less shorter exposures tell."""
+
+FIRST_MARGIN = 8.0
+"""The same for the shortest exposure at the brightest rate, where no shorter one tells whether it
+is clipped. A pixel is said to be perhaps clipped within five, and its own noise is three more."""
 
 _ROUNDS = 60
 """Newton steps, or halvings of an interval, at most. Chosen: beyond the precision of a float."""
@@ -43,10 +47,10 @@ class ExposureSNR:
         sensor = self.sensor
         return sensor.read_noise**2 + sensor.gain**2 / 12 + sensor.dark_current * time
 
-    def brightest(self, time: float) -> float:
+    def brightest(self, time: float, margin: float = MARGIN) -> float:
         """Return the highest rate, in electrons/s, at which an HDR exposure surely isn't clipped.
 
-        0 if dark current alone fills the pixel.
+        margin: standard deviations from the clip level. 0 if dark current alone fills the pixel.
         """
         sensor, floor = self.sensor, self.floor(time)
         level = (sensor.full_scale - 0.5 - sensor.black_level) * sensor.gain
@@ -54,7 +58,7 @@ class ExposureSNR:
         if level + floor <= 0:
             return 0.0
         # light + margin * sqrt(light + floor) = level
-        root = (math.sqrt(_MARGIN**2 + 4 * (level + floor)) - _MARGIN) / 2
+        root = (math.sqrt(margin**2 + 4 * (level + floor)) - margin) / 2
         return max(root**2 - floor, 0.0) / time
 
     def information(self, groups: Iterable[Group], rate: float) -> float:

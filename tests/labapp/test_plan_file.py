@@ -140,8 +140,14 @@ def test_a_plan_survives_being_written_and_read():
             simple(wavelengths_nm=None),
             "key 'acquire.0': a block has either wavelengths_nm or slots.",
         ),
-        (simple(periods=[1]), "key 'acquire.0': a block has either exposures_ms or periods."),
-        (simple(exposures_ms=None), "key 'acquire.0': a block has either exposures_ms or periods."),
+        (
+            simple(periods=[1]),
+            "key 'acquire.0': a block has either exposures_ms, periods or bracket.",
+        ),
+        (
+            simple(exposures_ms=None),
+            "key 'acquire.0': a block has either exposures_ms, periods or bracket.",
+        ),
         (
             simple(exposures_ms=None, periods=[1]),
             "a block with periods needs a pattern of kind 'video'.",

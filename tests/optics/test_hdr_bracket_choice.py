@@ -59,7 +59,7 @@ def exhaustive(sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits, step=1
             for n in numbers
         ]
     )
-    cost = np.concatenate([(n + wanted.taken_darks) * (times + limits.readout) for n in numbers])
+    cost = np.concatenate([(n + wanted.counted_darks) * (times + limits.readout) for n in numbers])
     frames = np.repeat(list(numbers), len(times))
     enough = LinearConstraint(told / 10 ** (wanted.snr_db / 10), 1, np.inf)
     once = LinearConstraint(np.hstack([np.eye(len(times))] * len(numbers)), 0, 1)
@@ -99,14 +99,14 @@ def test_the_quickest_bracket_is_that_of_an_exhaustive_search(
     snr_db, decades, darks, counted, readout, read_noise
 ):
     sensor = replace(SENSOR, read_noise=read_noise)
-    wanted = WantedSNR(snr_db, 1e6 / 10**decades, 1e6, darks, counted)
+    wanted = WantedSNR(snr_db, 1e6 / 10**decades, 1e6, darks, darks if counted else 0)
     limits = replace(LIMITS, readout=readout)
     found = choose_bracket(sensor, wanted, limits)
     judged = exhaustive(sensor, wanted, limits)
     assert found.duration <= 1.01 * judged.duration
     assert least_snr_db(sensor, wanted, found.times) >= snr_db - 0.02
     each = sum(found.times) + readout * found.frames
-    each += wanted.taken_darks * sum(time + readout for time in set(found.times))
+    each += wanted.counted_darks * sum(time + readout for time in set(found.times))
     assert found.duration == pytest.approx(each)
 
 
@@ -207,7 +207,7 @@ def test_a_ratio_out_of_reach_is_refused_with_what_can_be_reached():
         (lambda: WantedSNR(30, 2, 1), "the lower one comes first"),
         (lambda: WantedSNR(math.nan, 1, 2), "snr_db is nan"),
         (lambda: WantedSNR(30, 1, 2, 0.5), "darks is 0.5"),
-        (lambda: WantedSNR(30, 1, 2, dark_frames_counted=True), "say how many"),
+        (lambda: WantedSNR(30, 1, 2, counted_darks=-1), "counted_darks is -1"),
         (lambda: ExposureLimits(1, 0.1), "limited to 1 to 0.1"),
         (lambda: ExposureLimits(0.1, 1, readout=-1), "readout is -1"),
         (lambda: ExposureLimits(0.1, 1, period=0), "period is 0"),
@@ -228,3 +228,14 @@ def test_the_common_period_of_a_lamp_and_a_video():
     assert common_period([0.01]) == 0.01
     with pytest.raises(ValueError, match="no common one"):
         common_period([0.01, 0.01 * (1 + math.sqrt(5)) / 2])
+
+
+@pytest.mark.parametrize("longest", [0.02, 0.1, 1.0])
+def test_exposures_at_the_longest_are_repeated(longest):
+    """Where a single exposure can't be long enough, several are taken."""
+    wanted, limits = WantedSNR(30, 1e3, 1e6), replace(LIMITS, longest=longest, most_frames=99)
+    chosen = choose_bracket(SENSOR, wanted, limits)
+    assert max(chosen.times) <= longest
+    assert least_snr_db(SENSOR, wanted, chosen.times) >= 30 - 0.02
+    # A thousand electrons of the darkest pixels, and some for the noise without light.
+    assert sum(chosen.times) <= 1.6

@@ -19,6 +19,7 @@ from labapp.files.plan_file import PlanFile
 from labapp.runs.acquisition.frame_storage import FrameStore
 from labapp.runs.acquisition.frame_taker import AskOperator, FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
+from labapp.runs.acquisition.scene_watch import SceneWatch
 from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
 from labapp.runs.bench_interface import Bench
 from labapp.runs.record.logbook import logbook
@@ -89,6 +90,7 @@ class ActiveRun:
         self._trouble: DeviceError | None = None
         self._unplug_monitor = UnplugMonitor(bench.supervised_devices)
         self._doing = self._unplugged = ""
+        self._watch, self._changes = SceneWatch(plan, bench.description.sensor), list[str]()
 
     def take(
         self, shots: Sequence[Shot], on_frame: OnFrame | None, *, is_resumed: bool = False
@@ -115,11 +117,14 @@ class ActiveRun:
             log.info("%s: %d frames to take", "resumed" if again else "started", len(listed))
             for doubt in self._bench.calibration_warnings_at({shot.wavelength for shot in listed}):
                 log.warning("%s", doubt)
+            for block in self._plan.acquire:
+                if block.chosen is not None:
+                    log.info("chosen: %s", block.chosen.describe())
             self._hooks.call("before_run", listed)
             with self._unplug_monitor, self._bench.cancellable_by(self._is_cancelled):
                 for shot in listed:
                     self._take_one(shot, keeper, on_frame)
-            state = State.COMPLETE
+            state, message = State.COMPLETE, "; ".join(self._changes)
         except (Cancelled, KeyboardInterrupt):
             state = State.CANCELLED
             message = "; ".join(["cancelled by the user", *self._bench.failed_devices()])
@@ -151,6 +156,9 @@ class ActiveRun:
         frame = self._take_with_recovery(shot, keeper)
         self._took += self._bench.clock.now() - began - (self._rested - rested)
         self._done += shot.duration
+        if change := self._watch.compare(shot, frame):
+            self._changes.append(change)
+            log.warning("%s", change)
         self._hooks.call("after_frame", shot, frame)
         if on_frame is not None:
             on_frame(shot, frame)

@@ -43,6 +43,16 @@ def estimate_run(
     )
 
 
+def longest_estimate(estimates: Sequence[RunEstimate]) -> RunEstimate:
+    """Return the most of each that any of several estimates of a run has."""
+    return RunEstimate(
+        frames=max(one.frames for one in estimates),
+        seconds=max(one.seconds for one in estimates),
+        disk_bytes=max(one.disk_bytes for one in estimates),
+        prompts=max((one.prompts for one in estimates), key=len),
+    )
+
+
 def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities) -> int:
     """Estimate the size of a run's finished record in bytes, a little too high."""
     picture, panel = prod(capabilities.frame_shape), prod(capabilities.panel_shape)

@@ -13,7 +13,8 @@ from labapp.runs.bench_interface import Bench
 HOOK_GROUP = "labapp.hooks"
 """Entry-point group of hooks. Each is a callable `make(plan, bench)`, which returns an object with
 any of the methods before_run(shots), before_frame(shot), after_frame(shot, frame) and
-after_run(state). They run between frames, in the run's thread; an exception ends the run as
+after_run(state); and before_metering(shots), before the targets of a block are metered for its
+bracket. They run between frames, in the run's thread; an exception ends the run as
 FAILED."""
 
 

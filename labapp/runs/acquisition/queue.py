@@ -13,6 +13,7 @@ from labapp.runs.acquisition.feasibility import estimate_run, feasible_shots
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.runner import RunOutcome, run_plan
 from labapp.runs.bench_interface import Bench
+from labapp.runs.brackets.expectation import expected_plan
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.state import State
 from optics.progress import Progress
@@ -74,7 +75,9 @@ def _require_all(bench: Bench, requests: Sequence[RunRequest], force: bool) -> l
     for request, path in zip(requests, paths, strict=True):
         if paths.count(path) > 1:
             raise UserError(f"{request.path}: two runs would write it. Give each its own name.")
-        listed = feasible_shots(request.plan, abilities, request.source)
+        sensor = bench.description.sensor
+        possible = expected_plan(request.plan, abilities, sensor, request.source)
+        listed = feasible_shots(possible, abilities, request.source)
         require_writable(request.path, force=force)
-        seconds.append(estimate_run(listed, request.plan, abilities).seconds)
+        seconds.append(estimate_run(listed, possible, abilities).seconds)
     return seconds

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.hooks import Hooks
 from labapp.runs.acquisition.record_contents import build_record_contents
 from labapp.runs.bench_interface import Bench
+from labapp.runs.brackets.expectation import expected_plan
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record
@@ -26,9 +27,12 @@ from labapp.runs.state import State
 from labapp.runs.steps import Shot
 from optics.progress import Progress
 
-__all__ = ["OnFrame", "RunOutcome", "prepare_resume", "resume_run", "run_plan"]
+__all__ = ["OnFrame", "OnPlanned", "RunOutcome", "prepare_resume", "resume_run", "run_plan"]
 
 log = logging.getLogger(__name__)
+
+OnPlanned = Callable[[Sequence[Shot]], None]
+"""Called with the shots of a run once all of them are known."""
 
 
 def run_plan(
@@ -43,6 +47,7 @@ def run_plan(
     on_frame: OnFrame | None = None,
     ask: AskOperator | None = None,
     stopwatch: Stopwatch | None = None,
+    on_planned: OnPlanned | None = None,
 ) -> RunOutcome:
     """Run a plan: take all of its frames into a record, and leave the bench safe.
 
@@ -72,6 +77,8 @@ def run_plan(
         Prompts a person. It is needed if the plan has prompts.
     stopwatch : Stopwatch, optional
         Is told how long the stages of the run took.
+    on_planned : callable, optional
+        Called with all shots when metering has settled the exposures of brackets.
 
     Returns
     -------
@@ -85,8 +92,10 @@ def run_plan(
     """
     progress, stopwatch = progress or Progress(), stopwatch or Stopwatch()
     abilities = BenchCapabilities.of(bench)
-    listed = feasible_shots(plan, abilities, source)
-    expected = estimate_run(listed, plan, abilities)
+    # The exposures of brackets are settled later; in the brightest light they are shortest.
+    possible = expected_plan(plan, abilities, bench.description.sensor, source)
+    listed = feasible_shots(possible, abilities, source)
+    expected = estimate_run(listed, possible, abilities)
     require_writable(path, force=force)
     require_space(path, expected.disk_bytes)
     _require_person(ask, expected.prompts)
@@ -97,6 +106,16 @@ def run_plan(
     with stopwatch.stage("compute patterns"):
         part = progress.part(0, 0.3)
         patterns = compute_patterns(plan.patterns, bench.description, plan.seed, part, folder)
+    if plan.has_brackets:
+        from labapp.runs.acquisition.bracket_metering import BracketMetering
+
+        with stopwatch.stage("meter"):
+            part = progress.part(0.3, 0.3)
+            plan = BracketMetering(bench, plan, patterns, ask, part, source, hooks).settle()
+        listed = feasible_shots(plan, abilities, source)
+        require_space(path, estimate_run(listed, plan, abilities).disk_bytes)
+        if on_planned is not None:
+            on_planned(listed)
     with stopwatch.stage("acquire"):
         part = progress.part(0.3, 1)
         contents = build_record_contents(

@@ -17,6 +17,7 @@ from labapp.files.reading import read_file
 from labapp.files.writing import make_folder
 from labapp.runs.acquisition.feasibility import feasible_shots
 from labapp.runs.acquisition.runner import resume_run, run_plan
+from labapp.runs.brackets.expectation import expected_plan
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.reader import Record
 from labapp.runs.steps import Shot
@@ -89,17 +90,28 @@ class RunPlanner:
     def _build_run(
         self, plan: PlanFile, folder: Path, name: str, source: str, pictures: Path
     ) -> QueuedRun:
-        listed = feasible_shots(plan, self._abilities, source)
+        sensor = self._bench.description.sensor
+        listed = feasible_shots(
+            expected_plan(plan, self._abilities, sensor, source), self._abilities, source
+        )
         make_folder(folder)
         path = self._new_path(folder, name)
-        return QueuedRun(
+        take = partial(run_plan, self._bench, plan, path, source=source, folder=pictures)
+        run = QueuedRun(
             plan.title,
             path,
-            partial(run_plan, self._bench, plan, path, source=source, folder=pictures),
+            take,
             self._timing(listed),
             planned_frames=len(listed),
             stored_frames=0,
         )
+        if plan.has_brackets:
+            # Metering settles how many frames there are.
+            run.take = partial(take, on_planned=partial(self._replan, run))
+        return run
+
+    def _replan(self, run: QueuedRun, listed: Sequence[Shot]) -> None:
+        run.replan(len(listed), self._timing(listed))
 
     def _build_resumed_run(self, command: ResumeRun) -> QueuedRun:
         path = command.path

@@ -58,6 +58,12 @@ class QueuedRun:
         self.state, self._message = State.RUNNING, "starting the run …"
         self._timing.begin()
 
+    def replan(self, frames: int, timing: RunTiming) -> None:
+        """Take over how many frames a run of the window's queue has, and how long they take."""
+        self._planned, self._timing = frames, timing
+        self._timing.begin()
+        self.on_change()
+
     def mark_paused(self, message: str) -> None:
         self.state, self._message = State.PAUSED, message
         self._timing.rest()

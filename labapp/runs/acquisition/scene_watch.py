@@ -1,0 +1,51 @@
+"""Tell during a run whether its scene has changed since the brackets were metered."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.interfaces import Frame
+from labapp.files.plan_file import PlanFile
+from labapp.runs.steps import Shot
+
+if TYPE_CHECKING:
+    from optics.camera import Sensor
+
+_Setting = tuple[str, str, float]
+
+
+class SceneWatch:
+    """Compare the frames of a run's chosen brackets with what was metered.
+
+    Each target, pattern and wavelength is told once.
+    """
+
+    def __init__(self, plan: PlanFile, sensor: Sensor) -> None:
+        self._sensor = sensor
+        self._metered: dict[_Setting, NDArray[np.float64]] = {}
+        for block in plan.acquire:
+            for one in block.chosen.metered if block.chosen else ():
+                setting = one.target, one.pattern, one.wavelength_nm
+                if one.blocks:
+                    self._metered[setting] = np.array(one.blocks, dtype=np.float64)
+
+    def compare(self, shot: Shot, frame: Frame) -> str:
+        """Return how the scene of a run's frame differs from the metered one; "" if it doesn't."""
+        setting = shot.target, shot.pattern, round(shot.wavelength * 1e9, 3)
+        metered = self._metered.get(setting)
+        if shot.role != "light" or metered is None:
+            return ""
+        # It is loaded only for runs that were metered.
+        from optics.hdr import block_rates, scene_change
+
+        change = scene_change(metered, block_rates(frame.image, frame.exposure, self._sensor))
+        if not change.is_notable:
+            return ""
+        del self._metered[setting]
+        return (
+            f"{shot.target} with {shot.pattern} at {setting[2]:g} nm: {change.explain()}, so that "
+            "its bracket may miss what it was chosen for. Run the plan again"
+        )
