@@ -15,7 +15,7 @@ from typer.main import get_command
 
 # isort: off
 from labapp.cli.app import app
-from labapp.cli import demo, runs, records, merge_command, calibrate  # noqa: F401
+from labapp.cli import demo, runs, records, bracket_command, merge_command, calibrate  # noqa: F401
 from labapp.cli import psf_command, beam_command, patterns, design, refine, simulated_pictures  # noqa: F401
 from labapp.cli import reconstruct, study, train, gui  # noqa: F401
 from labapp.cli import accuracy, plans, devices, bench, virtual_bench, guide  # noqa: F401

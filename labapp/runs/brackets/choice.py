@@ -46,9 +46,12 @@ def settle_block(
         electrons_per_s=rates,
         darks=dark_count(block),
         frames=found.frames,
-        seconds=sum(found.times) + found.frames * limits.readout,
+        seconds=bare_seconds(found, limits),
         least_snr_db=least_snr_db(found, wanted),
-        alternatives=tuple(ladder_alternatives(sensor, wanted, limits)),
+        alternatives=tuple(
+            Alternative(name=name, frames=one.frames, seconds=bare_seconds(one, limits))
+            for name, one in equal_ladders(sensor, wanted, limits).items()
+        ),
         metered=tuple(metered),
         metering_seconds=metering_seconds,
     )
@@ -67,18 +70,24 @@ def least_snr_db(bracket: ChosenBracket, wanted: WantedSNR) -> float:
     return float(bracket.snr_db([wanted.low, *inside]).min())
 
 
-def ladder_alternatives(
+def equal_ladders(
     sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits
-) -> list[Alternative]:
-    """Return the quickest ladders that reach what a run's bracket does; none that don't."""
-    found = []
+) -> dict[str, ChosenBracket]:
+    """Return the quickest ladders that reach what a run's bracket does, by name.
+
+    Those that don't reach it are left out.
+    """
+    found = {}
     for ratio in LADDER_RATIOS:
         try:
-            ladder = choose_ladder(
+            found[f"x{ratio:g}"] = choose_ladder(
                 sensor, wanted, replace(limits, most_frames=_LADDER_FRAMES), ratio
             )
         except UnreachableSNR:
             continue
-        seconds = sum(ladder.times) + ladder.frames * limits.readout
-        found.append(Alternative(name=f"x{ratio:g}", frames=ladder.frames, seconds=seconds))
     return found
+
+
+def bare_seconds(bracket: ChosenBracket, limits: ExposureLimits) -> float:
+    """Return the seconds of a run's bracket with read-out, dark frames aside."""
+    return sum(bracket.times) + bracket.frames * limits.readout

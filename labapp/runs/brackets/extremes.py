@@ -50,7 +50,9 @@ def _blocks(
 ) -> list[Iterator[Acquisition]]:
     """Return, for each block of a run's plan, what it may be once its bracket is settled."""
     return [
-        _possible_blocks(block, plan, capabilities, sensor, f"{source}: key 'acquire.{number}'")
+        _possible_blocks(
+            block, plan, capabilities, sensor, f"{source}: key 'acquire.{number}.bracket'"
+        )
         for number, block in enumerate(plan.acquire)
     ]
 
@@ -80,7 +82,7 @@ def _possible_blocks(
             exposures = tuple(round(time * 1e3, 6) for time in times)
             yield block.model_copy(update={"bracket": None, "exposures_ms": exposures})
     except UnreachableSNR as error:
-        raise UserError(f"{where}.bracket' can't be had: {error}.") from error
+        raise UserError(f"{where} can't be had: {error}.") from error
 
 
 def _possible_exposures(

@@ -111,7 +111,7 @@ class RunPlanner:
         return run
 
     def _replan(self, run: QueuedRun, listed: Sequence[Shot]) -> None:
-        run.replan(len(listed), self._timing(listed))
+        run.replan(len(listed), sum(shot.duration for shot in listed))
 
     def _build_resumed_run(self, command: ResumeRun) -> QueuedRun:
         path = command.path

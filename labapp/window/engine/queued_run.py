@@ -58,10 +58,10 @@ class QueuedRun:
         self.state, self._message = State.RUNNING, "starting the run …"
         self._timing.begin()
 
-    def replan(self, frames: int, timing: RunTiming) -> None:
-        """Take over how many frames a run of the window's queue has, and how long they take."""
-        self._planned, self._timing = frames, timing
-        self._timing.begin()
+    def replan(self, frames: int, seconds: float) -> None:
+        """Take over how many frames a run of the window's queue has, and their bench time."""
+        self._planned = frames
+        self._timing.replan(seconds, frames)
         self.on_change()
 
     def mark_paused(self, message: str) -> None:

@@ -22,6 +22,11 @@ class RunTiming:
         self._frame_began: float | None = None
         self._counted, self._beyond = 0, 0.0
 
+    def replan(self, expected: float, frames: int) -> None:
+        """Take over the bench time and number of a queued run's frames, before the first one."""
+        self.expected_bench_seconds = self._bench_seconds_left = expected
+        self._frames_left = frames
+
     def begin(self) -> None:
         self._began = time.monotonic()
 
