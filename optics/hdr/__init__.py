@@ -33,7 +33,7 @@ from optics.hdr.radiance import (
     PixelState,
     RadianceEstimate,
 )
-from optics.hdr.scene_change import SceneChange, block_rates, scene_change
+from optics.hdr.scene_change import SceneChange, block_rates, combined_block_rates, scene_change
 
 __all__ = [
     "CLIPPED",
@@ -60,6 +60,7 @@ __all__ = [
     "block_rates",
     "choose_bracket",
     "choose_ladder",
+    "combined_block_rates",
     "common_period",
     "cramer_rao_variance",
     "expected_accuracy",

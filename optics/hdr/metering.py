@@ -26,30 +26,42 @@ class MeteringSettings:
     shorter, longer : float
         Factors to the next exposure where pixels are clipped, and where nothing is seen. A frame of
         12 bits tells the brightest light over a range of about 50.
-    least_fill : float
-        Light of the brightest pixels over the clip level from which on it is known well enough.
-    fill : float
-        That to which the next exposure is adapted; more would take longer than it tells.
-    dark_snr : float
-        Signal over noise of the pixels at the dark end from which on it is known well enough.
-    dark_effort : float
-        The same over the ratio that is wanted of the bracket. Photons' noise makes the time of
-        metering its square.
+    seen_snr, told_snr : float
+        Signal over noise of a pixel from which on it counts as seen, and from which on an exposure
+        is derived from it.
+    rough_snr : float
+        That of the brightest pixels from which on they are known well enough if the dark end of the
+        range doesn't follow from them.
+    bright_snr, dark_snr : (float, float)
+        That of the pixels from which the dark end follows, the brightest or the darkest, from which
+        on they are known well enough: at least, and where it takes little of the bracket's time.
+    effort : float
+        Part of the bracket's time that is little.
     most_frames : int
         Frames at most.
     """
 
     dark_share: float = 0.01
     shorter: float = 1 / 32
-    longer: float = 32.0
-    least_fill: float = 0.08
-    fill: float = 0.2
-    dark_snr: float = 4.0
-    dark_effort: float = 0.15
+    longer: float = 8.0
+    seen_snr: float = 3.0
+    told_snr: float = 0.7
+    rough_snr: float = 8.0
+    bright_snr: tuple[float, float] = (20.0, 60.0)
+    dark_snr: tuple[float, float] = (1.5, 4.0)
+    effort: float = 0.03
+    most_fill: float = 0.5
+    hot_share: float = 1e-3
     most_frames: int = 10
 
 
 SETTINGS = MeteringSettings()
+
+_ENOUGH = 0.7
+"""Part of what metering wants with which no other frame is taken. Chosen."""
+
+_BEYOND = 1.2
+"""Light of a metering exposure over what its rate needs. Chosen: its rate isn't known well yet."""
 
 
 @dataclass(frozen=True)
@@ -100,10 +112,16 @@ class Meter:
             raise ValueError(f"decades is {decades:g}; give a depth above 0 and up to 12")
         self._sensor, self._allowed = sensor, AllowedTimes(limits)
         self._decades = decades
-        self._dark_snr = min(SETTINGS.dark_snr, SETTINGS.dark_effort * from_decibels(snr_db))
+        self._frames: dict[float, NDArray[np.float64]] = {}
         self._seen: dict[float, RateDistribution] = {}
+        self._may_have_hot_pixels = True
         self._pixels = 1
         self._noise = ExposureSNR(sensor)
+        wanted = from_decibels(snr_db)
+        self._dark_snr = self._affordable_snr(wanted, 1.0, SETTINGS.dark_snr)
+        self._bright_snr = SETTINGS.rough_snr
+        if decades is not None:
+            self._bright_snr = self._affordable_snr(wanted, 10**decades, SETTINGS.bright_snr)
         self._times: list[float] = []
         self.next_time: float | None = self._nearest(first)
 
@@ -113,16 +131,28 @@ class Meter:
         Raises ValueError if the scene is too bright for the shortest exposure, or if nothing is
         seen in the longest one.
         """
-        clean = np.asarray(numbers, dtype=np.float64)
-        clean = without_hot_pixels(clean, frame_variance(clean, self._sensor))
-        self._pixels = clean.size
-        self._seen[time] = rate_distribution(clean, time, self._sensor)
+        self._frames[time] = np.asarray(numbers, dtype=np.float64)
+        self._pixels = self._frames[time].size
         self._times.append(time)
+        self._look_at(time)
         wanted = self._time_for_bright() or self._time_for_dark()
         done = len(self._times) >= SETTINGS.most_frames or wanted in self._seen
         self.next_time = None if done else wanted
         if self.next_time is None:
             self._require_seen()
+
+    def _look_at(self, time: float) -> None:
+        """Find the distribution of the rates in a metering frame, hot pixels left out."""
+        numbers = self._frames[time]
+        if self._may_have_hot_pixels:
+            clean = without_hot_pixels(numbers, frame_variance(numbers, self._sensor))
+            if (clean != numbers).mean() > max(SETTINGS.hot_share, 2 * self._sensor.hot):
+                self._may_have_hot_pixels = False
+                for one in self._frames:
+                    self._look_at(one)
+                return
+            numbers = clean
+        self._seen[time] = rate_distribution(numbers, time, self._sensor)
 
     @property
     def found(self) -> MeteredRange:
@@ -156,7 +186,7 @@ class Meter:
                 "ms. Dim the light, or allow shorter exposures"
             )
         time = opened[-1]
-        if self._noise.snr(((time, 1),), self._brightest(time)) < 3:
+        if self._noise.snr(((time, 1),), self._brightest(time)) < SETTINGS.seen_snr:
             raise ValueError(
                 f"nothing is seen in the longest metering frame, of {time * 1e3:g} ms. Brighten "
                 "the light, or allow longer exposures"
@@ -169,10 +199,13 @@ class Meter:
         if not opened:
             return self._nearest(min(clipped) * SETTINGS.shorter)
         time = opened[-1]
-        fill = self._brightest(time) / self._noise.brightest(time)
-        if fill >= SETTINGS.least_fill:
+        high = self._brightest(time)
+        fill = high / self._noise.brightest(time)
+        enough = self._noise.snr(((time, 1),), high) >= _ENOUGH * self._bright_snr
+        if enough or fill >= _ENOUGH * SETTINGS.most_fill:
             return None
-        longer = self._nearest(time * min(SETTINGS.fill / fill, SETTINGS.longer))
+        fullest = time * SETTINGS.most_fill / fill
+        longer = self._nearest(min(self._longer(time, high, self._bright_snr), fullest))
         if clipped and longer >= min(clipped):
             longer = self._nearest(math.sqrt(time * min(clipped)))
         return None if longer in self._seen else longer
@@ -183,13 +216,31 @@ class Meter:
             return None
         time = self._time_of_dark()
         low = self._seen[time].quantile(SETTINGS.dark_share)
-        if self._noise.snr(((time, 1),), low) >= self._dark_snr:
+        if self._noise.snr(((time, 1),), low) >= _ENOUGH * self._dark_snr:
             return None
-        light, floor = low * time, self._noise.floor(time)
-        square = self._dark_snr**2
-        needed = (square + math.sqrt(square**2 + 4 * square * floor)) / 2
-        return self._nearest(time * min(max(1.2 * needed / light, 1.5), SETTINGS.longer))
+        return self._nearest(self._longer(time, low, self._dark_snr))
+
+    def _longer(self, time: float, rate: float, wanted: float) -> float:
+        """Return the metering exposure at which a rate has a ratio, if that is told already."""
+        if self._noise.snr(((time, 1),), rate) < SETTINGS.told_snr:
+            return time * SETTINGS.longer
+        needed = _light_for(wanted, self._noise.floor(time))
+        return time * max(_BEYOND * needed / (rate * time), 1.5)
+
+    def _affordable_snr(self, wanted: float, brighter: float, ends: tuple[float, float]) -> float:
+        """Return the ratio that metering takes a small part of an HDR bracket's time for.
+
+        wanted: the bracket's ratio. brighter: the metered pixels' rate over that of the dark end.
+        """
+        floor = self._noise.floor(0.0)
+        light = SETTINGS.effort * _light_for(wanted, floor) * brighter
+        return min(max(ends[0], light / math.sqrt(light + floor)), ends[1])
 
     def _nearest(self, time: float) -> float:
         """Return the longest allowed metering exposure up to a time, or the shortest of all."""
         return self._allowed.time(max(self._allowed.last_up_to(time), 0))
+
+
+def _light_for(snr: float, floor: float) -> float:
+    """Return the electrons of light that have a ratio in one HDR frame, with a variance without."""
+    return (snr**2 + math.sqrt(snr**4 + 4 * snr**2 * floor)) / 2

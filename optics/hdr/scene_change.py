@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,6 +88,21 @@ def block_rates(numbers: NDArray[np.generic], time: float, sensor: Sensor) -> Ar
         noise = math.sqrt((max(light, 0) + floor) / part.size)
         if light > _LEAST_SNR * math.hypot(noise, _LEVEL_ERROR * sensor.gain):
             found[place] = light / time
+    return found
+
+
+def combined_block_rates(
+    frames: Iterable[tuple[float, NDArray[np.generic]]], sensor: Sensor
+) -> Array:
+    """Return the mean rate of each block of an HDR scene from several frames, as `block_rates`.
+
+    frames: exposure times in seconds, and digital numbers. Of the frames in which a block is
+    unclipped, the longest tells most.
+    """
+    found = np.full(BLOCKS, np.nan)
+    for time, numbers in sorted(frames, key=lambda one: one[0]):
+        seen = block_rates(numbers, time, sensor)
+        found = np.where(np.isfinite(seen), seen, found)
     return found
 
 

@@ -1,11 +1,11 @@
 """Chosen exposure brackets, against an exhaustive search, and on numpy's own frames."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import Bounds, LinearConstraint, milp
+from judges.exhaustive_bracket import exhaustive
 
 from optics.camera import Sensor
 from optics.hdr import (
@@ -22,55 +22,6 @@ from optics.hdr import (
 
 SENSOR = Sensor()
 LIMITS = ExposureLimits(20e-6, 30.0, readout=0.008)
-
-
-@dataclass(frozen=True)
-class Judged:
-    """The quickest bracket on a grid of exposure times: seconds and frames."""
-
-    duration: float
-    frames: int
-
-
-def exhaustive(sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits, step=1.1, most=5):
-    """Search all numbers of frames at each of many exposure times, by mixed integer programming.
-
-    An exposure counts below three standard deviations from its clip level. Frames of one time share
-    the noise of their darks, so that each number of them is a choice of its own.
-    """
-    top = (sensor.full_scale - 0.5 - sensor.black_level) * sensor.gain
-    first = max(limits.shortest, 0.02 * top / wanted.high)
-    last = min(limits.longest, top / wanted.low)
-    times = np.geomspace(first, last, 2 + int(math.log(last / first) / math.log(step)))
-    times = np.unique(np.round(np.append(times, 0.95 * top / wanted.high), 6))
-    times = times[times >= limits.shortest]
-    floor = sensor.read_noise**2 + sensor.gain**2 / 12 + sensor.dark_current * times
-    level = top - sensor.dark_current * times
-    root = (np.sqrt(9 + 4 * (level + floor)) - 3) / 2
-    brightest = (root**2 - floor) / times
-    inside = brightest[(brightest > wanted.low) & (brightest < wanted.high)]
-    even = np.geomspace(wanted.low, wanted.high, 60)
-    rates = np.append(even, inside * (1 + 1e-9))[:, None]
-    numbers = range(1, most + 1) if math.isfinite(wanted.darks) else [1]
-    light = rates * times
-    told = np.hstack(
-        [
-            np.where(rates <= brightest, n * light**2 / (light + floor * (1 + n / wanted.darks)), 0)
-            for n in numbers
-        ]
-    )
-    cost = np.concatenate([(n + wanted.counted_darks) * (times + limits.readout) for n in numbers])
-    frames = np.repeat(list(numbers), len(times))
-    enough = LinearConstraint(told / 10 ** (wanted.snr_db / 10), 1, np.inf)
-    once = LinearConstraint(np.hstack([np.eye(len(times))] * len(numbers)), 0, 1)
-    shared = len(numbers) > 1
-    found = milp(
-        cost / cost.max(), integrality=np.ones(len(cost)), options={"mip_rel_gap": 2e-3},
-        constraints=[enough, once] if shared else [enough],
-        bounds=Bounds(0, 1 if shared else np.inf),
-    )  # fmt: skip
-    assert found.success
-    return Judged(float(cost @ found.x), round(float(frames @ found.x)))
 
 
 def least_snr_db(sensor: Sensor, wanted: WantedSNR, times) -> float:

@@ -29,7 +29,8 @@ def test_both_ends_of_a_scene_are_found_from_any_exposure(first, low, decades):
     rng = np.random.default_rng(int(low))
     rate = low * 10 ** rng.uniform(0, decades, (120, 160))
     found = metered(rate, first, rng=rng)
-    assert found.high == pytest.approx(rate.max(), rel=0.08)
+    # The brightest light is known roughly where nothing else follows from it, rather too high.
+    assert 0.95 * rate.max() <= found.high <= 1.15 * rate.max()
     assert found.low == pytest.approx(np.quantile(rate, 0.01), rel=0.08)
     assert not found.is_noise_limited
     # A bracket of 30 dB takes 1000 electrons of the darkest pixels. Metering takes few of them, and
@@ -41,6 +42,7 @@ def test_a_depth_below_the_brightest_needs_no_frame_for_the_dark_end():
     rate = 1e3 * 10 ** np.random.default_rng(1).uniform(0, 3, (120, 160))
     found = metered(rate, decades=5)
     assert found.low == pytest.approx(found.high / 1e5)
+    assert found.high == pytest.approx(rate.max(), rel=0.07)
     assert sum(found.times) <= 0.1
 
 

@@ -20,7 +20,7 @@ from labapp.runs.brackets.choice import settle_block
 from labapp.runs.brackets.limits import bracket_limits
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.steps import Shot, planned_settings
-from optics.hdr import ExposureLimits, Meter, MeteredRange, UnreachableSNR, block_rates
+from optics.hdr import ExposureLimits, Meter, MeteredRange, UnreachableSNR, combined_block_rates
 from optics.progress import Progress
 
 _FIRST_EXPOSURE = 1e-3
@@ -133,12 +133,8 @@ class BracketMetering:
         self, shot: Shot, found: MeteredRange, frames: Sequence[Frame]
     ) -> MeteredLight:
         """Return what a run's record tells of a metering."""
-        blocks: NDArray[np.float64] | None = None
-        for frame in sorted(frames, key=lambda one: one.exposure):
-            seen = block_rates(frame.image, frame.exposure, self._sensor)
-            # Of the frames in which a part isn't clipped, the longest tells most.
-            blocks = seen if blocks is None else np.where(np.isfinite(seen), seen, blocks)
-        assert blocks is not None
+        seen = ((frame.exposure, frame.image) for frame in frames)
+        blocks = combined_block_rates(seen, self._sensor)
         rows = tuple(tuple(_rounded(one) for one in row) for row in blocks.tolist())
         return MeteredLight(
             target=shot.target,
