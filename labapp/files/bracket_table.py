@@ -71,8 +71,9 @@ class BracketTable(FileModel):
 class MeteredLight(FileModel):
     """What the metering of a target found, in a record's plan.
 
-    noise_limited says that the darkest pixels can't be told from darkness. blocks are electrons per
-    second in parts of the picture, by which a later change of the scene is told.
+    noise_limited says that the darkest pixels can't be told from darkness. blocks and quantiles are
+    electrons per second in parts of the picture, and below which shares of the pixels lie: by them
+    a later change of the scene is told.
     """
 
     target: str
@@ -81,7 +82,8 @@ class MeteredLight(FileModel):
     exposures_ms: tuple[Positive, ...]
     electrons_per_s: Rates
     noise_limited: bool = False
-    blocks: tuple[tuple[float | None, ...], ...] = ()
+    blocks: tuple[tuple[float | None, ...], ...]
+    quantiles: tuple[float | None, ...]
 
 
 class Alternative(FileModel):

@@ -178,7 +178,9 @@ def _as_data(block: Acquisition, brackets: dict[str, ChosenBracket]) -> dict[str
     rates = _half_decades(*block.chosen.electrons_per_s)
     return {
         "exposures_ms": list(block.exposures_ms or ()),
-        **block.chosen.model_dump(mode="json", exclude={"metered": {"__all__": {"blocks"}}}),
+        **block.chosen.model_dump(
+            mode="json", exclude={"metered": {"__all__": {"blocks", "quantiles"}}}
+        ),
         "rates": rates.tolist(),
         "snr_db": {
             name: [round(float(value), 3) for value in np.maximum(one.snr_db(rates), -200)]

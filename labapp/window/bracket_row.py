@@ -1,11 +1,11 @@
-"""The window's fields for an exposure bracket: shortest exposure, ratio and count."""
+"""The window's fields for an exposure bracket: a ladder's, or the signal-to-noise ratio's."""
 
 from __future__ import annotations
 
 from PySide6.QtCore import QObject, Signal
-from PySide6.QtWidgets import QDoubleSpinBox, QGridLayout, QSpinBox, QWidget
+from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QGridLayout, QSpinBox, QWidget
 
-from labapp.window.exposure_bracket import ExposureBracket
+from labapp.window.exposure_bracket import ExposureBracket, RequestedBracket, SNRBracket
 from labapp.window.widgets import make_label
 
 
@@ -14,7 +14,9 @@ class BracketRow(QObject):
 
     changed = Signal()
 
-    def __init__(self, name: str, first: ExposureBracket, parent: QWidget) -> None:
+    def __init__(
+        self, name: str, first: ExposureBracket, wanted: SNRBracket, parent: QWidget
+    ) -> None:
         super().__init__(parent)
         self._name = make_label(parent, name)
         self.shortest = QDoubleSpinBox(
@@ -25,21 +27,43 @@ class BracketRow(QObject):
             parent, prefix="× ", decimals=1, minimum=1.1, maximum=100, value=first.ratio
         )
         self.count = QSpinBox(parent, minimum=1, maximum=12, value=first.count)
+        self.snr = QDoubleSpinBox(
+            parent, suffix=" dB", decimals=1, minimum=5, maximum=60, value=wanted.snr_db
+        )
+        self.snr.setToolTip("Signal-to-noise ratio of each merged pixel, 20 log10")
+        self.decades = QDoubleSpinBox(
+            parent, suffix=" decades", decimals=1, minimum=0.5, maximum=8, value=wanted.decades
+        )
+        self.decades.setToolTip("Depth of the range below the brightest pixels")
+        self.chosen = QCheckBox("chosen", parent)
+        self.chosen.setToolTip("The run meters the light, and chooses exposures for a ratio in dB")
         self.exposures_label = make_label(parent, look="faint", wrap=True)
-        for box in (self.shortest, self.ratio, self.count):
+        # No higher than the label beside it, or the window outgrows a small screen.
+        self.chosen.setMaximumHeight(self.exposures_label.fontMetrics().height())
+        for box in (self.shortest, self.ratio, self.count, self.snr, self.decades):
             box.valueChanged.connect(lambda _: self._update())
+        self.chosen.toggled.connect(lambda _: self._update())
         self._update()
 
     def add_to_grid(self, grid: QGridLayout, line: int) -> None:
         for column, widget in enumerate((self._name, self.shortest, self.ratio, self.count)):
             grid.addWidget(widget, line, column)
-        grid.addWidget(self.exposures_label, line + 1, 0, 1, 4)
+        for column, widget in enumerate((self.snr, self.decades), 1):
+            grid.addWidget(widget, line, column)
+        grid.addWidget(self.chosen, line + 1, 0)
+        grid.addWidget(self.exposures_label, line + 1, 1, 1, 3)
 
     @property
-    def bracket(self) -> ExposureBracket:
+    def bracket(self) -> RequestedBracket:
+        if self.chosen.isChecked():
+            return SNRBracket(self.snr.value(), self.decades.value())
         return ExposureBracket(self.shortest.value(), self.ratio.value(), self.count.value())
 
     def _update(self) -> None:
+        for box in (self.shortest, self.ratio, self.count):
+            box.setVisible(not self.chosen.isChecked())
+        for box in (self.snr, self.decades):
+            box.setVisible(self.chosen.isChecked())
         times = "  ".join(f"{ms:.6g}" for ms in self.bracket.exposures_ms)
-        self.exposures_label.setText(f"{times} ms")
+        self.exposures_label.setText(f"{times} ms" if times else "chosen by metering, in the run")
         self.changed.emit()

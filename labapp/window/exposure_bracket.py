@@ -1,4 +1,4 @@
-"""Exposure brackets that the window requests: exposure times that grow by a ratio."""
+"""Exposure brackets that the window requests: a ladder of exposure times, or ones to be chosen."""
 
 from __future__ import annotations
 
@@ -23,3 +23,22 @@ class ExposureBracket:
         Cameras expose for whole microseconds.
         """
         return tuple(round(self.shortest_ms * self.ratio**n, 3) for n in range(self.count))
+
+
+@dataclass(frozen=True)
+class SNRBracket:
+    """Ask for exposures that reach a signal-to-noise ratio over some decades of light.
+
+    The run meters its targets, and chooses them. snr_db: 20 log10, of each merged pixel.
+    """
+
+    snr_db: float
+    decades: float
+
+    @property
+    def exposures_ms(self) -> tuple[float, ...]:
+        """Return the exposures that the window knows: none before the light is metered."""
+        return ()
+
+
+RequestedBracket = ExposureBracket | SNRBracket

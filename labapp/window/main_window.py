@@ -219,6 +219,9 @@ class MainWindow(QMainWindow):
             fields[f"{name}_shortest_ms"] = row.shortest
             fields[f"{name}_ratio"] = row.ratio
             fields[f"{name}_count"] = row.count
+            fields[f"{name}_chosen"] = row.chosen
+            fields[f"{name}_snr_db"] = row.snr
+            fields[f"{name}_decades"] = row.decades
         return fields
 
     def _restore(self) -> None:

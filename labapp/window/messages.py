@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.runs.state import State
-from labapp.window.exposure_bracket import ExposureBracket
+from labapp.window.exposure_bracket import RequestedBracket
 
 PatternTable = dict[str, Any]
 """A pattern in the form of a plan file: its kind, and the keys of that kind."""
@@ -72,8 +72,8 @@ class AcquireBracket(Command):
 
     pattern: PatternTable
     wavelength: float
-    star: ExposureBracket
-    photograph: ExposureBracket
+    star: RequestedBracket
+    photograph: RequestedBracket
     folder: Path
 
 

@@ -8,9 +8,19 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QByteArray, QSettings, QStandardPaths
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QLineEdit, QSpinBox, QWidget
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QDoubleSpinBox,
+    QLineEdit,
+    QSpinBox,
+    QWidget,
+)
 
 log = logging.getLogger(__name__)
+
+_TICKED = "ticked"
+"""What the file has for a box that is ticked."""
 
 
 def default_settings_file() -> Path:
@@ -72,6 +82,8 @@ def _set(field: QWidget, text: str) -> None:
         field.setValue(int(text))
     elif isinstance(field, QLineEdit):
         field.setText(text)
+    elif isinstance(field, QCheckBox):
+        field.setChecked(text == _TICKED)
     elif isinstance(field, QComboBox) and field.findText(text) >= 0:
         field.setCurrentText(text)
 
@@ -82,4 +94,6 @@ def _get(field: QWidget) -> str:
         return str(field.value())
     if isinstance(field, QLineEdit):
         return field.text()
+    if isinstance(field, QCheckBox):
+        return _TICKED if field.isChecked() else ""
     return field.currentText() if isinstance(field, QComboBox) else ""

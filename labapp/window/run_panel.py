@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 from labapp.runs.state import State
 from labapp.window.bracket_row import BracketRow
 from labapp.window.duration_text import format_duration
-from labapp.window.exposure_bracket import DARK_FRAMES, STAR_FRAMES, ExposureBracket
+from labapp.window.exposure_bracket import DARK_FRAMES, STAR_FRAMES, ExposureBracket, SNRBracket
 from labapp.window.messages import JobProgress, RunInfo
 from labapp.window.run_times import RunTimes
 from labapp.window.widgets import (
@@ -41,8 +41,8 @@ class RunPanel(WrappingPanel):
 
     def __init__(self, actions: list[QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.star = BracketRow("Star", ExposureBracket(1, 8, 4), self)
-        self.photograph = BracketRow("Photo", ExposureBracket(100, 4, 3), self)
+        self.star = BracketRow("Star", ExposureBracket(1, 8, 4), SNRBracket(30, 3), self)
+        self.photograph = BracketRow("Photo", ExposureBracket(100, 4, 3), SNRBracket(30, 2), self)
         self.summary = make_label(self, look="faint", wrap=True)
         self.folder = QLineEdit(str(default_run_folder()), self)
         self.browse = QPushButton("Browse …", self)
@@ -113,6 +113,12 @@ class RunPanel(WrappingPanel):
     def _sum_up(self) -> None:
         """Say in the window how many frames the requested brackets have, and their size."""
         star, photograph = self.star.bracket, self.photograph.bracket
+        if isinstance(star, SNRBracket) or isinstance(photograph, SNRBracket):
+            self.summary.setText(
+                "As many exposures as the metered light needs, each with "
+                f"{DARK_FRAMES} dark frames, with the neutral and the chosen pattern."
+            )
+            return
         darks = len({*star.exposures_ms, *photograph.exposures_ms}) * DARK_FRAMES
         # Star and photograph are taken with two patterns, the neutral and the chosen one.
         stars = star.count * STAR_FRAMES * 2

@@ -33,7 +33,7 @@ from optics.hdr.radiance import (
     PixelState,
     RadianceEstimate,
 )
-from optics.hdr.scene_change import SceneChange, block_rates, combined_block_rates, scene_change
+from optics.hdr.scene_change import SceneChange, SceneLight, scene_change, scene_light
 
 __all__ = [
     "CLIPPED",
@@ -55,12 +55,11 @@ __all__ = [
     "PixelState",
     "RadianceEstimate",
     "SceneChange",
+    "SceneLight",
     "UnreachableSNR",
     "WantedSNR",
-    "block_rates",
     "choose_bracket",
     "choose_ladder",
-    "combined_block_rates",
     "common_period",
     "cramer_rao_variance",
     "expected_accuracy",
@@ -68,4 +67,5 @@ __all__ = [
     "merge",
     "merge_bracket",
     "scene_change",
+    "scene_light",
 ]

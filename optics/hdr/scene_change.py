@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,13 @@ Array = NDArray[np.float64]
 BLOCKS = (8, 8)
 """Rows and columns of blocks into which a frame is divided. Chosen: few numbers to keep, and small
 enough that a part of the scene is told apart from the whole."""
+
+SHARES = (0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99)
+"""Shares of the pixels, for scenes with bright pixels in each of their blocks. Chosen."""
+
+_ALIKE = 16
+"""Pixels of like light, in whose mean a quantile's noise must be small. Chosen: it then is less
+than a fifth of the light of one pixel, which widens a distribution by a few percent."""
 
 _LEVEL_ERROR = 0.3
 """Error of a sensor's black level in digital numbers. Chosen: levels are rounded to whole ones."""
@@ -32,24 +40,36 @@ _NOTABLE_SHARE = 0.1
 """Share of the blocks that is told. Chosen."""
 
 
+@dataclass(frozen=True, eq=False)
+class SceneLight:
+    """What one or several frames tell of a scene's light, in electrons/s.
+
+    blocks: mean rate of each block, of the shape `BLOCKS`; NaN where a pixel is clipped, or where
+    the light isn't known to 5 %. quantiles: rates below which shares of the pixels lie, those of
+    `SHARES`; NaN where they are clipped or noise.
+    """
+
+    blocks: Array
+    quantiles: Array
+
+
 @dataclass(frozen=True)
 class SceneChange:
     """Light of a scene over that of before.
 
-    ratio: of all blocks that are bright and unclipped in both. changed_share: of these blocks,
-    those whose own light differs notably. blocks: their number.
+    ratio: of the blocks that are told by both, or of the quantiles, whichever differs more.
+    changed_share: of these blocks, those whose own light differs notably. parts: blocks and
+    quantiles that were compared.
     """
 
     ratio: float
     changed_share: float
-    blocks: int
+    parts: int
 
     @property
     def is_notable(self) -> bool:
         """Whether an HDR scene's light has changed by some 20 %, in all or in part of it."""
-        return self.blocks > 0 and (
-            abs(math.log(self.ratio)) > _NOTABLE or self.changed_share > _NOTABLE_SHARE
-        )
+        return abs(math.log(self.ratio)) > _NOTABLE or self.changed_share > _NOTABLE_SHARE
 
     def explain(self) -> str:
         """Say in words how an HDR scene has changed."""
@@ -59,62 +79,65 @@ class SceneChange:
         )
 
 
-def block_rates(numbers: NDArray[np.generic], time: float, sensor: Sensor) -> Array:
-    """Return the mean rate of each block of an HDR scene's frame, in electrons/s.
+def scene_light(frames: Iterable[tuple[float, NDArray[Any]]], sensor: Sensor) -> SceneLight:
+    """Return what frames tell of an HDR scene's light, to be compared with that of other frames.
 
     Parameters
     ----------
-    numbers : NDArray
-        (rows, columns) digital numbers.
-    time : float
-        Exposure time in seconds.
+    frames : iterable of (float, NDArray)
+        Exposure times in seconds, and digital numbers (rows, columns).
     sensor : Sensor
         Tells gain, noise, black level and full scale.
 
     Returns
     -------
-    NDArray
-        Of the shape `BLOCKS`; NaN where a pixel is clipped, or where the light isn't known to 5 %.
+    SceneLight
+        Of the frames in which a part isn't clipped, the longest tells it best.
     """
-    flat = np.asarray(numbers)
-    found = np.full(BLOCKS, np.nan)
-    floor = ExposureSNR(sensor).floor(time)
-    for place in np.ndindex(BLOCKS):
-        part = flat[tuple(_part(place[axis], axis, flat.shape) for axis in (0, 1))]
-        if not part.size or (part >= sensor.full_scale).any():
-            continue
-        mean = float(part.mean(dtype=np.float64)) - sensor.black_level
-        light = mean * sensor.gain - sensor.dark_current * time
-        noise = math.sqrt((max(light, 0) + floor) / part.size)
-        if light > _LEAST_SNR * math.hypot(noise, _LEVEL_ERROR * sensor.gain):
-            found[place] = light / time
-    return found
-
-
-def combined_block_rates(
-    frames: Iterable[tuple[float, NDArray[np.generic]]], sensor: Sensor
-) -> Array:
-    """Return the mean rate of each block of an HDR scene from several frames, as `block_rates`.
-
-    frames: exposure times in seconds, and digital numbers. Of the frames in which a block is
-    unclipped, the longest tells most.
-    """
-    found = np.full(BLOCKS, np.nan)
+    found = SceneLight(np.full(BLOCKS, np.nan), np.full(len(SHARES), np.nan))
     for time, numbers in sorted(frames, key=lambda one: one[0]):
-        seen = block_rates(numbers, time, sensor)
-        found = np.where(np.isfinite(seen), seen, found)
+        seen = _light_of_frame(np.asarray(numbers), time, sensor)
+        found = SceneLight(
+            np.where(np.isfinite(seen.blocks), seen.blocks, found.blocks),
+            np.where(np.isfinite(seen.quantiles), seen.quantiles, found.quantiles),
+        )
     return found
 
 
-def scene_change(before: Sequence[Sequence[float]] | Array, after: Array) -> SceneChange:
-    """Compare an HDR scene's light in blocks, as `block_rates` returns it, with that of before."""
-    first, second = np.asarray(before, dtype=np.float64), np.asarray(after, dtype=np.float64)
-    both = np.isfinite(first) & np.isfinite(second)
-    if not both.any():
-        return SceneChange(1.0, 0.0, 0)
-    ratio = float(second[both].sum() / first[both].sum())
-    each = np.abs(np.log(second[both] / first[both])) > _NOTABLE
-    return SceneChange(ratio, float(each.mean()), int(both.sum()))
+def scene_change(before: SceneLight, after: SceneLight) -> SceneChange:
+    """Compare an HDR scene's light with that of before."""
+    both = np.isfinite(before.blocks) & np.isfinite(after.blocks)
+    first, second = before.blocks[both], after.blocks[both]
+    of_quantiles = np.log(after.quantiles / before.quantiles)
+    of_quantiles = of_quantiles[np.isfinite(of_quantiles)]
+    ratios = [math.log(second.sum() / first.sum())] if both.any() else []
+    if of_quantiles.size:
+        ratios.append(float(np.median(of_quantiles)))
+    farthest = max(ratios, key=abs, default=0.0)
+    share = float((np.abs(np.log(second / first)) > _NOTABLE).mean()) if both.any() else 0.0
+    return SceneChange(math.exp(farthest), share, int(both.sum()) + len(of_quantiles))
+
+
+def _light_of_frame(numbers: NDArray[Any], time: float, sensor: Sensor) -> SceneLight:
+    """Return what one frame tells of an HDR scene's light."""
+    blocks = np.full(BLOCKS, np.nan)
+    for place in np.ndindex(BLOCKS):
+        part = numbers[tuple(_part(place[axis], axis, numbers.shape) for axis in (0, 1))]
+        if part.size and not (part >= sensor.full_scale).any():
+            blocks[place] = _known_rate(float(part.mean(dtype=np.float64)), part.size, time, sensor)
+    quantiles = [
+        _known_rate(float(one), _ALIKE, time, sensor) if one < sensor.full_scale else np.nan
+        for one in np.quantile(numbers, SHARES)
+    ]
+    return SceneLight(blocks, np.array(quantiles))
+
+
+def _known_rate(number: float, pixels: int, time: float, sensor: Sensor) -> float:
+    """Return the rate of pixels of an HDR frame from their mean number; NaN if it isn't known."""
+    light = (number - sensor.black_level) * sensor.gain - sensor.dark_current * time
+    noise = math.sqrt((max(light, 0) + ExposureSNR(sensor).floor(time)) / pixels)
+    known = light > _LEAST_SNR * math.hypot(noise, _LEVEL_ERROR * sensor.gain)
+    return light / time if known else np.nan
 
 
 def _part(number: int, axis: int, shape: tuple[int, ...]) -> slice:

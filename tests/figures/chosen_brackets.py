@@ -23,12 +23,11 @@ from optics.hdr import (
     Meter,
     UnreachableSNR,
     WantedSNR,
-    block_rates,
     choose_bracket,
     choose_ladder,
-    combined_block_rates,
     merge,
     scene_change,
+    scene_light,
 )
 from optics.threads import single_threaded
 
@@ -194,15 +193,12 @@ def _told(
     rng: np.random.Generator,
 ) -> tuple[bool, bool, bool]:
     """Whether a fifth more light, a fifth less, and no change are told by the bracket's frames."""
-    before = combined_block_rates(frames, scene.sensor)
+    before = scene_light(frames, scene.sensor)
 
     def is_told(factor: float) -> bool:
-        return any(
-            scene_change(
-                before, block_rates(scene.frame(time, rng, factor), time, scene.sensor)
-            ).is_notable
-            for time in rest.times
-        )
+        seen = ([(time, scene.frame(time, rng, factor))] for time in rest.times)
+        after = (scene_light(one, scene.sensor) for one in seen)
+        return any(scene_change(before, one).is_notable for one in after)
 
     return is_told(1.2), is_told(0.8), is_told(1.0)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optics.camera import Sensor
-from optics.hdr import ExposureLimits, Meter, block_rates, scene_change
+from optics.hdr import ExposureLimits, Meter, scene_change, scene_light
 
 SENSOR = Sensor()
 LIMITS = ExposureLimits(20e-6, 30.0)
@@ -73,14 +73,19 @@ def test_too_much_and_too_little_light_are_told():
         Meter(SENSOR, LIMITS, 0.01, 30, decades=0)
 
 
+def light(rate, time, rng):
+    return scene_light([(time, frame(rate, time, rng))], SENSOR)
+
+
 @pytest.mark.parametrize(("factor", "told"), [(1.2, True), (0.8, True), (1.05, False)])
-def test_a_scene_of_other_light_is_told(factor, told):
+@pytest.mark.parametrize("time", [2e-4, 0.004, 0.5])
+def test_a_scene_of_other_light_is_told(factor, told, time):
+    """In half a second most pixels are clipped, and some in each block; in .2 ms most are dark."""
     rng = np.random.default_rng(3)
-    rate = 10 ** rng.uniform(2, 5, (96, 128))
-    before = block_rates(frame(rate, 0.02, rng), 0.02, SENSOR)
-    after = block_rates(frame(factor * rate, 0.004, rng), 0.004, SENSOR)
-    change = scene_change(before, after)
-    assert change.ratio == pytest.approx(factor, rel=0.02)
+    rate = 10 ** rng.uniform(3, 6, (96, 128))
+    metered = scene_light([(t, frame(rate, t, rng)) for t in (5e-4, 0.02)], SENSOR)
+    change = scene_change(metered, light(factor * rate, time, rng))
+    assert change.ratio == pytest.approx(factor, rel=0.03)
     assert change.is_notable is told
     assert f"{change.ratio:.3g} times the light" in change.explain()
 
@@ -89,13 +94,13 @@ def test_a_part_that_moved_is_told_and_a_clipped_part_is_not_compared():
     rng = np.random.default_rng(4)
     rate = np.full((96, 128), 1e4)
     rate[:12, :16] = 1e7
-    before = block_rates(frame(rate, 0.02, rng), 0.02, SENSOR)
-    assert np.isnan(before[0, 0])
-    assert np.isfinite(before).sum() == 63
+    before = light(rate, 0.02, rng)
+    assert np.isnan(before.blocks[0, 0])
+    assert np.isfinite(before.blocks).sum() == 63
     moved = rate.copy()
     moved[48:, :48] *= 1.5
-    assert scene_change(before, block_rates(frame(moved, 0.02, rng), 0.02, SENSOR)).is_notable
-    still = scene_change(before, block_rates(frame(rate, 0.02, rng), 0.02, SENSOR))
-    assert not still.is_notable
-    nothing = block_rates(frame(0 * rate, 0.02, rng), 0.02, SENSOR)
-    assert scene_change(before, nothing).blocks == 0
+    assert scene_change(before, light(moved, 0.02, rng)).is_notable
+    assert not scene_change(before, light(rate, 0.02, rng)).is_notable
+    nothing = scene_change(before, light(0 * rate, 0.02, rng))
+    assert nothing.parts == 0
+    assert not nothing.is_notable

@@ -4,6 +4,7 @@ import pytest
 from waits import wait_until
 
 from labapp.window.engine_connection import EngineConnection
+from labapp.window.exposure_bracket import SNRBracket
 from labapp.window.main_window import MainWindow
 from labapp.window.remembered_settings import RememberedSettings
 
@@ -23,6 +24,8 @@ def test_fields_come_back(opened, tmp_path):
     first = opened(tmp_path / "window.ini")
     first.settings.wavelength.setValue(633.2)
     first.run.star.count.setValue(6)
+    first.run.photograph.chosen.setChecked(True)
+    first.run.photograph.snr.setValue(36.5)
     first.pattern.form.select_kind("lens")
     first.pattern.form.numbers["lens", "focal_length_m"].setValue(-7.5)
     first.resize(1400, 800)
@@ -30,6 +33,7 @@ def test_fields_come_back(opened, tmp_path):
     second = opened(tmp_path / "window.ini")
     assert second.settings.wavelength.value() == 633.2
     assert second.run.star.bracket.count == 6
+    assert second.run.photograph.bracket == SNRBracket(36.5, 2)
     table = second.pattern.form.pattern_table(633.2)
     assert table == {"kind": "lens", "focal_length_m": -7.5, "wavelength_nm": 633.2}
     assert second.size() == first.size()

@@ -42,6 +42,38 @@ def test_exposures_are_listed_before_they_are_taken(bench, person):
     assert run.summary.text().startswith("168 frames, 2 MB: 96 dark, 48 star and 24 photograph")
 
 
+def test_exposures_are_chosen_for_a_ratio(bench, person):
+    """The star's by its ratio, the photograph's as listed; what was chosen is in the record."""
+    run = bench.window.run
+    person.clicks(run.star.chosen)
+    assert not run.star.shortest.isVisible()
+    person.types(run.star.snr, "24")
+    person.types(run.star.decades, "2")
+    set_bracket(person, run.photograph, "400", "2", "1")
+    assert run.star.exposures_label.text() == "chosen by metering, in the run"
+    assert run.summary.text().startswith("As many exposures as the metered light needs")
+    person.chooses(bench.window.pattern.form.kind, "Axicon")
+    person.types(bench.window.pattern.form.numbers["axicon", "radius_um"], "30")
+    bench.reports.clear()
+    person.presses(Qt.Key.Key_F6)
+    person.waits(lambda: bench.last(RunEnded) is not None)
+    ended = bench.last(RunEnded)
+    assert (ended.state, ended.message) == ("COMPLETE", "")
+    person.waits(lambda: bench.states[-1] == "COMPLETE")
+    person.clicks(run.star.chosen)
+    assert run.star.shortest.isVisible()
+    with Record(ended.path) as record:
+        _, star, photograph = record.plan.acquire
+        assert star.chosen.wanted.snr_db == 24
+        assert star.chosen.wanted.decades == 2
+        assert photograph.exposures_ms == (400,)
+        shown = bench.runs[-1]
+        assert (shown.stored_frames, shown.planned_frames) == (record.frame_count,) * 2
+        assert (
+            record.frame_count == 4 + 4 * len(set(star.exposures_ms)) + 2 * star.chosen.frames + 2
+        )
+
+
 def test_a_bracket_is_acquired_and_reconstructed(bench, person):
     ended = acquire_small(bench, person)
     assert ended.state == "COMPLETE"

@@ -20,7 +20,7 @@ from labapp.runs.brackets.choice import settle_block
 from labapp.runs.brackets.limits import bracket_limits
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.steps import Shot, planned_settings
-from optics.hdr import ExposureLimits, Meter, MeteredRange, UnreachableSNR, combined_block_rates
+from optics.hdr import ExposureLimits, Meter, MeteredRange, UnreachableSNR, scene_light
 from optics.progress import Progress
 
 _FIRST_EXPOSURE = 1e-3
@@ -134,8 +134,8 @@ class BracketMetering:
     ) -> MeteredLight:
         """Return what a run's record tells of a metering."""
         seen = ((frame.exposure, frame.image) for frame in frames)
-        blocks = combined_block_rates(seen, self._sensor)
-        rows = tuple(tuple(_rounded(one) for one in row) for row in blocks.tolist())
+        light = scene_light(seen, self._sensor)
+        rows = tuple(tuple(_rounded(one) for one in row) for row in light.blocks.tolist())
         return MeteredLight(
             target=shot.target,
             pattern=shot.pattern,
@@ -144,6 +144,7 @@ class BracketMetering:
             electrons_per_s=(found.low, found.high),
             noise_limited=found.is_noise_limited,
             blocks=rows,
+            quantiles=tuple(_rounded(one) for one in light.quantiles.tolist()),
         )
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.interfaces import Frame
+from labapp.files.bracket_table import MeteredLight
 from labapp.files.plan_file import PlanFile
 from labapp.runs.steps import Shot
 
@@ -25,12 +25,11 @@ class SceneWatch:
 
     def __init__(self, plan: PlanFile, sensor: Sensor) -> None:
         self._sensor = sensor
-        self._metered: dict[_Setting, NDArray[np.float64]] = {}
+        self._metered: dict[_Setting, MeteredLight] = {}
         for block in plan.acquire:
             for one in block.chosen.metered if block.chosen else ():
                 setting = one.target, one.pattern, one.wavelength_nm
-                if one.blocks:
-                    self._metered[setting] = np.array(one.blocks, dtype=np.float64)
+                self._metered[setting] = one
 
     def compare(self, shot: Shot, frame: Frame) -> str:
         """Return how the scene of a run's frame differs from the metered one; "" if it doesn't."""
@@ -39,9 +38,14 @@ class SceneWatch:
         if shot.role != "light" or metered is None:
             return ""
         # It is loaded only for runs that were metered.
-        from optics.hdr import block_rates, scene_change
+        from optics.hdr import SceneLight, scene_change, scene_light
 
-        change = scene_change(metered, block_rates(frame.image, frame.exposure, self._sensor))
+        before = SceneLight(
+            np.array(metered.blocks, dtype=np.float64),
+            np.array(metered.quantiles, dtype=np.float64),
+        )
+        after = scene_light([(frame.exposure, frame.image)], self._sensor)
+        change = scene_change(before, after)
         if not change.is_notable:
             return ""
         del self._metered[setting]

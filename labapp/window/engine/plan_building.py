@@ -11,7 +11,7 @@ from labapp.files.grey_table import ConstantPattern
 from labapp.files.pattern_table import StillPattern
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import format_validation_error, validate
-from labapp.window.exposure_bracket import DARK_FRAMES, STAR_FRAMES
+from labapp.window.exposure_bracket import DARK_FRAMES, STAR_FRAMES, RequestedBracket, SNRBracket
 from labapp.window.messages import AcquireBracket, PatternTable
 
 _NEUTRAL: PatternTable = {"kind": "constant", "grey": 0}
@@ -39,29 +39,45 @@ def build_bracket_plan(request: AcquireBracket) -> PlanFile:
     coded = pattern.label
     patterns = {"neutral": _NEUTRAL, coded: request.pattern}
     wavelengths = [round(request.wavelength * 1e9, 3)]
-    exposures = {"star": request.star.exposures_ms, "photograph": request.photograph.exposures_ms}
     # An exposure time of both brackets needs its dark frames only once.
-    every = list(dict.fromkeys([*exposures["star"], *exposures["photograph"]]))
+    every = list(dict.fromkeys([*request.star.exposures_ms, *request.photograph.exposures_ms]))
 
-    def block(target: str, shown: list[str], times: Any, repeats: int) -> dict[str, Any]:
+    def block(target: str, shown: list[str], **keys: Any) -> dict[str, Any]:
         return {
             "targets": [target],
             "patterns": shown,
             "wavelengths_nm": wavelengths,
-            "exposures_ms": list(times),
-            "repeats": repeats,
+            **keys,
         }
 
+    def light(target: str, bracket: RequestedBracket, repeats: int) -> dict[str, Any]:
+        return block(target, list(patterns), **_exposure_keys(bracket, repeats))
+
+    dark = block("dark", ["neutral"], exposures_ms=every, repeats=DARK_FRAMES, role="dark")
     table = {
         "version": 1,
         "title": f"Bracket: {coded}",
         "seed": 1,
         "patterns": patterns,
         "acquire": [
-            block("dark", ["neutral"], every, DARK_FRAMES) | {"role": "dark"},
-            block("star", list(patterns), exposures["star"], STAR_FRAMES),
-            block("photograph", list(patterns), exposures["photograph"], 1),
+            *([dark] if every else []),
+            light("star", request.star, STAR_FRAMES),
+            light("photograph", request.photograph, 1),
         ],
         "reconstruct": {"coded": coded},
     }
     return validate(table, PlanFile, "bracket")
+
+
+def _exposure_keys(bracket: RequestedBracket, repeats: int) -> dict[str, Any]:
+    """Return the keys of a block for a bracket that the window requests.
+
+    Exposures that are to be chosen have their dark frames in the block, and no repeats: the ratio
+    is that of all frames.
+    """
+    if isinstance(bracket, SNRBracket):
+        return {
+            "bracket": {"snr_db": bracket.snr_db, "decades": bracket.decades},
+            "interleave": [{"role": "dark", "frames": DARK_FRAMES}],
+        }
+    return {"exposures_ms": list(bracket.exposures_ms), "repeats": repeats}
