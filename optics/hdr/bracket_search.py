@@ -50,7 +50,7 @@ _MORE_FRAMES = 4
 _GOOD_ENOUGH = 1.003
 """Time over the lower bound at which the search ends. Chosen."""
 
-_MOST_TERMS = 300_000
+_MOST_TERMS = 120_000
 """Exposures whose information is computed, at most, after which the best bracket so far is taken.
 Chosen: less than half a second. Only brackets of many frames come here, in which photons make the
 noise, so that all ways to divide the time are nearly alike."""

@@ -138,7 +138,7 @@ def _judge(scene: Scene, rng: np.random.Generator) -> Seen:
         (rest.frames + len(frames)) / ladders[2.0].frames,
         alone.frames / ladders[2.0].frames,
         _reached_share(scene, frames, rest, rng),
-        _told(scene, frames, rest, rng),
+        _told(scene, frames, alone, rng),
     )
 
 
@@ -189,14 +189,14 @@ def _reached_share(
 def _told(
     scene: Scene,
     frames: Frames,
-    rest: ChosenBracket,
+    bracket: ChosenBracket,
     rng: np.random.Generator,
 ) -> tuple[bool, bool, bool]:
     """Whether a fifth more light, a fifth less, and no change are told by the bracket's frames."""
     before = scene_light(frames, scene.sensor)
 
     def is_told(factor: float) -> bool:
-        seen = ([(time, scene.frame(time, rng, factor))] for time in rest.times)
+        seen = ([(time, scene.frame(time, rng, factor))] for time in bracket.times)
         after = (scene_light(one, scene.sensor) for one in seen)
         return any(scene_change(before, one).is_notable for one in after)
 
