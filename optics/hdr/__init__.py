@@ -21,7 +21,7 @@ from optics.hdr.expected_accuracy import (
 )
 from optics.hdr.exposure_factors import ExposureFactors, measure_exposure_factors
 from optics.hdr.exposure_limits import ExposureLimits, common_period
-from optics.hdr.merging import METHODS, Method, merge, merge_bracket
+from optics.hdr.merging import METHODS, Method, merge
 from optics.hdr.metering import Meter, MeteredRange
 from optics.hdr.radiance import (
     CLIPPED,
@@ -65,7 +65,6 @@ __all__ = [
     "expected_accuracy",
     "measure_exposure_factors",
     "merge",
-    "merge_bracket",
     "scene_change",
     "scene_light",
 ]

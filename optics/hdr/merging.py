@@ -12,7 +12,6 @@ import torch
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from optics.camera import Sensor
 from optics.hdr.bracket import Bracket, Exposure
 from optics.hdr.near_clipping import NEAR, near_clipping
 from optics.hdr.radiance import (
@@ -50,22 +49,6 @@ wrong one. Chosen."""
 
 _FALSE_ALARMS = 5e-4
 """Share of still pixels that may be taken for moved. Chosen."""
-
-
-def merge_bracket(
-    frames: torch.Tensor,
-    exposures: torch.Tensor,
-    darks: torch.Tensor,
-    dark_counts: torch.Tensor,
-    sensor: Sensor,
-    method: Method = "full",
-) -> RadianceEstimate:
-    """Merge an exposure bracket of tensors into an HDR radiance estimate: see `merge`.
-
-    The arguments are those of `Bracket`.
-    """
-    bracket = Bracket(frames.numpy(), exposures.numpy(), darks.numpy(), dark_counts.numpy(), sensor)
-    return merge(bracket, method)
 
 
 def merge(

@@ -14,7 +14,7 @@ from judges.view import WAVELENGTH
 from hard_cases.panels import CAMERA
 from hard_cases.table import DOUBLE, ONCE, SINGLE, Case, Holds
 from optics.camera import Panel, Sensor
-from optics.hdr import CLIPPED, DARK, merge_bracket
+from optics.hdr import CLIPPED, DARK, Bracket, merge
 from optics.retrieval.gerchberg_saxton import gerchberg_saxton
 from optics.retrieval.grid import design_plane
 from optics.sensor import expose
@@ -71,11 +71,9 @@ def far_too_bright(tol: float) -> None:
 
 
 def merged(frames: Any, exposures: list[float], darks: float, count: int, dtype: Any) -> Any:
-    frames = torch.as_tensor(np.array(frames), dtype=dtype)[:, None]
-    number = torch.full((len(exposures),), count)
-    return merge_bracket(
-        frames, torch.tensor(exposures), torch.full_like(frames, darks), number, SENSOR
-    )
+    frames = torch.as_tensor(np.array(frames), dtype=dtype)[:, None].numpy()
+    number = len(exposures)
+    return merge(Bracket(frames, exposures, [darks] * number, [count] * number, SENSOR))
 
 
 def dark_and_clipped(tol: float) -> None:

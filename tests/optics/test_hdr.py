@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from optics.camera import Sensor
-from optics.hdr import CLIPPED, DARK, VALID, merge_bracket
+from optics.hdr import CLIPPED, DARK, VALID, Bracket, merge
 
 SENSOR = Sensor(
     bits=12, full_well=1e6, gain=2.6, read_noise=2.4, dark_current=1.0, black_level=64.0
@@ -34,10 +34,7 @@ def bracket(rate: float, seed: int, pixels=PIXELS, sensor: Sensor = SENSOR, dark
 
 
 def merged(frames, darks, sensor: Sensor = SENSOR, dark_frames=DARKS):
-    return merge_bracket(
-        torch.from_numpy(frames), torch.from_numpy(EXPOSURES), torch.from_numpy(darks),
-        torch.full((len(EXPOSURES),), dark_frames), sensor,
-    )  # fmt: skip
+    return merge(Bracket(frames, EXPOSURES, darks, [dark_frames] * len(EXPOSURES), sensor))
 
 
 def cramer_rao(rate: float) -> float:
@@ -135,10 +132,7 @@ def test_fifteen_stops_of_a_twelve_bit_sensor_stay_in_order():
 def test_the_order_of_exposures_does_not_matter():
     frames, darks = bracket(5e4, seed=7, pixels=50)
     forward = merged(frames, darks)
-    turned = merge_bracket(
-        torch.from_numpy(frames[::-1].copy()), torch.from_numpy(EXPOSURES[::-1].copy()),
-        torch.from_numpy(darks[::-1].copy()), torch.full((4,), DARKS), SENSOR,
-    )  # fmt: skip
+    turned = merge(Bracket(frames[::-1], EXPOSURES[::-1], darks[::-1], [DARKS] * 4, SENSOR))
     assert torch.allclose(forward.rate, turned.rate, rtol=1e-6)
 
 
@@ -151,27 +145,27 @@ def test_integer_frames_are_accepted():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"darks": torch.zeros(2, 3, 4)}, r"dark is \(3, 4\) and the frames \(3, 3\)"),
-        ({"exposures": torch.ones(3)}, r"3 exposures don't match"),
-        ({"exposures": torch.tensor([1.0, 0.0])}, r"exposures are .* all must be positive"),
-        ({"exposures": torch.tensor([1.0, math.nan])}, r"exposures are .* all must be positive"),
-        ({"dark_counts": torch.tensor([1, 0])}, r"dark_counts are \[1.0, 0.0\]; .*at least 1"),
-        ({"dark_counts": torch.ones(3)}, r"dark_counts"),
-        ({"frames": torch.full((2, 3, 3), math.nan)}, r"frame 0 has NaN or infinite"),
-        ({"darks": torch.full((2, 3, 3), math.inf)}, r"dark 0 has NaN or infinite"),
+        ({"darks": np.zeros((2, 3, 4))}, r"dark is \(3, 4\) and the frames \(3, 3\)"),
+        ({"exposures": np.ones(3)}, r"3 exposures don't match"),
+        ({"exposures": [1.0, 0.0]}, r"exposures are .* all must be positive"),
+        ({"exposures": [1.0, math.nan]}, r"exposures are .* all must be positive"),
+        ({"dark_counts": [1, 0]}, r"dark_counts are \[1.0, 0.0\]; .*at least 1"),
+        ({"dark_counts": np.ones(3)}, r"dark_counts"),
+        ({"frames": np.full((2, 3, 3), math.nan)}, r"frame 0 has NaN or infinite"),
+        ({"darks": np.full((2, 3, 3), math.inf)}, r"dark 0 has NaN or infinite"),
         (
-            {"frames": torch.ones(0, 3, 3), "darks": torch.ones(0, 3, 3),
-             "exposures": torch.ones(0), "dark_counts": torch.ones(0)},
+            {"frames": np.ones((0, 3, 3)), "darks": np.ones((0, 3, 3)),
+             "exposures": np.ones(0), "dark_counts": np.ones(0)},
             r"no exposures",
         ),
     ],
 )  # fmt: skip
 def test_a_bracket_that_does_not_fit_is_refused(change, words):
     good = {
-        "frames": torch.zeros(2, 3, 3),
-        "exposures": torch.ones(2),
-        "darks": torch.zeros(2, 3, 3),
-        "dark_counts": torch.ones(2),
+        "frames": np.zeros((2, 3, 3)),
+        "exposures": np.ones(2),
+        "darks": np.zeros((2, 3, 3)),
+        "dark_counts": np.ones(2),
     }
     with pytest.raises(ValueError, match=words):
-        merge_bracket(**{**good, **change}, sensor=SENSOR)
+        merge(Bracket(**{**good, **change}, sensor=SENSOR))
