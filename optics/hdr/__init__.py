@@ -21,7 +21,7 @@ from optics.hdr.expected_accuracy import (
 )
 from optics.hdr.exposure_factors import ExposureFactors, measure_exposure_factors
 from optics.hdr.exposure_limits import ExposureLimits, common_period
-from optics.hdr.merging import METHODS, Method, merge
+from optics.hdr.merging import merge
 from optics.hdr.metering import Meter, MeteredRange
 from optics.hdr.radiance import (
     CLIPPED,
@@ -34,6 +34,7 @@ from optics.hdr.radiance import (
     RadianceEstimate,
 )
 from optics.hdr.scene_change import SceneChange, SceneLight, scene_change, scene_light
+from optics.hdr.weighted_mean import METHODS, Method
 
 __all__ = [
     "CLIPPED",

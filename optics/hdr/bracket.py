@@ -117,20 +117,31 @@ class Bracket:
             found.append(Exposure(float(time), frames, floor, count, level, clip))
         return found
 
-    def electrons(self, index: int, rows: slice) -> tuple[Array, NDArray[np.bool_]]:
+    def electrons(
+        self,
+        index: int,
+        rows: slice,
+        time: float = 1.0,
+        chosen: NDArray[np.intp] | None = None,
+    ) -> tuple[Array, NDArray[np.bool_]]:
         """Return electrons of light in some rows of a bracket's frame, and which are clipped.
 
-        Raises ValueError for numbers that aren't finite.
+        time: seconds by which electrons are divided, to give a rate. chosen: indices of pixels in
+        these rows; all by default. Raises ValueError for numbers that aren't finite.
         """
-        numbers = np.asarray(self.frames[index][rows])
-        dark = self.darks[index]
+        numbers, dark = np.asarray(self.frames[index][rows]).ravel(), self.darks[index]
         dark = np.asarray(dark[rows] if np.ndim(dark) else dark)
-        light = np.subtract(numbers, dark, dtype=np.float32)
-        if not np.isfinite(light).all():
-            name = "dark" if not np.isfinite(dark).all() else "frame"
-            raise ValueError(f"{name} {index} has NaN or infinite numbers; leave it out")
-        light *= np.float32(self.sensor.gain)
-        return light.ravel(), (numbers >= self.sensor.full_scale).ravel()
+        dark = dark.ravel() if dark.ndim else dark
+        if chosen is not None:
+            numbers, dark = numbers[chosen], dark[chosen] if dark.ndim else dark
+        for name, one in (("frame", numbers), ("dark", dark)):
+            # A sum is finite if all is, and quicker than a look at each number.
+            if one.dtype.kind == "f" and not (np.isfinite(one.sum()) or np.isfinite(one).all()):
+                raise ValueError(f"{name} {index} has NaN or infinite numbers; leave it out")
+        light = numbers.astype(np.float32)
+        light -= dark.astype(np.float32)
+        light *= np.float32(self.sensor.gain / time)
+        return light, numbers >= self.sensor.full_scale
 
     def with_factors(self, factors: ArrayLike) -> Bracket:
         """Return the bracket with each exposure time multiplied by a factor."""

@@ -19,8 +19,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr
+
+from optics.threads import single_threaded
 
 Array = NDArray[np.float64]
 
@@ -90,6 +93,7 @@ def least_variance(light: Array, shorter: float) -> Array:
 
 
 @lru_cache(maxsize=64)
+@single_threaded
 def _design_estimates(step: int) -> NearClipping:
     """Choose the estimates near a clip level by least squares."""
     shorter = math.exp(step / _STEPS_PER_FACTOR)
@@ -154,12 +158,12 @@ def _least_error(
     weight = share / least_variance(light, shorter)
     against_bias = 300 * max(1.0, (shorter / 2) ** 2)
     weighed = (weight[:, None] * chance).T
-    matrix = against_bias * weighed @ chance + 1e-3 * bending
+    matrix = against_bias * _product(weighed, chance) + 1e-3 * bending
     matrix[np.diag_indices_from(matrix)] += weighed.sum(1) + 1e-4
     known = chance.sum(1)
     wanted = weighed @ light - weighed.sum(1) * nodes
     wanted -= against_bias * weighed @ (chance @ nodes - known * light)
-    value = nodes + np.linalg.solve(matrix, wanted)
+    value = nodes + _solve(matrix, wanted)
     return value, (chance * (value - light[:, None]) ** 2).sum(1)
 
 
@@ -171,10 +175,23 @@ def _stated_variance(
     natural: variances far from the clip level, from which they differ no more than that takes.
     """
     weighed = chance * (np.sqrt(share) / error)[:, None]
-    matrix = weighed.T @ weighed + 0.03 * bending / np.median(natural) ** 2
+    matrix = _product(weighed.T, weighed) + 0.03 * bending / np.median(natural) ** 2
     matrix[np.diag_indices_from(matrix)] += 1e-3 / natural**2
-    change = np.linalg.solve(matrix, weighed.T @ (np.sqrt(share) - weighed @ natural))
+    change = _solve(matrix, weighed.T @ (np.sqrt(share) - weighed @ natural))
     return np.maximum(natural + change, 0.2 * np.minimum(natural, 1.0))
+
+
+def _product(first: Array, second: Array) -> Array:
+    """Return the product of two matrices for an HDR estimate, on torch's threads.
+
+    The threads of numpy's own library wait in loops: on a busy machine they took ten times longer.
+    """
+    return np.asarray(torch.from_numpy(first) @ torch.from_numpy(second))
+
+
+def _solve(matrix: Array, wanted: Array) -> Array:
+    """Solve linear equations for an HDR estimate, on torch's threads."""
+    return np.asarray(torch.linalg.solve(torch.from_numpy(matrix), torch.from_numpy(wanted)))
 
 
 def _bending(first: int, spacing: float, second: int, other_spacing: float) -> Array:
@@ -182,5 +199,5 @@ def _bending(first: int, spacing: float, second: int, other_spacing: float) -> A
     whole = np.zeros((first + second, first + second))
     for start, count, step in ((0, first, spacing), (first, second, other_spacing)):
         change = np.diff(np.eye(count), 2, axis=0) / step**2
-        whole[start : start + count, start : start + count] = change.T @ change * step
+        whole[start : start + count, start : start + count] = _product(change.T, change) * step
     return whole

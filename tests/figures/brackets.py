@@ -192,19 +192,37 @@ def _time_figure(folder: Path, rng: np.random.Generator) -> Figure:
         files.append(folder / f"{number}.tiff")
         files[-1].write_bytes(held.getvalue())
 
-    def merged(method: str) -> None:
+    def merged() -> None:
         frames = [tifffile.imread(path) for path in files]
         darks, counts = [256.0] * _FRAMES, [math.inf] * _FRAMES
-        merge(Bracket(frames, times, darks, counts, sensor), method)  # type: ignore[arg-type]
+        merge(Bracket(frames, times, darks, counts, sensor))
 
-    spent = processor_seconds({"full": lambda: merged("full"), "plain": lambda: merged("plain")}, 3)
-    ratio = spent["full"] / spent["plain"]
+    def averaged() -> None:
+        _weighted_average([tifffile.imread(path) for path in files], times)
+
+    spent = processor_seconds({"full": merged, "average": averaged}, 5)
+    ratio = spent["full"] / spent["average"]
     return Figure(
         "12 megapixels x 8 from files, processor time over a plain weighted average's",
         f"≤ {_TIMES_GOAL:g}",
-        f"{ratio:.1f} times; {spent['full']:.1f} s",
+        f"{ratio:.1f} times; {spent['full']:.2f} s",
         ratio <= _TIMES_GOAL,
     )
+
+
+def _weighted_average(frames: list[np.ndarray], times: list[float]) -> np.ndarray:
+    """Frames weighted by their time where they aren't clipped, eight rows at a time: a bare mean,
+    with neither variance nor state."""
+    found = np.empty(_SHAPE, np.float32)
+    for start in range(0, _SHAPE[0], 8):
+        rows = slice(start, start + 8)
+        above, below = np.zeros((2, 8, _SHAPE[1]), np.float32)
+        for frame, time in zip(frames, times, strict=True):
+            weight = (frame[rows] < 65535) * np.float32(time)
+            above += weight * (frame[rows].astype(np.float32) - 256) * np.float32(4)
+            below += weight * np.float32(time)
+        found[rows] = above / np.maximum(below, np.float32(1e-9))
+    return found
 
 
 MEASUREMENTS = {"brackets": bracket_figures}
