@@ -118,16 +118,28 @@ class Bracket:
         return found
 
     def electrons(
-        self,
-        index: int,
-        rows: slice,
-        time: float = 1.0,
-        chosen: NDArray[np.intp] | None = None,
+        self, index: int, rows: slice, chosen: NDArray[np.intp] | None = None
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return electrons of light in some rows of a bracket's frame, and which are clipped.
 
-        time: seconds by which electrons are divided, to give a rate. chosen: indices of pixels in
-        these rows; all by default. Raises ValueError for numbers that aren't finite.
+        chosen: indices of pixels in these rows; all by default. Raises ValueError for numbers that
+        aren't finite.
+        """
+        numbers = np.asarray(self.frames[index][rows]).ravel()
+        light = np.empty(numbers.shape if chosen is None else chosen.shape, dtype=np.float32)
+        return light, self.read_electrons(index, rows, light, chosen)
+
+    def read_electrons(
+        self,
+        index: int,
+        rows: slice,
+        light: Array,
+        chosen: NDArray[np.intp] | None = None,
+        time: float = 1.0,
+    ) -> NDArray[np.bool_]:
+        """Write electrons in some rows of a bracket's frame to an array; return which are clipped.
+
+        time: seconds by which electrons are divided. As `electrons` otherwise.
         """
         numbers, dark = np.asarray(self.frames[index][rows]).ravel(), self.darks[index]
         dark = np.asarray(dark[rows] if np.ndim(dark) else dark)
@@ -138,10 +150,10 @@ class Bracket:
             # A sum is finite if all is, and quicker than a look at each number.
             if one.dtype.kind == "f" and not (np.isfinite(one.sum()) or np.isfinite(one).all()):
                 raise ValueError(f"{name} {index} has NaN or infinite numbers; leave it out")
-        light = numbers.astype(np.float32)
+        np.copyto(light, numbers, casting="unsafe")
         light -= dark.astype(np.float32)
         light *= np.float32(self.sensor.gain / time)
-        return light, numbers >= self.sensor.full_scale
+        return np.asarray(numbers >= self.sensor.full_scale)
 
     def with_factors(self, factors: ArrayLike) -> Bracket:
         """Return the bracket with each exposure time multiplied by a factor."""

@@ -15,10 +15,6 @@ wrong one. Chosen."""
 _FALSE_ALARMS = 5e-4
 """Share of still pixels that may be taken for moved. Chosen."""
 
-_MARGIN = 0.97
-"""Share of the limit from which pixels are looked at, since a dim pixel's variance is told a little
-differently then. Chosen."""
-
 
 def outlier_limit(exposures: int) -> float:
     """Return the deviations by which an exposure of a bracket differs where things moved."""
@@ -31,7 +27,7 @@ def may_contradict(contradiction: Array, exposures: int) -> Mask:
     The square of each exposure's difference from the others, over its variance, is what chi squared
     would lose without it, and so no larger than chi squared.
     """
-    return np.asarray(contradiction > np.float32((_MARGIN * outlier_limit(exposures)) ** 2))
+    return np.asarray(contradiction > np.float32(outlier_limit(exposures) ** 2))
 
 
 def leave_out(samples: Samples, mean: WeightedMean) -> tuple[WeightedMean, Mask]:
@@ -41,38 +37,30 @@ def leave_out(samples: Samples, mean: WeightedMean) -> tuple[WeightedMean, Mask]
     """
     moved, limit = np.zeros(mean.rate.shape, dtype=bool), outlier_limit(len(samples.exposures))
     for _ in range(len(samples.exposures) - 1):
-        several = sum((time > 0).astype(np.int8) for time in samples.times) > 1
+        several = (samples.times > 0).sum(0) > 1
         differs = _differences(samples, mean.rate)
-        worst = np.max(differs, axis=0)
+        worst = differs.max(axis=0)
         out = several & (worst > limit)
         if not out.any():
             break
         moved |= out
         # Of those that contradict each other about alike, the longest tells most and is kept.
-        left_out = []
-        for one in differs:
-            left_out.append(out & (one >= worst - _ALIKE))
-            out &= ~left_out[-1]
-        samples = samples.without(left_out)
+        alike = differs >= worst - _ALIKE
+        first = np.arange(len(differs))[:, None] == alike.argmax(axis=0)
+        samples = samples.without(first & out)
         for _ in range(2):
             mean = mean_by_variance(samples, mean.rate)
     return mean, moved
 
 
-def _differences(samples: Samples, rate: Array) -> list[Array]:
+def _differences(samples: Samples, rate: Array) -> Array:
     """Return how far each exposure is from the HDR value, over what chance would make of it.
 
     rate: predicts the variance.
     """
-    shown = np.maximum(rate, 0)
-    # Each is 0 where the exposure doesn't count.
-    weights = [
-        time / (shown + floor) for time, floor in zip(samples.times, samples.floors, strict=True)
-    ]
-    information = np.maximum(sum(weights), np.float32(1e-30))
-    value = sum(w * one for w, one in zip(weights, samples.rates, strict=True)) / information
+    weight = samples.times / (np.maximum(rate, 0) + samples.floors)
+    information = np.maximum(weight.sum(0), np.float32(1e-30))
+    value = (weight * samples.rates).sum(0) / information
     # The value follows each exposure by its share of the information.
-    return [
-        np.abs(one - value) * np.sqrt(w / np.maximum(1 - w / information, np.float32(1e-6)))
-        for w, one in zip(weights, samples.rates, strict=True)
-    ]
+    own = np.maximum(1 - weight / information, np.float32(1e-6))
+    return np.asarray(np.abs(samples.rates - value) * np.sqrt(weight / own))

@@ -9,27 +9,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optics.hdr.clip_levels import ClipLevel, add_near_clipping
 from optics.hdr.contradictions import leave_out, may_contradict
-from optics.hdr.samples import Array, Mask, Samples, join_samples
+from optics.hdr.samples import Array, Indices, Mask, Samples, join_samples
 from optics.hdr.weighted_mean import WeightedMean, mean_and_contradiction
-
-Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
 class Doubts:
-    """Indices of pixels of a bracket for which its mean may be wrong.
+    """Pixels of a bracket for which its mean may be wrong.
 
-    unsure: in which an open exposure may be clipped, or exposures may contradict each other. sure:
-    their samples, without exposures that may be clipped. near: for each exposure but the shortest,
-    pixels in which it tells something of light near its clip level. moved: in which an exposure is
-    clipped that can't be.
+    indices: where they are. sure: their samples, without exposures that may be clipped. near: for
+    each exposure but the shortest, indices of those in which it tells something of light near its
+    clip level. moved: indices of those in which an exposure is clipped that can't be.
     """
 
-    unsure: Indices
+    indices: Indices
     sure: Samples
     near: list[Indices]
     moved: Indices
@@ -46,34 +42,35 @@ def find_doubts(
 
     contradiction: chi squared of the mean.
     """
-    doubtful = may_contradict(contradiction, len(levels))
+    few = np.flatnonzero(
+        may_contradict(contradiction, len(levels)) | _near_clipping(samples, mean.rate, levels)
+    )
+    part, rate = samples.part(few), mean.rate[few]
+    may_clip, near, moved = np.zeros((3, *part.rates.shape), dtype=bool)
+    for number, level in enumerate(levels[1:], 1):
+        time = part.times[number]
+        may_clip[number] = rate >= level.lowest
+        near[number] = may_clip[number] & ((time > 0) | (rate < level.highest))
+        moved[number] = ~(may_clip[number] | _all_open(level, time))
+    indices = first + few
+    return Doubts(
+        indices,
+        part.without(may_clip),
+        [indices[one] for one in near[1:]],
+        indices[moved.any(axis=0)],
+    )
+
+
+def _near_clipping(samples: Samples, rate: Array, levels: list[ClipLevel]) -> Mask:
+    """Return where an exposure of the bracket may clip, and isn't sure to; or clips, and can't."""
+    found = np.zeros(rate.shape, dtype=bool)
     for level, time in zip(levels[1:], samples.times[1:], strict=True):
-        may_clip = mean.rate >= level.lowest
-        # Nothing is in doubt where it can't clip and doesn't, or clips for sure.
-        doubtful |= may_clip == _all_open(level, time)
-        doubtful |= may_clip & (mean.rate < level.highest)
+        may_clip = rate >= level.lowest
+        found |= may_clip == _all_open(level, time)
+        found |= may_clip & (rate < level.highest)
         if len(level.exposure.frames) > 1:
-            doubtful |= may_clip & (time > 0)
-    few = np.flatnonzero(doubtful)
-    return _sort_doubts(samples.part(few), mean.rate[few], contradiction[few], levels, first + few)
-
-
-def _sort_doubts(
-    few: Samples, rate: Array, contradiction: Array, levels: list[ClipLevel], indices: Indices
-) -> Doubts:
-    """Return doubtful pixels of a bracket by the reason for doubts; indices: where they are."""
-    unsure = may_contradict(contradiction, len(levels))
-    moved = np.zeros(unsure.shape, dtype=bool)
-    close, near = [moved], []
-    for level, time in zip(levels[1:], few.times[1:], strict=True):
-        may_clip, is_open = rate >= level.lowest, time > 0
-        unsure |= may_clip & is_open
-        moved = moved | ~(may_clip | _all_open(level, time))
-        near.append(indices[may_clip & (is_open | (rate < level.highest))])
-        close.append(may_clip)
-    places = np.flatnonzero(unsure)
-    sure = few.part(places).without([one[places] for one in close])
-    return Doubts(indices[unsure], sure, near, indices[moved])
+            found |= may_clip & (time > 0)
+    return found
 
 
 def _all_open(level: ClipLevel, time: Array) -> Mask:
@@ -84,7 +81,7 @@ def _all_open(level: ClipLevel, time: Array) -> Mask:
 def join_doubts(found: list[Doubts]) -> Doubts:
     """Return the doubtful pixels of several parts of a bracket as those of one."""
     return Doubts(
-        np.concatenate([one.unsure for one in found]),
+        np.concatenate([one.indices for one in found]),
         join_samples([one.sure for one in found]),
         [np.concatenate(every) for every in zip(*(one.near for one in found), strict=True)],
         np.concatenate([one.moved for one in found]),
@@ -99,7 +96,7 @@ def settle_doubts(
     rows: of the frames that the mean is of. Exposures that may be clipped follow in the order of
     their times.
     """
-    moved = [doubts.moved, _merge_unsure(doubts, mean)]
+    moved = [doubts.moved, _merge_sure(doubts, mean)]
     for level, near in zip(levels[1:], doubts.near, strict=True):
         seen = near[mean.information[near] > 0]
         if seen.size:
@@ -107,15 +104,17 @@ def settle_doubts(
     return np.concatenate(moved)
 
 
-def _merge_unsure(doubts: Doubts, mean: WeightedMean) -> Indices:
-    """Merge unsure pixels of a bracket again, in place, by exposures that don't contradict."""
-    if not doubts.unsure.size:
-        return doubts.unsure
-    again, contradiction = mean_and_contradiction(doubts.sure, mean.rate[doubts.unsure])
+def _merge_sure(doubts: Doubts, mean: WeightedMean) -> Indices:
+    """Merge doubtful pixels of a bracket again, in place, by what is sure and doesn't contradict.
+
+    Returns those in which exposures were left out.
+    """
+    if not doubts.indices.size:
+        return doubts.indices
+    again, contradiction = mean_and_contradiction(doubts.sure, mean.rate[doubts.indices])
     few = np.flatnonzero(may_contradict(contradiction, len(doubts.sure.exposures)))
-    part = WeightedMean(*(one[few] for one in again))
-    found, out = leave_out(doubts.sure.part(few), part)
+    found, out = leave_out(doubts.sure.part(few), WeightedMean(*(one[few] for one in again)))
     for whole, one, better in zip(mean, again, found, strict=True):
         one[few] = better
-        whole[doubts.unsure] = one
-    return doubts.unsure[few[out]]
+        whole[doubts.indices] = one
+    return doubts.indices[few[out]]

@@ -104,10 +104,11 @@ def _merge_rows(
     columns = bracket.shape[1]
     count, step = len(range(*rows.indices(bracket.shape[0]))), max(1, _TILE // columns)
     mean = WeightedMean(*np.empty((2, count * columns), dtype=np.float32))
+    space = np.empty((4, len(bracket.exposures), step * columns), dtype=np.float32)
     doubts = []
     for start in range(0, count, step):
         stop = min(start + step, count)
-        samples = read_samples(bracket, slice(rows.start + start, rows.start + stop))
+        samples = read_samples(bracket, slice(rows.start + start, rows.start + stop), space)
         here = slice(start * columns, stop * columns)
         tile, contradiction = _mean(samples, method)
         mean.rate[here], mean.information[here] = tile

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -35,31 +34,24 @@ def mean_by_time(samples: Samples, method: Method = "Poisson") -> Array:
 
     method: "plain" weighs rates by the square of their time, "Poisson" by their time.
     """
-    above, below, weight = np.zeros((3, *samples.rates[0].shape), dtype=np.float32)
-    for exposure, rate, time in zip(samples.exposures, samples.rates, samples.times, strict=True):
-        if method == "plain":
-            time = time * np.float32(exposure.time)
-        below += time
-        np.multiply(time, rate, out=weight)
-        above += weight
-    return _quotient(above, below, samples)
+    weight = samples.times if method == "Poisson" else samples.times * _own_times(samples)
+    return _quotient(_summed(weight, samples.rates), weight.sum(0), samples)
 
 
 def information_by_time(samples: Samples, rate: Array, method: Method) -> Array:
     """Return one over the variance of a bracket's mean rate by time; 0 where all is clipped."""
-    variance, below, weight, part = np.zeros((4, *rate.shape), dtype=np.float32)
-    for exposure, (light, floor), time in zip(
-        samples.exposures, _noise(samples, rate, part), samples.times, strict=True
-    ):
-        factor = np.float32(exposure.time if method == "plain" else 1.0)
-        np.multiply(time, factor, out=weight)
-        below += weight
-        np.add(light, floor, out=part)
-        weight *= part
-        weight *= factor
-        variance += weight
+    factor = np.float32(1) if method == "Poisson" else _own_times(samples)
+    weight = samples.times * factor
+    below = weight.sum(0)
+    weight *= factor
+    variance = _summed(weight, _noise(samples, rate))
     below *= below
     return np.divide(below, variance, out=below, where=variance > 0)
+
+
+def _own_times(samples: Samples) -> Array:
+    """Return the times of a bracket's exposures, seconds, (exposures, 1)."""
+    return np.array([[exposure.time] for exposure in samples.exposures], dtype=np.float32)
 
 
 def mean_by_variance(samples: Samples, predicted: Array) -> WeightedMean:
@@ -67,16 +59,11 @@ def mean_by_variance(samples: Samples, predicted: Array) -> WeightedMean:
 
     predicted: rate that predicts the variance.
     """
-    above, information, weight, part = np.zeros((4, *predicted.shape), dtype=np.float32)
-    for (light, floor), rate, time in zip(
-        _noise(samples, predicted, part), samples.rates, samples.times, strict=True
-    ):
-        np.add(light, floor, out=weight)
-        np.divide(time, weight, out=weight)
-        information += weight
-        weight *= rate
-        above += weight
-    return WeightedMean(_quotient(above, information, samples), information)
+    weight = _noise(samples, predicted)
+    np.divide(samples.times, weight, out=weight)
+    information = weight.sum(0)
+    rate = _quotient(_summed(weight, samples.rates), information, samples)
+    return WeightedMean(rate, information)
 
 
 def mean_and_contradiction(samples: Samples, predicted: Array) -> tuple[WeightedMean, Array]:
@@ -85,43 +72,36 @@ def mean_and_contradiction(samples: Samples, predicted: Array) -> tuple[Weighted
     That is the sum of their squared differences from the mean, over their variances (chi squared).
     Differences from the predicted rate are averaged, so that large rates lose no digits.
     """
-    above, information, squares, weight, part = np.zeros((5, *predicted.shape), dtype=np.float32)
-    for (light, floor), rate, time in zip(
-        _noise(samples, predicted, part), samples.rates, samples.times, strict=True
-    ):
-        np.add(light, floor, out=weight)
-        np.divide(time, weight, out=weight)
-        information += weight
-        np.subtract(rate, predicted, out=part)
-        weight *= part
-        above += weight
-        weight *= part
-        squares += weight
+    weight = _noise(samples, predicted)
+    np.divide(samples.times, weight, out=weight)
+    information = weight.sum(0)
+    away = np.subtract(samples.rates, predicted, out=samples.scratch[1])
+    weight *= away
+    above, squares = weight.sum(0), _summed(weight, away)
     seen = information > 0
-    part[:] = 0
-    np.divide(above, information, out=part, where=seen)
-    rate = predicted + part
-    part *= above
-    squares -= part
+    rate = np.divide(above, information, out=np.zeros_like(above), where=seen)
+    above *= rate
+    squares -= above
+    rate += predicted
     if not seen.all():
-        rate[~seen] = samples.clip_rate(0)
+        rate[~seen] = samples.clip_rate
     return WeightedMean(rate, information), squares
 
 
-def _noise(
-    samples: Samples, predicted: Array, part: Array
-) -> Iterator[tuple[Array, Array | np.float32]]:
-    """Yield, for each exposure of a bracket, two terms of its variance times its time.
+def _noise(samples: Samples, predicted: Array) -> Array:
+    """Return the variance of a bracket's exposures times their time, in the samples' scratch."""
+    dark = [exposure.floor / exposure.time for exposure in samples.exposures]
+    least = np.array(dark, dtype=np.float32)[:, None] * np.float32(_LEAST_LIGHT)
+    light = predicted if predicted.min(initial=0) >= least.max() else np.maximum(predicted, least)
+    return np.add(light, samples.floors, out=samples.scratch[0])
 
-    part: is overwritten.
-    """
-    lowest = predicted.min(initial=0)
-    for exposure, floor in zip(samples.exposures, samples.floors, strict=True):
-        least = np.float32(_LEAST_LIGHT * exposure.floor / exposure.time)
-        yield np.maximum(predicted, least, out=part) if lowest < least else predicted, floor
+
+def _summed(weight: Array, value: Array) -> Array:
+    """Return the sum of a bracket's exposures with weights."""
+    return np.einsum("kn,kn->n", weight, value)
 
 
 def _quotient(above: Array, below: Array, samples: Samples) -> Array:
     """Return the mean rate of a bracket from weighted sums; where nothing is, the clip rate."""
-    rate = np.full_like(above, samples.clip_rate(0))
+    rate = np.full_like(above, samples.clip_rate)
     return np.divide(above, below, out=rate, where=below > 0)
