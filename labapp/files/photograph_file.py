@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -94,11 +95,20 @@ def encode_photograph(path: Path, light: Light, in_srgb: bool, white_level: floa
     if ending == ".npy":
         return encode_image(path, shown)
     if ending in _TIFF:
-        buffer, kind = io.BytesIO(), "minisblack" if len(light) == 1 else "rgb"
-        tifffile.imwrite(buffer, np.ascontiguousarray(shown), photometric=kind)
+        buffer = io.BytesIO()
+        write_float_tiff(buffer, light)
         return buffer.getvalue()
     levels = encode_srgb(shown / white_level) if in_srgb else _encode_16_bit(shown / white_level)
     return encode_image(path, levels[..., ::-1] if levels.ndim == 3 else levels)
+
+
+def write_float_tiff(file: Path | io.BytesIO, light: Light) -> None:
+    """Write light, (bands, rows, columns), to a TIFF file of floating-point numbers."""
+    shown = light[0] if len(light) == 1 else np.moveaxis(light, 0, -1)
+    kind = "minisblack" if len(light) == 1 else "rgb"
+    # A draft's name doesn't end in .tiff.
+    with open(file, "wb") if isinstance(file, Path) else nullcontext(file) as opened:
+        tifffile.imwrite(opened, np.ascontiguousarray(shown), photometric=kind)
 
 
 def encode_srgb(light: NDArray[Any]) -> NDArray[np.uint8]:

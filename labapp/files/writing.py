@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,11 +82,18 @@ def encode_image(path: Path, picture: NDArray[Any]) -> bytes:
     return data.tobytes()
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file under a temporary name and rename it when it is complete."""
+@contextmanager
+def draft_of(path: Path) -> Iterator[Path]:
+    """Give a temporary name to write a file under; rename it when it is complete."""
     draft = path.with_name(f".{path.name}.new")
     try:
-        draft.write_bytes(data)
+        yield draft
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write a file under a temporary name and rename it when it is complete."""
+    with draft_of(path) as draft:
+        draft.write_bytes(data)

@@ -1,9 +1,10 @@
 """Merge exposure brackets into high-dynamic-range radiance with variance and state.
 
 The files are in the order of the work: what a merged picture is, the bracket with its noise, the
-estimate where an exposure may be clipped, the merge itself, how accurate it is, and exposures that
-differ from what they were said to be. A bracket is chosen before it is taken: the scene is metered,
-the exposures are searched for, and a scene that has changed since is told.
+samples of some pixels and their weighted mean, pixels in which exposures contradict each other or
+may be clipped, the merge itself, how accurate it is, and exposures that differ from what they were
+said to be. A bracket is chosen before it is taken: the scene is metered, the exposures are searched
+for, and a scene that has changed since is told.
 """
 
 from optics.hdr.bracket import Bracket

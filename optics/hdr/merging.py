@@ -20,7 +20,7 @@ from optics.hdr.radiance import (
     VALID,
     RadianceEstimate,
 )
-from optics.hdr.samples import Array, Samples, read_samples
+from optics.hdr.samples import Array, Indices, Samples, read_samples
 from optics.hdr.weighted_mean import (
     METHODS,
     Method,
@@ -90,20 +90,25 @@ def merge(
     for start in range(0, rows, step):
         check(start / rows)
         part = slice(start, min(start + step, rows))
-        block = _merge_rows(bracket, part, method, levels)
-        rate[part], variance[part], state[part] = (one.reshape(-1, columns) for one in block)
+        mean = WeightedMean(rate[part].ravel(), variance[part].ravel())
+        moved = _merge_rows(bracket, part, method, levels, mean)
+        state[part] = _states(mean, levels[0].may_clip, moved).reshape(-1, columns)
+        with np.errstate(divide="ignore"):
+            np.divide(1, mean.information, out=mean.information)
     if defects is not None:
         state[defects], variance[defects] = DEFECTIVE, np.inf
     return RadianceEstimate(*(torch.from_numpy(one) for one in (rate, variance, state)))
 
 
 def _merge_rows(
-    bracket: Bracket, rows: slice, method: Method, levels: list[ClipLevel]
-) -> tuple[Array, Array, NDArray[np.uint8]]:
-    """Return rate, variance and state of the HDR pixels in some rows."""
+    bracket: Bracket, rows: slice, method: Method, levels: list[ClipLevel], mean: WeightedMean
+) -> Indices | None:
+    """Write the mean of the HDR pixels in some rows; return where something moved, if that's known.
+
+    mean: is overwritten.
+    """
     columns = bracket.shape[1]
-    count, step = len(range(*rows.indices(bracket.shape[0]))), max(1, _TILE // columns)
-    mean = WeightedMean(*np.empty((2, count * columns), dtype=np.float32))
+    count, step = rows.stop - rows.start, max(1, _TILE // columns)
     space = np.empty((4, len(bracket.exposures), step * columns), dtype=np.float32)
     doubts = []
     for start in range(0, count, step):
@@ -114,10 +119,7 @@ def _merge_rows(
         mean.rate[here], mean.information[here] = tile
         if contradiction is not None:
             doubts.append(find_doubts(samples, tile, contradiction, levels, here.start))
-    moved = settle_doubts(join_doubts(doubts), mean, levels, rows) if doubts else None
-    with np.errstate(divide="ignore"):
-        variance = np.divide(1, mean.information, dtype=np.float32)
-    return mean.rate, variance, _states(mean, levels[0].may_clip, moved)
+    return settle_doubts(join_doubts(doubts), mean, levels, rows) if doubts else None
 
 
 def _mean(samples: Samples, method: Method) -> tuple[WeightedMean, Array | None]:
@@ -133,9 +135,7 @@ def _mean(samples: Samples, method: Method) -> tuple[WeightedMean, Array | None]
     return mean_by_variance(samples, first), None
 
 
-def _states(
-    mean: WeightedMean, may_clip: np.float32, moved: NDArray[np.intp] | None
-) -> NDArray[np.uint8]:
+def _states(mean: WeightedMean, may_clip: np.float32, moved: Indices | None) -> NDArray[np.uint8]:
     """Return the states of HDR pixels; moved: indices of those that contradict themselves."""
     state = np.full(mean.rate.shape, int(VALID), dtype=np.uint8)
     significance = np.abs(mean.rate)

@@ -1,9 +1,7 @@
-"""Merging of exposure brackets: against the Cramér-Rao bound, far from clip levels and near them,
-and its time beside a plain weighted average."""
+"""Merging of exposure brackets against the Cramér-Rao bound, far from clip levels and near them."""
 
 from __future__ import annotations
 
-import io
 import itertools
 import math
 from collections.abc import Iterator
@@ -11,10 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tifffile
 
 from figures import Figure
-from figures.stopwatch import processor_seconds
 from optics.camera import Sensor
 from optics.hdr import MOVED, Bracket, cramer_rao_variance, measure_exposure_factors, merge
 from optics.threads import single_threaded
@@ -25,7 +21,6 @@ _SENSOR = Sensor(
 _PIXELS = 100_000
 _EFFICIENCY_GOAL, _NEAR_GOAL, _BIAS_GOAL = 0.98, 0.9, 1e-3
 _RANGE = 1e6
-_SHAPE, _FRAMES, _TIMES_GOAL = (3000, 4000), 8, 4.0
 _FACTOR_GOAL = 1e-3
 
 
@@ -148,7 +143,6 @@ def bracket_figures(folder: Path) -> list[Figure]:
             max(one.moved for one in (*far, *every)) <= 1e-3,
         ),
         _factor_figure(rng),
-        _time_figure(folder, rng),
     ]
 
 
@@ -172,57 +166,6 @@ def _factor_figure(rng: np.random.Generator) -> Figure:
         "exposures 3 % off, measured on 1e5 pixels", f"≤ {_FACTOR_GOAL:.1%} each",
         f"largest error {worst:.3%}", worst <= _FACTOR_GOAL,
     )  # fmt: skip
-
-
-def _time_figure(folder: Path, rng: np.random.Generator) -> Figure:
-    """Eight frames of 12 megapixels from files, merged wholly and by a plain weighted average."""
-    sensor = Sensor(
-        shape=_SHAPE, bits=16, full_well=3e5, gain=4.0, read_noise=5.0, dark_current=0.0,
-        black_level=256.0,
-    )  # fmt: skip
-    times = [1e-3 * 2**k for k in range(_FRAMES)]
-    rate = 10 ** rng.uniform(2, 7.5, _SHAPE).astype(np.float32)
-    files = []
-    for number, time in enumerate(times):
-        light = rate * np.float32(time)
-        noise = rng.standard_normal(_SHAPE, dtype=np.float32) * np.sqrt(light + 25)
-        held = io.BytesIO()
-        frame = np.clip(np.round((light + noise) / 4 + 256), 0, 65535).astype(np.uint16)
-        tifffile.imwrite(held, frame)
-        files.append(folder / f"{number}.tiff")
-        files[-1].write_bytes(held.getvalue())
-
-    def merged() -> None:
-        frames = [tifffile.imread(path) for path in files]
-        darks, counts = [256.0] * _FRAMES, [math.inf] * _FRAMES
-        merge(Bracket(frames, times, darks, counts, sensor))
-
-    def averaged() -> None:
-        _weighted_average([tifffile.imread(path) for path in files], times)
-
-    spent = processor_seconds({"full": merged, "average": averaged}, 5)
-    ratio = spent["full"] / spent["average"]
-    return Figure(
-        "12 megapixels x 8 from files, processor time over a plain weighted average's",
-        f"≤ {_TIMES_GOAL:g}",
-        f"{ratio:.1f} times; {spent['full']:.2f} s",
-        ratio <= _TIMES_GOAL,
-    )
-
-
-def _weighted_average(frames: list[np.ndarray], times: list[float]) -> np.ndarray:
-    """Frames weighted by their time where they aren't clipped, eight rows at a time: a bare mean,
-    with neither variance nor state."""
-    found = np.empty(_SHAPE, np.float32)
-    for start in range(0, _SHAPE[0], 8):
-        rows = slice(start, start + 8)
-        above, below = np.zeros((2, 8, _SHAPE[1]), np.float32)
-        for frame, time in zip(frames, times, strict=True):
-            weight = (frame[rows] < 65535) * np.float32(time)
-            above += weight * (frame[rows].astype(np.float32) - 256) * np.float32(4)
-            below += weight * np.float32(time)
-        found[rows] = above / np.maximum(below, np.float32(1e-9))
-    return found
 
 
 MEASUREMENTS = {"brackets": bracket_figures}

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -64,15 +66,17 @@ def merge_files(
         found.append(hdr.merge(band, method, source.defects, report))
     progress.report(0.8, "simulating the merge")
     full = source.sensor.full_scale
-    rate, variance, state = (
-        torch.stack([getattr(one, name) for one in found]).numpy()
-        for name in ("rate", "variance", "state")
-    )
+    rate, variance, state = (_joined(every) for every in zip(*found, strict=True))
     return MergedFiles(
         source, method, rate, variance, state, factors, told,
         [float((frame >= full).mean()) for frame in source.frames],
         hdr.expected_accuracy(bands[0], _told_rates(bands[0]), method),
     )  # fmt: skip
+
+
+def _joined(bands: Sequence[torch.Tensor]) -> NDArray[Any]:
+    """Return the bands of a merged bracket as one array; a single one isn't copied."""
+    return bands[0].numpy()[None] if len(bands) == 1 else torch.stack(list(bands)).numpy()
 
 
 def _band(source: BracketFiles, number: int) -> hdr.Bracket:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
@@ -11,10 +10,16 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.files.photograph_file import encode_photograph, encode_srgb
-from labapp.files.writing import encode_image, write_atomically
+from labapp.files.photograph_file import encode_srgb, write_float_tiff
+from labapp.files.writing import draft_of, encode_image, write_atomically
 from labapp.pictures.merging.merged_bracket import MergedFiles
 from optics import hdr
+
+_ROWS = 256
+"""Rows of a picture that are compressed together, which saves memory. Chosen."""
+
+_TONE_PIXELS = 1_000_000
+"""Pixels that tell a picture's key and white, evenly over it. Chosen."""
 
 
 def merged_paths(path: Path) -> dict[str, Path]:
@@ -29,9 +34,10 @@ def merged_paths(path: Path) -> dict[str, Path]:
 
 def write_merged(merged: MergedFiles, paths: dict[str, Path]) -> bytes:
     """Write a merged bracket's data, light and picture; return the picture's PNG."""
-    write_atomically(paths["data"], _hdf5(merged))
-    light = encode_photograph(paths["light"], merged.rate, in_srgb=False, white_level=1.0)
-    write_atomically(paths["light"], light)
+    with draft_of(paths["data"]) as draft:
+        _write_hdf5(merged, draft)
+    with draft_of(paths["light"]) as draft:
+        write_float_tiff(draft, merged.rate)
     shown = encode_image(paths["picture"], picture_to_look_at(merged.rate)[..., ::-1])
     write_atomically(paths["picture"], shown)
     return shown
@@ -66,10 +72,9 @@ def describe_merged(merged: MergedFiles) -> dict[str, Any]:
     }
 
 
-def _hdf5(merged: MergedFiles) -> bytes:
-    """Return the HDF5 file of a merged bracket; grey pictures have two axes."""
-    held = io.BytesIO()
-    with h5py.File(held, "w") as file:
+def _write_hdf5(merged: MergedFiles, path: Path) -> None:
+    """Write the HDF5 file of a merged bracket; grey pictures have two axes."""
+    with h5py.File(path, "w") as file:
         for name in ("rate", "variance", "state"):
             whole = getattr(merged, name)
             file[name] = whole[0] if len(whole) == 1 else whole
@@ -77,7 +82,6 @@ def _hdf5(merged: MergedFiles) -> bytes:
         file["variance"].attrs["unit"] = "(electrons per second and pixel)²; infinite: unknown"
         file["state"].attrs["states"] = json.dumps({one.value: one.name for one in hdr.PixelState})
         file["description"] = json.dumps(describe_merged(merged))
-    return held.getvalue()
 
 
 def picture_to_look_at(rate: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -86,14 +90,32 @@ def picture_to_look_at(rate: NDArray[np.float32]) -> NDArray[np.uint8]:
     Light is compressed by Reinhard's global operator (2002, doi 10.1145/566654.566575): its
     logarithmic mean becomes 0.18 of white, and what is much brighter approaches white.
     """
-    colours = np.repeat(rate, 3, axis=0) if len(rate) == 1 else rate
-    light = np.maximum(np.moveaxis(colours, 0, -1), 0)
-    luminance = light @ np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
-    lit = luminance[luminance > 0]
+    key, white = _tone(rate)
+    picture = np.empty((*rate.shape[1:], 3), dtype=np.uint8)
+    for start in range(0, len(picture), _ROWS):
+        rows = slice(start, start + _ROWS)
+        luminance = key * _luminance(rate[:, rows])
+        factor = key * (1 + luminance / white**2) / (1 + luminance)
+        picture[rows] = encode_srgb(np.moveaxis(np.maximum(rate[:, rows], 0) * factor, 0, -1))
+    return picture
+
+
+def _tone(rate: NDArray[np.float32]) -> tuple[np.float32, np.float32]:
+    """Return a merged bracket's factor of exposure, and the light that becomes white."""
+    every = max(1, rate[0].size // _TONE_PIXELS)
+    lit = _luminance(rate.reshape(len(rate), 1, -1)[..., ::every])
+    lit = lit[lit > 0]
     if not lit.size:
-        return np.zeros(light.shape, dtype=np.uint8)
-    key = 0.18 / np.exp(np.log(lit).mean())
-    scaled = key * luminance
-    white = max(1.0, float(np.quantile(scaled, 0.999)))
-    factor = (1 + scaled / white**2) / (1 + scaled)
-    return encode_srgb(light * (key * factor)[..., None])
+        return np.float32(1), np.float32(1)
+    key = np.float32(0.18 / np.exp(np.log(lit).mean()))
+    return key, np.float32(max(1.0, float(np.quantile(key * lit, 0.999))))
+
+
+def _luminance(rate: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the luminance of a merged bracket's light: that of sRGB's primaries, or the light."""
+    light = np.maximum(rate, 0)
+    if len(light) == 1:
+        return light[0]
+    red, green, blue = light
+    weights = (np.float32(one) for one in (0.2126, 0.7152, 0.0722))
+    return sum(weight * one for weight, one in zip(weights, (red, green, blue), strict=True))
