@@ -2,8 +2,8 @@
 
 The files are in the order of the work: what a merged picture is, the bracket with its noise, the
 samples of some pixels and their weighted mean, pixels in which exposures contradict each other or
-may be clipped, the merge itself, how accurate it is, and exposures that differ from what they were
-said to be. A bracket is chosen before it is taken: the scene is metered, the exposures are searched
+may be clipped, the merge itself, how accurate it is, exposures that differ from what they were
+said to be, and defective pixels. A bracket is chosen before it is taken: the scene is metered, the exposures are searched
 for, and a scene that has changed since is told.
 """
 
@@ -15,6 +15,7 @@ from optics.hdr.bracket_choice import (
     choose_bracket,
 )
 from optics.hdr.bracket_ladders import LADDER_RATIOS, choose_ladder
+from optics.hdr.defects import Defects, find_defects
 from optics.hdr.expected_accuracy import (
     ExpectedAccuracy,
     cramer_rao_variance,
@@ -48,6 +49,7 @@ __all__ = [
     "VALID",
     "Bracket",
     "ChosenBracket",
+    "Defects",
     "ExpectedAccuracy",
     "ExposureFactors",
     "ExposureLimits",
@@ -65,6 +67,7 @@ __all__ = [
     "common_period",
     "cramer_rao_variance",
     "expected_accuracy",
+    "find_defects",
     "measure_exposure_factors",
     "merge",
     "scene_change",

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from optics.hdr.bracket import Bracket
 
@@ -32,6 +33,13 @@ _LEAST_SIGNAL = 5.0
 _STRAY = 5.0
 """Robust deviations from a frame's median residual beyond which something moved in a pixel."""
 
+_LEAST_PIXELS = 30
+"""Pixels that two frames have in common from which on their ratio counts. Chosen."""
+
+_FLICKER_MARGIN = 1.5
+"""Light of a frame that flickers over what it could be by itself. Chosen: others, which give the
+scale, may flicker too."""
+
 _NOTABLE, _SURE = 0.025, 5.0
 """Relative difference, and standard deviations, from which on a frame is named. Chosen."""
 
@@ -40,7 +48,8 @@ _NOTABLE, _SURE = 0.025, 5.0
 class ExposureFactors:
     """Light of a bracket's frames over that of their exposure times.
 
-    factors: one for each frame, with the middle one 1. deviations: their standard deviations.
+    factors: one for each frame, with the middle one 1. deviations: their standard deviations;
+    infinite, with a factor of 1, for frames that share too few pixels with the others.
     scatter: root mean square of what they leave, over the noise: 1 if the noise is known.
     pixels: that told.
     """
@@ -88,7 +97,8 @@ class ExposureFactors:
                 f"{factor * time:.3g} s"
             )
             cause = "it was exposed otherwise, or something changed in all of the picture"
-            if time < 10 * flicker_period:
+            # The most by which a part of a period changes the light, if that goes down to 0.
+            if abs(factor - 1) <= _FLICKER_MARGIN * flicker_period / (math.pi * time):
                 cause += (
                     f"; or the light flickers, with a period near {flicker_period * 1e3:.3g} ms: "
                     "expose for whole periods"
@@ -120,7 +130,7 @@ def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> Exposur
     Raises
     ------
     ValueError
-        For a single frame, and if no pixel is bright without being clipped in two frames.
+        For a single frame, and if too few pixels are bright without being clipped in two frames.
     """
     if len(bracket.times) < 2:
         raise ValueError("one frame has no ratio of exposures; give two at least")
@@ -129,13 +139,14 @@ def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> Exposur
     logs = np.zeros(len(bracket.times))
     for _ in range(_ROUNDS):
         step = _Step(light, clipped, bracket.times * np.exp(logs), floors, levels)
-        change, covariance = step.solve()
+        linked = step.linked()
+        change, covariance = step.solve(linked)
         logs += change
         if np.abs(change).max() < 1e-5:
             break
-    logs -= np.median(logs)
+    logs[linked] -= np.median(logs[linked])
     scatter = step.scatter
-    deviations = np.sqrt(np.diag(covariance)) * max(1.0, scatter)
+    deviations = np.where(linked, np.sqrt(np.diag(covariance)) * max(1.0, scatter), math.inf)
     return ExposureFactors(bracket.times, np.exp(logs), deviations, scatter, step.count)
 
 
@@ -203,18 +214,33 @@ class _Step:
         below = (weight * self._times).sum(0)
         return np.asarray((weight * self._light).sum(0) / np.where(below > 0, below, 1))
 
-    def solve(self) -> tuple[Array, Array]:
-        """Return the change of the HDR factors' logarithms and their covariance."""
+    def linked(self) -> NDArray[np.bool_]:
+        """Return the largest group of an HDR bracket's frames that common pixels link together.
+
+        Raises ValueError if no two are.
+        """
+        used = self._used.astype(np.float32)
+        _, group = connected_components(used @ used.T >= _LEAST_PIXELS, directed=False)
+        largest = np.argmax(np.bincount(group))
+        if (group == largest).sum() < 2:
+            raise ValueError(
+                "no pixels are bright, and not clipped, in two frames: nothing tells their ratios. "
+                "Add exposures between them"
+            )
+        return np.asarray(group == largest)
+
+    def solve(self, linked: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return the change of the HDR factors' logarithms and their covariance.
+
+        linked: frames that have a factor; that of others doesn't change.
+        """
         information = self._shown**2 / self._variance * self._used
         slope = self._shown * (self._light - self._shown) / self._variance * self._used
         whole = np.maximum(information.sum(0), 1e-30)
         matrix = np.diag(information.sum(1)) - (information / whole) @ information.T
-        if self.count < len(self._times) or np.linalg.matrix_rank(matrix) < len(matrix) - 1:
-            raise ValueError(
-                "no pixels are bright, and not clipped, in frames of all exposures: nothing tells "
-                "their ratios. Add exposures between them"
-            )
-        covariance = np.linalg.pinv(matrix, rcond=1e-10, hermitian=True)
+        covariance = np.zeros_like(matrix)
+        few = np.ix_(linked, linked)
+        covariance[few] = np.linalg.pinv(matrix[few], rcond=1e-10, hermitian=True)
         return np.clip(covariance @ slope.sum(1), -0.7, 0.7), covariance
 
 

@@ -33,7 +33,7 @@ def exposure_rows(merged: MergedFiles) -> list[list[str]]:
         factor = "taken as 1"
         if merged.factors is not None:
             found, deviation = merged.factors.factors[number], merged.factors.deviations[number]
-            factor = f"{found:.4f} ± {deviation:.4f}"
+            factor = f"{found:.4f} ± {deviation:.4f}" if deviation < 1 else "can't be told"
         rows.append(
             [str(number + 1), name, f"{time:.4g} s", factor, f"{merged.clipped[number]:.2%}"]
         )

@@ -63,7 +63,11 @@ def merge_files(
     for number, band in enumerate(bands):
         ends = (0.1 + 0.7 * (number + k) / len(bands) for k in (0, 1))
         report = functools.partial(progress.part(*ends).report, message="merging")
-        found.append(hdr.merge(band, method, source.defects, report))
+        defects = hdr.find_defects(band)
+        known = defects.mask if source.defects is None else defects.mask | source.defects
+        found.append(hdr.merge(band, method, known, report))
+        colour = f"colour {number + 1}: " if len(bands) > 1 else ""
+        told += [f"{colour}{words}. They are left out" for words in defects.explain()]
     progress.report(0.8, "simulating the merge")
     full = source.sensor.full_scale
     rate, variance, state = (_joined(every) for every in zip(*found, strict=True))
