@@ -3,8 +3,8 @@
 The files are in the order of the work: what a merged picture is, the bracket with its noise, the
 samples of some pixels and their weighted mean, pixels in which exposures contradict each other or
 may be clipped, the merge itself, how accurate it is, exposures that differ from what they were
-said to be, and defective pixels. A bracket is chosen before it is taken: the scene is metered, the exposures are searched
-for, and a scene that has changed since is told.
+said to be, and defective pixels. A bracket is chosen before it is taken: the scene is metered, the
+exposures are searched for, and a scene that has changed since is told.
 """
 
 from optics.hdr.bracket import Bracket
