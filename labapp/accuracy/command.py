@@ -102,7 +102,7 @@ def _find_regressions(
 def _report_regressions(worse: list[str], count: int, stored: StoredRows, where: Console) -> None:
     """Print the accuracy rows that became worse, and exit with code 1 if there are any."""
     for line in worse:
-        where.print(f"worse than {stored.source}: {line}", markup=False)
+        where.print(f"worse than {stored.source}: {line}")
     if worse:
         raise SystemExit(1)
     percent = 100 * SLOWER - 100

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from matplotlib.figure import Figure
 
 from labapp.common.console import out, print_json, print_message, print_table
+from labapp.common.figure_png import show_plain_text
 from labapp.files.writing import write_atomically
 
 R = TypeVar("R")
@@ -38,7 +39,7 @@ def print_rows(
     print_table(title, list(columns), [[cell(row) for cell in columns.values()] for row in rows])
     failures = (getattr(row, "failure", "") for row in rows)
     for failure in dict.fromkeys(filter(None, failures)):
-        out.print(f"failed: {failure}", markup=False)
+        out.print(f"failed: {failure}")
     out.print(remark)
     out.print(describe_machine(), style="dim")
 
@@ -66,7 +67,9 @@ def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
     if plot is None:
         return
     buffer = io.BytesIO()
-    draw().savefig(buffer, format=plot.suffix.lstrip(".") or "png")
+    figure = draw()
+    show_plain_text(figure)
+    figure.savefig(buffer, format=plot.suffix.lstrip(".") or "png")
     write_atomically(plot, buffer.getvalue())
     print_message(f"wrote {plot}")
 

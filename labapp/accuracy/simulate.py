@@ -75,7 +75,7 @@ _COLUMNS: Columns[SimulationRow] = {
     "work ": lambda row: f"{row.work:.0e}",
     "CPU ms ": lambda row: f"{1e3 * row.cpu_s:.0f}",
     "plan ": lambda row: f"{1e3 * row.deciding_s:.0f}",
-    "": lambda row: "" if row.is_within_tolerance else "[red]beyond[/red]",
+    "": lambda row: "" if row.is_within_tolerance else "beyond",
 }
 _REMARK = (
     "told: the error that the plan allows for, at most. mean, var., σ: relative L2 errors "

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.markup import escape
-
 from drivers.clock import RealClock
 from drivers.interfaces import Surroundings
 from labapp.bench.opening import BenchFiles, BenchSetup, OpenDevice, device_maker, open_device
@@ -51,10 +49,10 @@ def check_bench(bench: Path, scene: Path | None, *, open_devices: bool, as_json:
         checks = [dict(zip(("check", "well", "seen"), row, strict=True)) for row in rows]
         print_json({"bench": str(bench), "well": well, "checks": checks})
         return well
-    shown = [[what, "ok" if good else "WRONG", escape(seen)] for what, good, seen in rows]
+    shown = [[what, "ok" if good else "WRONG", seen] for what, good, seen in rows]
     print_table(str(bench), ["", "", "seen"], shown)
     if not open_devices:
-        out.print("The devices weren't opened.", markup=False)
+        out.print("The devices weren't opened.")
     return well
 
 

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rich.markup import escape
-
 from drivers.ports import Port, cameras, screens, serial_ports, usb_devices
 from labapp.bench.opening import BenchFiles, BenchSetup, installed_drivers, open_device
 from labapp.bench.selftest.checks import describe_error
@@ -38,17 +36,17 @@ def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> No
         )
         return
     columns = ["device", "model", "", "can do"]
-    rows = [[escape(told) for told in one.values()] for one in described]
+    rows = [list(one.values()) for one in described]
     print_table(f"Bench: {setup.bench.name}", columns, rows)
-    rows = [[driver, escape(bad or "installed")] for driver, bad in installed.items()]
+    rows = [[driver, bad or "installed"] for driver, bad in installed.items()]
     print_table("Drivers", ["name", "state"], rows)
     print_table(
         "Plugged in",
         ["kind", "address", "description"],
-        [[escape(told) for told in (port.kind, port.address, port.description)] for port in ports],
+        [[port.kind, port.address, port.description] for port in ports],
     )
     for line in trouble:
-        out.print(line, markup=False)
+        out.print(line)
 
 
 def describe_device(setup: BenchSetup, role: str) -> dict[str, str]:

@@ -87,7 +87,7 @@ def print_tables(result: CalibrationResult, folder: Path) -> None:
     for line in advice(result):
         print_message(line)
     out.print(f"wrote {folder / CALIBRATION_FILE}; put it in force with a line in the bench file:")
-    out.print(f'calibration = "{folder / CALIBRATION_FILE}"', markup=False)
+    out.print(f'calibration = "{folder / CALIBRATION_FILE}"')
 
 
 def result_rows(file: CalibrationFile) -> list[Row]:

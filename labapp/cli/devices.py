@@ -9,6 +9,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.shared_options import BenchOption, ForceOption, JsonOption, SceneOption
+from labapp.common.plain_text import printable
 
 devices = typer.Typer(invoke_without_command=True, rich_markup_mode="markdown")
 app.add_typer(devices, name="devices")
@@ -82,4 +83,4 @@ def devices_screens_(
     """Show each screen's name on it (for --seconds), and list the names for a bench file's SLM."""
     from drivers.screen.identify import format_listing, identify_screens
 
-    print(format_listing(identify_screens(display, seconds)))
+    print(printable(format_listing(identify_screens(display, seconds))))

@@ -34,7 +34,7 @@ def _list_topics() -> None:
 
     rows = [(one.name, one.summary) for one in list_topics()]
     print_table("The guide", ("topic", "what it is about"), rows)
-    out.print("For instance: labapp help first-session", markup=False)
+    out.print("For instance: labapp help first-session")
 
 
 def _show_page(topic: str) -> None:

@@ -12,23 +12,45 @@ from typing import Any
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from labapp.common.plain_text import printable, printable_line
 from optics.progress import Progress
 
-out = Console(highlight=False)
-err = Console(stderr=True, highlight=False)
+
+class PlainConsole(Console):
+    """A terminal on which every text is shown as it is, without markup, emoji codes and controls.
+
+    Names and messages come from files and devices. Use `styled` for parts in colour.
+    """
+
+    def __init__(self, *, stderr: bool = False) -> None:
+        super().__init__(stderr=stderr, highlight=False, markup=False, emoji=False)
+
+    def render_str(self, text: str, **look: Any) -> Text:
+        return super().render_str(printable(text), **look)
+
+
+out = PlainConsole()
+err = PlainConsole(stderr=True)
+
+
+def styled(*parts: str | tuple[str, str]) -> Text:
+    """Return a line for the terminal of texts, and of texts with a style, as ("held", "green")."""
+    pairs = ((part, "") if isinstance(part, str) else part for part in parts)
+    return Text.assemble(*((printable_line(text), style) for text, style in pairs))
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     """Print a table in the terminal; right-align columns whose heading ends in a blank."""
-    out.print(title, style="bold", markup=False)
+    out.print(styled((title, "bold")))
     made = Table(box=SIMPLE_HEAD, pad_edge=False)
     for name in columns:
         made.add_column(
             name.strip(), justify="right" if name.endswith(" ") else "left", overflow="fold"
         )
     for row in rows:
-        made.add_row(*(str(cell) for cell in row))
+        made.add_row(*(cell if isinstance(cell, Text) else str(cell) for cell in row))
     out.print(made)
     out.print()
 
@@ -40,12 +62,12 @@ def print_json(data: Any) -> None:
 
 def print_message(text: str) -> None:
     """Print a message on the terminal's standard error; standard output holds only data."""
-    err.print(text, markup=False, soft_wrap=True)
+    err.print(text, soft_wrap=True)
 
 
 def print_error(text: str) -> None:
     """Print an error on the terminal's standard error, unwrapped for searching and copying."""
-    err.print(text, style="bold red", markup=False, soft_wrap=True)
+    err.print(text, style="bold red", soft_wrap=True)
 
 
 @contextmanager
@@ -61,7 +83,7 @@ def terminal_progress() -> Iterator[Progress]:
     from rich.progress import Progress as Bar
 
     columns = (
-        TextColumn("{task.description:<36}"),
+        TextColumn("{task.description:<36}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
         TimeElapsedColumn(),
@@ -71,7 +93,9 @@ def terminal_progress() -> Iterator[Progress]:
     with Bar(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
         task = bar.add_task("starting", total=1.0)
         progress = Progress(
-            lambda fraction, message: bar.update(task, completed=fraction, description=message)
+            lambda fraction, message: bar.update(
+                task, completed=fraction, description=printable_line(message)
+            )
         )
         with _cancel_on_signals(progress):
             yield progress

@@ -44,7 +44,7 @@ def print_list(
     if keys:
         _print("Below each: KEY, what it is if left out, and its unit and meaning.\n")
     for one in entries:
-        out.print(f"{one.name}: {one.what}", style="bold", markup=False, soft_wrap=True)
+        out.print(f"{one.name}: {one.what}", style="bold", soft_wrap=True)
         for line in one.lines:
             _print(f"    {line}")
         _print_keys([key for key in one.keys if key["key"] not in known], widest)
@@ -65,4 +65,4 @@ def _print_keys(keys: Sequence[Mapping[str, str]], widest: int) -> None:
 
 
 def _print(line: str) -> None:
-    out.print(line, markup=False, soft_wrap=True)
+    out.print(line, soft_wrap=True)

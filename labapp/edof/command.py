@@ -99,9 +99,9 @@ def design_edof(
         print_json({**_account(done), "files": [str(one) for one in files]})
         return
     print_table("Pattern for an extended depth of field", ["", "blind", "depth known"], _rows(done))
-    out.print(_notes(done), markup=False)
+    out.print(_notes(done))
     for one in files:
-        out.print(f"wrote {one}", markup=False, soft_wrap=True)
+        out.print(f"wrote {one}", soft_wrap=True)
 
 
 def _design(
@@ -117,7 +117,7 @@ def _design(
     state = kept.read() or SearchState()
     if not quiet:
         going_on = f" (going on after step {state.step})" if state.step else ""
-        out.print(f"{steps} steps{going_on}; kept so far in {file.path}", markup=False)
+        out.print(f"{steps} steps{going_on}; kept so far in {file.path}")
     with terminal_progress() as progress:
         result = search_pattern(problem, transfer, start, steps, state, kept, progress.part(0, 0.8))
         phase = problem.whole_phase(result.parameters).detach()

@@ -113,7 +113,7 @@ def draw_beam(request: BeamRequest, path: Path) -> None:
             request, phase, _near_sensor_bounds(request), progress.part(0.5, 1.0)
         )
     write_atomically(path, figure_to_png(_picture(request, whole, focus)))
-    out.print(f"wrote {path}", markup=False)
+    out.print(f"wrote {path}")
 
 
 def _phase(request: BeamRequest) -> torch.Tensor | None:

@@ -20,7 +20,7 @@ def print_report(result: RefinementResult, files: list[Path], *, as_json: bool) 
         print_message(line)
     wrote = [f"wrote {file}" for file in files]
     wrote.append(f"records in {result.pictures[0].record.parent}")
-    out.print("\n".join(wrote), markup=False, soft_wrap=True)
+    out.print("\n".join(wrote), soft_wrap=True)
 
 
 def report_data(result: RefinementResult, files: list[Path]) -> dict[str, Any]:

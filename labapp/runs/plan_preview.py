@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from labapp.bench.opening import Bench, BenchFiles, open_bench
-from labapp.common.console import out, print_json, print_table, terminal_progress
+from labapp.common.console import out, print_json, print_table, styled, terminal_progress
 from labapp.common.errors import UserError
 from labapp.files.pattern_table import VideoPattern
 from labapp.files.plan_file import NamedPlan, PlanFile
@@ -69,7 +69,6 @@ def check_plan(
     _print_summary(preview)
     out.print(
         f"PASS. Run it with: labapp run {named_plan.name} --out run.h5",
-        markup=False,
         soft_wrap=True,
     )
 
@@ -169,10 +168,10 @@ def _print_summary(preview: Preview) -> None:
         f"{disk} on disk, {_size(preview.free)} free in this folder",
         *_bracket_lines(preview.plan),
     )
-    out.print(preview.plan.title, style="bold", markup=False)
-    out.print(f"On {preview.bench}  {badge}", markup=False)
+    out.print(styled((preview.plan.title, "bold")))
+    out.print(f"On {preview.bench}  {badge}")
     for line in lines:
-        out.print(line, markup=False)
+        out.print(line)
     out.print()
     rows = [list(limit.values()) for limit in _limits(preview)]
     print_table("Asked for, and what this bench has", ["", "asked", "bench"], rows)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from labapp.bench.calibration_validity import calibration_summary, camera_calibration_summary
-from labapp.common.console import out, print_json, print_table
+from labapp.common.console import out, print_json, print_table, styled
 from labapp.runs.effect_plan_tables import show_effects
 from labapp.runs.record import layout
 from labapp.runs.record.reader import Record
@@ -22,20 +22,20 @@ def show_record(path: Path, *, as_json: bool) -> None:
         print_json(data)
         return
     badge = f"SIMULATED: {', '.join(data['simulated'])}" if data["simulated"] else "real devices"
-    out.print(f"[bold]{data['title']}[/bold]  {data['state']}  [yellow]{badge}[/yellow]")
+    out.print(styled((data["title"], "bold"), f"  {data['state']}  ", (badge, "yellow")))
     out.print(f"{data['stored']} of {data['frames']} frames stored, {data['size']}")
     out.print(f"started {data['start_time']}, ended {data['end_time'] or 'not yet'}")
     out.print(f"expected {data['expected_s']:.1f} s of bench time, on a {data['clock']} clock")
     for line in data["calibrations"]:
         out.print(line, markup=False)
     if data["digest"]:
-        out.print(f"digest {data['digest']}", markup=False, soft_wrap=True)
+        out.print(f"digest {data['digest']}", soft_wrap=True)
     if data["retried"]:
         out.print(f"frames that needed more than one attempt: {data['retried']}")
     if data["missing"]:
-        out.print(f"[red]missing frames: {data['missing']}[/red]")
+        out.print(styled((f"missing frames: {data['missing']}", "red")))
     if data["message"]:
-        out.print(data["message"], markup=False)
+        out.print(data["message"])
     out.print()
     columns = ["role", "target", "pattern", "wavelength nm ", "exposures ms ", "frames "]
     print_table("Frames", columns, [list(group.values()) for group in data["groups"]])

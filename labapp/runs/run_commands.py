@@ -153,7 +153,7 @@ def print_written_plan(
     both = f" and {patterns} patterns" if patterns else ""
     lines = f"wrote {plan}{both}. Then:\nlabapp run {plan} --out {record}"
     # A command to copy isn't broken into lines.
-    out.print(f"{lines}\n{following}", markup=False, soft_wrap=True)
+    out.print(f"{lines}\n{following}", soft_wrap=True)
 
 
 def _with_bench(setup: BenchSetup, bench: Path) -> BenchSetup:
@@ -168,9 +168,9 @@ def _report_outcome(outcome: RunOutcome, execution: ExecutionOptions) -> None:
         f"{outcome.elapsed_seconds:.1f} s of bench time, {outcome.expected_seconds:.1f} s expected"
     )
     text = f"{outcome.path}: COMPLETE ({took}). See it with: labapp show {outcome.path}"
-    out.print(text, markup=False, soft_wrap=True)
+    out.print(text, soft_wrap=True)
     # Kept elsewhere, it shows later whether the record is still the one that the run left.
-    out.print(f"digest {outcome.digest}", markup=False, soft_wrap=True)
+    out.print(f"digest {outcome.digest}", soft_wrap=True)
     if outcome.message:
         print_error(outcome.message)
 

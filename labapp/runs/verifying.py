@@ -8,8 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rich.markup import escape
-
 from drivers.hosted.calls import CallResult
 from drivers.hosted.child_process import ChildProcess, ProcessEnded
 from labapp.common.console import out, print_json, print_table, terminal_progress
@@ -34,9 +32,9 @@ def verify_record(path: Path, *, as_json: bool, digest: str = "") -> bool:
     if as_json:
         print_json(_as_data(found))
         return found.is_in_order
-    rows = [[one.check, one.result, escape(one.detail)] for one in found.findings]
+    rows = [[one.check, one.result, one.detail] for one in found.findings]
     print_table(str(path), ["check", "result", "detail"], rows)
-    out.print(found.verdict, markup=False, soft_wrap=True)
+    out.print(found.verdict, soft_wrap=True)
     return found.is_in_order
 
 

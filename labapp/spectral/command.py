@@ -74,7 +74,7 @@ def reconstruct_spectra(
     for note in _notes(problem, restored):
         print_message(f"note: {note}")
     for file in (*cubes, files.colours, files.picture):
-        out.print(f"wrote {file}", markup=False, soft_wrap=True)
+        out.print(f"wrote {file}", soft_wrap=True)
 
 
 def _notes(problem: SpectralProblem, restored: RestoredCube) -> list[str]:

@@ -46,10 +46,9 @@ def print_spectra(file: SpectraFile, paths: tuple[Path, ...]) -> None:
     for line in file.indeterminate:
         print_message(f"indeterminate: {line}")
     for path in paths:
-        out.print(f"wrote {path}", markup=False, soft_wrap=True)
+        out.print(f"wrote {path}", soft_wrap=True)
     out.print(
         f"labapp reconstruct RUN.h5 --bands all --calibration {paths[0]}",
-        markup=False,
         soft_wrap=True,
     )
 

@@ -65,7 +65,7 @@ def train_for_command(
     schedule = replace(schedule, steps=count or schedule.steps)
     if processes.is_writer:
         going_on = "" if before is None else ", going on from the state"
-        out.print(f"{schedule.steps} steps{going_on}; kept so far in {path}", markup=False)
+        out.print(f"{schedule.steps} steps{going_on}; kept so far in {path}")
     with show_progress(processes) as progress:
         try:
             result = run_training(task, schedule, kept, processes, progress)

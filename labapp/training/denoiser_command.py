@@ -63,7 +63,7 @@ def train_denoiser(
             _write(result, processes, weights)
             kept.unlink(missing_ok=True)
             hours = (time.process_time() - started) / 3600
-            out.print(f"wrote {weights} after {hours:.2f} processor hours", markup=False)
+            out.print(f"wrote {weights} after {hours:.2f} processor hours")
 
 
 def _write(result: TrainingResult, processes: Processes, weights: Path) -> None:

@@ -14,6 +14,7 @@ from labapp.window.duration_text import format_processor_time
 from labapp.window.effects_model import format_share
 from labapp.window.messages import AccuracyForecast, AccuracyPoint
 from labapp.window.table_base import MARGIN, ModelIndex, RowsModel, RowsTable
+from labapp.window.widgets import plain_tip
 
 _COLUMNS = {
     "Tolerance": "The relative error that you accept",
@@ -53,7 +54,7 @@ class AccuracyModel(RowsModel):
         row = self.rows[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
             return row.cells[index.column()]
-        return row.failure or None if role == Qt.ItemDataRole.ToolTipRole else None
+        return plain_tip(row.failure) or None if role == Qt.ItemDataRole.ToolTipRole else None
 
 
 class AccuracyTable(RowsTable):

@@ -18,7 +18,7 @@ from labapp.window.accuracy_front import AccuracyFront
 from labapp.window.accuracy_table import AccuracyTable, format_decade
 from labapp.window.duration_text import format_duration
 from labapp.window.messages import AccuracyForecast, AccuracyMeasured, JobProgress
-from labapp.window.widgets import PANEL_MARGINS, fill_layout, make_label
+from labapp.window.widgets import PANEL_MARGINS, fill_layout, make_label, plain_tip
 
 WORDS = {
     1: "rough", 2: "quick look", 3: "usual for predictions", 4: "careful", 5: "fine",
@@ -60,7 +60,7 @@ class AccuracyView(QWidget):
         self.slider.setValue(USUAL)
         self.slider.setTickPosition(QSlider.TickPosition.TicksBelow)
         self.slider.setToolTip("Relative error of predictions and, on a virtual bench, of pictures")
-        self.setting = make_label(self)
+        self.setting = make_label(self, rich=True)
         self.effect = make_label(self, look="faint", wrap=True)
         self.usual = QPushButton("As usual", self)
         self.usual.setToolTip("1e-3 for predictions, and the scene's own tolerance for pictures")
@@ -72,7 +72,7 @@ class AccuracyView(QWidget):
         self.measure.setToolTip(_MEASURE_TIP)
         self.bar = QProgressBar(self)
         self.cancel = QPushButton("Cancel", self)
-        self.link = make_label(self)
+        self.link = make_label(self, rich=True)
         self._scene_tolerance: float | None = None
         self._is_usual = True
         self._forecast: AccuracyForecast | None = None
@@ -162,7 +162,7 @@ class AccuracyView(QWidget):
         done = f" (cancelled after {counts})" if report.cancelled else ""
         url = QUrl.fromLocalFile(str(report.page.absolute())).toString()
         self.link.setText(f'<a href="{url}">Open the page</a>{done}')
-        self.link.setToolTip(str(report.page))
+        self.link.setToolTip(plain_tip(str(report.page)))
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

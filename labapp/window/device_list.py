@@ -19,7 +19,10 @@ class DeviceRow(QWidget):
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self._title, self._value = make_label(self), make_label(self, wrap=True)
+        self._title, self._value = (
+            make_label(self, rich=True),
+            make_label(self, wrap=True, rich=True),
+        )
         self.reconnect = QPushButton("Reconnect", self)
         self.reconnect.setToolTip("Open the device again")
         layout = QGridLayout(self)

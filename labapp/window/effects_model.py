@@ -10,6 +10,7 @@ from PySide6.QtCore import QObject, Qt
 from labapp.window.messages import EffectInfo
 from labapp.window.table_base import ModelIndex, RowsModel
 from labapp.window.theme import FAINT, SIMULATED, TEXT
+from labapp.window.widgets import plain_tip
 
 _COLUMNS = {
     "Effect": "Whatever optics and electronics of this bench could do to the picture, in the "
@@ -46,7 +47,7 @@ class EffectsModel(RowsModel):
         row = self.rows[index.row()]
         if role == Qt.ItemDataRole.DisplayRole:
             return (row.name, row.level, error_text(row))[index.column()]
-        return _tip(row) if role == Qt.ItemDataRole.ToolTipRole else None
+        return plain_tip(_tip(row)) if role == Qt.ItemDataRole.ToolTipRole else None
 
 
 def format_share(number: float) -> str:

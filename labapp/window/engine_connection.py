@@ -14,6 +14,7 @@ from PySide6.QtCore import QObject, QSocketNotifier, Signal
 
 from drivers.hosted.calls import CallResult
 from drivers.hosted.child_process import ChildProcess
+from labapp.common.plain_text import printable
 from labapp.window.bench_options import BenchOptions
 from labapp.window.messages import AcknowledgeFrame, Command, LiveFrame
 
@@ -147,7 +148,7 @@ class EngineConnection(QObject):
                 self._note(line)
 
     def _note(self, line: str) -> None:
-        sys.stderr.write(line)
+        sys.stderr.write(printable(line))
         # The lines that follow a fatal error are only its traceback.
         if line.strip() and not self._last_words.startswith("Fatal Python error"):
             self._last_words = line.strip()[: _SETTINGS.kept_characters]

@@ -7,7 +7,7 @@ from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QSizePolicy, QWidget
 
 from labapp.window.theme import ALARM, ALARM_TEXT, FAINT, PANEL
-from labapp.window.widgets import fill_layout, make_label
+from labapp.window.widgets import fill_layout, make_label, plain_tip
 
 
 class MessageLine(QWidget):
@@ -23,7 +23,6 @@ class MessageLine(QWidget):
         self.setObjectName("messageLine")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._label = make_label(self, wrap=True)
-        self._label.setTextFormat(Qt.TextFormat.PlainText)
         self._label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         # The line always has the height of two, so that nothing moves when an error comes.
         self.setFixedHeight(2 * self.fontMetrics().lineSpacing() + 12)
@@ -56,7 +55,7 @@ class MessageLine(QWidget):
         self._errors += 1
         more = f"  (and {self._errors - 1} before it)" if self._errors > 1 else ""
         self._label.setText(text + more)
-        self._label.setToolTip(text)
+        self._label.setToolTip(plain_tip(text))
         if restart:
             self.restart.show()
         self._paint()

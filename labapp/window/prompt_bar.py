@@ -24,7 +24,6 @@ class PromptBar(QWidget):
         self.setObjectName("call")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._label = make_label(self, wrap=True)
-        self._label.setTextFormat(Qt.TextFormat.PlainText)
         self.done_button = QPushButton("Done  Enter", self)
         self.resume_button = make_tool_button(self, pause)
         self._prompt: Prompt | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtGui import QAction, QStandardItemModel
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -20,7 +20,7 @@ from labapp.window.before_after_view import BeforeAfterView
 from labapp.window.messages import DECODER, ReconstructionResult
 from labapp.window.spectral_messages import RecordBands, SpectralResult
 from labapp.window.spectral_view import SpectralView
-from labapp.window.widgets import fill_layout, make_label, make_tool_button
+from labapp.window.widgets import fill_layout, make_label, make_tool_button, plain_tip
 from optics.deconvolution.method_names import AUTO, RESTORATIONS
 
 METHODS = {
@@ -132,7 +132,7 @@ class ReconstructionView(QWidget):
         self.picture.show_before_after(result.before, result.after)
         self._described = describe_result(result)
         self.note.setText(self._described + self._hint)
-        self.note.setToolTip(str(result.path))
+        self.note.setToolTip(plain_tip(str(result.path)))
         self._pages.setCurrentIndex(0)
         self._enable_buttons()
 
@@ -162,7 +162,7 @@ class ReconstructionView(QWidget):
         model = self.method.model()
         assert isinstance(model, QStandardItemModel)
         model.item(index).setEnabled(bool(decoder))
-        model.item(index).setToolTip(f"Blind, by {decoder}" if decoder else _NO_DECODER)
+        model.item(index).setToolTip(plain_tip(f"Blind, by {decoder}") if decoder else _NO_DECODER)
         if not decoder and self.method.currentIndex() == index:
             self.method.setCurrentIndex(0)
 
@@ -193,7 +193,6 @@ class ReconstructionView(QWidget):
         for page in (single, self.spectra):
             self._pages.addWidget(page)
         fill_layout(QVBoxLayout(self), bar, (self._pages, 1), margins=(0, 4, 0, 0), spacing=4)
-        self.note.setTextFormat(Qt.TextFormat.PlainText)
 
 
 def describe_result(result: ReconstructionResult) -> str:

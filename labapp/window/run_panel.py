@@ -29,6 +29,7 @@ from labapp.window.widgets import (
     fill_layout,
     make_label,
     make_tool_button,
+    plain_tip,
 )
 
 
@@ -92,7 +93,7 @@ class RunPanel(WrappingPanel):
     def show_last_run(self, path: Path) -> None:
         # One line, or the window outgrows a small screen; the tip has the whole path.
         self.last_run.setText(f"Last run: {path.name}")
-        self.last_run.setToolTip(str(path))
+        self.last_run.setToolTip(plain_tip(str(path)))
 
     def _arrange(self, actions: list[QAction]) -> None:
         grid = QGridLayout()

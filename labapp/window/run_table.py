@@ -20,7 +20,7 @@ from labapp.window.duration_text import format_duration
 from labapp.window.messages import RunInfo
 from labapp.window.table_base import ALIGN_LEFT, MARGIN, ModelIndex, RowsModel, RowsTable, paint_bar
 from labapp.window.theme import FAINT, RUN_STATES, TEXT
-from labapp.window.widgets import make_label
+from labapp.window.widgets import make_label, plain_tip
 
 _COLUMNS = ("Run", "State", "Frames")
 _WIDTHS = {1: 92, 2: 92}
@@ -55,7 +55,7 @@ class RunModel(RowsModel):
     def data(self, index: ModelIndex, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         run = self.rows[index.row()]
         if role == Qt.ItemDataRole.ToolTipRole:
-            return "\n".join(filter(None, (run.title, str(run.path), run.message)))
+            return plain_tip("\n".join(filter(None, (run.title, str(run.path), run.message))))
         if role == Qt.ItemDataRole.DisplayRole:
             return (run.title, run.state.value, f"{run.stored_frames}/{run.planned_frames}")[
                 index.column()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from html import escape
+
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSize
@@ -33,7 +35,7 @@ class SideBySide(QWidget):
         super().__init__(parent)
         self._last_results: list[ReconstructionResult] = []
         self.pictures = {name: PictureView(self) for name in _TITLES}
-        self.titles = {name: make_label(self, title) for name, title in _TITLES.items()}
+        self.titles = {name: make_label(self, title, rich=True) for name, title in _TITLES.items()}
         inset = QSize(104, 104)
         self.psf = Thumbnail(inset, self.pictures["coded"])
         self.psf.setFixedSize(inset)
@@ -80,7 +82,7 @@ class SideBySide(QWidget):
         title: str = "",
     ) -> None:
         self.pictures[name].show_indices(picture, tone_mapping.build_palette(mark_clipping=False))
-        text = title[:1].upper() + title[1:] or _TITLES[name]
+        text = escape(title[:1].upper() + title[1:] or _TITLES[name])
         if score is not None:
             text += f":&nbsp; <b>{score[0]:.1f} dB</b> PSNR,&nbsp; <b>{score[1]:.3f}</b> SSIM"
         self.titles[name].setText(text)

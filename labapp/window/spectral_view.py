@@ -23,7 +23,7 @@ from labapp.window.cube_description import describe_cube
 from labapp.window.picture_view import PictureView
 from labapp.window.spectral_messages import CubeColours, SpectralResult
 from labapp.window.spectrum_plot import SpectrumPlot
-from labapp.window.widgets import LayoutPart, fill_layout, make_label
+from labapp.window.widgets import LayoutPart, fill_layout, make_label, plain_tip
 
 LIGHTS = {
     "D65": "daylight",
@@ -79,7 +79,6 @@ class SpectralView(QWidget):
         self.spectrum = SpectrumPlot(self)
         self.place = make_label(self)
         self.note = make_label(self, look="faint", wrap=True)
-        self.note.setTextFormat(Qt.TextFormat.PlainText)
         self._arrange()
         self._connect()
 
@@ -101,7 +100,7 @@ class SpectralView(QWidget):
         self.show_colours(result.colours)
         self._show_band()
         self._show_pixel()
-        self.note.setToolTip("\n".join((str(result.path), *result.notes)))
+        self.note.setToolTip(plain_tip("\n".join((str(result.path), *result.notes))))
         for picture in self._pictures:
             picture.fit()
 

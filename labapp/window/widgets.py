@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSize
+from html import escape
+
+from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QBoxLayout, QLabel, QLayout, QSizePolicy, QToolButton, QWidget
 
@@ -27,12 +29,26 @@ class WrappingPanel(QWidget):
         return least.expandedTo(QSize(0, layout.minimumHeightForWidth(width)))
 
 
-def make_label(parent: QWidget, text: str = "", *, look: str = "", wrap: bool = False) -> QLabel:
-    """Create a label of the window; `look` is a name of the theme's style sheet, as "faint"."""
-    made = QLabel(text, parent)
+def make_label(
+    parent: QWidget, text: str = "", *, look: str = "", wrap: bool = False, rich: bool = False
+) -> QLabel:
+    """Create a label of the window; `look` is a name of the theme's style sheet, as "faint".
+
+    Its text is shown as it is. In a rich label it is HTML, in which names must be escaped.
+    """
+    made = QLabel(parent)
+    made.setTextFormat(Qt.TextFormat.RichText if rich else Qt.TextFormat.PlainText)
+    made.setText(text)
     made.setObjectName(look)
     made.setWordWrap(wrap)
     return made
+
+
+def plain_tip(text: str) -> str:
+    """Return a tip of the window that shows a text as it is; Qt takes some texts for HTML."""
+    if "<" not in text:
+        return text
+    return f'<span style="white-space: pre-wrap">{escape(text)}</span>'
 
 
 def mark_difference(value_label: QLabel, differs: bool) -> None:

@@ -53,5 +53,5 @@ def _print_summary(outcome: Outcome) -> None:
     ]
     print_table("What accuracy costs", ["operation", "time of", "setting"], rows)
     for one in outcome.left_out:
-        out.print(f"not measured: {one.title}: {one.why}", markup=False)
+        out.print(f"not measured: {one.title}: {one.why}")
     out.print(outcome.machine, style="dim")

@@ -25,6 +25,7 @@ from labapp.accuracy.reading import (
     setting_name,
 )
 from labapp.accuracy.work_precision import Row
+from labapp.common.figure_png import show_plain_text
 from labapp.pictures.report.html import document, footer, html_table
 
 _STYLE = """<style>
@@ -193,6 +194,7 @@ def _all_rows(one: MeasuredOperation) -> str:
 def inline_svg(figure: Figure, name: str) -> str:
     """Return a diagram of the accuracy page as SVG inside HTML; `name` makes its ids unique."""
     buffer = io.StringIO()
+    show_plain_text(figure)
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     drawn = buffer.getvalue()

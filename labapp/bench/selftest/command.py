@@ -10,8 +10,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from rich.markup import escape
-
 import labapp
 from labapp.bench.opening import BenchFiles, BenchSetup, OpenDevice, open_device
 from labapp.bench.selftest.checks import CheckResult, run_check, run_checks
@@ -47,7 +45,7 @@ def run_selftest(
         return bool(data["well"])
     _print(role, described.driver, found)
     if report is not None:
-        out.print(f"wrote {report}: send it with your question", markup=False)
+        out.print(f"wrote {report}: send it with your question")
     return bool(data["well"])
 
 
@@ -84,10 +82,10 @@ def _as_data(
 
 def _print(role: str, driver: str, found: list[CheckResult]) -> None:
     rows = [
-        [one.check, "ok" if one.passed else "FAILED", f"{one.seconds:.2f}", escape(one.detail)]
+        [one.check, "ok" if one.passed else "FAILED", f"{one.seconds:.2f}", one.detail]
         for one in found
     ]
     print_table(f"Self-test of the {role} ({driver})", ["check", "", "seconds ", "seen"], rows)
     failed = sum(not one.passed for one in found)
     verdict = f"{failed} of {len(found)} checks FAILED" if failed else f"all {len(found)} passed"
-    out.print(verdict, style="bold red" if failed else "bold", markup=False)
+    out.print(verdict, style="bold red" if failed else "bold")

@@ -20,6 +20,7 @@ from labapp.bench.virtual_bench.shared_world import SharedWorld
 from labapp.bench.virtual_bench.spectroradiometers import serve_spectroradiometer
 from labapp.common.console import print_message
 from labapp.common.errors import UserError
+from labapp.common.plain_text import printable
 from labapp.files.bench_file import read_bench
 from labapp.files.writing import make_folder, require_writable, write_atomically
 
@@ -95,7 +96,7 @@ def serve(options: ServeOptions) -> None:
     with catch_stop_requests() as ended, ExitStack() as stack:
         shared, targets, served = _start(options, setup, stack)
         text = bench_text(setup.bench, served, targets)
-        print(text, flush=True)
+        print(printable(text), flush=True)
         if options.out is not None:
             write_atomically(options.out, text.encode())
         _print_next_steps(options, list(served))

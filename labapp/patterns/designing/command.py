@@ -60,9 +60,7 @@ def write_pattern(
         print_json(data)
         return
     print_table(spec.label, ["", "value"], _rows(made))
-    out.print(
-        f"wrote {_format_file_names(files)}\nwrote {picture_path}", markup=False, soft_wrap=True
-    )
+    out.print(f"wrote {_format_file_names(files)}\nwrote {picture_path}", soft_wrap=True)
 
 
 def _contents(

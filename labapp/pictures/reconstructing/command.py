@@ -70,7 +70,7 @@ def reconstruct_photograph(
         print_message(f"note: {note}")
     for file in (files.data, files.picture, files.estimated_psf):
         if file is not None:
-            out.print(f"wrote {file}", markup=False, soft_wrap=True)
+            out.print(f"wrote {file}", soft_wrap=True)
 
 
 def _captions(outcome: RestoredPicture) -> tuple[str, str]:

@@ -39,7 +39,7 @@ def decode_for_command(request: DecodingRequest, files: OutputFiles, *, as_json:
     for note in _notes(posed, decoded):
         print_message(f"note: {note}")
     for file in (files.data, files.picture):
-        out.print(f"wrote {file}", markup=False, soft_wrap=True)
+        out.print(f"wrote {file}", soft_wrap=True)
 
 
 def _captions(posed: DecodingProblem, decoded: DecodedPhotograph) -> tuple[str, str]:

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from html import escape
 
 import labapp
+from labapp.common.plain_text import printable, printable_line
 
 _STYLE = """
 :root { color-scheme: light dark; --line: #8884; --soft: #8882; }
@@ -28,11 +29,11 @@ footer { margin-top: 3rem; font-size: .85rem; opacity: .7 }
 
 def document(title: str, parts: Sequence[str]) -> str:
     """Assemble the HTML page of a report on pictures from the HTML of its parts."""
-    body = "\n".join(parts)
+    body = printable("\n".join(parts))
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
+        f"<title>{escape(printable_line(title))}</title><style>{_STYLE}</style></head>"
         f"<body>{body}</body></html>\n"
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from labapp.common.console import out, print_table
+from labapp.common.console import out, print_table, styled
 from labapp.pictures.report.record_analysis import RecordAnalysis
 from optics.deconvolution.method_names import RESTORATIONS
 
@@ -39,7 +39,8 @@ def print_tables(analysis: RecordAnalysis) -> None:
         Results of the record.
     """
     badge = f"SIMULATED: {', '.join(analysis.simulated)}" if analysis.simulated else "real devices"
-    out.print(f"[bold]{analysis.title}[/bold]  [yellow]{badge}[/yellow]\n")
+    out.print(styled((analysis.title, "bold"), "  ", (badge, "yellow")))
+    out.print()
     print_table("Exposures", EXPOSURE_COLUMNS, exposure_rows(analysis))
     out.print(EXPOSURE_NOTE + "\n", style="dim")
     if analysis.psf is not None:

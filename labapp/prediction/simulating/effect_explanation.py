@@ -9,8 +9,9 @@ from dataclasses import asdict
 from typing import Any
 
 import torch
+from rich.text import Text
 
-from labapp.common.console import out, print_json, print_table, terminal_progress
+from labapp.common.console import out, print_json, print_table, styled, terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
 from labapp.prediction.simulating.all_effects import deviation_in_the_middle
@@ -155,12 +156,12 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f}%" if share >= 0.1 else f"{100 * share:.2g}%"
 
 
-def _level(one: dict[str, Any]) -> str:
+def _level(one: dict[str, Any]) -> Text:
     level = one["level"]
     if one["kind"] == "axis" and one["on"] and len(one["levels"]) > 1:
         level = f"{level} of {one['levels'][-1]}"
     colour = "yellow" if one["forced"] else "green" if one["on"] else "dim"
-    return f"[{colour}]{level}{', forced' if one['forced'] else ''}[/{colour}]"
+    return styled((f"{level}{', forced' if one['forced'] else ''}", colour))
 
 
 def _share(value: float | None) -> str:
@@ -199,7 +200,7 @@ def _print_audit(found: Sequence[AuditResult]) -> None:
             " + ".join(one.effects),
             one.others,
             f"{one.measured_over_bound:.1%}",
-            "[red]broken[/red]" if one.is_broken else "held",
+            styled(("broken", "red")) if one.is_broken else "held",
         ]
         for one in found
     ]

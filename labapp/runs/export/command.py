@@ -39,7 +39,7 @@ def export_record(
     with terminal_progress() as progress:
         done = export_frames(path, kind, folder, selection, force=force, progress=progress)
     if done.frames:
-        out.print(f"wrote {len(done.frames)} frames to {folder}, and {TABLE}", markup=False)
+        out.print(f"wrote {len(done.frames)} frames to {folder}, and {TABLE}")
     if done.frames and done.bits is not None and done.bits < 16 and kind != "npy":
         out.print(f"raw numbers of {done.bits} bits, not scaled: viewers may show them dark")
     _require_all(done, path)

@@ -117,9 +117,9 @@ def print_result(result: TrainedResult, files: Sequence[Path]) -> None:
     rows.append(["processor time", f"{account['cpu_seconds'] / 60:.1f} min"])
     print_table("Pattern with decoder", ["", ""], rows)
     for note in [] if result.manifest is None else result.manifest.notes():
-        out.print(f"note: {note}", markup=False)
+        out.print(f"note: {note}")
     for one in files if result.manifest is not None else files[:3]:
-        out.print(f"wrote {one}", markup=False, soft_wrap=True)
+        out.print(f"wrote {one}", soft_wrap=True)
 
 
 def _title(result: TrainedResult) -> str:
