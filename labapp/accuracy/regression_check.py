@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from labapp.accuracy.work_precision import Row
 from labapp.common.errors import UserError
+from labapp.files.plain_data import MOST_JSON_BYTES, parse_json
+from labapp.files.reading import bundled_path, read_text
 
 SLOWER, LESS_ACCURATE = 1.2, 2.0
 """Factors of the stored time and of the stored error above which a row counts as worse."""
@@ -36,15 +36,9 @@ def read_stored(name: str) -> StoredRows:
 
     Raises UserError for a file that can't be read or holds something else.
     """
-    if name == "bundled":
-        text = resources.files("labapp.data").joinpath("psf_front.json").read_text()
-    else:
-        try:
-            text = Path(name).read_text()
-        except OSError as error:
-            raise UserError(f"{name}: cannot be read: {error.strerror}.") from error
+    path = bundled_path("psf_front.json") if name == "bundled" else Path(name)
+    found = parse_json(read_text(path, "what --json printed", MOST_JSON_BYTES), name)
     try:
-        found = json.loads(text)
         rows = {_key(row): row for row in found["rows"]}
         return StoredRows(rows, float(found["calibration_s"]), name)
     except (ValueError, KeyError, TypeError) as error:

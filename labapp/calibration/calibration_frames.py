@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from labapp.calibration import request as names
 from labapp.calibration.request import CalibrationDesign
 from labapp.common.errors import UserError
+from labapp.files.plain_data import parse_json
 from labapp.files.reading import validate
 from labapp.files.sensor_file import require_monochrome_sensor
 from labapp.runs.record.reader import Record
@@ -128,8 +128,5 @@ class CalibrationFrames:
 
 def validate_design(text: str, source: str) -> CalibrationDesign:
     """Parse a calibration's design from JSON; UserError if the text isn't a design."""
-    try:
-        data = json.loads(text)
-    except ValueError as error:
-        raise UserError(f"{source}: its design is damaged: {error}. Run its plan again.") from error
-    return validate(data, CalibrationDesign, f"{source}: {names.DESIGN_KEY}")
+    source = f"{source}: {names.DESIGN_KEY}"
+    return validate(parse_json(text, source), CalibrationDesign, source)

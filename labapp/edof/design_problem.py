@@ -15,6 +15,8 @@ import torch
 from labapp.common.errors import UserError
 from labapp.edof.design_request import PIXEL_PARAMETRISATIONS, STARTS, EdofRequest
 from labapp.files.design_file import read_design
+from labapp.files.guarded_reading import read_bytes
+from labapp.files.picture_decoding import decode_picture
 from optics.camera import Camera, Panel
 from optics.chain.thin_camera import collapse_to_thin_camera
 from optics.edof.depth_bound import rms_transfer_limit
@@ -269,7 +271,7 @@ def _read_pictures(folder: Path) -> Iterator[torch.Tensor]:
     if not files:
         raise UserError(f"--pictures {folder}: there is no picture in it. Name another folder.")
     for file in files:
-        stored = cv2.imread(str(file), cv2.IMREAD_COLOR)
+        stored = decode_picture(file, read_bytes(file), cv2.IMREAD_COLOR)
         if stored is None:
             raise UserError(f"{file}: not a picture that can be read.")
         colours = torch.from_numpy(np.ascontiguousarray(stored[..., ::-1]))

@@ -39,6 +39,8 @@ from numpy.typing import NDArray
 import labapp
 from labapp.common.errors import UserError
 from labapp.files import nexus
+from labapp.files.plain_data import parse_json
+from labapp.files.plain_hdf5 import open_plain_hdf5
 from labapp.files.reading import bundled_path
 
 if TYPE_CHECKING:
@@ -127,8 +129,8 @@ def read_design(path: Path) -> DesignContents:
         pattern = entry["pattern"]
         return DesignContents(
             title=_text(file, "entry/title"),
-            settings=json.loads(entry["settings"][()]),
-            bench=json.loads(entry["bench"][()]),
+            settings=_json(file, path, "entry/settings"),
+            bench=_json(file, path, "entry/bench"),
             wavelength=float(entry["wavelength"][()]),
             grey=pattern["grey"][()],
             phase=pattern["phase"][()] if "phase" in pattern else None,
@@ -140,32 +142,26 @@ def read_design(path: Path) -> DesignContents:
             quality={
                 name: _decode_value(value[()]) for name, value in entry.get("quality", {}).items()
             },
-            decoder=_read_decoder(entry["decoder"]) if "decoder" in entry else None,
+            decoder=_read_decoder(file, path) if "decoder" in entry else None,
         )
 
 
 @contextmanager
 def _open_design(path: Path) -> Iterator[h5py.File]:
     """Open a design file for reading; turn failures within the block into UserErrors."""
-    try:
-        with h5py.File(path, "r") as file:
-            if _GREY not in file or _text(file, "entry/definition") != DEFINITION:
-                raise UserError(
-                    f"{path}: is no design file. Give one that labapp pattern or retrieve wrote."
-                )
-            yield file
-    except FileNotFoundError as error:
-        raise UserError(f"{path}: there is no such file. Check the path.") from error
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read as HDF5: {error}.") from error
-    except (KeyError, ValueError, TypeError) as error:
-        raise UserError(f"{path}: is damaged: {error}. Make it again.") from error
+    with open_plain_hdf5(path) as file:
+        if _GREY not in file or _text(file, "entry/definition") != DEFINITION:
+            raise UserError(
+                f"{path}: is no design file. Give one that labapp pattern or retrieve wrote."
+            )
+        yield file
 
 
-def _read_decoder(group: h5py.Group) -> DecoderContents:
+def _read_decoder(file: h5py.File, path: Path) -> DecoderContents:
     """Return the decoder in a design file."""
-    weights = {name: np.asarray(value[()]) for name, value in group["weights"].items()}
-    return DecoderContents(json.loads(group["settings"][()]), weights)
+    stored = file["entry/decoder/weights"].items()
+    weights = {name: np.asarray(value[()]) for name, value in stored}
+    return DecoderContents(_json(file, path, "entry/decoder/settings"), weights)
 
 
 def _read_grid(group: h5py.Group, signal: str) -> Grid:
@@ -179,6 +175,14 @@ def _decode_value(value: Any) -> Any:
 
 def _text(file: h5py.File, name: str) -> str:
     return file[name][()].decode() if name in file else ""
+
+
+def _json(file: h5py.File, path: Path, name: str) -> dict[str, Any]:
+    """Return the plain data in a design file's JSON; raise UserError if they are no table."""
+    data = parse_json(file[name][()].decode(), f"{path}: {name}")
+    if not isinstance(data, dict):
+        raise UserError(f"{path}: {name} is no table of settings. Make the design again.")
+    return data
 
 
 def _write_contents(file: h5py.File, contents: DesignContents) -> None:

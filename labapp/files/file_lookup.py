@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from labapp.common.errors import UserError
+from labapp.files.guarded_reading import is_file, require_regular
 from labapp.files.reading import bundled_path
 
 
@@ -41,7 +42,7 @@ def find_part_file(kind: str, file: str, folder: Path) -> Path:
     """
     ready = _bundled_files(f"{kind}s")
     path = ready.get(file, folder / file)
-    if not path.exists():
+    if not is_file(path):
         raise UserError(
             f"{path}: there is no such {kind}. Give its file, or one of those that come with "
             f"labapp: {', '.join(ready)}."
@@ -56,18 +57,13 @@ def bundled_parts(kind: str) -> list[str]:
 
 def require_file(path: Path) -> None:
     """Raise UserError if there is no file at a path."""
-    if not path.is_file():
+    if not is_file(path):
         raise UserError(f"{path}: there is no such file. Check the path.")
 
 
 def require_readable(path: Path) -> None:
-    """Raise UserError if a file can't be opened for reading."""
-    if not path.exists():
-        raise UserError(f"{path}: cannot be read: there is no such file. Check the path.")
-    try:
-        path.open("rb").close()
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
+    """Raise UserError if a path doesn't lead to a regular file, or it can't be read."""
+    require_regular(path)
 
 
 def _bundled_files(folder: str) -> dict[str, Path]:
@@ -77,7 +73,7 @@ def _bundled_files(folder: str) -> dict[str, Path]:
 def _find_file(name: Path | str, kind: str, paths_by_name: dict[str, Path]) -> Path:
     path = Path(name)
     # A folder may have the name of a bundled plan, for instance if it holds the plan's records.
-    if path.is_file():
+    if is_file(path):
         return path
     if str(name) in paths_by_name:
         return paths_by_name[str(name)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, get_type_hints
 
@@ -12,6 +11,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from labapp.common.errors import UserError
+from labapp.files.plain_data import parse_toml
 from labapp.files.table import Key, unit_of
 
 
@@ -58,8 +58,8 @@ def _fields(model: type[Any]) -> Mapping[str, FieldInfo]:
 
 def _as_toml(text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        return parse_toml(f"value = {text}", "")["value"]
+    except UserError:
         return text
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
-from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -13,8 +11,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from labapp.common.errors import UserError
+from labapp.files.array_file import read_npy
 from labapp.files.quantities import Finite
-from labapp.files.reading import FileModel, decode_image, read_bytes
+from labapp.files.reading import FileModel, decode_image
 from optics.slm import PanelMap
 
 
@@ -67,12 +66,8 @@ class FlatnessTable(MapTable):
 
 def _values(path: Path) -> NDArray[np.float64]:
     """Read the numbers in a map's picture file, without decoding them from sRGB."""
-    values: NDArray[Any] | None = None
-    if path.suffix.lower() == ".npy":
-        with suppress(ValueError, EOFError):
-            values = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
-    else:
-        values = decode_image(path, colour=False)
+    is_array = path.suffix.lower() == ".npy"
+    values = read_npy(path) if is_array else decode_image(path, colour=False)
     if values is None or values.dtype.kind not in "iuf":
         raise UserError(f"{path}: is no map. Give a grey PNG or TIFF, or numbers as .npy.")
     return values.astype(np.float64)

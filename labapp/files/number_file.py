@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.files.array_file import read_npy, read_npz
 from labapp.files.file_lookup import require_readable
+from labapp.files.matlab_file import read_matlab
+from labapp.files.plain_hdf5 import read_hdf5_arrays
 from labapp.files.reading import decode_image
 
 
@@ -24,7 +26,7 @@ def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]
     kind = path.suffix.lower()
     try:
         values = _select_variable(path, _variables(path, kind), variable)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except ValueError as error:
         raise UserError(f"{path}: cannot be read as {kind or 'a file'}: {error}.") from error
     if values.dtype.kind not in "iuf":
         raise UserError(f"{path}: holds {values.dtype} values. Give real numbers.")
@@ -34,46 +36,17 @@ def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]
 def _variables(path: Path, kind: str) -> dict[str, NDArray[Any]]:
     """Read all arrays of a number file by name; the file's ending names its format."""
     if kind == ".npy":
-        return {path.stem: np.load(path, allow_pickle=False)}
+        return {path.stem: read_npy(path)}
     if kind == ".npz":
-        with np.load(path, allow_pickle=False) as data:
-            return dict(data)
+        return read_npz(path)
     if kind in (".h5", ".hdf5"):
-        return _hdf5(path)
+        return read_hdf5_arrays(path)
     if kind == ".mat":
-        return _matlab(path)
+        return read_matlab(path)
     image = decode_image(path, colour=False)
     if image is None:
         raise ValueError("give numbers as .npy, .npz, .mat or .h5, or a grey PNG or TIFF")
     return {path.stem: image}
-
-
-def _matlab(path: Path) -> dict[str, NDArray[Any]]:
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        found = loadmat(path)
-    except MatReadError as error:
-        raise ValueError(str(error)) from error
-    except NotImplementedError:
-        # MATLAB files of version 7.3 are HDF5, with the axes in the opposite order.
-        return {name: value.T for name, value in _hdf5(path).items()}
-    return {name: value for name, value in found.items() if not name.startswith("__")}
-
-
-def _hdf5(path: Path) -> dict[str, NDArray[Any]]:
-    import h5py
-
-    found: dict[str, NDArray[Any]] = {}
-
-    def look(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            found[name] = item[()]
-
-    with h5py.File(path, "r") as file:
-        file.visititems(look)
-    return found
 
 
 def _select_variable(

@@ -14,8 +14,12 @@ import tifffile
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.files.array_file import read_npy
 from labapp.files.file_lookup import require_readable
-from labapp.files.reading import read_bytes, srgb_to_linear
+from labapp.files.guarded_reading import read_bytes
+from labapp.files.picture_decoding import decode_picture
+from labapp.files.picture_size import count_pages
+from labapp.files.reading import srgb_to_linear
 from labapp.files.writing import encode_image
 
 Light = NDArray[np.float32]
@@ -138,28 +142,16 @@ def _has_run(at: NDArray[np.bool_]) -> bool:
 
 
 def _array(path: Path) -> NDArray[Any]:
-    try:
-        values = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise UserError(f"{path}: cannot be read as a NumPy array: {error}.") from error
-    if not isinstance(values, np.ndarray) or values.dtype.kind not in "iuf":
-        kind = getattr(values, "dtype", type(values).__name__)
-        raise UserError(f"{path}: holds {kind} values. Give real numbers.")
+    values = read_npy(path)
+    if values.dtype.kind not in "iuf":
+        raise UserError(f"{path}: holds {values.dtype} values. Give real numbers.")
     return _bands(path, values)
 
 
 def _read_image(path: Path, frame: int | None) -> NDArray[Any]:
-    data = np.frombuffer(read_bytes(path), dtype=np.uint8)
-    number = _page(path, frame)
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
-    try:
-        if number is None:
-            image = cv2.imdecode(data, flags) if data.size else None
-        else:
-            pages = cv2.imdecodemulti(data, flags, range=(number, number + 1))[1]
-            image = pages[0] if pages else None
-    except cv2.error:
-        image = None
+    data = read_bytes(path)
+    image = decode_picture(path, data, flags, _page(path, data, frame))
     if image is None:
         raise UserError(
             f"{path}: is not a picture that can be read. Give a JPEG, PNG, TIFF or .npy."
@@ -167,24 +159,14 @@ def _read_image(path: Path, frame: int | None) -> NDArray[Any]:
     return _bands(path, image[..., ::-1] if image.ndim == 3 else image)
 
 
-def _page(path: Path, frame: int | None) -> int | None:
-    """Return the page of a TIFF file to read; None if it has only one."""
-    count = _pages(path)
+def _page(path: Path, data: bytes, frame: int | None) -> int:
+    """Return the page of a TIFF file to read, counted from 0."""
+    count = count_pages(data)
     if count > 1 and frame is None:
         raise UserError(f"{path}: holds {count} pictures. Name one: --frame 0 to {count - 1}.")
     if frame is not None and not 0 <= frame < max(count, 1):
         raise UserError(f"--frame {frame}: {path} holds {count} pictures, counted from 0.")
-    return frame if count > 1 else None
-
-
-def _pages(path: Path) -> int:
-    if path.suffix.lower() not in _TIFF:
-        return 1
-    try:
-        with tifffile.TiffFile(path) as file:
-            return len(file.pages)
-    except (tifffile.TiffFileError, OSError, ValueError) as error:
-        raise UserError(f"{path}: is not a TIFF that can be read: {error}.") from error
+    return frame or 0
 
 
 def _bands(path: Path, values: NDArray[Any]) -> NDArray[Any]:

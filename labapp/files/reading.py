@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -11,6 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from labapp.common.errors import UserError
+from labapp.common.plain_text import quote
+from labapp.files.guarded_reading import MOST_TEXT_BYTES, read_bytes
+from labapp.files.picture_decoding import decode_picture
+from labapp.files.plain_data import MOST_JSON_BYTES, MOST_TOML_BYTES, parse_json, parse_toml
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,23 +32,20 @@ def bundled_path(name: str) -> Path:
     return Path(str(resources.files("labapp") / "data" / name))
 
 
-def read_bytes(path: Path) -> bytes:
-    """Return the bytes of a file; raise UserError if it can't be read."""
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}. Check the path.") from error
-
-
-def read_text(path: Path, expected_content: str) -> str:
+def read_text(path: Path, expected_content: str, most: int = MOST_TEXT_BYTES) -> str:
     """Return the text of a UTF-8 file; raise UserError if it can't be read or isn't text.
 
-    `expected_content` is what the error asks the user to give instead.
+    `expected_content` is what the error asks the user to give instead, and `most` the bytes that
+    such a file has at most.
     """
+    data = read_bytes(path, most)
+    wrong = UserError(f"{path}: is not a text file. Give {expected_content}.")
+    if b"\0" in data:
+        raise wrong
     try:
-        return read_bytes(path).decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise UserError(f"{path}: is not a text file. Give {expected_content}.") from error
+        raise wrong from error
 
 
 def read_file(path: Path, model: type[M]) -> M:
@@ -54,13 +53,10 @@ def read_file(path: Path, model: type[M]) -> M:
 
     Raises UserError with file, key, value and rule.
     """
-    text = read_text(path, "a TOML or JSON file")
-    try:
-        data = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{path}: is not valid TOML: {error}") from error
-    except json.JSONDecodeError as error:
-        raise UserError(f"{path}: is not valid JSON: {error}") from error
+    is_json = path.suffix == ".json"
+    most = MOST_JSON_BYTES if is_json else MOST_TOML_BYTES
+    text = read_text(path, "a TOML or JSON file", most)
+    data = parse_json(text, str(path)) if is_json else parse_toml(text, str(path))
     if not isinstance(data, dict):
         raise UserError(f"{path}: holds a {type(data).__name__}. Give an object of keys.")
     return validate(data, model, str(path))
@@ -106,7 +102,7 @@ def _format_problem(problem: dict[str, Any]) -> str:
     if isinstance(problem["input"], dict):
         # The message leaves out the value of a whole table, which is long and tells little.
         return f"key {key!r}: {message}." if key else f"{message}."
-    return f"key {key!r} is {problem['input']!r}: {message}."
+    return f"key {key!r} is {quote(problem['input'])}: {message}."
 
 
 def read_picture(path: Path) -> NDArray[np.float32]:
@@ -146,11 +142,9 @@ def _require_image(path: Path, *, colour: bool) -> NDArray[Any]:
 def decode_image(path: Path, *, colour: bool) -> NDArray[Any] | None:
     """Return a picture file's values in OpenCV's channel order; None if it is no picture."""
     import cv2
-    import numpy as np
 
-    data = np.frombuffer(read_bytes(path), dtype=np.uint8)
     flags = cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE)
-    return cv2.imdecode(data, flags) if data.size else None
+    return decode_picture(path, read_bytes(path), flags)
 
 
 def srgb_to_linear(srgb: NDArray[np.float64]) -> NDArray[np.float64]:

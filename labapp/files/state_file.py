@@ -12,6 +12,7 @@ from typing import Any
 import torch
 
 from labapp.common.errors import UserError
+from labapp.files.array_file import require_plain_zip
 from labapp.files.writing import write_atomically
 
 WRITE_INTERVAL = 20.0
@@ -125,8 +126,9 @@ class StateFile:
 
     def _load(self) -> dict[str, Any] | None:
         """Return settings and state as they are in the file; None if there is no file."""
-        if not self.path.is_file():
+        if not self.path.exists():
             return None
+        require_plain_zip(self.path)
         try:
             stored = torch.load(self.path, map_location="cpu", weights_only=True)
             return {

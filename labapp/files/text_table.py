@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+import math
 from pathlib import Path
 
+from labapp.common.errors import UserError
 from labapp.files.reading import read_text
 
 
@@ -19,17 +20,24 @@ def table_lines(path: Path) -> list[tuple[int, list[str]]]:
     plain = ((k, line.split("#", 1)[0].strip()) for k, line in enumerate(text.splitlines(), 1))
     kept = [(k, line) for k, line in plain if line]
     separator = next((one for one in ";," if any(one in line for _, line in kept)), None)
-    rows: Iterable[list[str]] = (
-        csv.reader((line for _, line in kept), delimiter=separator)
-        if separator
-        else (line.split() for _, line in kept)
-    )
-    return [(k, [cell.strip() for cell in row]) for (k, _), row in zip(kept, rows, strict=True)]
+    return [(k, _split(path, k, line, separator)) for k, line in kept]
+
+
+def _split(path: Path, number: int, line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line of a text table; a cell in quotes ends on its line."""
+    if separator is None:
+        return line.split()
+    try:
+        (row,) = csv.reader([line], delimiter=separator)
+    except csv.Error as error:
+        raise UserError(f"{path}, line {number}: cannot be split into cells: {error}.") from error
+    return [cell.strip() for cell in row]
 
 
 def parse_numbers(cells: list[str]) -> list[float] | None:
-    """Parse the numbers in a text table's cells; None if a cell holds something else."""
+    """Parse the numbers in a text table's cells; None if a cell holds no finite number."""
     try:
-        return [float(cell) for cell in cells]
+        numbers = [float(cell) for cell in cells]
     except ValueError:
         return None
+    return numbers if all(map(math.isfinite, numbers)) else None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import io
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 import torch
 
 from labapp.common.errors import UserError
+from labapp.files.array_file import read_npz
 from labapp.files.reading import bundled_path
 from optics.deconvolution.denoiser import load_denoiser
 from optics.deconvolution.method import Denoise
@@ -29,10 +29,9 @@ def bundled_denoiser() -> Denoise:
 def read_denoiser(path: Path) -> Denoise:
     """Read the weights file of a network that restores pictures; UserError if it is damaged."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            weights = {name: torch.from_numpy(stored[name]) for name in stored.files}
+        weights = {name: torch.from_numpy(value) for name, value in read_npz(path).items()}
         return load_denoiser(weights).denoise
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except (ValueError, TypeError) as error:
         raise UserError(
             f"{path}: not a denoiser's weights: {error} Write some with labapp train denoiser."
         ) from None

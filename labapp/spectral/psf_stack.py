@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.files.array_file import read_npy
 from labapp.files.cubes import SpectralCube, read_cube
 from labapp.files.cubes.hdf5_cube import DEFINITION
+from labapp.files.plain_hdf5 import open_plain_hdf5
 
 Picture = NDArray[np.float64]
 
@@ -27,9 +28,9 @@ def is_cube(path: Path) -> bool:
     if path.suffix.lower() not in (".h5", ".hdf5"):
         return False
     try:
-        with h5py.File(path, "r") as file:
+        with open_plain_hdf5(path) as file:
             return bool(file["entry/definition"][()] == DEFINITION.encode())
-    except (OSError, KeyError):
+    except UserError:
         return False
 
 
@@ -102,10 +103,7 @@ def _read_array(
             f"--psf {path}: an array doesn't say its wavelengths. Name the bands instead of all: "
             "--bands 450,500,550."
         )
-    try:
-        values = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise UserError(f"--psf {path}: can't be read as an array: {error}.") from error
+    values = read_npy(path)
     if values.dtype.kind not in "iuf" or values.ndim != 3 or not np.isfinite(values).all():
         raise UserError(
             f"--psf {path}: holds {values.dtype} values of shape {values.shape}. Give finite "

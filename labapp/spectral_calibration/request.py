@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
 from labapp.common.errors import UserError
+from labapp.files.plain_data import parse_json
 from labapp.files.plan_file import NamedPlan, read_plan
 from labapp.files.quantities import Amount, Positive
 from labapp.files.reading import FileModel, validate
@@ -97,10 +97,5 @@ def request_of_record(record: Record) -> SpectraRequest:
             f"{record.path}: is no record of a spectral calibration. Give one that `labapp "
             "calibrate --spectra` made, or the run of a plan that it wrote."
         )
-    try:
-        data = json.loads(text)
-    except ValueError as error:
-        raise UserError(
-            f"{record.path}: its request is damaged: {error}. Run its plan again."
-        ) from error
-    return validate(data, SpectraRequest, f"{record.path}: {REQUEST_KEY}")
+    source = f"{record.path}: {REQUEST_KEY}"
+    return validate(parse_json(text, source), SpectraRequest, source)

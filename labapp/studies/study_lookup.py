@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from labapp.common.errors import UserError
 from labapp.files.key_values import parse_key_values
+from labapp.files.plain_data import parse_json
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.studies import STUDIES, catalogue
@@ -52,5 +52,6 @@ def settings_from_record(record: Record, name: str) -> StudySettings:
         known = metadata.get(_NAME_KEY)
         remedy = f"Evaluate it with: labapp study {known}" if known else "See: labapp report"
         raise UserError(f"{record.path}: is no record of the study {name!r}. {remedy}.")
-    data = json.loads(str(metadata.get(_SETTINGS_KEY, "{}")))
-    return validate(data, find_study(name).settings, f"{record.path}: settings")
+    source = f"{record.path}: settings"
+    data = parse_json(str(metadata.get(_SETTINGS_KEY, "{}")), source)
+    return validate(data, find_study(name).settings, source)

@@ -11,6 +11,8 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.files.guarded_reading import read_bytes
+from labapp.files.picture_decoding import decode_picture
 
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 
@@ -38,7 +40,7 @@ def read_training_pictures(folders: Sequence[Path]) -> list[Colours]:
 
 
 def _read(file: Path) -> Colours:
-    stored = cv2.imread(str(file), cv2.IMREAD_COLOR)
+    stored = decode_picture(file, read_bytes(file), cv2.IMREAD_COLOR)
     if stored is None:
         raise UserError(f"{file}: not a picture that can be read.")
     picture = np.asarray(stored / np.float32(255), dtype=np.float32)

@@ -9,7 +9,6 @@ too coarse to be used as a picture.
 from __future__ import annotations
 
 import io
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.reading import read_bytes
+from labapp.files.array_file import read_npz
 from labapp.files.writing import write_atomically
 from labapp.training.picture_files import Colours, decode_picture, list_pictures
 
@@ -131,12 +130,11 @@ def _read_fingerprint_file(path: Path) -> list[Fingerprint]:
         f"{path}: is not a file of fingerprints. Name one that labapp wrote, a picture or a folder."
     )
     try:
-        with np.load(io.BytesIO(read_bytes(path)), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_npz(path)
         names = [str(name) for name in arrays["names"]]
         pairs = [(arrays[f"fine_{i}"], arrays[f"coarse_{i}"]) for i in range(len(names))]
         version = int(arrays["version"])
-    except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise wrong from error
     if version != _VERSION:
         raise UserError(

@@ -17,7 +17,8 @@ from typing import Annotated, Literal
 from pydantic import Field, RootModel
 
 from labapp.common.errors import UserError, suggest_spelling
-from labapp.files.reading import FileModel, read_bytes, read_file
+from labapp.files.guarded_reading import read_bytes
+from labapp.files.reading import FileModel, read_file
 from labapp.files.writing import write_atomically
 from labapp.training.picture_files import list_pictures
 

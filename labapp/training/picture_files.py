@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -48,10 +47,7 @@ def decode_picture(path: Path) -> Colours:
     UserError
         If the file can't be read as a picture of 8 or 16 bits.
     """
-    try:
-        values = decode_image(path, colour=True)
-    except cv2.error:
-        values = None
+    values = decode_image(path, colour=True)
     if values is None:
         raise UserError(
             f"{path}: is not a picture that can be read. Take it out of the folder, or replace it."

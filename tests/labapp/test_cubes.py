@@ -177,7 +177,7 @@ def test_files_that_are_no_cube_are_refused_in_words(tmp_path):
     with pytest.raises(UserError, match="not a spectral cube"):
         read_cube(tmp_path / "other.h5")
     (tmp_path / "text.h5").write_text("no HDF5")
-    with pytest.raises(UserError, match="can't be opened as HDF5"):
+    with pytest.raises(UserError, match="cannot be read as HDF5"):
         read_cube(tmp_path / "text.h5")
     write_cube(tmp_path / "a.h5", cube())
     with h5py.File(tmp_path / "a.h5", "r+") as file:

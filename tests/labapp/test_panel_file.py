@@ -183,7 +183,7 @@ def test_regions_come_in_toml(tmp_path):
         ("lut.csv", "grey, 532\n0, 0\n255, 6.7\n", ["must rise from 0", "15, the panel's last"]),
         ("lut.csv", "grey, 532\n0, 0\n9, 1\n9, 2\n15, 3\n", ["must rise from 0"]),
         ("lut.csv", "grey, 532\n0, 0\n8, 4\n15, 3\n", ["lut.csv: the response falls from level 8"]),
-        ("lut.csv", "grey, 532\n0, 0\n15, nan\n", ["lut.csv: a response has", "NaN"]),
+        ("lut.csv", "grey, 532\n0, 0\n15, nan\n", ["lut.csv: line 3", "15 nan", "2 numbers"]),
         ("lut.csv", "grey, 900\n0, 0\n15, 5\n", ["lut.csv: wavelength 900 nm is outside"]),
         ("lut.toml", "version = 1\nwavelengths_nm = [532]\n", ["key 'phase_pi' is missing"]),
         (
@@ -247,10 +247,10 @@ def test_a_vendors_wrapped_correction_is_unwrapped(tmp_path):
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
-        ("gone.png", None, "gone.png: cannot be read: No such file"),
+        ("gone.png", None, "gone.png: cannot be read: there is no such file"),
         ("bad.png", b"no picture", "bad.png: is no map"),
         ("empty.png", b"", "empty.png: is no map"),
-        ("bad.npy", b"no array", "bad.npy: is no map"),
+        ("bad.npy", b"no array", "bad.npy: cannot be read as a NumPy array"),
     ],
 )
 def test_a_bad_map_is_named(tmp_path, name, data, words):

@@ -263,7 +263,7 @@ BAD = {
     "no psf": (["frame.npy"], "what has blurred it? Give its PSF: --psf FILE"),
     "no file": (["none.png", "--psf", "psf.npy"], "none.png: cannot be read: there is no such"),
     "no picture": (["text.png", "--psf", "psf.npy"], "text.png: is not a picture"),
-    "no tiff": (["text.tiff", "--psf", "psf.npy"], "text.tiff: is not a TIFF"),
+    "no tiff": (["text.tiff", "--psf", "psf.npy"], "text.tiff: is not a picture"),
     "no record": (["text.h5"], "text.h5: is not an HDF5 file"),
     "a word": (["words.npy", "--psf", "psf.npy"], "words.npy: holds <U3 values. Give real"),
     "a line": (["line.npy", "--psf", "psf.npy"], "line.npy: is 5; give rows x columns"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.cubes.cube import SpectralCube
 from labapp.files.cubes.envi_header import INTERLEAVES, EnviHeader, format_header, parse_header
-from labapp.files.reading import read_bytes
+from labapp.files.guarded_reading import MOST_TEXT_BYTES, read_bytes
 
 _DATA_ENDINGS = (".raw", ".img", ".dat", ".bsq", ".bil", ".bip", ".fla", ".bin", "")
 """Endings of the file beside a header that holds the numbers, in the order of looking for it."""
@@ -55,7 +56,7 @@ def read_envi(header_path: Path) -> SpectralCube:
     Raises UserError if a file is missing, or doesn't hold what the header says.
     """
     # The format prescribes ASCII; a degree sign of some other encoding in a comment does no harm.
-    header = parse_header(read_bytes(header_path).decode(errors="replace"))
+    header = parse_header(read_bytes(header_path, MOST_TEXT_BYTES).decode(errors="replace"))
     data_path = _find_data(header_path)
     values = _scale_values(_read_values(data_path, header), header, data_path)
     order = np.argsort(header.wavelengths, kind="stable")
@@ -91,7 +92,7 @@ def _find_data(header: Path) -> Path:
 
 def _read_values(path: Path, header: EnviHeader) -> NDArray[np.float64]:
     """Read the numbers of an ENVI file as (bands, rows, columns), as they stand there."""
-    data, count = read_bytes(path), int(np.prod(header.shape))
+    data, count = read_bytes(path), math.prod(header.shape)
     wanted = header.offset + count * header.number_type.itemsize
     if len(data) != wanted:
         bands, rows, columns = header.shape

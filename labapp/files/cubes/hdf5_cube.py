@@ -22,6 +22,7 @@ import labapp
 from labapp.common.errors import UserError
 from labapp.files.cubes.cube import SpectralCube
 from labapp.files.nexus import create_group
+from labapp.files.plain_hdf5 import open_plain_hdf5
 
 DEFINITION = "labapp_cube"
 
@@ -41,13 +42,8 @@ def encode_hdf5(cube: SpectralCube) -> bytes:
 
 def read_hdf5(path: Path) -> SpectralCube:
     """Read a spectral cube from its HDF5 file; raise UserError if it is another file or damaged."""
-    try:
-        with h5py.File(path, "r") as file:
-            return _read_cube(file)
-    except OSError as error:
-        raise UserError(f"{path}: can't be opened as HDF5: {error}. Give a cube.") from error
-    except (KeyError, ValueError, TypeError, RuntimeError, AttributeError) as error:
-        raise UserError(f"{path}: is damaged: {error}. Write the cube again.") from error
+    with open_plain_hdf5(path) as file:
+        return _read_cube(file)
 
 
 def _write_cube(file: h5py.File, cube: SpectralCube) -> None:

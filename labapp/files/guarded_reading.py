@@ -1,0 +1,155 @@
+"""Read the bytes of files from outside: regular files only, and no more than fits in memory.
+
+A path may lead to a pipe on which nobody writes, to a device without end, or to a few kilobytes
+that stand for gigabytes. Every reader of labapp opens files through this module, which finds out
+before it reads.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from labapp.common.errors import UserError
+
+MOST_BYTES = 1 << 32
+"""Bytes of a file of pictures or numbers, 4 GiB: the cubes of published collections have up to
+2 GB. Chosen."""
+
+MOST_TEXT_BYTES = 16 << 20
+"""Bytes of a table as text, 16 MiB: a million wavelengths of a spectrum. Chosen."""
+
+FREE_EXPANSION = 1 << 26
+"""Bytes that compressed data may stand for whatever their size, 64 MiB: a dark frame of 32 million
+pixels of 16 bits, all of them 0, is stored in some kilobytes. Chosen."""
+
+MOST_EXPANSION = 100
+"""Bytes that a byte of compressed data may stand for beyond that. Photographs have up to 30, masks
+about 100; deflate ends at 1030 (RFC 1951), which only data without content reaches. Chosen."""
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+"""What a path may lead to besides a regular file, by the test of its mode."""
+
+
+@contextmanager
+def open_regular(path: Path, most: int = MOST_BYTES) -> Iterator[BinaryIO]:
+    """Open a regular file for reading its bytes; a context manager.
+
+    Parameters
+    ----------
+    path : Path
+        Path from a user, a file or a record.
+    most : int
+        Bytes that the file may have.
+
+    Raises
+    ------
+    UserError
+        If there is no such file, it may not be read, it is a folder, pipe, socket or device,
+        which aren't opened, it is too large, or reading fails within the block.
+    """
+    try:
+        # Opening a pipe or a device can itself act on it, so that the path is looked at before.
+        _require_regular(path, os.stat(path).st_mode)
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        with os.fdopen(handle, "rb") as file:
+            found = os.fstat(handle)
+            _require_regular(path, found.st_mode)
+            _require_size(path, found.st_size, most)
+            yield file
+    except OSError as error:
+        raise unreadable(path, error) from error
+    except ValueError as error:
+        if "\0" not in str(path):
+            raise
+        raise UserError(f"{str(path)!r}: is no path: it has a NUL. Check the path.") from error
+
+
+def require_regular(path: Path, most: int = MOST_BYTES) -> None:
+    """Raise UserError unless a path leads to a regular file that can be read.
+
+    It is meant for libraries that open the file themselves.
+    """
+    with open_regular(path, most):
+        pass
+
+
+def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
+    """Return the bytes of a regular file; raise UserError if it can't be read or is too large."""
+    with open_regular(path, most) as file:
+        # Files of /proc and others that are made when they are read tell a size of 0.
+        data = file.read(most + 1)
+        _require_size(path, len(data), most)
+        _require_expansion_of_holes(path, os.fstat(file.fileno()))
+        return data
+
+
+def require_expansion(path: Path, stored: int, whole: int, what: str = "its contents") -> None:
+    """Raise UserError if data in a file from outside stand for much more than is stored.
+
+    stored: bytes in the file. whole: bytes of the data when they are expanded.
+    """
+    if whole > max(FREE_EXPANSION, MOST_EXPANSION * stored):
+        raise UserError(
+            f"{path}: {what} would take {_size(whole)}, and {_size(stored)} are stored. No "
+            "measurement is so empty; get the original, or save it without compression."
+        )
+
+
+def is_file(path: Path) -> bool:
+    """Return whether a path from outside leads to a regular file; impossible paths don't."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def unreadable(path: Path, error: OSError) -> UserError:
+    """Return the error that says why a file from outside can't be read."""
+    if error.errno == errno.ENOENT:
+        return UserError(f"{path}: cannot be read: there is no such file. Check the path.")
+    if error.errno == errno.ENAMETOOLONG:
+        return UserError(f"{str(path)[:60]}…: is no path: it is too long. Check the path.")
+    return UserError(f"{path}: cannot be read: {error.strerror or error}. Check the path.")
+
+
+def _require_regular(path: Path, mode: int) -> None:
+    """Raise UserError if a path from outside leads to something else than a regular file."""
+    kind = next((name for test, name in _KINDS if test(mode)), "")
+    if kind:
+        raise UserError(f"{path}: cannot be read: it is {kind}. Give a regular file.")
+
+
+def _require_size(path: Path, size: int, most: int) -> None:
+    """Raise UserError if a file from outside has more bytes than such files have."""
+    if size > most:
+        raise UserError(
+            f"{path}: has {_size(size)}, and such a file has at most {_size(most)}. Give another "
+            "file."
+        )
+
+
+def _require_expansion_of_holes(path: Path, found: os.stat_result) -> None:
+    """Raise UserError if a file from outside is nearly all holes, which read as zeros."""
+    # Some file systems don't tell the blocks.
+    if found.st_blocks:
+        require_expansion(path, 512 * found.st_blocks, found.st_size)
+
+
+def _size(count: int) -> str:
+    """Return a number of a file's bytes in words, as in 3.5 MB."""
+    for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= scale:
+            return f"{count / scale:.3g} {unit}"
+    return f"{count} bytes"

@@ -1,0 +1,110 @@
+"""Parse TOML and JSON from outside into plain data of bounded size and depth."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from typing import Any
+
+from labapp.common.errors import UserError
+
+MOST_TOML_BYTES = 1_000_000
+"""Bytes of a TOML file, about a hundred times more than any that comes with labapp has. The worst
+that was tried takes 270 MB and 2.3 s of processor time."""
+
+MOST_JSON_BYTES = 64 << 20
+"""Bytes of a JSON file, 64 MiB: a list of 200 000 training pictures. Chosen."""
+
+_MOST_VALUES = 4_000_000
+"""Values of a JSON file: PSFs of 60 bands in windows of 256 pixels. They take 250 MB. Chosen."""
+
+_MOST_TABLES = 500_000
+"""Lists and tables of a JSON file, each of which takes 70 bytes. Chosen."""
+
+_MOST_LEVELS = 32
+"""Levels of tables within tables, four times more than any of labapp's files has. Chosen."""
+
+_INNER_PART = re.compile(r"\.[ \t]*[\w\"'-]+[ \t]*(?=\.)")
+"""A part of a TOML key with a dot on both sides. Python takes a time for a key that grows with the
+square of the number of its parts."""
+
+_MOST_INTEGER = 1 << 63
+"""Beyond the whole numbers of TOML (its specification 1.0) and of JSON as programs exchange it."""
+
+_NOT_TEXT = re.compile("[\0\ud800-\udfff]")
+"""Characters that neither files nor paths can hold."""
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """Parse TOML from outside; raise UserError, which begins with `source`, if it is invalid."""
+    if any(len(_INNER_PART.findall(line)) > _MOST_LEVELS for line in text.splitlines()):
+        raise _too_deep(source)
+    try:
+        data = tomllib.loads(text)
+    except RecursionError as error:
+        raise _too_deep(source) from error
+    except ValueError as error:
+        raise UserError(f"{source}: is not valid TOML: {error}") from error
+    require_plain(data, source)
+    return data
+
+
+def parse_json(text: str, source: str) -> Any:
+    """Parse JSON from outside; raise UserError, which begins with `source`, if it is invalid."""
+    if text.count(",") > _MOST_VALUES or text.count("[") + text.count("{") > _MOST_TABLES:
+        raise UserError(f"{source}: has more values than labapp's files have. Give another file.")
+    try:
+        data = json.loads(text)
+    except RecursionError as error:
+        raise _too_deep(source) from error
+    except ValueError as error:
+        raise UserError(f"{source}: is not valid JSON: {error}") from error
+    require_plain(data, source)
+    return data
+
+
+def require_plain(data: Any, source: str) -> None:
+    """Raise UserError for data from outside that is nested too deep or can't be written again.
+
+    This is so for texts with NUL or half characters, and for whole numbers beyond 64 bits.
+    """
+    level = [data]
+    for _ in range(_MOST_LEVELS):
+        inner = []
+        for one in level:
+            for value in _members(one):
+                if isinstance(value, str):
+                    _require_text(value, source)
+                elif isinstance(value, dict | list):
+                    inner.append(value)
+                elif isinstance(value, int) and not -_MOST_INTEGER <= value < _MOST_INTEGER:
+                    raise UserError(
+                        f"{source}: has a whole number beyond 64 bits. Write a smaller one."
+                    )
+        if not inner:
+            return
+        level = inner
+    raise _too_deep(source)
+
+
+def _members(table: Any) -> Any:
+    """Return the keys and values of a file's table, or the values of its list."""
+    if isinstance(table, dict):
+        return [*table, *table.values()]
+    return table if isinstance(table, list) else [table]
+
+
+def _require_text(text: str, source: str) -> None:
+    if found := _NOT_TEXT.search(text):
+        raise UserError(
+            f"{source}: has a text with the character U+{ord(found[0]):04X}, which no file can "
+            "hold. Remove it."
+        )
+
+
+def _too_deep(source: str) -> UserError:
+    return UserError(
+        f"{source}: is nested in more than {_MOST_LEVELS} levels, which no file of labapp is. "
+        "Give another file."
+    )

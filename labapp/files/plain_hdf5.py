@@ -1,0 +1,129 @@
+"""Open HDF5 files from outside: their data lie in the file itself, and in no greater number.
+
+A link, external storage or a virtual dataset makes HDF5 open another file when it is read, and a
+filter that isn't built in makes it load a library.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.guarded_reading import require_expansion, require_regular
+
+MOST_OBJECTS = 1000
+"""Groups and datasets of a file, about ten times more than any that labapp writes has. Chosen."""
+
+_MOST_CHUNKS = 100_000
+"""Chunks of a dataset, for each of which HDF5 keeps some hundred bytes. Chosen."""
+
+_FILTERS = frozenset(
+    {
+        h5py.h5z.FILTER_DEFLATE,
+        h5py.h5z.FILTER_SHUFFLE,
+        h5py.h5z.FILTER_FLETCHER32,
+        h5py.h5z.FILTER_NBIT,
+        h5py.h5z.FILTER_SCALEOFFSET,
+        h5py.h5z.FILTER_LZF,
+    }
+)
+"""Filters that h5py brings along; HDF5 looks for all others in folders of the system."""
+
+DAMAGE_ERRORS = (
+    KeyError,
+    OSError,
+    RuntimeError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+)
+"""What h5py, and decoding what it read, raise for damaged files."""
+
+
+@contextmanager
+def open_plain_hdf5(path: Path) -> Iterator[h5py.File]:
+    """Open an HDF5 file from outside for reading; a context manager.
+
+    Raises UserError if it is no regular file, isn't HDF5, refers to other files, or would expand
+    to much more than it stores; and where the block fails because the file is damaged.
+    """
+    require_regular(path)
+    try:
+        with h5py.File(path, "r") as file:
+            for name, dataset in walk_datasets(file, path):
+                _require_plain(path, name, dataset)
+            yield file
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read as HDF5: {error}. Get the original.") from error
+    except DAMAGE_ERRORS as error:
+        raise UserError(
+            f"{path}: is damaged: {error}. Get the original, or make it again."
+        ) from error
+
+
+def read_hdf5_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Read all arrays of an HDF5 file by name; UserError if it is damaged or isn't HDF5."""
+    with open_plain_hdf5(path) as file:
+        return {name: np.asarray(dataset[()]) for name, dataset in walk_datasets(file, path)}
+
+
+def walk_datasets(file: h5py.File, path: Path) -> Iterator[tuple[str, h5py.Dataset]]:
+    """Yield name and dataset of all that an HDF5 file links; raise UserError for other links."""
+    seen, groups = 0, [("", file["/"])]
+    while groups:
+        prefix, group = groups.pop()
+        for link in group.id:
+            seen += 1
+            name = prefix + link.decode(errors="replace")
+            kind = group.id.links.get_info(link).type
+            if kind != h5py.h5l.TYPE_HARD or seen > MOST_OBJECTS:
+                what = "is a link to elsewhere" if seen <= MOST_OBJECTS else "is one too many"
+                raise UserError(
+                    f"{path}: {name} {what}: labapp writes none. Don't trust the file; get the "
+                    "original."
+                )
+            item = group[link]
+            if isinstance(item, h5py.Group):
+                groups.append((f"{name}/", item))
+            elif isinstance(item, h5py.Dataset):
+                yield name, item
+
+
+def _require_plain(path: Path, name: str, dataset: h5py.Dataset) -> None:
+    """Raise UserError for a dataset of an HDF5 file that lies elsewhere or would grow too large."""
+    storage = dataset.id.get_create_plist()
+    lies_here = storage.get_layout() != h5py.h5d.VIRTUAL and not storage.get_external_count()
+    filters = {storage.get_filter(k)[0] for k in range(storage.get_nfilters())}
+    if not lies_here or not filters <= _FILTERS:
+        where = "another library" if lies_here else "another file"
+        raise UserError(
+            f"{path}: {name} can be read only with {where}. Copy the data into one file of their "
+            "own, as h5repack does."
+        )
+    if _has_variable_length(dataset.dtype) and dataset.size not in (0, 1):
+        raise UserError(f"{path}: {name} is a list of texts or lists. Give arrays of numbers.")
+    if dataset.chunks is not None:
+        counts = (-(-n // m) for n, m in zip(dataset.shape, dataset.chunks, strict=True))
+        if math.prod(counts) > _MOST_CHUNKS:
+            raise UserError(f"{path}: {name} lies in too many pieces. Write it anew.")
+    require_expansion(path, dataset.id.get_storage_size(), _bytes(dataset), name)
+
+
+def _has_variable_length(dtype: Any) -> bool:
+    """Return whether each element of an HDF5 dataset refers to data of any length."""
+    return dtype.hasobject or h5py.check_vlen_dtype(dtype) is not None
+
+
+def _bytes(dataset: h5py.Dataset) -> int:
+    """Return the bytes that an HDF5 dataset takes in memory; 0 for one without a shape."""
+    return 0 if dataset.size is None else dataset.size * dataset.dtype.itemsize
