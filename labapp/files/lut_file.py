@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from labapp.common.errors import UserError
+from labapp.common.plain_text import quote
 from labapp.files.quantities import Positive
 from labapp.files.reading import FileModel, read_file
 from labapp.files.text_table import parse_numbers, table_lines
@@ -79,7 +80,7 @@ def _parse_row(path: Path, number: int, parts: list[str], length: int) -> list[f
     values = parse_numbers(parts)
     if values is None or len(values) != length:
         raise UserError(
-            f"{path}: line {number} is {' '.join(parts)!r}; it must hold {length} numbers, a grey "
-            "level and its phases in units of pi."
+            f"{path}: line {number} is {quote(' '.join(parts))}; it must hold {length} "
+            "finite numbers, a grey level and its phases in units of pi."
         )
     return values

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -18,6 +19,10 @@ Names = Annotated[tuple[str, ...], Field(min_length=1)]
 Count = Annotated[int, Field(ge=1, le=10_000)]
 
 Axis = Literal["target", "pattern", "wavelength", "exposure", "repeat"]
+
+MOST_FRAMES = 100_000
+"""Frames of a plan: two seconds of processor time to list them, and a week at ten a minute.
+Chosen."""
 
 AXES: tuple[Axis, ...] = ("target", "pattern", "wavelength", "exposure", "repeat")
 """The axes of an acquisition block in their usual order, the slowest to change first."""
@@ -139,6 +144,19 @@ class Acquisition(FileModel):
         }
         return len(values[axis])
 
+    def frame_limit(self) -> int:
+        """Return the frames of a plan file's block: with those in between, a few too many."""
+        axes = {axis: self.length(axis) for axis in AXES}
+        beside = {axis for group in self.together for axis in group[1:]}
+        light = prod(count for axis, count in axes.items() if axis not in beside)
+        colours = axes["wavelength"] * axes["exposure"]
+        settings = {"dark": axes["exposure"], "flat": colours, "neutral": axes["target"] * colours}
+        total = light
+        for one in self.interleave:
+            size = min(one.every or light, light)
+            total += -(-light // size) * min(settings[one.role], size) * one.frames
+        return total
+
 
 class Retry(FileModel):
     """How a run reacts to a failing device: `attempts` per frame, `wait_s` apart, then `then`.
@@ -215,6 +233,16 @@ class PlanFile(FileModel):
     def has_brackets(self) -> bool:
         """Whether exposures of the plan file are still to be chosen."""
         return any(block.bracket is not None for block in self.acquire)
+
+    @model_validator(mode="after")
+    def _frames_are_countable(self) -> PlanFile:
+        count = sum(block.frame_limit() for block in self.acquire)
+        if count > MOST_FRAMES:
+            raise ValueError(
+                f"the plan has up to {count:,} frames, and a record at most {MOST_FRAMES:,}; split "
+                "the plan"
+            )
+        return self
 
     @model_validator(mode="after")
     def _periods_have_videos(self) -> PlanFile:

@@ -94,15 +94,15 @@ def _format_problem(problem: dict[str, Any]) -> str:
     """Return a problem of a file's validation in words: key, value and remedy."""
     key = ".".join(str(part) for part in problem["loc"])
     if problem["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        return f"key {key!r} is unknown. Remove it, or check its spelling."
+        return f"key {quote(key)} is unknown. Remove it, or check its spelling."
     if problem["type"] == "missing":
-        return f"key {key!r} is missing. Add it."
+        return f"key {quote(key)} is missing. Add it."
     message = problem["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     if isinstance(problem["input"], dict):
         # The message leaves out the value of a whole table, which is long and tells little.
-        return f"key {key!r}: {message}." if key else f"{message}."
-    return f"key {key!r} is {quote(problem['input'])}: {message}."
+        return f"key {quote(key)}: {message}." if key else f"{message}."
+    return f"key {quote(key)} is {quote(problem['input'])}: {message}."
 
 
 def read_picture(path: Path) -> NDArray[np.float32]:

@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from labapp.common.errors import UserError
+from labapp.common.plain_text import quote
 from labapp.files.reading import bundled_path
 from labapp.files.text_table import parse_numbers, table_lines
 from optics.light.spectrum import Spectrum
@@ -41,7 +42,9 @@ def read_spectra(path: Path) -> dict[str, Spectrum]:
             names = cells
             continue
         if values is None:
-            raise UserError(f"{path}, line {number}: {','.join(cells)!r} isn't numbers.")
+            raise UserError(
+                f"{path}, line {number}: {quote(','.join(cells))} isn't finite numbers."
+            )
         if rows and len(values) != len(rows[0]):
             raise UserError(
                 f"{path}, line {number}: has {len(values)} numbers, the lines above have "

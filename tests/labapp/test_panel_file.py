@@ -178,12 +178,16 @@ def test_regions_come_in_toml(tmp_path):
         ("lut.csv", "grey\n0\n15\n", ["line 1 must say 'grey'"]),
         ("lut.csv", "grey, red\n0, 0\n15, 1\n", ["line 1 must say 'grey'"]),
         ("lut.csv", "grey, -532\n0, 0\n15, 1\n", ["line 1 must say 'grey'"]),
-        ("lut.csv", "grey, 532\n0, 0\n\n15\n", ["line 4 is '15'; it must hold 2 numbers"]),
+        ("lut.csv", "grey, 532\n0, 0\n\n15\n", ["line 4 is '15'; it must hold 2 finite numbers"]),
         ("lut.csv", "grey, 532\n0, zero\n15, 1\n", ["line 2 is '0 zero'"]),
         ("lut.csv", "grey, 532\n0, 0\n255, 6.7\n", ["must rise from 0", "15, the panel's last"]),
         ("lut.csv", "grey, 532\n0, 0\n9, 1\n9, 2\n15, 3\n", ["must rise from 0"]),
         ("lut.csv", "grey, 532\n0, 0\n8, 4\n15, 3\n", ["lut.csv: the response falls from level 8"]),
-        ("lut.csv", "grey, 532\n0, 0\n15, nan\n", ["lut.csv: line 3", "15 nan", "2 numbers"]),
+        (
+            "lut.csv",
+            "grey, 532\n0, 0\n15, nan\n",
+            ["lut.csv: line 3", "15 nan", "2 finite numbers"],
+        ),
         ("lut.csv", "grey, 900\n0, 0\n15, 5\n", ["lut.csv: wavelength 900 nm is outside"]),
         ("lut.toml", "version = 1\nwavelengths_nm = [532]\n", ["key 'phase_pi' is missing"]),
         (

@@ -7,13 +7,15 @@ line that begins with a semicolon is a comment (NV5 Geospatial, "ENVI Header Fil
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from labapp.common.errors import UserError
+from labapp.common.plain_text import quote
+from labapp.files.text_table import parse_numbers
 from labapp.files.wavelengths import convert_wavelengths
 
 DATA_TYPES: dict[int, np.dtype[Any]] = {
@@ -79,19 +81,21 @@ def parse_header(text: str) -> EnviHeader:
     bands, rows, columns = (_count(keys, key) for key in ("bands", "lines", "samples"))
     interleave = _require(keys, "interleave").lower()
     if interleave not in INTERLEAVES:
-        raise UserError(f"interleave is {interleave!r}. Write bsq, bil or bip")
+        raise UserError(f"interleave is {quote(interleave)}. Write bsq, bil or bip")
     if _whole(keys, "file compression", 0):
         raise UserError("file compression is 1. Write the file without compression")
     scale = _number(keys, "reflectance scale factor")
     # A factor of 0, which some programs write, states nothing.
     divisor = scale if scale else 1.0
+    # The wavelengths show that the number of bands isn't made up.
+    wavelengths = _wavelengths(keys, bands)
     gains = _band_numbers(keys, "data gain values", bands, 1.0)
     return EnviHeader(
         (bands, rows, columns),
         interleave,
         _number_type(keys),
         _whole(keys, "header offset", 0),
-        _wavelengths(keys, bands),
+        wavelengths,
         tuple(gain / divisor for gain in gains),
         tuple(one / divisor for one in _band_numbers(keys, "data offset values", bands, 0.0)),
         _number(keys, "data ignore value"),
@@ -112,14 +116,28 @@ def _read_keys(text: str) -> dict[str, str]:
     lines = text.lstrip("\ufeff").splitlines()
     if not lines or lines[0].strip() != "ENVI":
         raise UserError("is not an ENVI header: its first line must be ENVI")
-    body = "\n".join(line for line in lines[1:] if not line.lstrip().startswith(";"))
+    body = iter([line for line in lines[1:] if not line.lstrip().startswith(";")])
     found = {}
-    for match in re.finditer(r"^[ \t]*([^=\n{}]+?)[ \t]*=[ \t]*(\{[^{}]*\}|[^\n]*)", body, re.M):
-        key, value = match[1].lower(), match[2].strip()
-        if value.startswith("{") and not value.endswith("}"):
-            raise UserError(f"{key} has a brace that isn't closed. Add }}")
-        found[" ".join(key.split())] = value.strip("{}").strip()
+    for line in body:
+        name, equals, value = line.partition("=")
+        if not equals:
+            continue
+        key = " ".join(name.lower().split())
+        found[key] = _read_value(key, value.strip(), body)
     return found
+
+
+def _read_value(key: str, value: str, following: Iterator[str]) -> str:
+    """Return a value of an ENVI header without its braces, which may close on a following line."""
+    if not value.startswith("{"):
+        return value
+    parts = [value]
+    while "}" not in parts[-1]:
+        line = next(following, None)
+        if line is None:
+            raise UserError(f"{quote(key)} has a brace that isn't closed. Add }}")
+        parts.append(line)
+    return "\n".join(parts).strip("{ \t").partition("}")[0].strip()
 
 
 def _require(keys: Mapping[str, str], key: str) -> str:
@@ -131,8 +149,8 @@ def _require(keys: Mapping[str, str], key: str) -> str:
 def _whole(keys: Mapping[str, str], key: str, default: int) -> int:
     """Return a whole number, 0 or more, from the keys of an ENVI header."""
     value = keys.get(key, str(default))
-    if not re.fullmatch(r"\d+", value):
-        raise UserError(f"{key} is {value!r}. Write a whole number, 0 or more")
+    if not re.fullmatch(r"[0-9]{1,18}", value):
+        raise UserError(f"{key} is {quote(value)}. Write a whole number, 0 or more")
     return int(value)
 
 
@@ -149,15 +167,23 @@ def _number(keys: Mapping[str, str], key: str) -> float | None:
     """Return a number of an ENVI header; None if it has none."""
     if key not in keys:
         return None
-    return _numbers(keys[key], key)[0]
+    return _first_number(keys[key], key)
+
+
+def _first_number(text: str, key: str) -> float:
+    """Return the first number of a list in an ENVI header."""
+    numbers = _numbers(text, key)
+    if not numbers:
+        raise UserError(f"{key} is empty. Write a number")
+    return numbers[0]
 
 
 def _numbers(text: str, key: str) -> tuple[float, ...]:
     """Return the numbers of a list in an ENVI header."""
-    try:
-        return tuple(float(one) for one in text.replace(",", " ").split())
-    except ValueError as error:
-        raise UserError(f"{key} is {text!r}. Write numbers with commas between") from error
+    numbers = parse_numbers(text.replace(",", " ").split())
+    if numbers is None:
+        raise UserError(f"{key} is {quote(text)}. Write finite numbers with commas between")
+    return tuple(numbers)
 
 
 def _band_numbers(
@@ -177,7 +203,7 @@ def _number_type(keys: Mapping[str, str]) -> np.dtype[Any]:
     code = _whole(keys, "data type", 0)
     if code not in DATA_TYPES:
         raise UserError(
-            f"data type is {keys.get('data type', 'missing')}. Write one of "
+            f"data type is {quote(keys.get('data type', 'missing'))}. Write one of "
             f"{', '.join(map(str, DATA_TYPES))}; complex numbers, 6 and 9, are no light"
         )
     order = _whole(keys, "byte order", 0)
@@ -204,4 +230,4 @@ def _pixel_pitch(keys: Mapping[str, str]) -> float | None:
         return None
     first = value.split(",")[0].strip()
     # Pixels of a metre and more are those of a landscape, and not of a sensor.
-    return found if 0 < (found := _numbers(first, "pixel size")[0]) < 1e-3 else None
+    return found if 0 < (found := _first_number(first, "pixel size")) < 1e-3 else None
