@@ -147,6 +147,8 @@ class Acquisition(FileModel):
     def frame_limit(self) -> int:
         """Return the frames of a plan file's block: with those in between, a few too many."""
         axes = {axis: self.length(axis) for axis in AXES}
+        if self.bracket is not None:
+            axes["exposure"] = self.bracket.most_frames
         beside = {axis for group in self.together for axis in group[1:]}
         light = prod(count for axis, count in axes.items() if axis not in beside)
         colours = axes["wavelength"] * axes["exposure"]

@@ -289,3 +289,20 @@ def test_a_file_wins_over_a_ready_plan_and_a_folder_does_not(tmp_path, monkeypat
 def test_an_unknown_plan_is_told_the_ready_ones():
     with pytest.raises(UserError, match=r"^nothing: there is no such file.*photon-transfer"):
         find_plan("nothing")
+
+
+def test_a_bracket_counts_with_the_most_frames_that_it_may_get():
+    block = {
+        "targets": ["star"], "patterns": ["neutral"], "wavelengths_nm": [550],
+        "bracket": {"snr_db": 30, "decades": 2, "most_frames": 8},
+        "interleave": [{"role": "dark", "frames": 4}],
+    }  # fmt: skip
+    plan = PlanFile.model_validate(
+        {
+            "version": 1,
+            "title": "Chosen",
+            "patterns": {"neutral": {"kind": "constant"}},
+            "acquire": [block],
+        }
+    )
+    assert plan.acquire[0].frame_limit() == 8 + 8 * 4
