@@ -43,7 +43,7 @@ class Samples:
     def part(self, where: Indices) -> Samples:
         """Return some pixels of an exposure bracket, by their indices."""
         rates, times, floors = (
-            one if one.shape[1] == 1 else one.take(where, axis=1)
+            one.take(where, axis=1) if one.shape[1] == self.rates.shape[1] else one
             for one in (self.rates, self.times, self.floors)
         )
         return Samples(self.exposures, rates, times, floors, _scratch(rates))

@@ -121,8 +121,8 @@ def test_fingerprints_are_kept_in_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "not a file of fingerprints"),
-        (b"PK\x03\x04 cut off", "not a file of fingerprints"),
+        (b"", "cannot be read as .npz"),
+        (b"PK\x03\x04 cut off", "cannot be read as .npz"),
         ({"names": np.array(["a"]), "version": np.array(1)}, "not a file of fingerprints"),
         ({"names": np.array([]), "version": np.array(2)}, "version 2 of fingerprints"),
         (
