@@ -77,12 +77,8 @@ def validity_warnings(
     now : datetime or None
         Time at which the age is judged; None for the present.
     """
-    now = now or datetime.now(UTC)
-    found = []
-    days = (now - calibration.date).days
     trusted = _SETTINGS.max_age_days
-    if days > trusted:
-        found.append(f"the calibration is {days} days old, and {trusted} are trusted. {_REMEDY}")
+    found = _age_warnings("the calibration", calibration.date, trusted, now, f". {_REMEDY}")
     for role in _DECISIVE_ROLES:
         device = calibration.devices.get(role)
         found += _device_warnings("the calibration", role, device, identities, _REMEDY)
@@ -121,21 +117,25 @@ def camera_validity_warnings(
     now : datetime or None
         Time at which the age is judged; None for the present.
     """
-    now = now or datetime.now(UTC)
-    found = []
-    days = (now - calibration.date).days
     trusted = _SETTINGS.max_camera_age_days
-    if days > trusted:
-        found.append(
-            f"the camera calibration is {days} days old, and {trusted} are trusted: pixels become "
-            f"hot with time. {_CAMERA_REMEDY}"
-        )
+    why = f": pixels become hot with time. {_CAMERA_REMEDY}"
+    found = _age_warnings("the camera calibration", calibration.date, trusted, now, why)
     found += _device_warnings(
         "the camera calibration", "camera", calibration.camera, identities, _CAMERA_REMEDY
     )
     found += _part_warnings(bench, "sensor", calibration.sensor, _CAMERA_REMEDY)
     options = bench.devices.camera.options
     return found + _settings_warnings("camera", calibration.options, options, _CAMERA_REMEDY)
+
+
+def _age_warnings(
+    what: str, date: datetime, trusted: int, now: datetime | None, ending: str
+) -> list[str]:
+    """Warn if a bench's calibration, `what`, is more days old than are trusted."""
+    days = ((now or datetime.now(UTC)) - date).days
+    if days <= trusted:
+        return []
+    return [f"{what} is {days} days old, and {trusted} are trusted{ending}"]
 
 
 def _part_warnings(bench: BenchFile, part: str, then: Mapping[str, Any], remedy: str) -> list[str]:

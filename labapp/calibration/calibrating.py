@@ -25,21 +25,16 @@ from labapp.calibration.trial_exposures import trial_plan
 from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile, calibration_to_json
 from labapp.files.plan_file import PlanFile
-from labapp.files.plan_folder import PATTERN_FOLDER, write_plan
+from labapp.files.plan_folder import PATTERN_FOLDER, PLAN_FILE, RECORD_FILE, write_plan
 from labapp.files.writing import make_folder, require_free_names, write_atomically
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.runner import RunOutcome, run_plan
 from labapp.runs.record.reader import Record
-from labapp.runs.run_commands import require_complete
+from labapp.runs.run_commands import require_complete, run_written_plan
 from optics.camera import Camera
 from optics.progress import Progress
 
-PLAN_FILE, RECORD_FILE, CALIBRATION_FILE, PICTURE_FILE = (
-    "plan.toml",
-    "run.h5",
-    "calibration.json",
-    "calibration.png",
-)
+CALIBRATION_FILE, PICTURE_FILE = "calibration.json", "calibration.png"
 
 _MOST_TRIALS = 4
 """Most rounds of trial exposures at a wavelength; chosen."""
@@ -84,17 +79,9 @@ def calibrate(
         part = progress.part(_TRIAL_SHARE * number / count, _TRIAL_SHARE * (number + 1) / count)
         exposures.append(_find_exposures(bench, camera, request, nm, folder, part, ask))
     plan = write_calibration_plan(camera, request, tuple(exposures), folder)
-    outcome = run_plan(
-        bench,
-        plan,
-        folder / RECORD_FILE,
-        source=str(folder / PLAN_FILE),
-        folder=folder,
-        force=force,
-        progress=progress.part(_TRIAL_SHARE, _RUN_SHARE),
-        ask=ask,
+    run_written_plan(
+        bench, plan, folder, force=force, progress=progress.part(_TRIAL_SHARE, _RUN_SHARE), ask=ask
     )
-    require_complete(outcome)
     return fit_and_write(folder / RECORD_FILE, progress.part(_RUN_SHARE, 1.0))
 
 

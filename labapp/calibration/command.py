@@ -12,8 +12,6 @@ from labapp.bench.opening import BenchFiles, open_bench
 from labapp.calibration.calibrating import (
     CALIBRATION_FILE,
     PICTURE_FILE,
-    PLAN_FILE,
-    RECORD_FILE,
     CalibrationResult,
     calibrate,
     fit_and_write,
@@ -23,6 +21,7 @@ from labapp.calibration.request import CalibrationRequest
 from labapp.calibration.result_report import print_tables, result_data
 from labapp.common.console import print_json, terminal_progress
 from labapp.common.errors import UserError
+from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.reading import format_validation_error
 from labapp.files.writing import require_free_names
 from labapp.runs.run_commands import (

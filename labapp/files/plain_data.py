@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from collections.abc import Callable
 from typing import Any
 
 from labapp.common.errors import UserError
@@ -40,13 +41,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     """Parse TOML from outside; raise UserError, which begins with `source`, if it is invalid."""
     if any(len(_INNER_PART.findall(line)) > _MOST_LEVELS for line in text.splitlines()):
         raise _too_deep(source)
-    try:
-        data = tomllib.loads(text)
-    except RecursionError as error:
-        raise _too_deep(source) from error
-    except ValueError as error:
-        raise UserError(f"{source}: is not valid TOML: {error}") from error
-    require_plain(data, source)
+    data: dict[str, Any] = _parse(tomllib.loads, text, source, "TOML")
     return data
 
 
@@ -54,12 +49,17 @@ def parse_json(text: str, source: str) -> Any:
     """Parse JSON from outside; raise UserError, which begins with `source`, if it is invalid."""
     if text.count(",") > _MOST_VALUES or text.count("[") + text.count("{") > _MOST_TABLES:
         raise UserError(f"{source}: has more values than labapp's files have. Give another file.")
+    return _parse(json.loads, text, source, "JSON")
+
+
+def _parse(parse: Callable[[str], Any], text: str, source: str, language: str) -> Any:
+    """Parse text from outside that is of a language; UserError if it is invalid, or isn't plain."""
     try:
-        data = json.loads(text)
+        data = parse(text)
     except RecursionError as error:
         raise _too_deep(source) from error
     except ValueError as error:
-        raise UserError(f"{source}: is not valid JSON: {error}") from error
+        raise UserError(f"{source}: is not valid {language}: {error}") from error
     require_plain(data, source)
     return data
 

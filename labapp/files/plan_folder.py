@@ -15,6 +15,9 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import encode_image, make_folder, write_atomically
 
+PLAN_FILE, RECORD_FILE = "plan.toml", "run.h5"
+"""Names of a plan that the application made, and of the record of its run."""
+
 PATTERN_FOLDER = "patterns"
 """Name of the folder of the patterns' pictures, beside the plan file."""
 
@@ -26,7 +29,7 @@ def write_plan(folder: Path, plan: PlanFile, patterns: Mapping[str, NDArray[np.u
     """
     pictures = folder / PATTERN_FOLDER
     make_folder(pictures if patterns else folder)
-    path = folder / "plan.toml"
+    path = folder / PLAN_FILE
     try:
         for name, grey in patterns.items():
             picture = pictures / f"{name}.png"

@@ -11,7 +11,6 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
 from labapp.files.guarded_reading import MOST_TEXT_BYTES, read_bytes
-from labapp.files.picture_decoding import decode_picture
 from labapp.files.plain_data import MOST_JSON_BYTES, MOST_TOML_BYTES, parse_json, parse_toml
 
 if TYPE_CHECKING:
@@ -142,6 +141,8 @@ def _require_image(path: Path, *, colour: bool) -> NDArray[Any]:
 def decode_image(path: Path, *, colour: bool) -> NDArray[Any] | None:
     """Return a picture file's values in OpenCV's channel order; None if it is no picture."""
     import cv2
+
+    from labapp.files.picture_decoding import decode_picture
 
     flags = cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE)
     return decode_picture(path, read_bytes(path), flags)

@@ -20,11 +20,10 @@ from labapp.files.reading import validate
 from labapp.files.writing import require_all_writable, write_atomically
 from labapp.patterns.grey_levels import compute_patterns
 from labapp.runs.acquisition.bracket_metering import BracketMetering
-from labapp.runs.acquisition.feasibility import feasible_shots
+from labapp.runs.acquisition.feasibility import expected_plan, feasible_shots
 from labapp.runs.acquisition.hooks import Hooks
 from labapp.runs.brackets.choice import equal_ladders
 from labapp.runs.brackets.drawing import draw_brackets
-from labapp.runs.brackets.expectation import expected_plan
 from labapp.runs.brackets.limits import bracket_limits, wanted_snr
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.run_commands import ExecutionOptions, interactive_progress

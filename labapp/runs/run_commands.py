@@ -8,15 +8,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from labapp.bench.opening import BenchFiles, BenchSetup, open_bench
+from labapp.bench.opening import Bench, BenchFiles, BenchSetup, open_bench
 from labapp.common.console import out, print_error, print_json, print_message, terminal_progress
 from labapp.common.errors import UserError
 from labapp.files.fault_file import read_faults
-from labapp.files.plan_file import NamedPlan
+from labapp.files.plan_file import NamedPlan, PlanFile
+from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.writing import make_folder
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.queue import RunRequest, run_all
-from labapp.runs.acquisition.runner import RunOutcome, prepare_resume, resume_run
+from labapp.runs.acquisition.runner import (
+    RunOutcome,
+    prepare_resume,
+    resume_run,
+    run_plan,
+)
 from labapp.runs.keyboard import open_keyboard
 from labapp.runs.record.reader import Record, file_sha256
 from labapp.runs.state import State
@@ -71,6 +77,27 @@ def run_files(
     # Only the first run that isn't complete raises an error.
     for outcome in outcomes:
         require_complete(outcome)
+
+
+def run_written_plan(
+    bench: Bench,
+    plan: PlanFile,
+    folder: Path,
+    *,
+    force: bool,
+    progress: Progress,
+    ask: AskOperator | None,
+) -> None:
+    """Run the plan that was written to a folder, with its record beside it.
+
+    Raises UserError if the run isn't COMPLETE, or Cancelled if it was cancelled.
+    """
+    source = str(folder / PLAN_FILE)
+    record = folder / RECORD_FILE
+    outcome = run_plan(
+        bench, plan, record, source=source, folder=folder, force=force, progress=progress, ask=ask
+    )
+    require_complete(outcome)
 
 
 def resume_file(

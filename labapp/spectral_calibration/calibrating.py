@@ -10,13 +10,12 @@ from labapp.bench.star_target import require_star_target
 from labapp.common.errors import UserError
 from labapp.files.calibration_file import calibration_to_json
 from labapp.files.plan_file import NamedPlan, PlanFile
-from labapp.files.plan_folder import write_plan
+from labapp.files.plan_folder import RECORD_FILE, write_plan
 from labapp.files.spectra_file import SpectraFile
 from labapp.files.writing import make_folder, write_atomically
 from labapp.patterns.grey_levels import compute_patterns
 from labapp.runs.acquisition.frame_taker import AskOperator
-from labapp.runs.acquisition.runner import run_plan
-from labapp.runs.run_commands import require_complete
+from labapp.runs.run_commands import run_written_plan
 from labapp.spectral.lights import ViewingLight
 from labapp.spectral.snapshot_prior import require_filters
 from labapp.spectral_calibration.exposure_search import find_exposures
@@ -32,7 +31,7 @@ from labapp.spectral_calibration.request import SpectraRequest
 from labapp.spectral_calibration.spectra_tables import build_spectra_file
 from optics.progress import Progress
 
-PLAN_FILE, RECORD_FILE, RADIANCE_FILE = "plan.toml", "run.h5", "radiances.csv"
+RADIANCE_FILE = "radiances.csv"
 SPECTRA_FILE, PICTURE_FILE = "spectra.json", "spectra.png"
 
 
@@ -83,17 +82,9 @@ def calibrate_spectra(
         request = _complete_request(job.request, bench)
         exposures = find_exposures(bench, request, job.folder, progress.part(0, 0.2), ask)
         plan = _write_plan(bench, job, request, exposures, progress.part(0.2, 0.25))
-        outcome = run_plan(
-            bench,
-            plan,
-            job.folder / RECORD_FILE,
-            source=str(job.folder / PLAN_FILE),
-            folder=job.folder,
-            force=force,
-            progress=progress.part(0.25, 0.75),
-            ask=ask,
+        run_written_plan(
+            bench, plan, job.folder, force=force, progress=progress.part(0.25, 0.75), ask=ask
         )
-        require_complete(outcome)
     seen = measure_radiances(job.files, request, progress.part(0.75, 0.8), ask, speed)
     if seen is not None:
         write_atomically(job.folder / RADIANCE_FILE, radiances_to_csv(seen))

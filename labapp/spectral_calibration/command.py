@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import print_json, terminal_progress
 from labapp.common.errors import UserError
+from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.reading import format_validation_error
 from labapp.files.writing import require_free_names
 from labapp.runs.run_commands import (
@@ -21,9 +22,7 @@ from labapp.runs.run_commands import (
 from labapp.spectral.lights import ViewingLight, find_light
 from labapp.spectral_calibration.calibrating import (
     PICTURE_FILE,
-    PLAN_FILE,
     RADIANCE_FILE,
-    RECORD_FILE,
     SPECTRA_FILE,
     SpectraJob,
     SpectraResult,

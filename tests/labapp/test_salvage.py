@@ -21,6 +21,8 @@ from labapp.runs.state import State
 
 FRAMES = 8
 
+MANY = (pytest.mark.sweep, pytest.mark.timeout(600))
+
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory) -> bytes:
@@ -111,7 +113,7 @@ def damage(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(changed)
 
 
-@pytest.mark.parametrize("tries", [25, pytest.param(300, marks=pytest.mark.sweep)])
+@pytest.mark.parametrize("tries", [25, pytest.param(300, marks=MANY)])
 def test_damaged_pages_end_in_a_record_in_order_or_in_saved_frames(path, good, tmp_path, tries):
     """COMPLETE only where verify agrees, and hardly a frame is lost that wasn't damaged."""
     rng, counts = np.random.default_rng(5), Counter()

@@ -15,16 +15,14 @@ from labapp.common.errors import UserError
 from labapp.files.calibration_file import calibration_to_json
 from labapp.files.camera_noise_file import CameraNoiseFile
 from labapp.files.plan_file import PlanFile
-from labapp.files.plan_folder import write_plan
+from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE, write_plan
 from labapp.files.writing import make_folder, require_free_names, write_atomically
 from labapp.runs.acquisition.frame_taker import AskOperator
-from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
-from labapp.runs.run_commands import require_complete
+from labapp.runs.run_commands import run_written_plan
 from optics.camera_noise import CameraNoise, characterise_camera
 from optics.progress import Progress
 
-PLAN_FILE, RECORD_FILE = "plan.toml", "run.h5"
 CAMERA_FILE, PICTURE_FILE = "camera.json", "camera.png"
 
 _TRIAL_SHARE, _RUN_SHARE = 0.1, 0.7
@@ -62,17 +60,9 @@ def calibrate_camera(
         changes = {"flat_ms": found.exposure * 1e3, "trials": found.trials}
         request = request.model_copy(update=changes)
     plan = _write_plan(bench, request, folder)
-    outcome = run_plan(
-        bench,
-        plan,
-        folder / RECORD_FILE,
-        source=str(folder / PLAN_FILE),
-        folder=folder,
-        force=force,
-        progress=progress.part(_TRIAL_SHARE, _RUN_SHARE),
-        ask=ask,
+    run_written_plan(
+        bench, plan, folder, force=force, progress=progress.part(_TRIAL_SHARE, _RUN_SHARE), ask=ask
     )
-    require_complete(outcome)
     return fit_camera_and_write(folder / RECORD_FILE, progress=progress.part(_RUN_SHARE, 1.0))
 
 

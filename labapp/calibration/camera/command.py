@@ -11,8 +11,6 @@ from labapp.bench.opening import BenchFiles, open_bench
 from labapp.calibration.camera.calibrating import (
     CAMERA_FILE,
     PICTURE_FILE,
-    PLAN_FILE,
-    RECORD_FILE,
     CameraResult,
     calibrate_camera,
     fit_camera_and_write,
@@ -22,6 +20,7 @@ from labapp.calibration.camera.request import CameraRequest
 from labapp.calibration.camera.result_report import camera_data, print_camera
 from labapp.common.console import print_json, terminal_progress
 from labapp.common.errors import UserError
+from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.reading import format_validation_error
 from labapp.files.writing import require_free_names
 from labapp.runs.run_commands import (

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.photograph_file import Light
+from labapp.files.plain_hdf5 import open_plain_hdf5
 from optics.hdr import CLIPPED
 
 _PARTS = ("rate", "variance", "state")
@@ -47,7 +48,8 @@ def is_merged(path: Path) -> bool:
     if path.suffix.lower() not in (".h5", ".hdf5") or not h5py.is_hdf5(path):
         return False
     with h5py.File(path) as file:
-        return all(isinstance(file.get(name), h5py.Dataset) for name in _PARTS)
+        links = [file.get(name, getlink=True) for name in _PARTS]
+    return all(isinstance(link, h5py.HardLink) for link in links)
 
 
 def read_merged(path: Path) -> MergedPhotograph:
@@ -56,7 +58,7 @@ def read_merged(path: Path) -> MergedPhotograph:
     Raises UserError for parts of different shape, values that can't be a variance, and a bracket
     without a measured pixel.
     """
-    with h5py.File(path) as file:
+    with open_plain_hdf5(path) as file:
         rate, variance, state = (np.asarray(file[name]) for name in _PARTS)
     shapes = {one.shape for one in (rate, variance, state)}
     if len(shapes) > 1 or rate.ndim not in (2, 3):

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from labapp.files.plan_file import PlanFile
 from labapp.runs.acquisition.frame_storage import FrameStore
 from labapp.runs.acquisition.frame_taker import AskOperator, FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
-from labapp.runs.acquisition.scene_watch import SceneWatch
 from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
 from labapp.runs.bench_interface import Bench
 from labapp.runs.record.logbook import logbook
@@ -28,6 +28,9 @@ from labapp.runs.record.writer import RecordWriter
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
 from optics.progress import Cancelled, Progress
+
+if TYPE_CHECKING:
+    from labapp.runs.acquisition.scene_watch import SceneWatch
 
 log = logging.getLogger(__name__)
 
@@ -90,7 +93,7 @@ class ActiveRun:
         self._trouble: DeviceError | None = None
         self._unplug_monitor = UnplugMonitor(bench.supervised_devices)
         self._doing = self._unplugged = ""
-        self._watch, self._changes = SceneWatch(plan, bench.description.sensor), list[str]()
+        self._watch, self._changes = _watch_scene(plan, bench), list[str]()
 
     def take(
         self, shots: Sequence[Shot], on_frame: OnFrame | None, *, is_resumed: bool = False
@@ -156,7 +159,7 @@ class ActiveRun:
         frame = self._take_with_recovery(shot, keeper)
         self._took += self._bench.clock.now() - began - (self._rested - rested)
         self._done += shot.duration
-        if change := self._watch.compare(shot, frame):
+        if self._watch and (change := self._watch.compare(shot, frame)):
             self._changes.append(change)
             log.warning("%s", change)
         self._hooks.call("after_frame", shot, frame)
@@ -271,6 +274,15 @@ class ActiveRun:
         return RunOutcome(
             self._path, state, missing, message, self._done, self._took, self._trouble, digest
         )
+
+
+def _watch_scene(plan: PlanFile, bench: Bench) -> SceneWatch | None:
+    """Return what compares a run's frames with what was metered; None if nothing was."""
+    if not any(block.chosen and block.chosen.metered for block in plan.acquire):
+        return None
+    from labapp.runs.acquisition.scene_watch import SceneWatch
+
+    return SceneWatch(plan, bench.description.sensor)
 
 
 def _describe(shot: Shot) -> str:

@@ -6,13 +6,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from math import prod
+from typing import TYPE_CHECKING
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import Acquisition, PlanFile
 from labapp.runs.acquisition.hooks import HOOK_GROUP
 from labapp.runs.capabilities import BenchCapabilities
-from labapp.runs.record.layout import LOG_ROW, MEASURED, PLANNED, log_capacity
+from labapp.runs.record.layout import (
+    CHAIN_ROW,
+    LOG_ROW,
+    MEASURED,
+    PLANNED,
+    chain_capacity,
+    log_capacity,
+)
 from labapp.runs.steps import Shot, block_exposures, planned_shots
+
+if TYPE_CHECKING:
+    from optics.camera import Sensor
 
 _FRAME_ROW = sum(kind.itemsize for kind in (*PLANNED.values(), *MEASURED.values()))
 """Bytes in a record for each frame's columns, without its picture."""
@@ -53,6 +64,21 @@ def longest_estimate(estimates: Sequence[RunEstimate]) -> RunEstimate:
     )
 
 
+def expected_plan(
+    plan: PlanFile, capabilities: BenchCapabilities, sensor: Sensor, source: str
+) -> PlanFile:
+    """Return a run's plan with its brackets settled for the brightest light, the shortest of all.
+
+    Without brackets it is the plan itself. Raises UserError if no light makes a bracket possible.
+    """
+    if not plan.has_brackets:
+        return plan
+    # What searches for brackets is loaded only where there are any.
+    from labapp.runs.brackets.extremes import brightest_plan
+
+    return brightest_plan(plan, capabilities, sensor, source)
+
+
 def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities) -> int:
     """Estimate the size of a run's finished record in bytes, a little too high."""
     picture, panel = prod(capabilities.frame_shape), prod(capabilities.panel_shape)
@@ -62,6 +88,7 @@ def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapab
         len(listed) * (2 * picture + _FRAME_ROW)
         + shown * panel
         + log_capacity(len(listed)) * LOG_ROW.itemsize
+        + chain_capacity(len(listed)) * CHAIN_ROW.itemsize
         + len(plan.model_dump_json())
         + len(decided) * _DECISIONS
         # Bench, scene and HDF5's own data take less than this.

@@ -9,11 +9,10 @@ from pathlib import Path
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import require_writable
-from labapp.runs.acquisition.feasibility import estimate_run, feasible_shots
+from labapp.runs.acquisition.feasibility import estimate_run, expected_plan, feasible_shots
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.runner import RunOutcome, run_plan
 from labapp.runs.bench_interface import Bench
-from labapp.runs.brackets.expectation import expected_plan
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.state import State
 from optics.progress import Progress

@@ -13,13 +13,12 @@ from labapp.common.stopwatch import Stopwatch
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import require_writable
 from labapp.runs.acquisition.active_run import ActiveRun, OnFrame, RunOutcome
-from labapp.runs.acquisition.feasibility import estimate_run, feasible_shots
+from labapp.runs.acquisition.feasibility import estimate_run, expected_plan, feasible_shots
 from labapp.runs.acquisition.frame_storage import require_space
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.hooks import Hooks
 from labapp.runs.acquisition.record_contents import build_record_contents
 from labapp.runs.bench_interface import Bench
-from labapp.runs.brackets.expectation import expected_plan
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record

@@ -15,10 +15,12 @@ from labapp.runs.record.digests import first_line, first_link, line_digest, link
 class FrameChain:
     """The links of a record's frames.
 
-    length: links that follow from each other. last: digest of the last one. latest: row of each
-    frame's latest link. broken: row of the first link that doesn't follow; None if all do.
+    rows: all, of the type CHAIN_ROW. length: links that follow from each other. last: digest of the
+    last one. latest: row of each frame's latest link. broken: row of the first link that doesn't
+    follow; None if all do.
     """
 
+    rows: NDArray[Any]
     length: int
     last: bytes
     latest: dict[int, int] = field(default_factory=dict)
@@ -40,17 +42,20 @@ def follow_frames(rows: NDArray[Any], structure: bytes) -> FrameChain:
     rows: of the type CHAIN_ROW. structure: digest of the record's structure. Rows of zeros before
     the last link are broken links.
     """
-    before, used = first_link(structure), _used(rows)
-    found = FrameChain(0, before)
+    used, found = _used(rows), FrameChain(rows, 0, first_link(structure))
     for number, row in enumerate(rows[:used]):
-        link = link_digest(before, row["frame"], row["image"].tobytes(), row["settings"].tobytes())
-        if link != row["link"].tobytes():
+        if not follows(row, found.last):
             found.broken = number
             return found
-        before = link
         found.latest[int(row["frame"])] = number
-        found.length, found.last = number + 1, link
+        found.length, found.last = number + 1, row["link"].tobytes()
     return found
+
+
+def follows(row: np.void, before: bytes) -> bool:
+    """Return whether a link of a record's frame follows from the digest of the one before."""
+    digest = link_digest(before, row["frame"], row["image"].tobytes(), row["settings"].tobytes())
+    return bool(digest == row["link"].tobytes())
 
 
 def follow_log(rows: NDArray[Any], structure: bytes) -> LogChain:

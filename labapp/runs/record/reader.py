@@ -312,13 +312,13 @@ class Record:
             return lambda index: self._image_has(
                 index, lambda image: checksum(image) == sums[index]
             )
-        chain, rows = self.frame_chain, self._read(f"{layout.DIGESTS}/chain")
+        chain = self.frame_chain
         columns = {name: self.column(name) for name in digests.SETTINGS}
 
         def is_whole(index: int) -> bool:
             if index not in chain.latest:
                 return False
-            row = rows[chain.latest[index]]
+            row = chain.rows[chain.latest[index]]
             settings = {name: column[index] for name, column in columns.items()}
             return bool(
                 digests.settings_digest(settings) == row["settings"].tobytes()

@@ -1,9 +1,9 @@
 """Repair what is damaged in a record and follows from the rest of it.
 
 Three things do. The table of places follows from HDF5's structure, if nothing else has changed.
-Planned columns follow from the plan, and the digest of the structure tells whether
-the repair is right. A frame's link follows from its image and settings, and the next link tells
-whether it is right.
+Planned columns follow from the plan, and the digest of the structure tells whether the repair is
+right. A frame's link follows from its image and settings, and the next link, or the closing digest,
+tells whether it is right.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record import layout
-from labapp.runs.record.chain import follow_log
+from labapp.runs.record.chain import follow_frames, follow_log, follows
 from labapp.runs.record.digests import (
     ENDING,
     SETTINGS,
@@ -42,12 +43,11 @@ from labapp.runs.record.place_table import (
     rebuild_table,
     write_all,
 )
-from labapp.runs.record.writing_lock import open_for_writing
+from labapp.runs.record.writer_process import open_for_writing
 from labapp.runs.steps import planned_shots
 
 Digests = Callable[[int], tuple[bytes, bytes]]
 """Returns the digests of a frame's image and of its settings, as they are in the file."""
-
 
 EndProof = Callable[[int, bytes], bool]
 """Returns whether so many links, of which the last is given, are those of a run that has ended."""
@@ -149,6 +149,8 @@ def _repair_links(handle: int, table: PlaceTable) -> list[str]:
     if structure_digest(handle, table) != structure:
         # Nothing tells where the chain begins.
         return []
+    if follow_frames(rows, structure).broken is None:
+        return []
     stored = table.read(handle, f"{layout.DATA}/stored")
     repaired = repair_links(
         rows, structure, stored, frame_digests(handle, table), end_proof(handle, table)
@@ -160,10 +162,11 @@ def _repair_links(handle: int, table: PlaceTable) -> list[str]:
 
 
 def frame_digests(handle: int, table: PlaceTable) -> Digests:
-    """Return the function that computes the digests of a frame in a run's record."""
+    """Return the function that computes the digests of a frame in a run's record, once for each."""
     place = table.places[f"{layout.DATA}/images"]
     columns = {name: table.read(handle, f"{layout.DATA}/{name}") for name in SETTINGS}
 
+    @cache
     def compute(frame: int) -> tuple[bytes, bytes]:
         data = os.pread(handle, place.row_bytes, place.offset + frame * place.row_bytes)
         settings = {name: column[frame] for name, column in columns.items()}
@@ -204,8 +207,9 @@ def repair_links(
     before, trial = first_link(structure), rows.copy()
     repaired: list[int] = []
     pending: list[int] = []
+    length = 0
     for number in range(len(rows)):
-        if not _follows(trial[number], before):
+        if not follows(trial[number], before):
             frame = own.get(number, missing[0] if missing else None)
             if frame is None:
                 break
@@ -215,11 +219,11 @@ def repair_links(
         else:
             repaired += pending
             pending = []
-        before = trial[number]["link"].tobytes()
-    if pending and is_proved(number, before):
+        before, length = trial[number]["link"].tobytes(), number + 1
+    if pending and is_proved(length, before):
         repaired += pending
         pending = []
-    end = pending[0] if pending else number
+    end = pending[0] if pending else length
     cut = np.flatnonzero(rows[end:].view(np.uint8).reshape(len(rows) - end, -1).any(axis=1)) + end
     trial[end:] = np.zeros((), rows.dtype)
     rows[:] = trial
@@ -231,12 +235,6 @@ def _make_link(frame: int, before: bytes, compute: Digests) -> tuple[Any, ...]:
     image, settings = compute(frame)
     link = link_digest(before, frame, image, settings)
     return (frame, *(np.frombuffer(one, np.uint8) for one in (image, settings, link)))
-
-
-def _follows(row: np.void, before: bytes) -> bool:
-    """Return whether a link of a record's frame follows from the one before."""
-    digest = link_digest(before, row["frame"], row["image"].tobytes(), row["settings"].tobytes())
-    return bool(digest == row["link"].tobytes())
 
 
 def own_frames(rows: NDArray[Any], compute: Digests, frames: int) -> dict[int, int]:
@@ -260,7 +258,7 @@ def _frames_without_link(
     """
     named = set(own.values())
     for before, row in pairwise(rows):
-        if _follows(row, before["link"].tobytes()):
+        if follows(row, before["link"].tobytes()):
             named.add(int(row["frame"]))
     return [frame for frame in np.flatnonzero(stored == 1).tolist() if frame not in named]
 

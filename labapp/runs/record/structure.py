@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 
 from labapp.common.errors import UserError
+from labapp.files.plain_hdf5 import walk_datasets
 from labapp.runs.record import layout
 from labapp.runs.record.digests import structure_digest
 from labapp.runs.record.place_table import PlaceTable, TableError, read_table
-
-_MOST_OBJECTS = 1000
-"""Groups and datasets that a record may have, about ten times more than any has. Chosen."""
 
 _LARGEST = 1 << 28
 """Bytes that a dataset without pictures may have: the digests of a million frames take a little
@@ -27,12 +23,11 @@ less. Chosen."""
 class Structure:
     """The structure of a record's file.
 
-    table: where its datasets lie. digest: in the file, as bytes. changed: whether the structure
-    isn't the one that the digest tells. lost: names of datasets that have changed, or are cut off.
+    table: where its datasets lie. changed: whether the structure isn't the one that its digest
+    tells. lost: names of datasets that have changed, or are cut off.
     """
 
     table: PlaceTable
-    digest: bytes
     changed: bool
     lost: tuple[str, ...]
 
@@ -55,7 +50,7 @@ def read_structure(path: Path) -> Structure | None:
         # Patterns are large; whoever uses them compares them with their own digests.
         fixed = (n for n in table.places if n not in (*layout.CHANGING, layout.SHOWN_IMAGES))
         lost = tuple(n for n in fixed if not table.is_whole(handle, n)) if changed else ()
-        return Structure(table, digest, changed, lost)
+        return Structure(table, changed, lost)
     except (TableError, KeyError):
         return None
     finally:
@@ -80,7 +75,7 @@ def require_plain_structure(file: h5py.File, path: Path) -> None:
 def _require_plain(file: h5py.File, path: Path) -> None:
     """Raise UserError for data elsewhere than in the record's file, and h5py's errors."""
     size = path.stat().st_size
-    for name, dataset in _datasets(file, path):
+    for name, dataset in walk_datasets(file, path):
         storage = dataset.id.get_create_plist()
         place = dataset.id.get_offset()
         nbytes = dataset.id.get_storage_size()
@@ -95,25 +90,3 @@ def _require_plain(file: h5py.File, path: Path) -> None:
                 f"{path}: {name} has {nbytes / 1e6:.0f} MB, more than any run writes. Don't trust "
                 "the file; get the original."
             )
-
-
-def _datasets(file: h5py.File, path: Path) -> Iterator[tuple[str, Any]]:
-    """Yield name and dataset of all that an HDF5 file links; raise UserError for other links."""
-    seen, groups = 0, [("", file["/"])]
-    while groups:
-        prefix, group = groups.pop()
-        for link in group.id:
-            seen += 1
-            name = prefix + link.decode(errors="replace")
-            kind = group.id.links.get_info(link).type
-            if kind != h5py.h5l.TYPE_HARD or seen > _MOST_OBJECTS:
-                what = "is a link to elsewhere" if seen <= _MOST_OBJECTS else "is one too many"
-                raise UserError(
-                    f"{path}: {name} {what}: no run writes that. Don't trust the file; get the "
-                    "original."
-                )
-            item = group[link]
-            if isinstance(item, h5py.Group):
-                groups.append((f"{name}/", item))
-            elif isinstance(item, h5py.Dataset):
-                yield name, item

@@ -18,7 +18,7 @@ from labapp.runs.record import digests, layout, writer_process
 from labapp.runs.record.chain import follow_frames, follow_log
 from labapp.runs.record.creation import utc_timestamp
 from labapp.runs.record.place_table import TableError, read_table, write_all
-from labapp.runs.record.writing_lock import open_for_writing
+from labapp.runs.record.writer_process import open_for_writing
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
 

@@ -15,9 +15,8 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.files.writing import make_folder
-from labapp.runs.acquisition.feasibility import feasible_shots
+from labapp.runs.acquisition.feasibility import expected_plan, feasible_shots
 from labapp.runs.acquisition.runner import resume_run, run_plan
-from labapp.runs.brackets.expectation import expected_plan
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.reader import Record
 from labapp.runs.steps import Shot
