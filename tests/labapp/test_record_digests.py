@@ -275,6 +275,36 @@ def test_an_unfinished_record_says_what_is_not_protected(tmp_path, interrupted):
     assert words == ["state, message and writer aren't protected before the run's end"]
 
 
+def test_a_writer_that_is_killed_while_it_closes_leaves_nothing_wrong(
+    tmp_path, interrupted, complete
+):
+    """Time of the end, digest over all, state: the file after the first, and after the second."""
+    path = tmp_path / "run.h5"
+    path.write_bytes(interrupted)
+    with h5py.File(path, "r+") as file:
+        file["entry/end_time"][0] = b"2026-01-02T03:04:05.678+00:00"
+    assert check_record(path).failed_checks == []
+    path.write_bytes(complete[0])
+    with h5py.File(path, "r+") as file:
+        file["entry/state"][0] = b"RUNNING"
+    found = check_record(path)
+    assert found.failed_checks == []
+    assert f"{complete[1]}, of a run that ended COMPLETE" in next(
+        one.detail for one in found.findings if one.check == "closing"
+    )
+    with h5py.File(path, "r+") as file:
+        file["entry/message"][0] = b"changed"
+    assert check_record(path).failed_checks == ["closing"]
+
+
+def test_a_run_that_goes_on_has_no_time_of_its_end(tmp_path, interrupted):
+    path = tmp_path / "run.h5"
+    path.write_bytes(interrupted)
+    with h5py.File(path, "r+") as file:
+        file["entry/end_time"][0] = b"soon"
+    assert check_record(path).failed_checks == ["closing"]
+
+
 def test_the_digests_are_those_that_anybody_can_compute(tmp_path, complete):
     """From the description alone: of image and settings, chained; a hand-made loop."""
     path = tmp_path / "run.h5"

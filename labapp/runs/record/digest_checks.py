@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import datetime
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -107,13 +109,39 @@ def check_closing(record: Record, expected: str = "") -> StatusAndDetail:
         return "note", "none: of an older format"
     written, state = record.closing_digest, record.state
     if not state.has_ended:
-        if written:
-            return "WRONG", f"there is a digest over all, though the run is {state}"
-        if expected:
-            return "WRONG", "the run hasn't ended, so there is no digest to compare"
-        return "note", "state, message and writer aren't protected before the run's end"
+        return _check_unclosed(record, expected)
     if written != record.compute_closing_digest():
         return "WRONG", "the digest over all isn't that of this file: something has changed"
     if expected and written != expected.strip().lower():
         return "WRONG", f"the digest is {written}, not the one given: the record was changed"
     return "ok", f"{written}{', as given' if expected else ''}"
+
+
+def _check_unclosed(record: Record, expected: str) -> StatusAndDetail:
+    """Check that nothing in the record of a run that hasn't ended says that it has.
+
+    The time of the end, the digest over all and the state are written in this order, so a killed
+    writer may leave the first, or the first two.
+    """
+    ended, written, state = record.end_time, record.closing_digest, record.state
+    if written:
+        closed = next((s for s in State if s.has_ended and _is_closed_as(record, s)), None)
+        if closed is None:
+            return "WRONG", f"there is a digest over all, though the run is {state}"
+        return "unfinished", f"{written}, of a run that ended {closed} but for writing so"
+    if expected:
+        return "WRONG", "the run hasn't ended, so there is no digest to compare"
+    if ended and not _is_time(ended):
+        return "WRONG", f"there is a time of the end, {ended!r}, though the run is {state}"
+    return "note", "state, message and writer aren't protected before the run's end"
+
+
+def _is_closed_as(record: Record, state: State) -> bool:
+    return record.closing_digest == record.compute_closing_digest(state)
+
+
+def _is_time(text: str) -> bool:
+    try:
+        return datetime.fromisoformat(text).tzinfo is not None
+    except ValueError:
+        return False

@@ -358,13 +358,16 @@ class Record:
     def _structure_digest(self) -> bytes:
         return bytes(self._read(f"{layout.DIGESTS}/structure")[0])
 
-    def compute_closing_digest(self) -> str:
-        """Return the digest over the whole record as it is, in hexadecimal."""
+    def compute_closing_digest(self, state: State | None = None) -> str:
+        """Return the digest over the whole record, in hexadecimal: as it is, or with that state."""
         frames, lines = self.frame_chain, self.log_chain
-        ending = [self._read(f"entry/{name}").tobytes() for name in digests.ENDING]
+        ending = {name: self._read(f"entry/{name}").tobytes() for name in digests.ENDING}
+        if state is not None:
+            ending["state"] = np.array(state.value.encode(), layout.STATE).tobytes()
         return digests.closing_digest(
-            self._structure_digest, frames.length, frames.last, lines.length, lines.last, ending
-        ).hex()
+            self._structure_digest, frames.length, frames.last, lines.length, lines.last,
+            ending.values(),
+        ).hex()  # fmt: skip
 
     def moved_datasets(self) -> list[str]:
         """Return the datasets that lie elsewhere in a run's record than its table tells."""

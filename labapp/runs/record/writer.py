@@ -46,7 +46,7 @@ class RecordWriter:
             raise UserError(
                 f"{path}: can't be written on: {error}. Save its frames with: labapp salvage"
             ) from error
-        if self._read("closing", 0).strip(b"\0"):
+        if (self._read("closing", 0) + self._read("end_time", 0)).strip(b"\0"):
             # What was closed is open again; until it is closed anew, nothing promises otherwise.
             self._put("state", 0, State.PLANNED.value.encode())
             self._put("closing", 0, np.zeros((), layout.DIGEST))
