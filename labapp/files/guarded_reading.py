@@ -12,8 +12,8 @@ import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from labapp.common.errors import UserError
 
@@ -43,7 +43,7 @@ _KINDS = (
 
 
 @contextmanager
-def open_regular(path: Path, most: int = MOST_BYTES) -> Iterator[BinaryIO]:
+def open_regular(path: Path, most: int = MOST_BYTES) -> Iterator[BufferedReader]:
     """Open a regular file for reading its bytes; a context manager.
 
     Parameters

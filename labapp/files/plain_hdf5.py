@@ -110,20 +110,20 @@ def _require_plain(path: Path, name: str, dataset: h5py.Dataset) -> None:
             f"{path}: {name} can be read only with {where}. Copy the data into one file of their "
             "own, as h5repack does."
         )
-    if _has_variable_length(dataset.dtype) and dataset.size not in (0, 1):
+    if has_variable_length(dataset) and dataset.size not in (0, 1):
         raise UserError(f"{path}: {name} is a list of texts or lists. Give arrays of numbers.")
     if dataset.chunks is not None:
         counts = (-(-n // m) for n, m in zip(dataset.shape, dataset.chunks, strict=True))
         if math.prod(counts) > _MOST_CHUNKS:
             raise UserError(f"{path}: {name} lies in too many pieces. Write it anew.")
-    require_expansion(path, dataset.id.get_storage_size(), _bytes(dataset), name)
+    require_expansion(path, dataset.id.get_storage_size(), memory_size(dataset), name)
 
 
-def _has_variable_length(dtype: Any) -> bool:
+def has_variable_length(dataset: h5py.Dataset) -> bool:
     """Return whether each element of an HDF5 dataset refers to data of any length."""
-    return dtype.hasobject or h5py.check_vlen_dtype(dtype) is not None
+    return dataset.dtype.hasobject or h5py.check_vlen_dtype(dataset.dtype) is not None
 
 
-def _bytes(dataset: h5py.Dataset) -> int:
+def memory_size(dataset: h5py.Dataset) -> int:
     """Return the bytes that an HDF5 dataset takes in memory; 0 for one without a shape."""
     return 0 if dataset.size is None else dataset.size * dataset.dtype.itemsize

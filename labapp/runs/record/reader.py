@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from drivers.interfaces import checksum
 from labapp.common.errors import UserError
 from labapp.files.file_lookup import require_file
+from labapp.files.guarded_reading import open_regular
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
@@ -474,6 +475,7 @@ def _cut_short(there: int, full: int) -> str:
 def file_sha256(file: Path) -> str:
     """Return a file's SHA-256 for a run's record, in hexadecimal; empty if it can't be read."""
     try:
-        return sha256(file.read_bytes()).hexdigest()
-    except OSError:
+        with open_regular(file) as opened:
+            return file_digest(opened, "sha256").hexdigest()
+    except UserError:
         return ""

@@ -9,7 +9,8 @@ from pathlib import Path
 import h5py
 
 from labapp.common.errors import UserError
-from labapp.files.plain_hdf5 import walk_datasets
+from labapp.files.guarded_reading import FREE_EXPANSION
+from labapp.files.plain_hdf5 import has_variable_length, memory_size, walk_datasets
 from labapp.runs.record import layout
 from labapp.runs.record.digests import structure_digest
 from labapp.runs.record.place_table import PlaceTable, TableError, read_table
@@ -17,6 +18,15 @@ from labapp.runs.record.place_table import PlaceTable, TableError, read_table
 _LARGEST = 1 << 28
 """Bytes that a dataset without pictures may have: the digests of a million frames take a little
 less. Chosen."""
+
+
+_SHORT_TEXTS = frozenset(
+    f"entry/{name}" for name in ("title", "definition", "start_time", "clock", "writer")
+)
+"""Texts of a record that are shown, and have a line."""
+
+_LONGEST_TEXT = 1 << 16
+"""Bytes of such a text. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -80,12 +90,17 @@ def _require_plain(file: h5py.File, path: Path) -> None:
         place = dataset.id.get_offset()
         nbytes = dataset.id.get_storage_size()
         plain = storage.get_layout() == h5py.h5d.CONTIGUOUS and not storage.get_external_count()
+        # What isn't stored is made up from a fill value, in any amount. A text of variable length
+        # may have that of the file.
+        is_text = has_variable_length(dataset) and dataset.size == 1 and size <= FREE_EXPANSION
+        plain = plain and (is_text or nbytes == memory_size(dataset))
         if not plain or (nbytes and (place is None or place + nbytes > size)):
             raise UserError(
                 f"{path}: {name} doesn't lie within the file in one piece, as labapp writes it. "
                 "Don't trust the file; get the original."
             )
-        if nbytes > _LARGEST and name not in (layout.SHOWN_IMAGES, f"{layout.DATA}/images"):
+        most = _LONGEST_TEXT if name in _SHORT_TEXTS else _LARGEST
+        if nbytes > most and name not in (layout.SHOWN_IMAGES, f"{layout.DATA}/images"):
             raise UserError(
                 f"{path}: {name} has {nbytes / 1e6:.0f} MB, more than any run writes. Don't trust "
                 "the file; get the original."
