@@ -5,9 +5,20 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+from labapp.common.plain_text import shorten
+
+_LONGEST = 2000
+"""Characters of a message: 20 lines, as lists of all that would be right have. Chosen."""
+
 
 class UserError(Exception):
-    """Tell the user in one or two lines what is wrong and what to do about it."""
+    """Tell the user in one or two lines what is wrong and what to do about it.
+
+    A longer message, which quotes a name without end, is cut in its middle.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(shorten(message, _LONGEST))
 
 
 def suggest_spelling(word: str, known: Iterable[str], likeness: float = 0.6) -> str:

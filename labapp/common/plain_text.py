@@ -44,7 +44,9 @@ def quote(value: object) -> str:
     except (ValueError, RecursionError):
         # Python doesn't write whole numbers of more than 4300 digits.
         return f"a {type(value).__name__}"
-    if len(text) <= _LONGEST_QUOTE:
-        return text
-    half = _LONGEST_QUOTE // 2
-    return f"{text[:half]} … {text[-half:]}"
+    return shorten(text, _LONGEST_QUOTE)
+
+
+def shorten(text: str, most: int) -> str:
+    """Return a text of labapp's errors with its middle left out if it has more characters."""
+    return text if len(text) <= most else f"{text[: most // 2]} … {text[-(most // 2) :]}"

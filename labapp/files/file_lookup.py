@@ -56,9 +56,10 @@ def bundled_parts(kind: str) -> list[str]:
 
 
 def require_file(path: Path) -> None:
-    """Raise UserError if there is no file at a path."""
+    """Raise UserError if there is no regular file at a path."""
     if not is_file(path):
-        raise UserError(f"{path}: there is no such file. Check the path.")
+        # This tells what the path leads to instead.
+        require_regular(path)
 
 
 def require_readable(path: Path) -> None:

@@ -16,6 +16,7 @@ from io import BufferedReader
 from pathlib import Path
 
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shorten
 
 MOST_BYTES = 1 << 32
 """Bytes of a file of pictures or numbers, 4 GiB: the cubes of published collections have up to
@@ -88,10 +89,10 @@ def require_regular(path: Path, most: int = MOST_BYTES) -> None:
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """Return the bytes of a regular file; raise UserError if it can't be read or is too large."""
     with open_regular(path, most) as file:
+        _require_expansion_of_holes(path, os.fstat(file.fileno()))
         # Files of /proc and others that are made when they are read tell a size of 0.
         data = file.read(most + 1)
         _require_size(path, len(data), most)
-        _require_expansion_of_holes(path, os.fstat(file.fileno()))
         return data
 
 
@@ -120,7 +121,7 @@ def unreadable(path: Path, error: OSError) -> UserError:
     if error.errno == errno.ENOENT:
         return UserError(f"{path}: cannot be read: there is no such file. Check the path.")
     if error.errno == errno.ENAMETOOLONG:
-        return UserError(f"{str(path)[:60]}…: is no path: it is too long. Check the path.")
+        return UserError(f"{shorten(str(path), 100)}: is no path: it is too long. Check the path.")
     return UserError(f"{path}: cannot be read: {error.strerror or error}. Check the path.")
 
 

@@ -22,6 +22,9 @@ from labapp.files.guarded_reading import require_expansion, require_regular
 MOST_OBJECTS = 1000
 """Groups and datasets of a file, about ten times more than any that labapp writes has. Chosen."""
 
+_LONGEST_NAME = 80
+"""Characters of a name that an error tells: a line. Chosen."""
+
 _MOST_CHUNKS = 100_000
 """Chunks of a dataset, for each of which HDF5 keeps some hundred bytes. Chosen."""
 
@@ -89,8 +92,8 @@ def walk_datasets(file: h5py.File, path: Path) -> Iterator[tuple[str, h5py.Datas
             if kind != h5py.h5l.TYPE_HARD or seen > MOST_OBJECTS:
                 what = "is a link to elsewhere" if seen <= MOST_OBJECTS else "is one too many"
                 raise UserError(
-                    f"{path}: {name} {what}: labapp writes none. Don't trust the file; get the "
-                    "original."
+                    f"{path}: {name[:_LONGEST_NAME]} {what}: labapp writes none. Don't "
+                    "trust the file; get the original."
                 )
             item = group[link]
             if isinstance(item, h5py.Group):

@@ -111,4 +111,4 @@ class Sensor:
         full pixel. So the limit lies five standard deviations of read noise below the full well.
         """
         well = self.full_well - 5.0 * self.read_noise
-        return int(min(2**self.bits - 1, math.floor(self.black_level + well / self.gain)))
+        return math.floor(min(2**self.bits - 1, self.black_level + well / self.gain))

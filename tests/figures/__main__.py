@@ -9,10 +9,12 @@ from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from rich.text import Text
+
 from figures import Figure
 from figures.measurements import MEASUREMENTS, measurement
 from figures.results import PAGE, RESULTS, Section, Stamp, quote, update
-from labapp.common.console import out, print_json, print_message, print_table
+from labapp.common.console import out, print_json, print_message, print_table, styled
 from labapp.common.threads import use_one_thread
 
 _COLOURS = {True: "green", False: "red", None: "dim"}
@@ -73,9 +75,9 @@ def _print(sections: list[Section]) -> None:
     out.print(sections[-1].stamp.machine, style="dim")
 
 
-def _verdict(figure: Figure) -> str:
+def _verdict(figure: Figure) -> Text:
     colour = _COLOURS[figure.met]
-    return f"[{colour}]{figure.verdict}[/{colour}]"
+    return styled((figure.verdict, colour))
 
 
 if __name__ == "__main__":

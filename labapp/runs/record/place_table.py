@@ -87,7 +87,10 @@ def find_places(file: h5py.File, size: int) -> PlaceTable:
 
     def collect(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
-            found[name] = Place(item.id.get_offset(), item.shape, _plain(item.dtype))
+            offset = item.id.get_offset()
+            if offset is None and item.size:
+                raise ValueError(f"{name} doesn't lie within the file in one piece")
+            found[name] = Place(offset or 0, item.shape or (), _plain(item.dtype))
 
     file.visititems(collect)
     return PlaceTable(size, found)

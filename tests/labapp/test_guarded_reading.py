@@ -1,0 +1,298 @@
+"""Files from outside: what is refused before it's read, and that good ones are read as before."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+import tifffile
+from hostile import plain_files
+from scipy.io import savemat
+
+from labapp.common.errors import UserError
+from labapp.files.array_file import read_npy, read_npz, require_plain_zip
+from labapp.files.cubes import read_cube
+from labapp.files.file_lookup import require_file, require_readable
+from labapp.files.guarded_reading import FREE_EXPANSION, open_regular, read_bytes
+from labapp.files.matlab_file import read_matlab
+from labapp.files.number_file import read_numbers
+from labapp.files.picture_size import count_pages, picture_size
+from labapp.files.plain_data import parse_json, parse_toml, require_plain
+from labapp.files.plain_hdf5 import open_plain_hdf5, read_hdf5_arrays
+from labapp.files.reading import decode_image, read_text
+
+
+def test_the_bytes_of_a_file_are_read_up_to_a_limit(tmp_path):
+    path = tmp_path / "data"
+    path.write_bytes(bytes(range(100)))
+    assert read_bytes(path) == bytes(range(100))
+    assert read_bytes(path, 100) == bytes(range(100))
+    with pytest.raises(UserError, match=r"data: has 100 bytes, and such a file has at most 99"):
+        read_bytes(path, 99)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (plain_files.pipe, "it is a named pipe. Give a regular file"),
+        (plain_files.device, "it is a device"),
+        (plain_files.directory, "it is a folder"),
+        (plain_files.listener, "it is a socket"),
+        (plain_files.missing, "there is no such file"),
+        (plain_files.endless_name, "it is too long"),
+    ],
+)
+def test_what_is_no_file_is_told(tmp_path, make, words):
+    for read in (read_bytes, require_file, require_readable):
+        with pytest.raises(UserError, match=words):
+            read(make(tmp_path))
+
+
+def test_a_link_to_a_file_is_that_file(tmp_path):
+    (tmp_path / "data").write_bytes(b"x")
+    (tmp_path / "link").symlink_to("data")
+    assert read_bytes(tmp_path / "link") == b"x"
+    (tmp_path / "circle").symlink_to("circle")
+    with pytest.raises(UserError, match="circle: cannot be read"):
+        read_bytes(tmp_path / "circle")
+
+
+def test_a_path_with_a_nul_is_no_path(tmp_path):
+    with pytest.raises(UserError, match="it has a NUL"):
+        read_bytes(tmp_path / "a\0b")
+
+
+def test_a_failure_while_a_file_is_read_is_told(tmp_path):
+    (tmp_path / "data").write_bytes(b"x")
+    with (
+        pytest.raises(UserError, match="data: cannot be read: Input/output error"),
+        open_regular(tmp_path / "data"),
+    ):
+        raise OSError(5, "Input/output error")
+
+
+def test_a_file_of_holes_is_told_by_what_is_stored(tmp_path):
+    path = tmp_path / "holes"
+    path.write_bytes(b"begin")
+    os.truncate(path, FREE_EXPANSION)
+    assert len(read_bytes(path)) == FREE_EXPANSION
+    os.truncate(path, FREE_EXPANSION + 1)
+    with pytest.raises(UserError, match=r"would take 67.1 MB, and .* are stored"):
+        read_bytes(path)
+
+
+@pytest.mark.parametrize("data", [b"a\0b", "é".encode("latin-1"), "text".encode("utf-16")])
+def test_what_is_no_text_is_told(tmp_path, data):
+    (tmp_path / "file.toml").write_bytes(data)
+    with pytest.raises(UserError, match=r"is not a text file\. Give a plan"):
+        read_text(tmp_path / "file.toml", "a plan")
+
+
+def test_plain_data_are_parsed_as_they_are():
+    assert parse_toml('a.b = [1, 2.5, "x"]', "here") == {"a": {"b": [1, 2.5, "x"]}}
+    assert parse_json('{"a": [null, true, -1e3]}', "here") == {"a": [None, True, -1000.0]}
+    assert parse_json('"\\u00e9 \\ud83d\\ude00"', "here") == "é 😀"
+
+
+@pytest.mark.parametrize("levels", [30, 31, 32, 400, 100_000])
+@pytest.mark.parametrize("form", ["toml", "json"])
+def test_data_may_have_32_levels(form, levels):
+    nested = "[" * levels + "]" * levels
+    parse = {"toml": parse_toml, "json": parse_json}[form]
+    text = f"a = {nested}" if form == "toml" else f'{{"a": {nested}}}'
+    if levels < 32:
+        parse(text, "here")
+    else:
+        with pytest.raises(UserError, match="here: is nested in more than 32 levels"):
+            parse(text, "here")
+
+
+def test_keys_of_many_parts_are_too_deep():
+    assert parse_toml("a" + ".a" * 20 + " = 1", "here")
+    assert parse_toml(f"a = [{'0.5, ' * 10_000}]", "here"), "numbers have dots, too"
+    with pytest.raises(UserError, match="levels"):
+        parse_toml("a" + ". a" * 200_000 + " = 1", "here")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('"\\u0000"', "character U.0000"),
+        ('"\\ud800"', "character U.D800"),
+        ('{"\\ud800": 1}', "character U.D800"),
+        ("9223372036854775808", "beyond 64 bits"),
+        ("-9223372036854775809", "beyond 64 bits"),
+        ("9" * 5000, "not valid JSON"),
+        ("{", "not valid JSON"),
+        ("[" + "[]," * 600_000 + "[]]", "more values"),
+        ("[" + "1," * 4_000_001 + "1]", "more values"),
+    ],
+)
+def test_data_that_cannot_be_kept_are_refused(text, words):
+    with pytest.raises(UserError, match=f"here: .*{words}"):
+        parse_json(text, "here")
+
+
+def test_numbers_of_64_bits_are_kept():
+    require_plain([2**63 - 1, -(2**63), {"a": 0}], "here")
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32, ">f8", np.int64])
+def test_arrays_come_back_as_numpy_wrote_them(tmp_path, dtype):
+    values = np.arange(24).reshape(2, 3, 4).astype(dtype)
+    np.save(tmp_path / "a.npy", values)
+    np.save(tmp_path / "f.npy", np.asfortranarray(values))
+    np.savez_compressed(tmp_path / "a.npz", one=values, two=values[0])
+    for name in ("a.npy", "f.npy"):
+        np.testing.assert_array_equal(read_npy(tmp_path / name), values, strict=True)
+    found = read_npz(tmp_path / "a.npz")
+    assert sorted(found) == ["one", "two"]
+    np.testing.assert_array_equal(found["one"], values, strict=True)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (plain_files.huge_npy, "cut short: 64 of 1000000000000 bytes"),
+        (plain_files.object_npy, "Python objects"),
+        (plain_files.hole_npy, "would take 1.07 GB"),
+        (plain_files.empty, "cannot be read as a NumPy array"),
+    ],
+)
+def test_what_is_no_array_is_told(tmp_path, make, words):
+    with pytest.raises(UserError, match=words):
+        read_npy(make(tmp_path))
+
+
+def test_arrays_that_grow_are_refused_before_they_do(tmp_path):
+    bomb = plain_files.bomb_npz(tmp_path)
+    assert bomb.stat().st_size < 2e6
+    for read in (read_npz, require_plain_zip):
+        with pytest.raises(UserError, match="would take 210 MB"):
+            read(bomb)
+    with zipfile.ZipFile(tmp_path / "other.npz", "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("a.npy", b"x")
+    with pytest.raises(UserError, match="compressed in another way"):
+        read_npz(tmp_path / "other.npz")
+    with pytest.raises(UserError, match=r"cannot be read as \.npz"):
+        read_npz(plain_files.broken_npz(tmp_path))
+
+
+def test_matlab_files_are_read_by_their_numbers(tmp_path):
+    cube = np.arange(24.0).reshape(2, 3, 4)
+    savemat(tmp_path / "a.mat", {"cube": cube, "note": "a text"}, do_compression=True)
+    found = read_matlab(tmp_path / "a.mat")
+    assert list(found) == ["cube"]
+    np.testing.assert_array_equal(found["cube"], cube)
+    with pytest.raises(UserError, match=r"bytes stand for \d+ MB and more"):
+        read_matlab(plain_files.bomb_mat(tmp_path))
+    with pytest.raises(UserError, match=r"cannot be read as \.mat"):
+        read_matlab(plain_files.empty(tmp_path))
+
+
+@pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".webp", ".tiff"])
+@pytest.mark.parametrize("colour", [False, True])
+def test_the_size_of_a_picture_is_that_of_its_header(tmp_path, ending, colour):
+    picture = np.random.default_rng(0).integers(0, 255, (37, 61, 3), dtype=np.uint8)
+    path = tmp_path / f"picture{ending}"
+    cv2.imwrite(str(path), picture if colour else picture[..., 0])
+    assert picture_size(path.read_bytes()) == (61, 37)
+    decoded = decode_image(path, colour=colour)
+    assert decoded is not None
+    assert decoded.shape[:2] == (37, 61)
+
+
+@pytest.mark.parametrize("kind", [cv2.IMWRITE_JPEG_PROGRESSIVE, cv2.IMWRITE_JPEG_RST_INTERVAL])
+def test_other_kinds_of_jpeg_and_webp_have_their_size(tmp_path, kind):
+    picture = np.random.default_rng(0).integers(0, 255, (100, 130, 3), dtype=np.uint8)
+    cv2.imwrite(str(tmp_path / "a.jpg"), picture, [kind, 1])
+    assert picture_size((tmp_path / "a.jpg").read_bytes()) == (130, 100)
+    cv2.imwrite(str(tmp_path / "a.webp"), picture, [cv2.IMWRITE_WEBP_QUALITY, 101])
+    assert picture_size((tmp_path / "a.webp").read_bytes()) == (130, 100), "without loss"
+    alpha = np.dstack([picture, picture[..., 0]])
+    cv2.imwrite(str(tmp_path / "b.webp"), alpha, [cv2.IMWRITE_WEBP_QUALITY, 80])
+    assert picture_size((tmp_path / "b.webp").read_bytes()) == (130, 100), "with transparency"
+
+
+def test_pages_have_their_own_sizes(tmp_path):
+    with tifffile.TiffWriter(tmp_path / "pages.tiff") as file:
+        file.write(np.zeros((8, 9), np.uint16))
+        file.write(np.zeros((20, 30), np.uint16))
+    data = (tmp_path / "pages.tiff").read_bytes()
+    assert count_pages(data) == 2
+    assert [picture_size(data, page) for page in (0, 1)] == [(9, 8), (30, 20)]
+    assert picture_size(data, 2) is None
+    assert count_pages(plain_files.tiff_circle(tmp_path).read_bytes()) <= 2
+
+
+@pytest.mark.parametrize(
+    ("make", "size"),
+    [
+        (plain_files.png_header, (60_000, 60_000)),
+        (plain_files.png_bomb, (30_000, 30_000)),
+        (plain_files.jpeg_header, (65_500, 65_500)),
+        (plain_files.bmp_header, (60_000, 60_000)),
+        (plain_files.webp_header, (65_536, 65_536)),
+        (plain_files.tiff_header, (60_000, 60_000)),
+    ],
+)
+def test_a_picture_larger_than_its_file_is_refused(tmp_path, make, size):
+    path = make(tmp_path)
+    assert picture_size(path.read_bytes()) == size
+    with pytest.raises(UserError, match=f"{size[0]} x {size[1]} pixels by its header"):
+        decode_image(path, colour=False)
+
+
+def test_a_large_black_picture_is_read(tmp_path):
+    path = tmp_path / "black.png"
+    cv2.imwrite(str(path), np.zeros((4000, 6000), np.uint8))
+    assert path.stat().st_size < 1e5
+    decoded = decode_image(path, colour=False)
+    assert decoded is not None
+    assert decoded.shape == (4000, 6000)
+
+
+@pytest.mark.parametrize("make", [plain_files.png_cut, plain_files.gif, plain_files.empty])
+def test_what_is_no_picture_is_none(tmp_path, make):
+    assert decode_image(make(tmp_path), colour=True) is None
+
+
+def test_hdf5_files_of_others_are_read(tmp_path):
+    cube = np.random.default_rng(0).random((20, 30, 8))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("group/cube", data=cube, chunks=True, compression="gzip", shuffle=True)
+        file["text"] = "of variable length"
+        file.attrs["note"] = "x"
+    np.testing.assert_array_equal(read_numbers(tmp_path / "a.h5", "group/cube"), cube)
+    assert set(read_hdf5_arrays(tmp_path / "a.h5")) == {"group/cube", "text"}
+
+
+def test_an_hdf5_file_that_is_none_is_told(tmp_path):
+    with (
+        pytest.raises(UserError, match="cannot be read as HDF5"),
+        open_plain_hdf5(plain_files.empty(tmp_path)),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (plain_files.many_bands_header, "Write 1000000000000000, one for each band"),
+        (plain_files.blank_header, "has no 'bands'"),
+    ],
+)
+def test_an_envi_header_does_not_ask_for_more_than_it_has(tmp_path, make, words):
+    with pytest.raises(UserError, match=words):
+        read_cube(make(tmp_path))
+
+
+def test_the_figures_of_a_command_are_plain_data(tmp_path):
+    """What labapp writes as JSON, it reads."""
+    data = {"rows": [{"a": 1.5, "b": None, "c": "é\n"}] * 100}
+    assert parse_json(json.dumps(data, indent=2), "here") == data
