@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import random
 import re
+import time
 import tomllib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -91,10 +92,14 @@ class TextFormat:
 
 @dataclass
 class Damaged:
-    """What became of damaged texts: how many were read all the same, and what went wrong."""
+    """What became of damaged texts: how many were read all the same, and what went wrong.
+
+    longest: the most processor time that one took, in seconds.
+    """
 
     read: int = 0
     named: int = 0
+    longest: float = 0.0
     unexpected: dict[str, str] = field(default_factory=dict)
 
 
@@ -176,6 +181,7 @@ def read_damaged(form: TextFormat, count: int, seed: int, folder: Path) -> Damag
     for number in range(count):
         text = _damage(form.text, rng)
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
+        begun = time.process_time()
         try:
             form.read(path)
             found.read += 1
@@ -186,6 +192,7 @@ def read_damaged(form: TextFormat, count: int, seed: int, folder: Path) -> Damag
         except Exception as error:
             told = f"{form.name}, number {number}: {type(error).__name__}: {error}"
             found.unexpected.setdefault(told[:300], text)
+        found.longest = max(found.longest, time.process_time() - begun)
     return found
 
 

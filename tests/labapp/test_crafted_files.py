@@ -59,4 +59,5 @@ def test_a_damaged_text_is_read_or_named(formats, tmp_path, name, count):
         warnings.simplefilter("ignore")
         found = read_damaged(form, count, random.Random(name).randrange(1000), folder)
     assert found.unexpected == {}
+    assert found.longest < SECONDS
     assert found.named > count / 4
