@@ -54,7 +54,9 @@ class Outcome:
 def run_crafted(folder: Path, part: int = 0, parts: int = 1) -> list[Outcome]:
     """Run every `parts`-th case from number `part` on, in a process of its own."""
     command = [sys.executable, "-m", "hostile.running", str(folder), str(part), str(parts)]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+    paths = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=environment)
     return [Outcome(**json.loads(line)) for line in done.stdout.splitlines()]
 
 
