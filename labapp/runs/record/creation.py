@@ -153,28 +153,28 @@ def _fill(file: h5py.File, c: RecordContents) -> None:
     texts["clock"] = c.clock
     texts["versions"] = json.dumps(nexus.program_versions())
     for name, text in texts.items():
-        _write(entry, name, text)
+        write_text(entry, name, text)
     entry["seed"] = c.seed
     entry["expected_seconds"] = math.fsum(shot.duration for shot in c.shots)
-    _allocate(entry, "state", np.array([State.PLANNED.value.encode()], layout.STATE))
-    _allocate(entry, "message", np.zeros(1, layout.MESSAGE))
-    _allocate(entry, "end_time", np.zeros(1, layout.END_TIME_DTYPE))
-    _allocate(
+    allocate(entry, "state", np.array([State.PLANNED.value.encode()], layout.STATE))
+    allocate(entry, "message", np.zeros(1, layout.MESSAGE))
+    allocate(entry, "end_time", np.zeros(1, layout.END_TIME_DTYPE))
+    allocate(
         entry, "writer", np.array([writer_process.describe_this_process().encode()], layout.WRITER)
     )
-    _allocate(entry, "log", np.zeros(layout.log_capacity(len(c.shots)), layout.LOG_ROW))
-    _allocate(entry, "log_lost", np.zeros(1, np.uint64))
+    allocate(entry, "log", np.zeros(layout.log_capacity(len(c.shots)), layout.LOG_ROW))
+    allocate(entry, "log_lost", np.zeros(1, np.uint64))
     digests = nexus.create_group(file, layout.DIGESTS, "NXcollection")
     for name in ("structure", "closing"):
-        _allocate(digests, name, np.zeros(1, layout.DIGEST))
-    _allocate(digests, "chain", np.zeros(layout.chain_capacity(len(c.shots)), layout.CHAIN_ROW))
+        allocate(digests, name, np.zeros(1, layout.DIGEST))
+    allocate(digests, "chain", np.zeros(layout.chain_capacity(len(c.shots)), layout.CHAIN_ROW))
     instrument = nexus.create_group(entry, "instrument", "NXinstrument")
     for name, identity in c.identities.items():
         device = nexus.create_group(
             instrument, name, "NXdetector" if name == "camera" else "NXobject"
         )
-        _write(device, "model", identity.model)
-        _write(device, "serial", identity.serial)
+        write_text(device, "model", identity.model)
+        write_text(device, "serial", identity.serial)
         device["simulated"] = identity.simulated
     _fill_patterns(file, c)
     _fill_data(file, c)
@@ -185,15 +185,15 @@ def _fill_patterns(file: h5py.File, c: RecordContents) -> None:
     videos = [image if image.ndim == 3 else image[None] for image in c.patterns.values()]
     lengths = [len(video) for video in videos]
     patterns["images"] = np.concatenate(videos)
-    _write(patterns, "names", list(c.patterns))
+    write_text(patterns, "names", list(c.patterns))
     patterns["first"] = np.cumsum([0, *lengths[:-1]])
     patterns["frames"] = lengths
     times = [c.video_frame if image.ndim == 3 else 0.0 for image in c.patterns.values()]
     patterns["frame_time"] = times
     patterns["frame_time"].attrs["units"] = "s"
     sums = [sha256(image.tobytes()).hexdigest() for image in c.patterns.values()]
-    _write(patterns, "sha256", sums)
-    _write(nexus.create_group(file, "entry/targets", "NXcollection"), "names", list(c.targets))
+    write_text(patterns, "sha256", sums)
+    write_text(nexus.create_group(file, "entry/targets", "NXcollection"), "names", list(c.targets))
 
 
 def _fill_data(file: h5py.File, c: RecordContents) -> None:
@@ -204,19 +204,19 @@ def _fill_data(file: h5py.File, c: RecordContents) -> None:
         data[name] = (np.arange(size) - size // 2) * c.pixel_pitch
     planned = layout.planned_columns(c.shots, list(c.targets), list(c.patterns))
     for name, values in planned.items():
-        _allocate(data, name, values)
+        allocate(data, name, values)
     for name, dtype in layout.MEASURED.items():
-        _allocate(data, name, np.zeros(n, dtype))
+        allocate(data, name, np.zeros(n, dtype))
     for name, unit in layout.UNITS.items():
         data[name].attrs["units"] = unit
     data["role"].attrs["names"] = list(layout.ROLES)
-    _reserve(data, "images", (n, rows, columns), np.dtype("u2"))
+    reserve(data, "images", (n, rows, columns), np.dtype("u2"))
     data["images"].attrs.update({"units": "DN", "interpretation": "image"})
     for axis, name in zip(data["images"].dims, layout.AXES, strict=True):
         axis.label = name
 
 
-def _write(parent: h5py.Group, name: str, text: str | list[str]) -> None:
+def write_text(parent: h5py.Group, name: str, text: str | list[str]) -> None:
     """Write text of fixed length to a run's record.
 
     HDF5 keeps text of variable length in a heap, and may hang if the heap is damaged.
@@ -226,12 +226,12 @@ def _write(parent: h5py.Group, name: str, text: str | list[str]) -> None:
     parent.create_dataset(name, data=np.array(encoded, dtype=kind))
 
 
-def _allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
+def allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
     """Create a contiguous dataset of a run's record, and write it so that disk space is taken."""
     parent.create_dataset(name, data=values)
 
 
-def _reserve(parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
+def reserve(parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
     """Reserve a fixed place for a contiguous dataset in a run's record, without disk space."""
     how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     how.set_layout(h5py.h5d.CONTIGUOUS)

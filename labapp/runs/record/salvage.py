@@ -4,7 +4,7 @@ A record of format 3 is read by its table of places, without HDF5: frames are wh
 settings have the digests of their link. Of what was known before the first frame, each dataset is
 kept that has its digest. If the table itself is damaged, or the format is older, HDF5 tells the
 places; a truncated file is read from a copy that is padded with zeros. Frames of the older format
-are whole if they have their checksum.
+are whole if they have their checksum; where that is cut off, if all of their bytes are there.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from labapp.files.frame_list import format_frame_list
 from labapp.runs.record import layout
 from labapp.runs.record.creation import RecordContents
 from labapp.runs.record.digests import SETTINGS
+from labapp.runs.record.older_format import planned_by_older_plan, rebuild_places
 from labapp.runs.record.place_table import PlaceTable, TableError, find_places, read_table
 from labapp.runs.record.reader import stored_file_size
 from labapp.runs.record.repair import (
@@ -42,6 +43,9 @@ from labapp.runs.record.repair import (
 from labapp.runs.record.structure import require_plain_structure
 from labapp.runs.steps import Shot
 from optics.progress import Progress
+
+_UNKNOWN_GAIN = 1.0
+"""Gain in electrons per DN if neither the record nor its bench tells it: digital numbers stay."""
 
 _JSON = ("plan", "bench", "scene", "effect_plan", "pictures", "faults", "capabilities")
 
@@ -65,6 +69,7 @@ class DamagedRecord:
     def __init__(self, path: Path, handle: int, table: PlaceTable, form: int) -> None:
         self._path, self._handle, self._table, self._format = path, handle, table, form
         self._lacks: list[str] = []
+        self._measured: dict[str, NDArray[Any]] = {}
 
     def find_remains(self, progress: Progress) -> Remains:
         """Find the frames that are whole, and what a new record can be made from."""
@@ -78,6 +83,8 @@ class DamagedRecord:
             progress.raise_if_cancelled()
             if is_whole(index):
                 found.whole.append(index)
+        if found.whole:
+            self._measured = self._read_measured(columns)
         missing = sorted({*range(count)} - {*found.whole})
         lost = [f"frames {format_frame_list(missing)}"] if missing else []
         found.lacks = [*lost, *self._lacks]
@@ -87,10 +94,28 @@ class DamagedRecord:
         """Return the image of a frame of the run's record, and its measured columns by name."""
         place = self._table.places[f"{layout.DATA}/images"]
         image = np.frombuffer(self._image_bytes(index), place.dtype).reshape(place.shape[1:])
-        columns = {
-            name: self._table.read(self._handle, f"{layout.DATA}/{name}") for name in SETTINGS
+        return image, {name: column[index] for name, column in self._measured.items()}
+
+    def _read_measured(self, planned: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Return the measured columns of the run's record; if they are cut off, as planned."""
+        found = {name: self._read_or_none(f"{layout.DATA}/{name}") for name in SETTINGS}
+        whole = {name: column for name, column in found.items() if column is not None}
+        if len(whole) == len(found):
+            return whole
+        self._lacks.append("the measured settings, those that were planned instead")
+        bench = self._json_or_none("bench") or {}
+        count, exposures = len(planned["frame"]), planned["exposure_asked"]
+        gain = (bench.get("sensor") or {}).get("gain_electrons_per_dn", _UNKNOWN_GAIN)
+        return {
+            "exposure": exposures,
+            "wavelength": planned["wavelength_asked"],
+            "gain": np.full(count, gain),
+            "time": np.cumsum(exposures) - exposures,
+            "timestamp": np.full(count, self._path.stat().st_mtime),
+            "number": np.arange(count),
+            "attempts": np.ones(count, np.uint16),
+            "checksum": np.zeros(count, np.uint32),
         }
-        return image, {name: column[index] for name, column in columns.items()}
 
     def log_lines(self) -> list[tuple[float, str]]:
         """Return the lines of the run's log as far as they can be read."""
@@ -146,12 +171,15 @@ class DamagedRecord:
         stored, sums = (
             self._read_or_none(f"{layout.DATA}/{name}") for name in ("stored", "checksum")
         )
+        size = self._table.places[f"{layout.DATA}/images"].row_bytes
         if stored is None or sums is None:
-            return lambda index: False
+            self._lacks.append("the checksums: nothing proves that the images are as taken")
 
         def is_whole(index: int) -> bool:
             data = self._image_bytes(index)
-            size = self._table.places[f"{layout.DATA}/images"].row_bytes
+            if stored is None or sums is None:
+                # No exposure is black in every pixel; such a frame was never taken.
+                return len(data) == size and any(data)
             whole = len(data) == size and checksum(np.frombuffer(data, np.uint8)) == sums[index]
             return bool(stored[index] and whole)
 
@@ -163,10 +191,9 @@ class DamagedRecord:
         whole = {name: column for name, column in found.items() if column is not None}
         if len(whole) == len(found):
             return whole
-        if self._format == layout.FORMAT:
-            again = planned_from_texts(self._handle, self._table, self._path)
-            if again is not None:
-                return again
+        again = self._columns_of_plan()
+        if again is not None:
+            return again
         there = {name: self._read_or_none(f"{layout.DATA}/{name}") for name in layout.PLANNED}
         left = {name: column for name, column in there.items() if column is not None}
         if len(left) < len(there):
@@ -181,6 +208,22 @@ class DamagedRecord:
             names = self._known(f"entry/{kind}s/names")
             counts[kind] = len(names) if names is not None else 1 + int(left[kind].max())
         return left | {name: np.minimum(left[name], count - 1) for name, count in counts.items()}
+
+    def _columns_of_plan(self) -> dict[str, NDArray[Any]] | None:
+        """Return the planned columns that follow from the plan of the run's record."""
+        if self._format == layout.FORMAT:
+            return planned_from_texts(self._handle, self._table, self._path)
+        times = self._known(f"{layout.PATTERNS}/frame_time")
+        targets, patterns = (self._known(f"entry/{one}s/names") for one in ("target", "pattern"))
+        if times is None or targets is None or patterns is None:
+            return None
+        return planned_by_older_plan(
+            self._json_or_none("plan"),
+            self._json_or_none("bench"),
+            [name.decode() for name in targets.tolist()],
+            [name.decode() for name in patterns.tolist()],
+            float(times.max()),
+        )
 
     def _contents(self, columns: Mapping[str, NDArray[Any]]) -> RecordContents:
         """Return what a new record of the run is made from; what is lost is left empty."""
@@ -233,11 +276,16 @@ class DamagedRecord:
         """Return plain data of the run's record; None if they are lost, which is noted."""
         if name == "capabilities" and self._format == layout.UNPROTECTED_FORMAT:
             return None
-        text = self._text(name)
-        try:
-            return json.loads(text or "")
-        except ValueError:
+        found = self._json_or_none(name)
+        if found is None and self._text(name) != "null":
             self._lacks.append(f"the {name.replace('_', ' ')}")
+        return found
+
+    def _json_or_none(self, name: str) -> Any:
+        """Return plain data of the run's record; None if they are lost, or are null."""
+        try:
+            return json.loads(self._text(name) or "")
+        except ValueError:
             return None
 
     def _names(self, name: str, indices: NDArray[Any], kind: str) -> list[str]:
@@ -302,7 +350,18 @@ def _find_table(path: Path, handle: int) -> tuple[PlaceTable, int]:
         return read_table(handle), layout.FORMAT
     except TableError:
         table = proved_table(path, handle)
-    return (table, layout.FORMAT) if table is not None else _places_by_hdf5(path)
+    if table is not None:
+        return table, layout.FORMAT
+    try:
+        return _places_by_hdf5(path)
+    except UserError as error:
+        table = rebuild_places(path)
+        if table is None:
+            raise UserError(
+                f"{path}: nothing tells where its frames are: neither a table of places, nor "
+                "HDF5, nor the headers of its datasets. Restore the file from a copy."
+            ) from error
+        return table, layout.UNPROTECTED_FORMAT
 
 
 def _places_by_hdf5(path: Path) -> tuple[PlaceTable, int]:
