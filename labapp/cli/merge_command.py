@@ -90,7 +90,7 @@ def merge(
         typer.Option(
             "--linear/--srgb",
             help="Take numbers as proportional to light, or as sRGB levels.",
-            show_default="sRGB in 8-bit pictures",
+            show_default="linear, or measured in 8-bit pictures without further word",
         ),
     ] = None,
     method: Annotated[
@@ -109,7 +109,8 @@ def merge(
 
     Exposures near their clip levels count without bias, those that contradict the others are left
     out pixel by pixel, and wrong exposure times are measured and named. The report tells how
-    accurate the merge is, by simulating it. For instance
+    accurate the merge is, by simulating it. 8-bit pictures, if nothing is said of their numbers and
+    noise, are merged by the response curve that they show themselves. For instance
 
     **labapp merge a.tiff b.tiff c.tiff --exposures 0.001,0.008,0.064 --gain 2.6 --read-noise 2.4
     --black 64 --out merged.h5**

@@ -2,9 +2,10 @@
 
 The files are in the order of the work: what a merged picture is, the bracket with its noise, the
 samples of some pixels and their weighted mean, pixels in which exposures contradict each other or
-may be clipped, the merge itself, how accurate it is, exposures that differ from what they were
-said to be, and defective pixels. A bracket is chosen before it is taken: the scene is metered, the
-exposures are searched for, and a scene that has changed since is told.
+may be clipped, the merge itself, how accurate it is, exposures that differ from what they were said
+to be, defective pixels, and 8-bit pictures whose response curve isn't known. A bracket is chosen
+before it is taken: the scene is metered, the exposures are searched for, and a scene that has
+changed since is told.
 """
 
 from optics.hdr.bracket import Bracket
@@ -35,6 +36,8 @@ from optics.hdr.radiance import (
     PixelState,
     RadianceEstimate,
 )
+from optics.hdr.response_curve import HIGHEST, LOWEST, ResponseCurve, fit_response
+from optics.hdr.response_merging import merge_by_response
 from optics.hdr.scene_change import SceneChange, SceneLight, scene_change, scene_light
 from optics.hdr.weighted_mean import METHODS, Method
 
@@ -42,7 +45,9 @@ __all__ = [
     "CLIPPED",
     "DARK",
     "DEFECTIVE",
+    "HIGHEST",
     "LADDER_RATIOS",
+    "LOWEST",
     "MAY_CLIP",
     "METHODS",
     "MOVED",
@@ -58,6 +63,7 @@ __all__ = [
     "Method",
     "PixelState",
     "RadianceEstimate",
+    "ResponseCurve",
     "SceneChange",
     "SceneLight",
     "UnreachableSNR",
@@ -68,8 +74,10 @@ __all__ = [
     "cramer_rao_variance",
     "expected_accuracy",
     "find_defects",
+    "fit_response",
     "measure_exposure_factors",
     "merge",
+    "merge_by_response",
     "scene_change",
     "scene_light",
 ]

@@ -136,3 +136,30 @@ def test_unknown_noise_and_other_sizes_are_refused(files, tmp_path):
         merged([*files, *times, *NOISE, "--out", tmp_path / "m.tiff"])
     with pytest.raises(UserError, match="is a file that is read"):
         merged([*files, *times, *NOISE, "--out", tmp_path / "0.h5"])
+
+
+def test_8_bit_pictures_are_merged_by_the_response_curve_that_they_show(tmp_path):
+    """A gamma of 2.2 and a constant: neither sRGB's nor linear."""
+    rng = np.random.default_rng(4)
+    light = 10 ** (np.linspace(0.3, 3, 120)[:, None] + 0.2 * np.sin(np.arange(160) / 7))
+    paths = [tmp_path / f"{number}.png" for number in range(4)]
+    for path, time in zip(paths, (1e-3, 4e-3, 16e-3, 64e-3), strict=True):
+        number = 10 + 245 * np.minimum(light * time / 2, 1) ** (1 / 2.2)
+        seen = np.clip(np.round(number + rng.normal(0, 0.5, light.shape)), 0, 255)
+        cv2.imwrite(str(path), cv2.merge([seen.astype(np.uint8)] * 3))
+    times = ["--exposures", "0.001,0.004,0.016,0.064"]
+    said = merged([*paths, *times, "--out", tmp_path / "m.h5"])
+    (words,) = said["warnings"]
+    assert "was measured on them" in words
+    assert len(said["response"]) == 3
+    with h5py.File(tmp_path / "m.h5") as file:
+        ratio = np.log2(file["rate"][1] / light)[file["state"][1] == 0]
+        assert file["rate"].attrs["unit"].startswith("light per second")
+    assert ratio.size > 0.8 * light.size
+    assert ratio.std() < 0.05
+    assert "Response curve" in (tmp_path / "m.html").read_text()
+    # What is said of numbers and noise counts.
+    told = merged([*paths, *times, "--srgb", *NOISE[:4], "--out", tmp_path / "m.h5", "--force"])
+    assert told["sensor"]["gain_electrons_per_dn"] == 2.6
+    with pytest.raises(UserError, match="frames of two exposure times at least"):
+        merged([paths[0], "--exposures", "0.001", "--out", tmp_path / "x.h5"])

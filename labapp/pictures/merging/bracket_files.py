@@ -18,6 +18,9 @@ from optics.camera import Sensor
 
 Frame = NDArray[Any]
 
+_CODED = Sensor(bits=8, full_well=1e9, dark_current=0.0, black_level=0.0)
+"""What is known of the sensor of 8-bit pictures without a word on their noise: the full scale."""
+
 
 @dataclass(frozen=True)
 class SensorNumbers:
@@ -39,6 +42,8 @@ class BracketFiles:
 
     darks: mean dark of each frame, (bands, rows, columns), or a level. dark_counts: frames in each
     mean; infinite for a level. defects: (rows, columns), pixels that don't measure light, or None.
+    is_coded: whether frames are 8-bit pictures whose response curve isn't known; of the sensor only
+    the full scale is.
     """
 
     names: list[str]
@@ -48,6 +53,7 @@ class BracketFiles:
     dark_counts: list[float]
     sensor: Sensor
     defects: NDArray[np.bool_] | None = None
+    is_coded: bool = False
 
 
 def read_bracket_files(
@@ -77,18 +83,24 @@ def read_bracket_files(
             "frames of one time, give their true times, or average them elsewhere."
         )
     photographs = [read_photograph(path, linear=linear) for path in paths]
-    frames = [_numbers(one) for one in photographs]
+    told = sensor_file is not None or numbers != SensorNumbers() or darks or linear is not None
+    is_coded = not told and all(one.is_srgb for one in photographs)
+    frames = [one.levels if is_coded else _numbers(one) for one in photographs]
     for path, frame in zip(paths, frames, strict=True):
         if frame.shape != frames[0].shape:
             raise UserError(
                 f"{path}: is {_size(frame)} and {paths[0]} is {_size(frames[0])}. All frames of a "
                 "bracket have one size."
             )
+    names, times = [path.name for path in paths], list(exposures)
+    if is_coded:
+        levels: list[Frame | float] = [0.0] * len(frames)
+        return BracketFiles(
+            names, frames, times, levels, [math.inf] * len(frames), _CODED, is_coded=True
+        )
     sensor = _sensor(sensor_file, numbers, photographs, frames[0].shape[1:])
     means, counts = _mean_darks(darks, frames[0], len(frames), sensor, linear)
-    return BracketFiles(
-        [path.name for path in paths], frames, list(exposures), means, counts, sensor
-    )
+    return BracketFiles(names, frames, times, means, counts, sensor)
 
 
 def _numbers(photograph: InputPhotograph) -> Frame:

@@ -60,22 +60,52 @@ def merge_page(merged: MergedFiles, shown: bytes) -> str:
         html_table(EXPOSURE_COLUMNS, exposure_rows(merged)),
         "<h2>Pixels</h2>",
         html_table(("state", "share "), state_rows(merged)),
-        "<h2>Accuracy</h2>",
-        html_figure(
-            figure_to_png(accuracy_figure(merged)),
-            f"Of frames simulated with these exposures and this sensor, method {merged.method}. "
-            "Efficiency: least variance of any unbiased estimate over the mean squared error",
-        ),
+        *_trust(merged),
         footer(),
     ]
     return document("Merged bracket", parts)
 
 
-def accuracy_figure(merged: MergedFiles) -> Figure:
+def _trust(merged: MergedFiles) -> list[str]:
+    """Return the part of a merged bracket's report that says what its numbers rest on."""
+    if merged.accuracy is None:
+        return [
+            "<h2>Response curve</h2>",
+            html_figure(
+                figure_to_png(response_figure(merged)),
+                "Number of a pixel by its light times the exposure time, as the frames show it "
+                "(Debevec and Malik 1997). The light's unit is arbitrary",
+            ),
+        ]
+    return [
+        "<h2>Accuracy</h2>",
+        html_figure(
+            figure_to_png(accuracy_figure(merged, merged.accuracy)),
+            f"Of frames simulated with these exposures and this sensor, method {merged.method}. "
+            "Efficiency: least variance of any unbiased estimate over the mean squared error",
+        ),
+    ]
+
+
+def response_figure(merged: MergedFiles) -> Figure:
+    """Draw the response curves of a merged bracket of 8-bit pictures, one for each band."""
+    figure = Figure(figsize=(7, 4.2), dpi=100, layout="constrained")
+    axes = figure.subplots()
+    colours = ("black",) if len(merged.curves) == 1 else ("tab:red", "tab:green", "tab:blue")
+    numbers = np.arange(hdr.LOWEST, hdr.HIGHEST + 1)
+    for curve, colour in zip(merged.curves, colours, strict=True):
+        logs = curve.logs[numbers]
+        # Numbers below the curve's end are those of no light.
+        seen = np.diff(logs, append=logs[-1] + 1e-3) < 1
+        axes.semilogx(np.exp(logs[seen]), numbers[seen], color=colour)
+    axes.set(xlabel="light times exposure time, 1 for number 128", ylabel="number")
+    return figure
+
+
+def accuracy_figure(merged: MergedFiles, found: hdr.ExpectedAccuracy) -> Figure:
     """Draw the error and efficiency of a merged bracket by the light, with its histogram."""
     figure = Figure(figsize=(13, 4.2), dpi=100, layout="constrained")
     left, right = figure.subplots(1, 2)
-    found = merged.accuracy
     left.loglog(found.rates, found.errors, "o-", label="error, rms")
     left.loglog(found.rates, np.maximum(np.abs(found.biases), 1e-6), "s:", label="bias")
     left.loglog(found.rates, found.bias_noise, "--", color="gray", label="chance in the bias")

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from labapp.common.errors import UserError
 from labapp.pictures.merging.bracket_files import BracketFiles
 from optics import hdr
 from optics.progress import Progress
@@ -26,18 +27,20 @@ class MergedFiles:
 
     rate, variance, state: (bands, rows, columns). factors: light of each frame over that of its
     exposure time, or None where it wasn't measured. told: what is wrong with exposures, in words.
-    clipped: share of each frame's pixels at full scale. accuracy: of such a merge, by simulation.
+    clipped: share of each frame's pixels at full scale. accuracy: of such a merge, by simulation;
+    None for 8-bit pictures, whose response curves are given instead, one for each band.
     """
 
     source: BracketFiles
-    method: hdr.Method
+    method: str
     rate: NDArray[np.float32]
     variance: NDArray[np.float32]
     state: NDArray[np.uint8]
     factors: hdr.ExposureFactors | None
     told: list[str]
     clipped: list[float]
-    accuracy: hdr.ExpectedAccuracy
+    accuracy: hdr.ExpectedAccuracy | None
+    curves: tuple[hdr.ResponseCurve, ...] = ()
 
     def share(self, state: hdr.PixelState) -> float:
         """Return the share of a merged bracket's pixels in a state."""
@@ -49,8 +52,11 @@ def merge_files(
 ) -> MergedFiles:
     """Merge a bracket of files, each band by itself, with one factor for each frame.
 
-    refine: whether exposures are measured; those that surely differ are corrected.
+    refine: whether exposures are measured; those that surely differ are corrected. 8-bit pictures
+    are merged by their response curve instead.
     """
+    if source.is_coded:
+        return merge_coded_files(source, progress)
     bands = [_band(source, number) for number in range(len(source.frames[0]))]
     factors: hdr.ExposureFactors | None = None
     told: list[str] = []
@@ -76,6 +82,32 @@ def merge_files(
         [float((frame >= full).mean()) for frame in source.frames],
         hdr.expected_accuracy(bands[0], _told_rates(bands[0]), method),
     )  # fmt: skip
+
+
+def merge_coded_files(source: BracketFiles, progress: Progress) -> MergedFiles:
+    """Merge a bracket of 8-bit pictures, each band by the response curve that it shows."""
+    found, curves, count = [], [], len(source.frames[0])
+    for number in range(count):
+        frames = [frame[number] for frame in source.frames]
+        try:
+            curves.append(hdr.fit_response(frames, source.exposures))
+        except ValueError as error:
+            raise UserError(
+                f"{source.names[0]} and the others: {error}; or say what the numbers are by "
+                "--linear or --srgb, with --gain and --read-noise."
+            ) from error
+        part = progress.part(0.8 * number / count, 0.8 * (number + 1) / count)
+        report = functools.partial(part.report, message="merging")
+        found.append(hdr.merge_by_response(frames, source.exposures, curves[-1], report))
+    rate, variance, state = (_joined(every) for every in zip(*found, strict=True))
+    told = [
+        "the response curve of these 8-bit pictures was measured on them. If numbers are sRGB's, "
+        "or proportional to light, say so by --srgb or --linear, with --gain and --read-noise"
+    ]
+    clipped = [float((frame > hdr.HIGHEST).mean()) for frame in source.frames]
+    return MergedFiles(
+        source, "response curve", rate, variance, state, None, told, clipped, None, tuple(curves)
+    )
 
 
 def _joined(bands: Sequence[torch.Tensor]) -> NDArray[Any]:

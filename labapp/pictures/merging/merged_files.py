@@ -46,7 +46,6 @@ def write_merged(merged: MergedFiles, paths: dict[str, Path]) -> bytes:
 def describe_merged(merged: MergedFiles) -> dict[str, Any]:
     """Return what a merged bracket was made of, and how, as plain data."""
     source, factors = merged.source, merged.factors
-    accuracy = merged.accuracy
     return {
         "method": merged.method,
         "files": source.names,
@@ -57,11 +56,29 @@ def describe_merged(merged: MergedFiles) -> dict[str, Any]:
         "warnings": merged.told,
         "clipped_share": merged.clipped,
         "states": {state.name: merged.share(state) for state in hdr.PixelState},
+    } | _describe_trust(merged)
+
+
+def _describe_trust(merged: MergedFiles) -> dict[str, Any]:
+    """Return what a merged bracket's numbers rest on: sensor and accuracy, or response curves."""
+    accuracy, sensor = merged.accuracy, merged.source.sensor
+    if accuracy is None:
+        return {
+            "response": [
+                {
+                    "log_exposure": curve.logs.tolist(),
+                    "number_noise_dn": curve.number_noise,
+                    "light_noise_relative": curve.light_noise,
+                }
+                for curve in merged.curves
+            ]
+        }
+    return {
         "sensor": {
-            "gain_electrons_per_dn": source.sensor.gain,
-            "read_noise_electrons": source.sensor.read_noise,
-            "dark_current_electrons_per_s": source.sensor.dark_current,
-            "full_scale_dn": source.sensor.full_scale,
+            "gain_electrons_per_dn": sensor.gain,
+            "read_noise_electrons": sensor.read_noise,
+            "dark_current_electrons_per_s": sensor.dark_current,
+            "full_scale_dn": sensor.full_scale,
         },
         "accuracy": {
             "electrons_per_s": accuracy.rates.tolist(),
@@ -78,8 +95,9 @@ def _write_hdf5(merged: MergedFiles, path: Path) -> None:
         for name in ("rate", "variance", "state"):
             whole = getattr(merged, name)
             file[name] = whole[0] if len(whole) == 1 else whole
-        file["rate"].attrs["unit"] = "electrons per second and pixel"
-        file["variance"].attrs["unit"] = "(electrons per second and pixel)²; infinite: unknown"
+        unit = "light per second, 1 for number 128" if merged.curves else "electrons per second"
+        file["rate"].attrs["unit"] = f"{unit} and pixel"
+        file["variance"].attrs["unit"] = f"({unit} and pixel)²; infinite: unknown"
         file["state"].attrs["states"] = json.dumps({one.value: one.name for one in hdr.PixelState})
         file["description"] = json.dumps(describe_merged(merged))
 

@@ -1,0 +1,193 @@
+"""Recover the response curve of 8-bit pictures from their exposure bracket.
+
+The number of a pixel is an unknown rising function of the logarithm of its light times the exposure
+time. The curve that fits all pixels of all frames best, and is smooth, is found by least squares,
+with the light of every pixel eliminated: Debevec and Malik, SIGGRAPH 1997, doi
+10.1145/258734.258884.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+import scipy.sparse
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.uint8]
+
+LOWEST, HIGHEST = 5, 250
+"""Numbers of an 8-bit picture that count: others may be clipped. Chosen."""
+
+_LEVELS = 256
+
+_PIXELS = 60_000
+"""Pixels that tell the curve, evenly over the frames. Chosen."""
+
+_SMOOTHNESS = 1.0
+"""Weight of the curve's squared second differences, in units of the number of pixels. Chosen."""
+
+_FIRST_NOISE = (1.0, 0.1)
+"""Standard deviations with which the curve is fitted at first: of a number, and of light, relative.
+Chosen."""
+
+_PASSES = 3
+"""Fits, each with weights by the slope of the curve before. Chosen."""
+
+_LEAST_RISE = 1e-3
+"""Least rise of the curve from a number to the next. Chosen: a small part of the mean one."""
+
+_BEYOND = 10.0
+"""Rise of the curve for each number beyond the ends of what light makes. Chosen."""
+
+_BINS = 20
+"""Ranges of slope in which the scatter of numbers is measured. Chosen."""
+
+_LEAST_PIXELS = 1000
+"""Pixels with good numbers in two frames from which on a curve can be told. Chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseCurve:
+    """Logarithm of the exposure that makes each number of an 8-bit picture, (256,), rising.
+
+    Its scale is arbitrary: number 128 has the exposure 1. number_noise: standard deviation of
+    numbers. light_noise: relative standard deviation of light, by what differs between frames.
+    """
+
+    logs: Array
+    number_noise: float
+    light_noise: float
+
+    def number(self, logs: Array) -> tuple[Array, Array]:
+        """Return the number that an exposure makes, and its change with the exposure's logarithm.
+
+        logs: logarithms of exposures.
+        """
+        slope = np.gradient(np.arange(_LEVELS), self.logs)
+        levels = np.arange(_LEVELS, dtype=np.float64)
+        return np.interp(logs, self.logs, levels), np.interp(logs, self.logs, slope)
+
+
+def fit_response(frames: Sequence[Numbers] | Numbers, exposures: ArrayLike) -> ResponseCurve:
+    """Recover the response curve of an exposure bracket of 8-bit pictures.
+
+    Parameters
+    ----------
+    frames : sequence of NDArray
+        Each (rows, columns), uint8.
+    exposures : array_like
+        Seconds, one for each frame.
+
+    Returns
+    -------
+    ResponseCurve
+
+    Raises
+    ------
+    ValueError
+        For fewer than two exposure times, and if too few pixels have numbers between 5 and 250 in
+        two frames.
+    """
+    times = np.log(np.asarray(exposures, dtype=np.float64))
+    if len(np.unique(times)) < 2:
+        raise ValueError("a response curve takes frames of two exposure times at least")
+    numbers = _sample(frames)
+    used = (numbers >= LOWEST) & (numbers <= HIGHEST)
+    enough = used.sum(axis=0) >= 2
+    if enough.sum() < min(_LEAST_PIXELS, numbers.shape[1] // 2):
+        raise ValueError(
+            f"{int(enough.sum())} pixels have numbers from {LOWEST} to {HIGHEST} in two frames, "
+            "which is too few for a response curve; add exposures between them"
+        )
+    numbers, used = numbers[:, enough], used[:, enough]
+    curve = ResponseCurve(np.linspace(-2.0, 2.0, _LEVELS), *_FIRST_NOISE)
+    for _ in range(_PASSES):
+        curve = _fit(numbers, used, times, curve)
+    return _with_noise(numbers, used, times, curve)
+
+
+def _sample(frames: Sequence[Numbers] | Numbers) -> NDArray[np.intp]:
+    """Return the numbers of some of an 8-bit bracket's pixels, (frames, pixels)."""
+    shape = np.shape(frames[0])
+    every = max(1, shape[0] * shape[1] // _PIXELS)
+    return np.array([np.asarray(one).ravel()[::every] for one in frames], dtype=np.intp)
+
+
+def _fit(
+    numbers: NDArray[np.intp], used: NDArray[np.bool_], times: Array, before: ResponseCurve
+) -> ResponseCurve:
+    """Fit a response curve, with weights by the slope of the curve before."""
+    slope = np.gradient(before.logs)
+    level_weight = 1 / ((before.number_noise * slope) ** 2 + before.light_noise**2)
+    weight = level_weight[numbers] * used
+    count, pixels = numbers.shape
+    whole = weight.sum(axis=0)
+    places = np.tile(np.arange(pixels), count)
+    # Each pixel's light is the weighted mean of what its numbers say.
+    design = scipy.sparse.csr_matrix(
+        (weight.ravel(), (places, numbers.ravel())), shape=(pixels, _LEVELS)
+    )
+    light = (weight * times[:, None]).sum(axis=0) / whole
+    matrix = np.diag(np.bincount(numbers.ravel(), weight.ravel(), _LEVELS))
+    matrix -= (design.T @ scipy.sparse.diags(1 / whole) @ design).toarray()
+    known = weight * times[:, None]
+    wanted = np.bincount(numbers.ravel(), known.ravel(), _LEVELS) - design.T @ light
+    bend = np.diff(np.eye(_LEVELS), 2, axis=0)
+    matrix += _SMOOTHNESS * pixels * bend.T @ bend
+    # The scale of all light can't be told.
+    middle = _LEVELS // 2
+    matrix[middle, middle] += whole.sum()
+    free = np.linalg.solve(matrix, wanted)
+    logs = _rising(free, middle)
+    return ResponseCurve(logs - logs[middle], before.number_noise, before.light_noise)
+
+
+def _rising(logs: Array, middle: int) -> Array:
+    """Return a rising response curve near another one, whose ends may bend back.
+
+    Numbers beyond the ends are no light's: there, light changes much for each number. The lower end
+    is where the curve is steepest. Numbers below are those of no light, with its noise, and their
+    mean light says nothing.
+    """
+    lowest = LOWEST + int(np.argmax(np.diff(logs[LOWEST:middle])))
+    highest = middle + int(np.argmax(logs[middle:]))
+    inside = scipy.optimize.isotonic_regression(logs[lowest : highest + 1]).x
+    rises = np.maximum(np.diff(inside), _LEAST_RISE)
+    inside = inside[0] + np.concatenate([[0.0], np.cumsum(rises)])
+    below = inside[0] - _BEYOND * np.arange(lowest, 0, -1)
+    above = inside[-1] + _BEYOND * np.arange(1, len(logs) - highest)
+    return np.concatenate([below, inside, above])
+
+
+def _with_noise(
+    numbers: NDArray[np.intp], used: NDArray[np.bool_], times: Array, curve: ResponseCurve
+) -> ResponseCurve:
+    """Return the response curve with the noise by which pairs of frames contradict it.
+
+    Where the curve is flat, the numbers' own noise decides; where it's steep, that of the light.
+    """
+    logs, flat = curve.logs[numbers] - times[:, None], np.gradient(curve.logs)[numbers] ** 2
+    # Numbers beyond the curve's ends are noise alone.
+    used = used & (flat < 1)
+    order = np.argsort(times)
+    away, noise = [], []
+    for one, other in itertools.pairwise(order):
+        both = used[one] & used[other]
+        away.append((logs[one] - logs[other])[both])
+        noise.append((flat[one] + flat[other])[both])
+    every, flatness = np.concatenate(away), np.concatenate(noise)
+    edges = np.quantile(flatness, np.linspace(0, 1, _BINS + 1)[1:-1])
+    group = np.searchsorted(edges, flatness, side="right")
+    bins = np.unique(group)
+    square = [np.mean(every[group == one] ** 2) for one in bins]
+    mean = [np.median(flatness[group == one]) for one in bins]
+    # The square is that of the number's noise times the flatness, and twice that of the light.
+    relative = 1 / np.maximum(square, 1e-9)
+    design = np.stack([np.array(mean) * relative, 2 * relative], axis=1)
+    (own, light), _ = scipy.optimize.nnls(design, np.array(square) * relative)
+    return ResponseCurve(curve.logs, max(own, 1 / 12) ** 0.5, max(light, 1e-6) ** 0.5)
