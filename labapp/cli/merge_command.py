@@ -94,8 +94,20 @@ def merge(
         ),
     ] = None,
     method: Annotated[
-        str, typer.Option(help="Weights of exposures: full, Granados, Poisson or plain.")
-    ] = "full",
+        str | None,
+        typer.Option(
+            help="Weights of exposures: full, Granados, Poisson or plain.", show_default="full"
+        ),
+    ] = None,
+    budget: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Processor seconds that merging may take, in the place of --method: the best "
+            "method is taken that fits.",
+            show_default="no limit",
+        ),
+    ] = None,
     as_given: Annotated[
         bool,
         typer.Option(
@@ -120,9 +132,11 @@ def merge(
     from labapp.pictures.merging.merge_command import MergeRequest, merge_bracket_files
     from optics.hdr import METHODS
 
-    found = next((one for one in METHODS if one == method), None)
+    found = next((one for one in METHODS if one == (method or "full")), None)
     if found is None:
         raise UserError(f"--method {method}: choose one of {', '.join(METHODS)}.")
+    if method is not None and budget is not None:
+        raise UserError("--method, --budget: give one of them; a budget chooses the method.")
     try:
         times = exposures and [float(part) for part in exposures.split(",")]
     except ValueError:
@@ -133,6 +147,7 @@ def merge(
     request = MergeRequest(
         files, times or None, dark or [], sensor,
         SensorNumbers(gain, read_noise, black, full_scale),
-        RecordedFrames(target, pattern, wavelength), linear, found, not as_given, out, force,
+        RecordedFrames(target, pattern, wavelength), linear, found, budget, not as_given, out,
+        force,
     )  # fmt: skip
     merge_bracket_files(request, as_json=json)

@@ -26,6 +26,7 @@ from optics.hdr.exposure_factors import ExposureFactors, measure_exposure_factor
 from optics.hdr.exposure_limits import ExposureLimits, common_period
 from optics.hdr.merging import merge
 from optics.hdr.metering import Meter, MeteredRange
+from optics.hdr.method_choice import choose_method, merge_seconds
 from optics.hdr.radiance import (
     CLIPPED,
     DARK,
@@ -70,6 +71,7 @@ __all__ = [
     "WantedSNR",
     "choose_bracket",
     "choose_ladder",
+    "choose_method",
     "common_period",
     "cramer_rao_variance",
     "expected_accuracy",
@@ -78,6 +80,7 @@ __all__ = [
     "measure_exposure_factors",
     "merge",
     "merge_by_response",
+    "merge_seconds",
     "scene_change",
     "scene_light",
 ]

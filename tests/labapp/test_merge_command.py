@@ -11,6 +11,9 @@ from typer.testing import CliRunner
 
 from labapp.cli import app
 from labapp.common.errors import UserError
+from optics.accuracy import MachineSpeed
+from optics.camera import Sensor
+from optics.hdr import Bracket, merge_seconds
 
 TIMES = (1e-3, 4e-3, 16e-3)
 NOISE = ["--gain", "2.6", "--read-noise", "2.4", "--black", "64", "--full-scale", "4095"]
@@ -163,3 +166,19 @@ def test_8_bit_pictures_are_merged_by_the_response_curve_that_they_show(tmp_path
     assert told["sensor"]["gain_electrons_per_dn"] == 2.6
     with pytest.raises(UserError, match="frames of two exposure times at least"):
         merged([paths[0], "--exposures", "0.001", "--out", tmp_path / "x.h5"])
+
+
+def test_a_budget_chooses_the_method_and_its_accuracy_is_said(files, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "labapp.pictures.merging.merge_command.machine_speed", lambda: MachineSpeed()
+    )
+    arguments = [*files, "--exposures", "0.001,0.004,0.016", *NOISE, "--out", tmp_path / "m.h5"]
+    assert merged([*arguments, "--budget", "10"])["method"] == "full"
+    bracket = Bracket([np.zeros((60, 80))] * 3, TIMES, [64.0] * 3, [1] * 3, Sensor())
+    spent = 1.01 * merge_seconds(bracket, "Granados", MachineSpeed())
+    assert merged([*arguments, "--budget", spent, "--force"])["method"] == "Granados"
+    assert "method Granados, by simulation: its efficiency" in (tmp_path / "m.html").read_text()
+    with pytest.raises(UserError, match=r"--budget 1e-09: .*takes .* s at least"):
+        merged([*arguments, "--budget", "1e-9", "--force"])
+    with pytest.raises(UserError, match="give one of them"):
+        merged([*arguments, "--budget", "1", "--method", "full", "--force"])

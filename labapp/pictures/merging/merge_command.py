@@ -7,24 +7,29 @@ from pathlib import Path
 
 from labapp.common.console import print_json, print_message, print_table, terminal_progress
 from labapp.common.errors import UserError
+from labapp.common.speed import machine_speed
 from labapp.files.cube_paths import HDF5_ENDINGS
 from labapp.files.writing import make_folder, require_all_writable, write_atomically
 from labapp.pictures.merging.bracket_files import BracketFiles, SensorNumbers, read_bracket_files
 from labapp.pictures.merging.bracket_record import RecordedFrames, read_recorded_bracket
 from labapp.pictures.merging.merge_page import (
     EXPOSURE_COLUMNS,
+    accuracy_words,
     exposure_rows,
     merge_page,
     state_rows,
 )
-from labapp.pictures.merging.merged_bracket import merge_files
+from labapp.pictures.merging.merged_bracket import file_bracket, merge_files
 from labapp.pictures.merging.merged_files import describe_merged, merged_paths, write_merged
 from optics import hdr
 
 
 @dataclass(frozen=True)
 class MergeRequest:
-    """What `labapp merge` was asked to do; the fields are its options."""
+    """What `labapp merge` was asked to do; the fields are its options.
+
+    budget: processor seconds, by which the method is chosen; None for the method that is given.
+    """
 
     files: list[Path]
     exposures: list[float] | None
@@ -34,6 +39,7 @@ class MergeRequest:
     frames: RecordedFrames
     linear: bool | None
     method: hdr.Method
+    budget: float | None
     refine: bool
     out: Path
     force: bool
@@ -51,7 +57,8 @@ def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
     require_all_writable(paths.values(), force=request.force)
     source = _read(request)
     with terminal_progress() as progress:
-        merged = merge_files(source, request.method, request.refine, progress)
+        method = _method(request, source)
+        merged = merge_files(source, method, request.refine, progress)
         progress.report(0.9, "writing")
         make_folder(request.out.parent)
         shown = write_merged(merged, paths)
@@ -61,9 +68,27 @@ def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
         return
     print_table("Exposures", EXPOSURE_COLUMNS, exposure_rows(merged))
     print_table("Pixels", ("state", "share "), state_rows(merged))
+    if merged.accuracy is not None:
+        print_message(accuracy_words(merged.method, merged.accuracy))
     for words in merged.told:
         print_message(f"warning: {words}")
     print_message("wrote " + ", ".join(str(path) for path in paths.values()))
+
+
+def _method(request: MergeRequest, source: BracketFiles) -> hdr.Method:
+    """Return the method by which a bracket of files is merged: the given one, or by the budget."""
+    if request.budget is None:
+        return request.method
+    if source.is_coded:
+        raise UserError(
+            "--budget: 8-bit pictures are merged by their response curve, in one way only."
+        )
+    try:
+        return hdr.choose_method(
+            file_bracket(source, 0), request.budget, machine_speed(), len(source.frames[0])
+        )
+    except ValueError as error:
+        raise UserError(f"--budget {request.budget:g}: {error}.") from error
 
 
 def _read(request: MergeRequest) -> BracketFiles:

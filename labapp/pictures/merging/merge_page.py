@@ -14,6 +14,9 @@ from optics import hdr
 
 EXPOSURE_COLUMNS = ("frame", "file", "exposure ", "light over it ", "clipped ")
 
+_CLEAR = 0.1
+"""Relative error up to which the efficiency and bias of a merge are summed up. Chosen."""
+
 _STATES = {
     hdr.VALID: "measured",
     hdr.DARK: "dark: below three standard deviations of noise",
@@ -66,6 +69,22 @@ def merge_page(merged: MergedFiles, shown: bytes) -> str:
     return document("Merged bracket", parts)
 
 
+def accuracy_words(method: str, accuracy: hdr.ExpectedAccuracy) -> str:
+    """Say in words how efficient a merge is, and how biased, where its light is well measured."""
+    clear = accuracy.errors <= _CLEAR
+    if not clear.any():
+        return f"method {method}: at no light of this bracket is the error {_CLEAR:.0%} or less"
+    least, bias = accuracy.efficiencies[clear].min(), np.abs(accuracy.biases[clear])
+    chance = 3 * accuracy.bias_noise[clear]
+    sure = bool((bias > chance).any())
+    largest = bias[bias > chance].max() if sure else chance.max()
+    return (
+        f"method {method}, by simulation: its efficiency is at least {min(least, 1):.2f} of the "
+        f"best unbiased estimate's, its bias {'up to' if sure else 'below'} {largest:.1g} of the "
+        f"light, where the error is {_CLEAR:.0%} or less"
+    )
+
+
 def _trust(merged: MergedFiles) -> list[str]:
     """Return the part of a merged bracket's report that says what its numbers rest on."""
     if merged.accuracy is None:
@@ -79,6 +98,7 @@ def _trust(merged: MergedFiles) -> list[str]:
         ]
     return [
         "<h2>Accuracy</h2>",
+        f"<p>{escape(accuracy_words(merged.method, merged.accuracy))}.</p>",
         html_figure(
             figure_to_png(accuracy_figure(merged, merged.accuracy)),
             f"Of frames simulated with these exposures and this sensor, method {merged.method}. "

@@ -57,7 +57,7 @@ def merge_files(
     """
     if source.is_coded:
         return merge_coded_files(source, progress)
-    bands = [_band(source, number) for number in range(len(source.frames[0]))]
+    bands = [file_bracket(source, number) for number in range(len(source.frames[0]))]
     factors: hdr.ExposureFactors | None = None
     told: list[str] = []
     if refine and len(source.frames) > 1:
@@ -115,7 +115,7 @@ def _joined(bands: Sequence[torch.Tensor]) -> NDArray[Any]:
     return bands[0].numpy()[None] if len(bands) == 1 else torch.stack(list(bands)).numpy()
 
 
-def _band(source: BracketFiles, number: int) -> hdr.Bracket:
+def file_bracket(source: BracketFiles, number: int) -> hdr.Bracket:
     """Return one band of a merged bracket's files."""
     return hdr.Bracket(
         [frame[number] for frame in source.frames],
