@@ -102,7 +102,8 @@ def draw(name: str, rows: Sequence[Row], error_name: str = "error, relative L2")
     ]
     figure = draw_panels(rows, error_name, heading=0.4, footing=0.35 + 0.19 * len(failures))
     height = figure.get_figheight()
-    figure.text(0.01, 1 - 0.08 / height, textwrap.shorten(name, 150), va="top", fontsize=10)
+    # The legend stands above the room that is left for the heading.
+    figure.text(0.01, 1 - 0.38 / height, textwrap.shorten(name, 150), va="top", fontsize=10)
     lines = [*failures, f"{describe_machine()}. Processor time, one thread."]
     figure.text(0.01, 0.06 / height, "\n".join(lines), va="bottom", fontsize=8, color="#444444")
     return figure

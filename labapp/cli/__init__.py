@@ -18,7 +18,7 @@ from labapp.cli.app import app
 from labapp.cli import demo, runs, records, bracket_command, merge_command, calibrate  # noqa: F401
 from labapp.cli import psf_command, beam_command, patterns, design, refine, simulated_pictures  # noqa: F401
 from labapp.cli import reconstruct, study, train, gui  # noqa: F401
-from labapp.cli import accuracy, plans, devices, bench, virtual_bench, guide  # noqa: F401
+from labapp.cli import accuracy, accuracy_hdr, plans, devices, bench, virtual_bench, guide  # noqa: F401
 from labapp.common.memory import keep_freed_memory
 
 # isort: on

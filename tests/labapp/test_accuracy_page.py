@@ -57,6 +57,7 @@ def quick(monkeypatch):
     once = RetimingSettings(short_s=0.0)
     monkeypatch.setattr("labapp.accuracy.deconvolve._TIMING", once)
     monkeypatch.setattr("labapp.accuracy.retrieval._TIMING", once)
+    monkeypatch.setattr("labapp.accuracy.hdr._TIMING", once)
     monkeypatch.setattr("labapp.accuracy.multispectral._TIMING", once)
     monkeypatch.setattr("labapp.accuracy.edof_psf._TIMING", once)
     monkeypatch.setattr("labapp.accuracy.edof_design.RATED_DEPTHS", 4)
@@ -152,7 +153,7 @@ def test_the_page_has_every_operation_and_the_numbers_of_its_data(tmp_path, monk
     names = [one.name for one in OPERATIONS]
     assert names == [
         "lens", "panel", "chain", "edof-psf", "propagate", "simulate", "retrieval", "edof-design",
-        "deconvolve", "multispectral",
+        "hdr", "deconvolve", "multispectral",
     ]  # fmt: skip
     assert [one["name"] for one in data["operations"]] == names
     assert data["left_out"] == []

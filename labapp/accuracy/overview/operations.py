@@ -13,6 +13,8 @@ from labapp.accuracy import (
     edof,
     edof_design,
     edof_psf,
+    hdr,
+    hdr_case,
     multispectral,
     propagate,
     psf,
@@ -125,6 +127,15 @@ def _measure_spectra(scope: Scope, progress: Progress, deadline: Deadline) -> Me
     size = scope.settings.picture_size
     case = spectral_case.spectral_case_from_options(None, "ring", 0.01, size, 0)
     return case.name, multispectral.measure_multispectral(case, progress, deadline)
+
+
+def _measure_merges(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
+    pixels = scope.settings.picture_size
+    cases = [
+        hdr_case.BracketCase(frames, 4.0, 1e-3, 4.0, 16, 12, 2.6, 2.4, pixels, 0)
+        for frames in (2, 4, 8)
+    ]
+    return hdr.cases_name(cases), hdr.measure_merges(cases, progress, deadline)
 
 
 def _measure_pattern_gradients(scope: Scope, progress: Progress, deadline: Deadline) -> Measured:
@@ -246,6 +257,14 @@ OPERATIONS = (
         "known, in dB: it levels off above zero.",
         edof_design.ERROR_NAME,
         _measure_designs,
+    ),
+    Operation(
+        "hdr",
+        "Merging of exposure brackets",
+        "Light of four decades from two, four and eight exposures. Noise limits what can be known: "
+        "for each number of exposures, the error levels off.",
+        hdr.ERROR_NAME,
+        _measure_merges,
     ),
     Operation(
         "deconvolve",

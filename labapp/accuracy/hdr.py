@@ -1,0 +1,193 @@
+"""`labapp accuracy hdr`: measure the error and time of merges of exposure brackets."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.accuracy.diagram import draw
+from labapp.accuracy.hdr_case import BracketCase
+from labapp.accuracy.opencv_merging import OPENCV_MERGES, merge_by_opencv
+from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
+from labapp.accuracy.work_precision import (
+    CALLS,
+    CUT,
+    Deadline,
+    RetimingSettings,
+    Row,
+    mark_front,
+)
+from labapp.common.console import terminal_progress
+from optics import hdr
+from optics.progress import Progress
+from optics.threads import single_threaded
+
+Array = NDArray[np.float64]
+
+_TIMING = RetimingSettings(short_s=1.0)
+
+_SURE = 3.0
+"""Standard errors from which on a mean error counts as bias."""
+
+_FAR_OFF = 10.0
+"""Relative error from which on a merge counts as failed. Chosen."""
+
+
+@dataclass(frozen=True)
+class MergeRow(Row):
+    """Measured error and time of a merge.
+
+    Attributes
+    ----------
+    error_achieved, error_predicted : float or None
+        Root mean square of relative errors over all levels of light, and what the merge states.
+    frames : int
+        Number of exposures.
+    exposure_s : float
+        Sum of the exposure times, seconds.
+    efficiency, least_efficiency : float or None
+        Least variance of any unbiased estimate (Cramér and Rao) over the mean squared error: of
+        the sums over all levels, and at the level where it's least.
+    bias : float or None
+        Largest mean relative error of a level that isn't chance; 0 if all may be.
+    """
+
+    frames: int = 0
+    exposure_s: float = 0.0
+    efficiency: float | None = None
+    least_efficiency: float | None = None
+    bias: float | None = None
+
+
+ERROR_NAME = "error of the light, relative"
+
+_COLUMNS: Columns[MergeRow] = {
+    "exposures": lambda row: f"{row.frames}, {row.exposure_s:.3g} s",
+    "method": lambda row: row.method,
+    "error ": lambda row: "failed" if row.failure else format_number(row.error_achieved, ".2g"),
+    "of best ": lambda row: format_number(row.efficiency, ".2f"),
+    "least ": lambda row: format_number(row.least_efficiency, ".2f"),
+    "bias ": lambda row: format_number(row.bias, ".1g"),
+    "CPU ms ": lambda row: format_number(row.cpu_s, ".1f", 1e3),
+    "": lambda row: "front" if row.on_front else "",
+}
+_REMARK = (
+    "Errors are relative, rms over all levels of light alike. of best: least variance of any "
+    "unbiased estimate over the mean squared error; least: at the worst level. bias: largest mean "
+    "error that isn't chance. OpenCV sees the frames' upper eight bits, and its scale is fitted. "
+    "One thread."
+)
+
+
+@single_threaded
+def accuracy_hdr(cases: Sequence[BracketCase], *, as_json: bool, plot: Path | None) -> None:
+    """Measure the accuracy and time of every merge of brackets, and print the rows.
+
+    `plot` is the file of the diagram, or None for no diagram.
+    """
+    with terminal_progress() as progress:
+        rows = measure_merges(cases, progress)
+    name = cases_name(cases)
+    print_rows(f"Merged brackets: {name}", _COLUMNS, _REMARK, rows, as_json=as_json)
+    write_plot(plot, lambda: draw(name, rows, ERROR_NAME))
+
+
+def cases_name(cases: Sequence[BracketCase]) -> str:
+    """Describe in words the brackets on which an accuracy is measured."""
+    first, last = cases[0], cases[-1]
+    count = f"{first.frames} to {last.frames}" if len(cases) > 1 else str(first.frames)
+    return f"{count}{first.name.removeprefix(str(first.frames))}"
+
+
+def measure_merges(
+    cases: Sequence[BracketCase], progress: Progress, deadline: Deadline | None = None
+) -> list[MergeRow]:
+    """Measure the accuracy of every merge of each bracket.
+
+    Rows that no other row beats in both time and error are marked. A merge that fails gives a row,
+    too. What is left at the deadline is named as cut.
+    """
+    deadline, rows = deadline or Deadline(), list[MergeRow]()
+    for number, case in enumerate(cases):
+        progress.report(number / len(cases), case.name)
+        rows += [
+            replace(row, failure=CUT) if deadline.is_over else _measure(case, row, merge)
+            for row, merge in _merges(case)
+        ]
+    return mark_front(rows)
+
+
+Merge = Callable[[], tuple[Array, Array | None]]
+"""Returns rates, (levels, pixels), and their stated variances, or None."""
+
+
+def _merges(case: BracketCase) -> Iterator[tuple[MergeRow, Merge]]:
+    """Yield the merges of a bracket to measure, each with its row of the accuracy table."""
+    row = MergeRow(
+        "hdr", case.name, "", "float32", None, frames=case.frames, exposure_s=sum(case.times)
+    )
+    for method in hdr.METHODS:
+        chosen = CALLS[-1:] if method == hdr.METHODS[-1] else ()
+        yield (
+            replace(row, method=method, chosen_for=chosen),
+            partial(_merge, case, method),
+        )
+    for name in OPENCV_MERGES:
+        yield (
+            replace(row, method=f"OpenCV {name}", precision="8 bit"),
+            partial(_merge_by_opencv, case, name),
+        )
+
+
+def _merge(case: BracketCase, method: hdr.Method) -> tuple[Array, Array | None]:
+    found = hdr.merge(case.bracket, method)
+    return found.rate.double().numpy(), found.variance.double().numpy()
+
+
+def _merge_by_opencv(case: BracketCase, name: str) -> tuple[Array, Array | None]:
+    """Return an accuracy case merged by OpenCV, with the scale that fits best."""
+    light = merge_by_opencv(case.bracket, name)
+    scale = np.median(light / case.rates[:, None])
+    return light / (scale if scale > 0 else 1.0), None
+
+
+def _measure(case: BracketCase, row: MergeRow, merge: Merge) -> MergeRow:
+    """Measure the error and time of a merge of an accuracy case."""
+    times, wall = list[float](), time.perf_counter()
+    try:
+        while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):
+            started = time.process_time()
+            rates, variance = merge()
+            times.append(time.process_time() - started)
+    except (ValueError, cv2.error) as error:
+        return replace(row, failure=f"{row.method}: {' '.join(str(error).split())}")
+    wall = (time.perf_counter() - wall) / len(times)
+    if not np.isfinite(rates).all():
+        return replace(row, failure=f"{row.method}: has light that isn't finite, of dark pixels")
+    away = rates / case.rates[:, None] - 1
+    squares, mean = (away**2).mean(axis=1), away.mean(axis=1)
+    chance = _SURE * away.std(axis=1) / np.sqrt(away.shape[1])
+    error = float(np.sqrt(squares.mean()))
+    if error > _FAR_OFF:
+        return replace(row, failure=f"{row.method}: its light is far off, by {error:.0e} times")
+    least = case.least_errors**2
+    stated = None if variance is None else (variance / case.rates[:, None] ** 2).mean()
+    return replace(
+        row,
+        error_achieved=error,
+        error_predicted=None if stated is None else float(np.sqrt(stated)),
+        cpu_s=statistics.median(times),
+        wall_s=wall,
+        peak_bytes=sum(np.asarray(one).nbytes for one in case.bracket.frames) + rates.nbytes,
+        efficiency=float(least.sum() / squares.sum()),
+        least_efficiency=float((least / squares).min()),
+        bias=float(np.where(np.abs(mean) > chance, np.abs(mean), 0).max()),
+    )
