@@ -175,14 +175,14 @@ def _measure(case: BracketCase, row: MergeRow, merge: Merge) -> MergeRow:
     away = rates / case.rates[:, None] - 1
     squares, mean = (away**2).mean(axis=1), away.mean(axis=1)
     chance = _SURE * away.std(axis=1) / np.sqrt(away.shape[1])
-    error = float(np.sqrt(squares.mean()))
-    if error > _FAR_OFF:
-        return replace(row, failure=f"{row.method}: its light is far off, by {error:.0e} times")
+    reached = float(np.sqrt(squares.mean()))
+    if reached > _FAR_OFF:
+        return replace(row, failure=f"{row.method}: its light is far off, by {reached:.0e} times")
     least = case.least_errors**2
     stated = None if variance is None else (variance / case.rates[:, None] ** 2).mean()
     return replace(
         row,
-        error_achieved=error,
+        error_achieved=reached,
         error_predicted=None if stated is None else float(np.sqrt(stated)),
         cpu_s=statistics.median(times),
         wall_s=wall,
