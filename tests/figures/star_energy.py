@@ -1,0 +1,103 @@
+"""Energy of the demo's star by aperture, against the simulator's noise-free light."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from figures import Figure
+from labapp.pictures.analysis.brackets import dark_target, find_brackets, recorded_bracket
+from labapp.runs.record.reader import Record
+from labapp.studies.demo import run_first_light
+from optics.hdr import CLIPPED, MOVED, Bracket, merge
+
+_GOAL = 3.0
+_DECADES = 6
+
+
+def star_energy_figures(folder: Path) -> list[Figure]:
+    """The star behind the neutral pattern, by rings of one decade of light each around its peak.
+
+    The light is that of the longest exposure that isn't clipped, since the simulator decides for
+    each exposure which faint light is left out within the scene's tolerance.
+    """
+    run_first_light(folder)
+    with Record(folder / "run.h5") as record:
+        (found,) = (
+            one for one in find_brackets(record) if (one.target, one.pattern) == ("star", "neutral")
+        )
+        sensor = record.bench.build_camera().sensor
+        bracket = recorded_bracket(record, found.frames, dark_target(record.plan), sensor)
+    light = _noise_free_light(bracket, found.wavelength, folder)
+    merged = merge(bracket)
+    state, rate = merged.state.numpy(), merged.rate.double().numpy()
+    variance, away = merged.variance.double().numpy(), _away(light)
+    rings, apertures = [], []
+    for inner, outer in _radii(light):
+        for least, kept in ((0.0, apertures), (inner, rings)):
+            inside = (least <= away) & (away < outer) & (state != CLIPPED)
+            spread = np.sqrt(variance[inside].sum())
+            kept.append(float((rate - light)[inside].sum() / spread))
+    worst = max(map(abs, (*rings, *apertures)))
+    moved = float((state == MOVED).mean())
+    return [
+        Figure(
+            "the demo's star, energy in rings and apertures of one decade of light each, less the "
+            "noise-free light",
+            f"≤ {_GOAL:g} stated σ",
+            f"rings {', '.join(f'{one:+.1f}' for one in rings)}; apertures "
+            + ", ".join(f"{one:+.1f}" for one in apertures),
+            len(rings) >= _DECADES - 1 and worst <= _GOAL,
+        ),
+        Figure(
+            "pixels of the demo's star that are said to contradict themselves",
+            "≤ .1 %",
+            f"{moved:.3%}",
+            moved <= 1e-3,
+        ),
+    ]
+
+
+def _noise_free_light(bracket: Bracket, wavelength: float, folder: Path) -> np.ndarray:
+    """Electrons per second, of each pixel's longest exposure that isn't clipped."""
+    found: np.ndarray | None = None
+    for exposure in bracket.exposures:
+        path = folder / f"light-{exposure.time * 1e3:g}.h5"
+        subprocess.run(
+            [sys.executable, "-m", "labapp", "simulate", "--target", "star", "--wavelength-nm",
+             f"{wavelength * 1e9:g}", "--exposure-ms", f"{exposure.time * 1e3:g}", "--out",
+             str(path), "--force"],
+            check=True, capture_output=True,
+        )  # fmt: skip
+        with h5py.File(path) as file:
+            electrons = file["electrons"][:].astype(np.float64)
+        light = electrons / exposure.time
+        found = light if found is None else np.where(electrons < exposure.clip_level, light, found)
+    assert found is not None
+    return found
+
+
+def _away(light: np.ndarray) -> np.ndarray:
+    """Distance of each pixel from the brightest one, in pixels."""
+    row, column = np.unravel_index(light.argmax(), light.shape)
+    rows, columns = np.indices(light.shape)
+    return np.asarray(np.hypot(rows - row, columns - column))
+
+
+def _radii(light: np.ndarray) -> list[tuple[float, float]]:
+    """Rings in which the mean light around the peak falls by a decade each."""
+    number = np.round(_away(light)).astype(int).ravel()
+    profile = np.bincount(number, light.ravel()) / np.bincount(number)
+    edges = [0.0]
+    for decade in range(1, _DECADES + 1):
+        below = np.flatnonzero(profile < light.max() / 10**decade)
+        if below.size and below[0] - 0.5 > edges[-1]:
+            edges.append(float(below[0]) - 0.5)
+    return list(zip(edges[:-1], edges[1:], strict=True))
+
+
+MEASUREMENTS = {"star-energy": star_energy_figures}
