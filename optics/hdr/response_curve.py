@@ -47,6 +47,9 @@ _BEYOND = 10.0
 _BINS = 20
 """Ranges of slope in which the scatter of numbers is measured. Chosen."""
 
+_LEAST_SPAN = 20
+"""Range of numbers from which on a curve can be told. Chosen."""
+
 _LEAST_PIXELS = 1000
 """Pixels with good numbers in two frames from which on a curve can be told. Chosen."""
 
@@ -90,8 +93,8 @@ def fit_response(frames: Sequence[Numbers] | Numbers, exposures: ArrayLike) -> R
     Raises
     ------
     ValueError
-        For fewer than two exposure times, and if too few pixels have numbers between 5 and 250 in
-        two frames.
+        For fewer than two exposure times, if too few pixels have numbers between 5 and 250 in two
+        frames, and if numbers hardly change.
     """
     times = np.log(np.asarray(exposures, dtype=np.float64))
     if len(np.unique(times)) < 2:
@@ -105,6 +108,11 @@ def fit_response(frames: Sequence[Numbers] | Numbers, exposures: ArrayLike) -> R
             "which is too few for a response curve; add exposures between them"
         )
     numbers, used = numbers[:, enough], used[:, enough]
+    if np.ptp(np.where(used, numbers, numbers[used][0])) < _LEAST_SPAN:
+        raise ValueError(
+            "numbers hardly change with the exposure time, or from pixel to pixel: they tell no "
+            "response curve; check that these are frames of a bracket"
+        )
     curve = ResponseCurve(np.linspace(-2.0, 2.0, _LEVELS), *_FIRST_NOISE)
     for _ in range(_PASSES):
         curve = _fit(numbers, used, times, curve)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 import sys
 from pathlib import Path
@@ -97,7 +98,7 @@ def _radii(light: np.ndarray) -> list[tuple[float, float]]:
         below = np.flatnonzero(profile < light.max() / 10**decade)
         if below.size and below[0] - 0.5 > edges[-1]:
             edges.append(float(below[0]) - 0.5)
-    return list(zip(edges[:-1], edges[1:], strict=True))
+    return list(itertools.pairwise(edges))
 
 
 MEASUREMENTS = {"star-energy": star_energy_figures}

@@ -1,6 +1,7 @@
 """`labapp merge` on files of numpy's own generator, and on the record of a run."""
 
 import json
+import re
 
 import cv2
 import h5py
@@ -182,3 +183,47 @@ def test_a_budget_chooses_the_method_and_its_accuracy_is_said(files, tmp_path, m
         merged([*arguments, "--budget", "1e-9", "--force"])
     with pytest.raises(UserError, match="give one of them"):
         merged([*arguments, "--budget", "1", "--method", "full", "--force"])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda frames: [np.full_like(one, 4095) for one in frames], "clipped in all .* shorter"),
+        (lambda frames: [np.full_like(one, 64) for one in frames], "dark in all .* longer"),
+        (lambda frames: [np.full_like(one, 20) for one in frames], "darker than without light"),
+        (lambda frames: [frames[1], frames[0], frames[2]], "1 and 2 look exchanged"),
+    ],
+)
+def test_what_is_wrong_with_a_whole_bracket_is_said(scene, tmp_path, change, words):
+    paths = [tmp_path / f"{number}.tiff" for number in range(3)]
+    frames = change([frame(scene, time, number) for number, time in enumerate(TIMES)])
+    for path, one in zip(paths, frames, strict=True):
+        tifffile.imwrite(path, one)
+    times = ["--exposures", "0.001,0.004,0.016"]
+    said = merged([*paths, *times, *NOISE, "--out", tmp_path / "m.h5"])
+    assert any(re.search(words, one) for one in said["warnings"])
+
+
+def test_files_that_are_no_frames_of_one_sensor_are_refused(files, tmp_path):
+    arguments = ["--exposures", "0.001,0.004,0.016", *NOISE, "--out", tmp_path / "m.h5"]
+    good = tifffile.imread(files[1])
+    for wrong, words in (
+        ((good >> 4).astype(np.uint8), r"1\.tiff: has uint8 numbers and .* uint16 ones"),
+        ((good / 4095).astype(np.float32), r"1\.tiff: has float32 numbers"),
+        (np.stack([good] * 3, axis=-1), r"1\.tiff: .* in 3 colours"),
+    ):
+        kind = "rgb" if wrong.ndim == 3 else "minisblack"
+        tifffile.imwrite(files[1], wrong, photometric=kind)
+        with pytest.raises(UserError, match=words):
+            merged([*files, *arguments])
+    files[1].write_bytes(files[0].read_bytes()[:3000])
+    with pytest.raises(UserError, match=r"1\.tiff: is not a .*that can be read"):
+        merged([*files, *arguments])
+    for change, words in (
+        (lambda one: np.where(one > 200, np.nan, one), "numbers that are NaN"),
+        (lambda one: one / 4095, "not shares of them"),
+    ):
+        for path in files:
+            tifffile.imwrite(path, change(good).astype(np.float32))
+        with pytest.raises(UserError, match=words):
+            merged([*files, *arguments])

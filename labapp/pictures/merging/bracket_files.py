@@ -83,6 +83,7 @@ def read_bracket_files(
             "frames of one time, give their true times, or average them elsewhere."
         )
     photographs = [read_photograph(path, linear=linear) for path in paths]
+    _require_one_kind(photographs)
     told = sensor_file is not None or numbers != SensorNumbers() or darks or linear is not None
     is_coded = not told and all(one.is_srgb for one in photographs)
     frames = [one.levels if is_coded else _numbers(one) for one in photographs]
@@ -103,11 +104,27 @@ def read_bracket_files(
     return BracketFiles(names, frames, times, means, counts, sensor)
 
 
+def _require_one_kind(photographs: Sequence[InputPhotograph]) -> None:
+    """Raise UserError if a bracket's files hold numbers of different kinds."""
+    first = photographs[0]
+    for one in photographs:
+        if one.levels.dtype != first.levels.dtype:
+            raise UserError(
+                f"{one.path}: has {one.levels.dtype} numbers and {first.path} {first.levels.dtype} "
+                "ones. Give frames of one kind, as the sensor made them."
+            )
+
+
 def _numbers(photograph: InputPhotograph) -> Frame:
     """Return a bracket file's numbers, proportional to light; sRGB levels become 16-bit ones."""
     if photograph.is_srgb:
         return np.asarray(np.rint(photograph.light * 65535).astype(np.uint16))
     levels = photograph.levels
+    if levels.dtype.kind == "f" and not np.isfinite(levels).all():
+        raise UserError(
+            f"{photograph.path}: has numbers that are NaN or infinite. Give the frame as the "
+            "sensor made it."
+        )
     if levels.dtype.kind == "f" and levels.max() <= 1:
         raise UserError(
             f"{photograph.path}: has numbers up to {levels.max():g}. Give the sensor's digital "

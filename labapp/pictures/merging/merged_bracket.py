@@ -20,6 +20,13 @@ from optics.progress import Progress
 _RATES_PER_DECADE = 2
 """Rates for which the accuracy of a merge is told. Chosen."""
 
+_NEARLY_ALL, _NOTABLE = 0.99, 0.01
+"""Shares of pixels from which on a bracket's being clipped or dark, or darker than without light,
+is said. Chosen."""
+
+_BELOW = 5.0
+"""Standard deviations below no light from which on a pixel is darker than without light. Chosen."""
+
 
 @dataclass(frozen=True, eq=False)
 class MergedFiles:
@@ -77,11 +84,31 @@ def merge_files(
     progress.report(0.8, "simulating the merge")
     full = source.sensor.full_scale
     rate, variance, state = (_joined(every) for every in zip(*found, strict=True))
+    told += _useless_light(rate, variance, state)
     return MergedFiles(
         source, method, rate, variance, state, factors, told,
         [float((frame >= full).mean()) for frame in source.frames],
         hdr.expected_accuracy(bands[0], _told_rates(bands[0]), method),
     )  # fmt: skip
+
+
+def _useless_light(
+    rate: NDArray[np.float32], variance: NDArray[np.float32], state: NDArray[np.uint8]
+) -> list[str]:
+    """Say in words if nearly all of a merged bracket is clipped or dark, or some below no light."""
+    found = []
+    clipped, dark = (float((state == one).mean()) for one in (hdr.CLIPPED, hdr.DARK))
+    if clipped > _NEARLY_ALL:
+        found.append(f"{clipped:.1%} of the pixels are clipped in all exposures: add shorter ones")
+    if dark > _NEARLY_ALL:
+        found.append(f"{dark:.1%} of the pixels are dark in all exposures: add longer ones")
+    below = float((rate < -_BELOW * np.sqrt(variance)).mean())
+    if below > _NOTABLE:
+        found.append(
+            f"{below:.1%} of the pixels are darker than without light: the black level or the dark "
+            "frames are too bright; check --black, --dark and the sensor file"
+        )
+    return found
 
 
 def merge_coded_files(source: BracketFiles, progress: Progress) -> MergedFiles:
