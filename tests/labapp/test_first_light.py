@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from figures.first_light import prediction_error
+from figures.star_energy import DECADES, GOAL, measure_star
 
 from labapp.files.reading import bundled_path
 from labapp.pictures.report.tables import as_data
@@ -55,6 +56,13 @@ def test_merged_rates_agree_with_every_unclipped_exposure(demo):
         dark = np.mean([record.image(i) for i in darks], axis=0)
         single = (record.image(index) - dark) * camera.sensor.gain / 0.4
     assert bracket.rate.mean() == pytest.approx(single.mean(), rel=2e-3)
+
+
+@pytest.mark.sweep
+def test_the_stars_energy_is_the_noise_free_light_each_decade_below_the_peak(demo, tmp_path):
+    found = measure_star(demo.record, tmp_path)
+    assert len(found.rings) >= DECADES - 1
+    assert found.worst <= GOAL
 
 
 def test_the_record_is_complete_and_says_that_it_is_simulated(demo):

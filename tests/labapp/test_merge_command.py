@@ -204,6 +204,18 @@ def test_what_is_wrong_with_a_whole_bracket_is_said(scene, tmp_path, change, wor
     assert any(re.search(words, one) for one in said["warnings"])
 
 
+def test_the_darkness_around_a_star_is_no_fault(tmp_path):
+    rate = np.full((60, 80), 10.0)
+    rate[30, 40] = 1e6
+    paths = [tmp_path / f"{number}.tiff" for number in range(3)]
+    for number, (path, time) in enumerate(zip(paths, TIMES, strict=True)):
+        tifffile.imwrite(path, frame(rate, time, number))
+    times = ["--exposures", "0.001,0.004,0.016"]
+    said = merged([*paths, *times, *NOISE, "--out", tmp_path / "m.h5"])
+    assert said["states"]["DARK"] > 0.99
+    assert not any("add longer ones" in one for one in said["warnings"])
+
+
 def test_files_that_are_no_frames_of_one_sensor_are_refused(files, tmp_path):
     arguments = ["--exposures", "0.001,0.004,0.016", *NOISE, "--out", tmp_path / "m.h5"]
     good = tifffile.imread(files[1])

@@ -134,7 +134,8 @@ def accuracy_figure(merged: MergedFiles, found: hdr.ExpectedAccuracy) -> Figure:
     efficiency.plot(found.rates, found.efficiencies, "^-", color="tab:green", label="efficiency")
     efficiency.set(ylim=(0, 1.3), ylabel="efficiency")
     lines = [*left.get_lines(), *efficiency.get_lines()]
-    left.legend(lines, [str(one.get_label()) for one in lines], loc="lower left")
+    names = [str(one.get_label()) for one in lines]
+    left.legend(lines, names, loc="lower center", bbox_to_anchor=(0.5, 1), ncols=len(lines))
     lit = merged.rate[merged.rate > 0]
     if lit.size:
         right.hist(np.log10(lit[:: max(1, lit.size // 1_000_000)]), bins=120, log=True)

@@ -21,11 +21,15 @@ _RATES_PER_DECADE = 2
 """Rates for which the accuracy of a merge is told. Chosen."""
 
 _NEARLY_ALL, _NOTABLE = 0.99, 0.01
-"""Shares of pixels from which on a bracket's being clipped or dark, or darker than without light,
-is said. Chosen."""
+"""Shares of pixels from which on a bracket counts as clipped or dark, and as darker than without
+light. Chosen."""
 
 _BELOW = 5.0
 """Standard deviations below no light from which on a pixel is darker than without light. Chosen."""
+
+_BRIGHT = 10.0
+"""Standard deviations of its noise from which on a pixel is bright, so that the dark ones around it
+may be the scene's own, as around a star. Chosen: chance reaches six in ten megapixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +99,12 @@ def merge_files(
 def _useless_light(
     rate: NDArray[np.float32], variance: NDArray[np.float32], state: NDArray[np.uint8]
 ) -> list[str]:
-    """Say in words if nearly all of a merged bracket is clipped or dark, or some below no light."""
+    """Say in words if a merged bracket is nearly all clipped, or dark, or partly below no light."""
     found = []
     clipped, dark = (float((state == one).mean()) for one in (hdr.CLIPPED, hdr.DARK))
     if clipped > _NEARLY_ALL:
         found.append(f"{clipped:.1%} of the pixels are clipped in all exposures: add shorter ones")
-    if dark > _NEARLY_ALL:
+    if dark > _NEARLY_ALL and not (rate > _BRIGHT * np.sqrt(variance)).any():
         found.append(f"{dark:.1%} of the pixels are dark in all exposures: add longer ones")
     below = float((rate < -_BELOW * np.sqrt(variance)).mean())
     if below > _NOTABLE:
