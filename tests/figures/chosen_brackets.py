@@ -272,4 +272,4 @@ def chosen_bracket_figures(folder: Path) -> list[Figure]:
     ]
 
 
-MEASUREMENTS = {"chosen_brackets": chosen_bracket_figures}
+MEASUREMENTS = {"chosen-brackets": chosen_bracket_figures}
