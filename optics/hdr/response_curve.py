@@ -66,6 +66,16 @@ class ResponseCurve:
     number_noise: float
     light_noise: float
 
+    @property
+    def ends(self) -> tuple[int, int]:
+        """Return the lowest and highest number of which the response curve tells the light.
+
+        Between them, the numbers' noise is less than a factor of e in light.
+        """
+        clear = np.flatnonzero(np.gradient(self.logs) * self.number_noise < 1)
+        clear = clear[clear <= HIGHEST]
+        return int(clear[0]), int(clear[-1])
+
     def number(self, logs: Array) -> tuple[Array, Array]:
         """Return the number that an exposure makes, and its change with the exposure's logarithm.
 

@@ -30,6 +30,10 @@ _TILE = 1 << 18
 _DARK = 3.0
 """Standard deviations below which light counts as dark."""
 
+_KNOWN = 1.0
+"""Standard deviations from which on numbers tell light at all. Chosen: below it, the error is
+larger than the light, and the estimate depends on where it started."""
+
 
 def merge_by_response(
     frames: Sequence[Numbers] | Numbers,
@@ -90,13 +94,17 @@ def _merge_rows(
         change = slope / np.maximum(information, 1e-9)
         logs += np.clip(change, -_LARGEST_STEP, _LARGEST_STEP)
     _, information = _slope(numbers, times, curve, logs)
-    clipped = (numbers > HIGHEST).all(axis=0)
-    logs[clipped] = curve.logs[HIGHEST] - times.min()
-    rate = np.exp(logs)
-    variance = rate**2 / np.maximum(information, 1e-9)
-    variance[clipped] = np.inf
+    rate, (lowest, highest) = np.exp(logs), curve.ends
+    variance = rate**2 / np.maximum(information, _KNOWN**2)
     state = np.where(information < _DARK**2, DARK, VALID).astype(np.uint8)
-    state[clipped] = CLIPPED
+    # Without information on the light, it's above the curve's upper end or below the lower one.
+    middle, shortest = len(curve.logs) / 2, numbers[times == times.min()].mean(axis=0)
+    unknown = information < _KNOWN**2
+    clipped = (numbers > HIGHEST).all(axis=0) | (unknown & (shortest > middle))
+    rate[clipped] = np.exp(curve.logs[highest] - times.min())
+    variance[clipped], state[clipped] = np.inf, CLIPPED
+    least, dark = np.exp(curve.logs[lowest] - times.max()), unknown & ~clipped
+    rate[dark], variance[dark] = np.minimum(rate[dark], least), least**2
     return rate.astype(np.float32), variance.astype(np.float32), state
 
 

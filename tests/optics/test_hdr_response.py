@@ -80,6 +80,30 @@ def test_dark_and_clipped_pixels_say_so():
     assert np.isfinite(merged.rate.numpy()).all()
 
 
+def test_light_beyond_the_curves_ends_is_bounded_and_its_deviation_honest():
+    """Scanned pictures clip unevenly: one exposure of a clipped pixel may show a lower number."""
+    _, frames = pictures()
+    frames = frames.copy()
+    frames[:, 0, :10], frames[:, 1, :10] = 255, 15
+    frames[2, 0, :10] = 250
+    curve = fit_response(frames, TIMES)
+    merged = merge_by_response(frames, TIMES, curve)
+    rate, variance, state = (one.numpy() for one in (merged.rate, merged.variance, merged.state))
+    # In the curve's scale, 1 makes the number 128.
+    share = 113 / 240
+    scale = (2 * share / (1 - share)) ** (1 / 0.7)
+    assert (state[0, :10] == CLIPPED).all()
+    assert np.isinf(variance[0, :10]).all()
+    # The number 240 of the shortest exposure is made by 130 / 0.125, and 250 by 700 / 0.125.
+    assert (rate[0, :10] * scale > 130 / 0.125).all()
+    assert (rate[0, :10] * scale < 1000 / 0.125).all()
+    # In the longest exposure, a light of 0.0011 makes the number 17.7, three deviations above 15.
+    assert (state[1, :10] == DARK).all()
+    assert (np.sqrt(variance[1, :10]) * scale > 0.0001).all()
+    assert (np.sqrt(variance[1, :10]) * scale < 0.003).all()
+    assert (rate[1, :10] <= 3 * np.sqrt(variance[1, :10])).all()
+
+
 def test_what_tells_no_curve_is_refused():
     _, frames = pictures()
     with pytest.raises(ValueError, match="two exposure times at least"):

@@ -112,12 +112,10 @@ def response_figure(merged: MergedFiles) -> Figure:
     figure = Figure(figsize=(7, 4.2), dpi=100, layout="constrained")
     axes = figure.subplots()
     colours = ("black",) if len(merged.curves) == 1 else ("tab:red", "tab:green", "tab:blue")
-    numbers = np.arange(hdr.LOWEST, hdr.HIGHEST + 1)
     for curve, colour in zip(merged.curves, colours, strict=True):
-        logs = curve.logs[numbers]
-        # Numbers below the curve's end are those of no light.
-        seen = np.diff(logs, append=logs[-1] + 1e-3) < 1
-        axes.semilogx(np.exp(logs[seen]), numbers[seen], color=colour)
+        lowest, highest = curve.ends
+        numbers = np.arange(lowest, highest + 1)
+        axes.semilogx(np.exp(curve.logs[numbers]), numbers, color=colour)
     axes.set(xlabel="light times exposure time, 1 for number 128", ylabel="number")
     return figure
 
