@@ -42,6 +42,7 @@ from labapp.files import nexus
 from labapp.files.plain_data import parse_json
 from labapp.files.plain_hdf5 import open_plain_hdf5
 from labapp.files.reading import bundled_path
+from labapp.files.writing import draft_of
 
 if TYPE_CHECKING:
     import torch
@@ -99,15 +100,11 @@ class DesignContents:
 
 def write_design(path: Path, contents: DesignContents) -> None:
     """Write a design file atomically; raise UserError if it can't be written."""
-    draft = path.with_name(f".{path.name}.new")
     try:
-        with h5py.File(draft, "w") as file:
+        with draft_of(path) as draft, h5py.File(draft, "w") as file:
             _write_contents(file, contents)
-        draft.replace(path)
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def read_design_frame(path: Path, frame: int) -> NDArray[np.uint8]:

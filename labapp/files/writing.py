@@ -10,16 +10,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labapp.common.errors import UserError
+from labapp.files.write_locks import move_into_place, name_draft, require_unlocked
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
 def require_writable(path: Path, *, force: bool) -> None:
-    """Raise UserError if a file exists and `force` isn't set, or its folder can't be written to."""
+    """Raise UserError if a file exists and `force` isn't set, or it can't be written.
+
+    A file that a run writes can't be replaced, with or without `force`.
+    """
     folder = path.parent
     if path.is_dir():
         raise UserError(f"{path}: is a folder. Name a file in it.")
+    if path.exists() and not path.is_file():
+        raise UserError(f"{path}: isn't a plain file. Choose another name.")
+    require_unlocked(path)
     if path.exists() and not force:
         raise UserError(f"{path}: exists already. Choose another name, or add --force.")
     if not folder.is_dir():
@@ -84,11 +91,14 @@ def encode_image(path: Path, picture: NDArray[Any]) -> bytes:
 
 @contextmanager
 def draft_of(path: Path) -> Iterator[Path]:
-    """Give a temporary name to write a file under; rename it when it is complete."""
-    draft = path.with_name(f".{path.name}.new")
+    """Give a temporary name to write a file under; move the file to its path when it is complete.
+
+    Raises UserError if a run writes the file that would be replaced.
+    """
+    draft = name_draft(path)
     try:
         yield draft
-        draft.replace(path)
+        move_into_place(draft, path, force=True)
     finally:
         draft.unlink(missing_ok=True)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,12 +17,7 @@ from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.writing import make_folder
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.queue import RunRequest, run_all
-from labapp.runs.acquisition.runner import (
-    RunOutcome,
-    prepare_resume,
-    resume_run,
-    run_plan,
-)
+from labapp.runs.acquisition.runner import RunOutcome, hold_record, resume_run, run_plan
 from labapp.runs.keyboard import open_keyboard
 from labapp.runs.record.reader import Record, file_sha256
 from labapp.runs.state import State
@@ -104,18 +99,17 @@ def resume_file(
     record: Path, bench: Path | None, faults: Path | None, execution: ExecutionOptions
 ) -> None:
     """Resume a run: take the frames that its record lacks, on the bench on which it began."""
-    with terminal_progress() as progress:
-        missing = prepare_resume(record, progress)
-    with Record(record) as opened:
-        setup = bench_setup_of(opened, faults)
-    made_from = setup if bench is None else _with_bench(setup, bench)
-    if not execution.as_json:
-        print_message(f"{record}: {len(missing)} frames to take")
-    with (
-        open_bench(made_from, speed=execution.speed) as opened_bench,
-        interactive_progress(execution) as (progress, ask),
-    ):
-        outcome = resume_run(opened_bench, record, missing=missing, progress=progress, ask=ask)
+    with ExitStack() as stack:
+        with terminal_progress() as progress:
+            held = stack.enter_context(hold_record(record, progress))
+        with Record(record) as opened:
+            setup = bench_setup_of(opened, faults)
+        made_from = setup if bench is None else _with_bench(setup, bench)
+        if not execution.as_json:
+            print_message(f"{record}: {len(held.missing)} frames to take")
+        opened_bench = stack.enter_context(open_bench(made_from, speed=execution.speed))
+        progress, ask = stack.enter_context(interactive_progress(execution))
+        outcome = resume_run(opened_bench, held, progress=progress, ask=ask)
     _report_outcome(outcome, execution)
     if execution.as_json:
         print_json(_as_data(outcome))

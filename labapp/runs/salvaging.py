@@ -62,14 +62,16 @@ def salvage(
         found = damaged.find_remains(progress.part(0, 0.5))
         if not found.whole:
             raise UserError(f"{path}: no frame is whole, so there is nothing to save.")
-        create_record(new, found.contents, force=force)
-        digest = _copy(damaged, found, path, new, progress.part(0.5, 1))
+        writer = RecordWriter(new, create_record(new, found.contents, force=force))
+        digest = _copy(damaged, found, path, writer, progress.part(0.5, 1))
     return Salvage(new, len(found.whole), len(found.contents.shots), found.lacks, digest)
 
 
-def _copy(damaged: DamagedRecord, found: Remains, path: Path, new: Path, progress: Progress) -> str:
+def _copy(
+    damaged: DamagedRecord, found: Remains, path: Path, writer: RecordWriter, progress: Progress
+) -> str:
     """Copy the frames and the log of a run's record; return the digest of the new record."""
-    with RecordWriter(new) as writer:
+    with writer:
         for time, text in damaged.log_lines():
             writer.log(time, text)
         for done, index in enumerate(found.whole):

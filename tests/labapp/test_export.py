@@ -61,8 +61,7 @@ def take(path, indices=range(6)) -> None:
         frame_shape=SHAPE,
         pixel_pitch=3.45e-6,
     )
-    create_record(path, contents)
-    with RecordWriter(path) as writer:
+    with RecordWriter(path, create_record(path, contents)) as writer:
         for index in indices:
             shot, pixels = SHOTS[index], image(index)
             frame = Frame(pixels, shot.exposure, 2.6, 0.0, index, zlib.crc32(pixels))

@@ -47,8 +47,7 @@ def frame(value: int) -> Frame:
 
 
 def new(path, frames: int = 3) -> RecordWriter:
-    create_record(path, contents(frames))
-    return RecordWriter(path)
+    return RecordWriter(path, create_record(path, contents(frames)))
 
 
 def put(writer: RecordWriter, index: int, wavelength: float = 550e-9) -> None:
@@ -178,13 +177,16 @@ def test_a_record_that_exists_is_not_replaced_unless_forced(path):
     new(path).close()
     with pytest.raises(UserError, match="exists already"):
         create_record(path, contents())
-    create_record(path, contents(frames=2), force=True)
+    os.close(create_record(path, contents(frames=2), force=True))
     with Record(path) as record:
         assert record.frame_count == 2
 
 
 def test_a_record_has_one_writer(path):
-    with new(path), pytest.raises(UserError, match=r"run.h5: is being written by another"):
+    with (
+        new(path),
+        pytest.raises(UserError, match=rf"run.h5: is being written by process {os.getpid()} "),
+    ):
         RecordWriter(path)
     RecordWriter(path).close()
 
@@ -287,7 +289,9 @@ def test_a_video_comes_back_with_its_frames(path):
     video = np.arange(3 * 24, dtype=np.uint8).reshape(3, 4, 6)
     patterns = {"still": video[2], "video": video, "other": video[1]}
     shots = [Shot(0, 0, 0, "star", "video", 550e-9, 0.01)]
-    create_record(path, replace(contents(), patterns=patterns, shots=shots, video_frame=1 / 60))
+    os.close(
+        create_record(path, replace(contents(), patterns=patterns, shots=shots, video_frame=1 / 60))
+    )
     with Record(path) as record:
         for name, image in patterns.items():
             np.testing.assert_array_equal(record.pattern(name), image)

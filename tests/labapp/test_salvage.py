@@ -14,7 +14,7 @@ from eight_frames import SETUP, places, take
 
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
-from labapp.runs.acquisition.runner import prepare_resume, resume_run
+from labapp.runs.acquisition.runner import hold_record, resume_run
 from labapp.runs.record import layout
 from labapp.runs.record.checks import check_record
 from labapp.runs.record.reader import Record
@@ -44,6 +44,11 @@ def path(good, tmp_path):
     path = tmp_path / "run.h5"
     path.write_bytes(good)
     return path
+
+
+def frames_to_take(path) -> list[int]:
+    with hold_record(path) as held:
+        return held.missing
 
 
 def frames_as_they_were(data: bytes, good: bytes, path) -> set[int]:
@@ -125,9 +130,8 @@ def test_damaged_pages_end_in_a_record_in_order_or_in_saved_frames(path, good, t
         path.write_bytes(data)
         counts["whole"] += len(whole)
         try:
-            missing = prepare_resume(path)
-            with open_bench(SETUP) as bench:
-                outcome = resume_run(bench, path, missing=missing)
+            with hold_record(path) as held, open_bench(SETUP) as bench:
+                outcome = resume_run(bench, held)
         except UserError:
             try:
                 salvage(path, tmp_path / "saved.h5", force=True)
@@ -138,7 +142,7 @@ def test_damaged_pages_end_in_a_record_in_order_or_in_saved_frames(path, good, t
             counts["salvaged"] += 1
         else:
             assert (outcome.state is State.COMPLETE) == check_record(path).is_in_order
-            counts["kept"] += len(whole - set(missing))
+            counts["kept"] += len(whole - set(held.missing))
             counts["resumed"] += outcome.state is State.COMPLETE
     assert counts["kept"] >= 0.99 * counts["whole"]
     assert counts["resumed"] > 0
@@ -160,7 +164,7 @@ def test_what_follows_from_the_rest_is_repaired(path, good, caplog, name, row, w
         rows = file[name]
         rows[row] = np.frombuffer(b"\x5a" * rows.dtype.itemsize, rows.dtype)[0]
     assert check_record(path).failed_checks
-    assert prepare_resume(path) == []
+    assert frames_to_take(path) == []
     assert words in caplog.text
     assert path.read_bytes() == good
 
@@ -168,7 +172,7 @@ def test_what_follows_from_the_rest_is_repaired(path, good, caplog, name, row, w
 def test_a_lost_table_of_places_is_made_anew(path, good):
     path.write_bytes(bytes(512) + good[512:])
     assert check_record(path).failed_checks
-    assert prepare_resume(path) == []
+    assert frames_to_take(path) == []
     assert path.read_bytes() == good
 
 
@@ -176,7 +180,7 @@ def test_a_changed_plan_is_not_mended_but_its_frames_are_saved(path, good, tmp_p
     at = places(path)["entry/plan"].offset + 10
     path.write_bytes(good[:at] + b"#" + good[at + 1 :])
     with pytest.raises(UserError, match=r"can't be resumed: structure: entry/plan changed"):
-        prepare_resume(path)
+        frames_to_take(path)
     done = salvage(path, tmp_path / "saved.h5")
     assert (done.saved, done.lacks) == (FRAMES, ["the plan"])
 
@@ -276,5 +280,5 @@ def test_what_is_no_record_has_nothing_to_save(tmp_path, content):
 def test_a_run_that_goes_on_is_not_repaired(path):
     from labapp.runs.record.writer import RecordWriter
 
-    with RecordWriter(path), pytest.raises(UserError, match="is being written by another"):
-        prepare_resume(path)
+    with RecordWriter(path), pytest.raises(UserError, match="is being written by process"):
+        frames_to_take(path)

@@ -17,12 +17,14 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Frame
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
+from labapp.files.write_locks import has_path
 from labapp.runs.acquisition.frame_storage import FrameStore
 from labapp.runs.acquisition.frame_taker import AskOperator, FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
 from labapp.runs.bench_interface import Bench
 from labapp.runs.record.logbook import logbook
+from labapp.runs.record.lost_file import find_or_copy, is_deleted
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
 from labapp.runs.state import State
@@ -36,6 +38,8 @@ log = logging.getLogger(__name__)
 
 
 OnFrame = Callable[[Shot, Frame], None]
+
+_FILE_LOST = "the file of the record was moved, deleted or replaced while the run wrote it"
 
 
 @dataclass(frozen=True)
@@ -82,8 +86,9 @@ class ActiveRun:
         hooks: Hooks,
         ask: AskOperator | None,
         progress: Progress,
+        lock: int,
     ) -> None:
-        self._bench, self._plan, self._path = bench, plan, path
+        self._bench, self._plan, self._path, self._lock = bench, plan, path, lock
         self._hooks, self._progress = hooks, progress
         self._ask = self._pausing_while_asked(ask) if ask else None
         self._taker = FrameTaker(
@@ -98,14 +103,25 @@ class ActiveRun:
     def take(
         self, shots: Sequence[Shot], on_frame: OnFrame | None, *, is_resumed: bool = False
     ) -> RunOutcome:
-        """Take all frames of the run into its record; return how the run ended."""
-        with RecordWriter(self._path) as self._writer, logbook(self._writer, self._bench.clock):
+        """Take all frames of the run into its record; return how the run ended.
+
+        The record's lock is released at the end.
+        """
+        with (
+            RecordWriter(self._path, self._lock) as self._writer,
+            logbook(self._writer, self._bench.clock),
+        ):
             rows, columns = self._bench.camera.shape
             as_planned = not self._bench.file.is_real
             keeper = FrameStore(self._writer, 2 * rows * columns, as_planned, self._pause)
             self._expected = sum(shot.duration for shot in shots)
             state, message = self._take_all(shots, keeper, on_frame, is_resumed)
-            return self._verify_outcome(state, message, is_resumed)
+            if has_path(self._writer.handle, self._path):
+                outcome = self._verify_outcome(state, message, is_resumed)
+                if has_path(self._writer.handle, self._path):
+                    return outcome
+                message = outcome.message
+            return self._outcome_elsewhere(message)
 
     def _take_all(
         self, listed: Sequence[Shot], keeper: FrameStore, on_frame: OnFrame | None, again: bool
@@ -154,6 +170,8 @@ class ActiveRun:
         if self._progress.is_paused:
             self._pause("paused by the user", lambda: not self._progress.is_paused)
         keeper.wait_for_space()
+        if is_deleted(self._writer.handle):
+            raise UserError(_FILE_LOST)
         self._hooks.call("before_frame", shot)
         began, rested = self._bench.clock.now(), self._rested
         frame = self._take_with_recovery(shot, keeper)
@@ -273,6 +291,23 @@ class ActiveRun:
                 digest = self._write_state(state, message)
         return RunOutcome(
             self._path, state, missing, message, self._done, self._took, self._trouble, digest
+        )
+
+    def _outcome_elsewhere(self, message: str) -> RunOutcome:
+        """Return how a run ended whose record isn't the file on its path any more: FAILED."""
+        told = message if _FILE_LOST in message else f"{message}; {_FILE_LOST}".removeprefix("; ")
+        digest = self._write_state(State.FAILED, told)
+        try:
+            path = find_or_copy(self._writer.handle, self._path)
+            with Record(path) as record:
+                missing = record.frames_not_stored()
+            told = f"{told}. Its frames are in {path}"
+        except (OSError, UserError) as error:
+            path, missing = self._path, list(range(self._writer.frame_count))
+            told = f"{told}, and its frames could not be kept: {error}"
+        log.error("%s: %s", self._path, told)
+        return RunOutcome(
+            path, State.FAILED, missing, told, self._done, self._took, self._trouble, digest
         )
 
 

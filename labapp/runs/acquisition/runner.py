@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+import os
 import shlex
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from labapp.common.errors import UserError
@@ -22,11 +24,20 @@ from labapp.runs.bench_interface import Bench
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record
+from labapp.runs.record.writer_process import open_for_writing
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
 from optics.progress import Progress
 
-__all__ = ["OnFrame", "OnPlanned", "RunOutcome", "prepare_resume", "resume_run", "run_plan"]
+__all__ = [
+    "HeldRecord",
+    "OnFrame",
+    "OnPlanned",
+    "RunOutcome",
+    "hold_record",
+    "resume_run",
+    "run_plan",
+]
 
 log = logging.getLogger(__name__)
 
@@ -120,16 +131,42 @@ def run_plan(
         contents = build_record_contents(
             bench, plan, patterns, listed, abilities, part.raise_if_cancelled
         )
-        create_record(path, contents, force=force)
-        run = ActiveRun(bench, plan, path, patterns, hooks, ask, part)
+        lock = create_record(path, contents, force=force)
+        run = ActiveRun(bench, plan, path, patterns, hooks, ask, part, lock)
         return run.take(listed, on_frame)
+
+
+@dataclass(frozen=True)
+class HeldRecord:
+    """A record that is locked, so that nobody else resumes or replaces it.
+
+    missing: indices of the frames to be taken. lock: handle that holds the lock.
+    """
+
+    path: Path
+    missing: list[int]
+    lock: int
+
+
+@contextmanager
+def hold_record(path: Path, progress: Progress | None = None) -> Iterator[HeldRecord]:
+    """Lock a run's record to resume it, repair what follows from the rest of it, and verify it.
+
+    The frames to be taken are those that were never stored or are damaged. Raises UserError if the
+    record is being written, is of an older format, or is damaged where taking frames again doesn't
+    mend it.
+    """
+    lock = open_for_writing(path)
+    try:
+        yield HeldRecord(path, _prepare_resume(path, lock, progress), lock)
+    finally:
+        os.close(lock)
 
 
 def resume_run(
     bench: Bench,
-    path: Path,
+    record: Path | HeldRecord,
     *,
-    missing: Sequence[int] | None = None,
     progress: Progress | None = None,
     on_frame: OnFrame | None = None,
     ask: AskOperator | None = None,
@@ -143,10 +180,8 @@ def resume_run(
     ----------
     bench : Bench
         The open devices, the same as when the run began.
-    path : Path
-        File of the record.
-    missing : sequence of int, optional
-        Result of prepare_resume(), if it is known; that call reads the whole file.
+    record : Path or HeldRecord
+        File of the record, or the record that hold_record() has verified.
     progress : Progress, optional
         Reports the run's progress, and can pause or cancel it.
     on_frame : callable, optional
@@ -165,36 +200,36 @@ def resume_run(
         If the bench isn't the one that the run began on, or the record is still being written, or
         damaged where resuming can't mend it.
     """
+    if isinstance(record, Path):
+        with hold_record(record) as held:
+            return resume_run(bench, held, progress=progress, on_frame=on_frame, ask=ask)
     progress = progress or Progress()
+    path, missing = record.path, record.missing
     abilities = BenchCapabilities.of(bench)
-    missing = prepare_resume(path) if missing is None else missing
-    with Record(path) as record:
-        plan = record.plan
-        patterns = record.patterns()
+    with Record(path) as opened:
+        plan = opened.plan
+        patterns = opened.patterns()
         listed = feasible_shots(plan, abilities, str(path))
-        _require_same_bench(record, bench, listed)
-        if not missing and record.state is State.COMPLETE:
-            digest = record.closing_digest
-            return RunOutcome(path, State.COMPLETE, [], record.message, digest=digest)
+        _require_same_bench(opened, bench, listed)
+        if not missing and opened.state is State.COMPLETE:
+            digest = opened.closing_digest
+            return RunOutcome(path, State.COMPLETE, [], opened.message, digest=digest)
     left = [listed[index] for index in missing]
     require_space(path, 2 * len(left) * abilities.frame_shape[0] * abilities.frame_shape[1])
     _require_person(ask, estimate_run(left, plan, abilities).prompts)
     hooks = Hooks.of(plan, bench)
-    run = ActiveRun(bench, plan, path, patterns, hooks, ask, progress)
+    # Both handles are of the same open file, which has the lock.
+    run = ActiveRun(bench, plan, path, patterns, hooks, ask, progress, os.dup(record.lock))
     return run.take(left, on_frame, is_resumed=True)
 
 
-def prepare_resume(path: Path, progress: Progress | None = None) -> list[int]:
-    """Repair what follows from the rest of a run's record, and return the frames to be taken.
-
-    They are those that were never stored or are damaged. Raises UserError if the record is being
-    written, is of an older format, or is damaged where taking frames again doesn't mend it.
-    """
+def _prepare_resume(path: Path, lock: int, progress: Progress | None) -> list[int]:
+    """Repair a run's record that is locked, and return the frames to be taken."""
     # Imported here, because a new run needs neither.
     from labapp.runs.record.repair import repair_record
     from labapp.runs.verifying import verify
 
-    for done in repair_record(path):
+    for done in repair_record(path, lock):
         log.warning("%s: %s", path, done)
     found = verify(path, progress)
     if found.is_in_order:

@@ -9,19 +9,20 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from labapp.common.errors import UserError
+from labapp.files.write_locks import move_into_place
 
 
 @contextmanager
-def all_or_none(folder: Path, names: Sequence[str]) -> Iterator[Path]:
+def all_or_none(folder: Path, names: Sequence[str], *, force: bool) -> Iterator[Path]:
     """Yield a draft folder for a run's export; its files move to `folder` if the block succeeds.
 
-    Raises UserError, and leaves no file of the export, if the disk refuses a file or the folder.
+    Files that are there are replaced with `force` only, and never while a run writes them. Raises
+    UserError, and leaves no file of the export, if the disk refuses a file or the folder.
     """
     try:
         with _draft_folder(folder) as draft:
             yield draft
-            for name in names:
-                os.replace(draft / name, folder / name)
+            _move_all(draft, folder, names, force)
     except OSError as error:
         # NumPy's error for an incomplete write gives counts of items, but no reason.
         reason = error.strerror or "the disk took less than it was given; it may be full"
@@ -29,6 +30,19 @@ def all_or_none(folder: Path, names: Sequence[str]) -> Iterator[Path]:
             f"{folder}: cannot be written: {reason}. Nothing was exported; make space there, "
             "or choose another place."
         ) from error
+
+
+def _move_all(draft: Path, folder: Path, names: Sequence[str], force: bool) -> None:
+    """Move the files of a run's export to their folder; if one can't be moved, remove all."""
+    moved: list[Path] = []
+    try:
+        for name in names:
+            move_into_place(draft / name, folder / name, force=force)
+            moved.append(folder / name)
+    except (OSError, UserError):
+        for path in moved:
+            path.unlink()
+        raise
 
 
 @contextmanager

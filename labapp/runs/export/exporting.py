@@ -102,13 +102,13 @@ def export_frames(
         found, not_stored, damaged = record.read_back(chosen, reading)
         work = ExportJob(record, kind, found, writing)
         if found:
-            _write(work, folder)
+            _write(work, folder, force)
         return ExportResult(found, not_stored, damaged, work.bits)
 
 
-def _write(work: ExportJob, folder: Path) -> None:
+def _write(work: ExportJob, folder: Path, force: bool) -> None:
     """Write the files of a run's export, all of them or none."""
-    with all_or_none(folder, work.names) as draft:
+    with all_or_none(folder, work.names, force=force) as draft:
         WRITERS[work.kind](work, draft)
         _write_table(work, draft)
 

@@ -21,6 +21,7 @@ import labapp
 from drivers.interfaces import Identity
 from labapp.common.errors import UserError
 from labapp.files import nexus
+from labapp.files.write_locks import lock_file, move_into_place, name_draft
 from labapp.files.writing import require_writable, sync_to_disk
 from labapp.runs.record import layout, writer_process
 from labapp.runs.record.digests import structure_digest
@@ -86,27 +87,39 @@ class RecordContents:
     capabilities: Mapping[str, Any] = field(default_factory=dict)
 
 
-def create_record(path: Path, contents: RecordContents, *, force: bool = False) -> None:
+def create_record(path: Path, contents: RecordContents, *, force: bool = False) -> int:
     """Create a run's record without frames; with `force`, an existing file may be replaced.
 
     The record is written under a temporary name and renamed when it is complete, so that a
     failure leaves no partial record, and keeps an existing one. Raises UserError if the record
-    can't be written.
+    can't be written, or another process writes a file of this name.
+
+    Returns
+    -------
+    int
+        Handle of the record, for RecordWriter. It has held the lock since before the record got
+        its name, so that nobody else can write or replace it in between.
     """
     require_writable(path, force=force)
-    _remove_drafts(path)
-    draft = path.with_name(f".{path.name}.{os.getpid()}.new")
+    draft = name_draft(path)
+    handle = -1
     try:
+        handle = os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        lock_file(handle)
         with h5py.File(draft, "w", libver="latest", userblock_size=USER_BLOCK) as file:
             _fill(file, contents)
         _protect(draft)
         sync_to_disk(draft)
-        os.replace(draft, path)
+        move_into_place(draft, path, force=force)
+        created, handle = handle, -1
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error
     finally:
+        if handle >= 0:
+            os.close(handle)
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)
+    return created
 
 
 def _protect(draft: Path) -> None:
@@ -124,15 +137,6 @@ def _protect(draft: Path) -> None:
 
 def utc_timestamp() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
-def _remove_drafts(path: Path) -> None:
-    """Remove drafts of a run's record that killed processes have left behind."""
-    for draft in path.parent.glob(f".{path.name}.*.new"):
-        pid = draft.name.rpartition(".new")[0].rpartition(".")[2]
-        if pid.isdigit() and not Path("/proc", pid).exists():
-            with contextlib.suppress(OSError):
-                draft.unlink()
 
 
 def _fill(file: h5py.File, c: RecordContents) -> None:

@@ -43,7 +43,6 @@ from labapp.runs.record.place_table import (
     rebuild_table,
     write_all,
 )
-from labapp.runs.record.writer_process import open_for_writing
 from labapp.runs.steps import planned_shots
 
 Digests = Callable[[int], tuple[bytes, bytes]]
@@ -53,20 +52,17 @@ EndProof = Callable[[int, bytes], bool]
 """Returns whether so many links, of which the last is given, are those of a run that has ended."""
 
 
-def repair_record(path: Path) -> list[str]:
+def repair_record(path: Path, handle: int) -> list[str]:
     """Repair table, planned columns and links of a run's record where that is surely right.
 
-    Returns what was repaired, in words. Nothing else is changed. Raises UserError if another
-    process writes the record.
+    Returns what was repaired, in words. Nothing else is changed. `handle` is that of
+    open_for_writing().
     """
-    handle = open_for_writing(path)
     try:
         table, done = _repaired_table(path, handle)
         return [*done, *_repair_planned(handle, table, path), *_repair_links(handle, table)]
     except (TableError, KeyError):
         return []
-    finally:
-        os.close(handle)
 
 
 def _repaired_table(path: Path, handle: int) -> tuple[PlaceTable, list[str]]:

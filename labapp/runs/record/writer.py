@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import Frame, checksum
 from labapp.common.errors import UserError
+from labapp.files.write_locks import has_path
 from labapp.runs.record import digests, layout, writer_process
 from labapp.runs.record.chain import follow_frames, follow_log
 from labapp.runs.record.creation import utc_timestamp
@@ -30,12 +31,15 @@ class CorruptFrame(Exception):
 class RecordWriter:
     """Writes frames, state and log into an existing record; a context manager.
 
-    HDF5 isn't used: the table of places tells where each dataset lies. Raises UserError if another
-    process writes the record, or its table or chains are damaged.
+    HDF5 isn't used: the table of places tells where each dataset lies. `lock` is the handle of
+    create_record() or open_for_writing(), which is closed with the writer. Raises UserError if
+    another process writes the record, or its table or chains are damaged.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, lock: int | None = None) -> None:
         self.path = path
+        # Opening the file anew after an error doesn't let go of the lock.
+        self._lock = open_for_writing(path) if lock is None else lock
         self._digest_threads = ThreadPoolExecutor(2, "digest")
         self._handle = -1
         self._open()
@@ -78,6 +82,18 @@ class RecordWriter:
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
+
+    @property
+    def handle(self) -> int:
+        """Handle of the run's open record."""
+        return self._handle
+
+    @property
+    def frame_count(self) -> int:
+        return self._places["images"].shape[0]
 
     def reopen(self) -> None:
         """Reopen the run's record after a failed write, because the old handle may be unusable."""
@@ -198,7 +214,9 @@ class RecordWriter:
         )  # fmt: skip
 
     def _open(self) -> None:
-        self._handle = open_for_writing(self.path)
+        # By its path, a file is found again after a move; but the path may name another by now.
+        path = self.path if has_path(self._lock, self.path) else f"/proc/self/fd/{self._lock}"
+        self._handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
 
     def _put(self, name: str, row: int, value: Any) -> None:
         """Write a row of a dataset at its place in the file of the run's record."""

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import socket
-import stat
-import struct
 from pathlib import Path
 
 from labapp.common.errors import UserError
+from labapp.files.write_locks import open_locked
 
 
 def open_for_writing(path: Path) -> int:
     """Open a run's record for writing; return its handle, which holds the lock until it's closed.
 
-    Raises UserError if another process writes the record, or it isn't a plain file.
+    Raises UserError if another process writes the record, or it isn't a file that may be written.
     """
-    handle = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NONBLOCK)
-    if not stat.S_ISREG(os.fstat(handle).st_mode):
-        os.close(handle)
-        raise UserError(f"{path}: isn't a plain file. Give the record of a run.")
-    if not _lock(handle):
-        os.close(handle)
-        raise UserError(f"{path}: is being written by another process. Wait for it to end.")
-    return handle
+    try:
+        return open_locked(path)
+    except OSError as error:
+        raise UserError(
+            f"{path}: can't be opened for writing: {error.strerror}. Give the record of a run."
+        ) from error
 
 
 def describe_this_process() -> str:
@@ -57,14 +53,3 @@ def _start(process: str) -> str | None:
         return None
     fields = status.rpartition(")")[2].split()
     return None if fields[0] == "Z" else fields[19]
-
-
-def _lock(handle: int) -> bool:
-    # The lock belongs to the open file, not to the process. It covers one byte far beyond the
-    # file's end, so that it doesn't interfere with HDF5's own locks.
-    lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 2**62, 1, 0)
-    try:
-        fcntl.fcntl(handle, fcntl.F_OFD_SETLK, lock)
-    except OSError:
-        return False
-    return True

@@ -1,0 +1,202 @@
+"""Lock a file that is being written, and move new files to their paths only past such locks.
+
+A lock belongs to the open file, not to the process. The operating system releases it when the file
+is closed, however the process ends.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import glob
+import os
+import socket
+import stat
+import struct
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from labapp.common.errors import UserError
+
+_LOCK = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 2**62, 1, 0)
+"""The lock for writing, as fcntl(2) takes it.
+
+It covers one byte far beyond the file's end, so that it doesn't interfere with HDF5's own locks.
+"""
+
+_PATIENCE = 0.5
+"""Seconds after which a lock that nobody is known to hold counts as held. Chosen."""
+
+_PAUSE = 0.01
+"""Seconds between two looks at a lock. Chosen: longer than a file takes to be moved."""
+
+_NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
+"""Errors of file systems that know no second name for a file, such as that of memory sticks."""
+
+
+def lock_file(handle: int) -> bool:
+    """Lock an open file for writing; return whether that succeeded.
+
+    Raises OSError if the file system keeps no locks.
+    """
+    try:
+        fcntl.fcntl(handle, fcntl.F_OFD_SETLK, _LOCK)
+    except OSError as error:
+        if error.errno not in (errno.EAGAIN, errno.EACCES):
+            raise
+        return False
+    return True
+
+
+def open_locked(path: Path) -> int:
+    """Open a file for writing; return its handle, which holds the lock until it's closed.
+
+    The handle is of the file that has the path once the lock is held. Raises UserError if another
+    process writes the file, or it isn't a plain file, and OSError if it can't be opened.
+    """
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NONBLOCK)
+        try:
+            _require_plain(handle, path)
+            # Before the lock was held, another process may have put a new file there.
+            if lock_file(handle) and has_path(handle, path):
+                found, handle = handle, -1
+                return found
+        finally:
+            if handle >= 0:
+                os.close(handle)
+        require_unlocked(path)
+
+
+def require_unlocked(path: Path) -> None:
+    """Raise UserError if another process writes a file; the message says which."""
+    give_up = time.monotonic() + _PATIENCE
+    while is_locked(path):
+        # Who moves a file holds the lock for a moment; then nobody is found who has it.
+        holder = _lock_holder(path)
+        if holder is not None or time.monotonic() > give_up:
+            raise UserError(_in_use_message(path, holder))
+        time.sleep(_PAUSE)
+
+
+def is_locked(path: Path) -> bool:
+    """Return whether a process writes a file, such as a run's record."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        # This asks for the lock without taking it.
+        found = fcntl.fcntl(handle, fcntl.F_OFD_GETLK, _LOCK)
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return struct.unpack_from("h", found)[0] != fcntl.F_UNLCK
+
+
+def _require_plain(handle: int, path: Path) -> None:
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        raise UserError(f"{path}: isn't a plain file. Choose another name.")
+
+
+def has_path(handle: int, path: Path) -> bool:
+    """Return whether an open file is still the one that a path names."""
+    with suppress(FileNotFoundError):
+        return os.path.samestat(os.fstat(handle), path.stat())
+    return False
+
+
+def _in_use_message(path: Path, process: int | None) -> str:
+    if process is None:
+        who = "another user's process or one on another host (labapp verify says which)"
+    else:
+        who = f"process {process} on {socket.gethostname()}"
+    return f"{path}: is being written by {who}. Wait for it to end, or choose another name."
+
+
+def move_into_place(draft: Path, path: Path, *, force: bool) -> None:
+    """Move a complete file to its path, but never onto a file that a run writes.
+
+    Without `force`, no file is replaced at all. Raises UserError if another file is in the way.
+    """
+    while not _move_to_free_path(draft, path):
+        if not force:
+            raise UserError(f"{path}: exists already. Choose another name, or add --force.")
+        if path.is_symlink() and not path.exists():
+            os.replace(draft, path)
+            return
+        with suppress(FileNotFoundError):
+            # While its lock is held, nobody begins to write the file that goes away.
+            old = open_locked(path)
+            try:
+                os.replace(draft, path)
+            finally:
+                os.close(old)
+            return
+
+
+def _move_to_free_path(draft: Path, path: Path) -> bool:
+    """Move a file to a path that no file has; return False if one has it."""
+    try:
+        os.link(draft, path)
+    except FileExistsError:
+        return False
+    except OSError as error:
+        if error.errno not in _NO_LINKS:
+            raise
+        return _move_onto_placeholder(draft, path)
+    os.unlink(draft)
+    return True
+
+
+def _move_onto_placeholder(draft: Path, path: Path) -> bool:
+    """Move a file to a free path where the file system knows no second names."""
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC)
+    except FileExistsError:
+        return False
+    try:
+        # Somebody may have replaced the empty file already.
+        if not lock_file(handle) or not has_path(handle, path):
+            return False
+        os.replace(draft, path)
+    finally:
+        os.close(handle)
+    return True
+
+
+def name_draft(path: Path) -> Path:
+    """Return the temporary name under which this process writes a file.
+
+    Drafts that killed processes left behind are removed.
+    """
+    for draft in path.parent.glob(f".{glob.escape(path.name)}.*.new"):
+        pid = draft.name.removesuffix(".new").rpartition(".")[2]
+        # A process on another host may write it; then it has the lock.
+        if pid.isdigit() and not Path("/proc", pid).exists() and not is_locked(draft):
+            with suppress(OSError):
+                draft.unlink()
+    return path.with_name(f".{path.name}.{os.getpid()}.new")
+
+
+def _lock_holder(path: Path) -> int | None:
+    """Return the process of this user that holds a file's lock; None if it can't be found."""
+    for process in Path("/proc").iterdir():
+        # Processes end meanwhile, and those of other users tell nothing.
+        with suppress(OSError):
+            if process.name.isdigit() and _holds_lock(process, path.stat()):
+                return int(process.name)
+    return None
+
+
+def _holds_lock(process: Path, file: os.stat_result) -> bool:
+    """Return whether a process, by its folder in /proc, holds the lock of a file."""
+    for opened in (process / "fd").iterdir():
+        with suppress(OSError):
+            if not os.path.samestat(opened.stat(), file):
+                continue
+            if "OFDLCK" in (process / "fdinfo" / opened.name).read_text():
+                return True
+    return False

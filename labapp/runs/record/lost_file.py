@@ -1,0 +1,46 @@
+"""Find a record whose file was moved while a run wrote it, or keep its frames if it was deleted."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from itertools import count
+from pathlib import Path
+
+from labapp.files.write_locks import has_path
+
+_COPY_BYTES = 1 << 24
+"""Bytes that are copied at once. Chosen: little beside a record, and enough for a disk's speed."""
+
+
+def is_deleted(handle: int) -> bool:
+    """Return whether the open file of a record has no name any more.
+
+    So it is if the file was deleted, or another was put in its place.
+    """
+    return os.fstat(handle).st_nlink == 0
+
+
+def find_or_copy(handle: int, path: Path) -> Path:
+    """Return where the open file of a record is now: its path, or another after a move.
+
+    A file that was deleted or replaced is copied to a free name beside its path. Raises OSError
+    if the copy can't be written.
+    """
+    if has_path(handle, path):
+        return path
+    moved = Path(os.readlink(f"/proc/self/fd/{handle}"))
+    return moved if has_path(handle, moved) else _copy(handle, path)
+
+
+def _copy(handle: int, path: Path) -> Path:
+    """Copy the open file of a record to a free name beside its path, and return the name."""
+    for number in count(1):
+        copy = path.with_name(f"{path.stem}_rescued_{number}{path.suffix}")
+        with suppress(FileExistsError), copy.open("xb") as file:
+            while data := os.pread(handle, _COPY_BYTES, file.tell()):
+                file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+            return copy
+    raise AssertionError("one of the names is free")
