@@ -6,7 +6,7 @@ import inspect
 import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -35,6 +35,7 @@ from labapp.bench.calibration_validity import (
     wavelength_warnings,
 )
 from labapp.bench.locking import lock_devices
+from labapp.common.command_end import delay_interrupts, note_unsafe, raise_on_interrupt
 from labapp.common.errors import UserError, suggest_spelling
 from labapp.common.memory import give_back_freed_memory
 from labapp.files.bench_file import BenchFile, DeviceTable, read_bench
@@ -138,15 +139,7 @@ class Bench:
         Safe means that the SLM shows the neutral pattern, the filter is parked and the camera is
         stopped.
         """
-        failures = []
-        begun = [device.begin_make_safe() for device in self.supervised_devices.values()]
-        for finish in begun:
-            try:
-                finish()
-            except DeviceError as error:
-                log.error("%s", error)
-                failures.append(error)
-        return failures
+        return _make_safe(self.supervised_devices.values())
 
     def failed_devices(self) -> list[str]:
         """Return a message with the reason for each of the bench's devices that was given up."""
@@ -395,9 +388,22 @@ def open_devices(
         try:
             yield surroundings.clock, dict(watched)
         finally:
-            for device in watched.values():
-                with suppress(DeviceError):
-                    device.make_safe()
+            _make_safe(watched.values())
+
+
+def _make_safe(devices: Iterable[SupervisedDevice]) -> list[DeviceError]:
+    """Make devices of a bench safe at once, and return the errors of those that fail."""
+    failures = []
+    with delay_interrupts():
+        begun = [device.begin_make_safe() for device in devices]
+        for finish in begun:
+            try:
+                finish()
+            except DeviceError as error:
+                log.error("%s", error)
+                note_unsafe(str(error))
+                failures.append(error)
+    return failures
 
 
 def _surroundings(
@@ -425,7 +431,7 @@ def _open_devices(
 ) -> Iterator[tuple[Surroundings, dict[str, SupervisedDevice]]]:
     """Lock and open the bench's devices under supervision, by name, while the block runs."""
     surroundings = _surroundings(setup, tables, speed)
-    with ExitStack() as stack:
+    with raise_on_interrupt(), ExitStack() as stack:
         if surroundings.world is not None:
             stack.callback(_forget, surroundings.world)
         stack.enter_context(lock_devices(tables))

@@ -19,6 +19,14 @@ from labapp.cli import demo, runs, records, bracket_command, merge_command, cali
 from labapp.cli import psf_command, beam_command, patterns, design, refine, simulated_pictures  # noqa: F401
 from labapp.cli import reconstruct, study, train, gui  # noqa: F401
 from labapp.cli import accuracy, accuracy_hdr, plans, devices, bench, virtual_bench, guide  # noqa: F401
+from labapp.common.command_end import (
+    CANCELLED_CODE,
+    begin_command,
+    end_code,
+    flush_output,
+    print_owed_document,
+    unsafe_devices,
+)
 from labapp.common.memory import keep_freed_memory
 
 # isort: on
@@ -41,34 +49,64 @@ def build_command_line() -> Any:
 def main() -> None:
     """Run the command line of labapp on the arguments of the process.
 
-    Errors are printed in one or two lines, or with a traceback if --debug is given.
+    Errors are printed in one or two lines, or with a traceback if --debug is given. The exit code
+    is 0 only if all that was asked was done, and the bench was left safe.
     """
     debug = "--debug" in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     keep_freed_memory()
+    begin_command(arguments)
+    code, words = 0, "see standard error"
     try:
         build_command_line()(args=arguments, prog_name="labapp")
+    except SystemExit as stop:
+        code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except (Exception, KeyboardInterrupt) as error:
         if debug:
             raise
-        raise SystemExit(_report_error(error)) from None
+        code, words = _report_error(error)
+    raise SystemExit(_end_command(code, words))
 
 
-def _report_error(error: BaseException) -> int:
-    """Print a command's error for the user, and return the exit code of its kind."""
+def _end_command(code: int, words: str) -> int:
+    """Print what a command still owes, and return its exit code."""
+    for reason in unsafe_devices():
+        from labapp.common.console import print_error
+
+        print_error(f"not left safe: {reason}")
+    code = end_code(code)
+    words = "cancelled" if code == CANCELLED_CODE else words
+    try:
+        print_owed_document(words, code)
+        flush_output()
+    except BrokenPipeError:
+        _write_to_nobody()
+        return 141
+    return code
+
+
+def _report_error(error: BaseException) -> tuple[int, str]:
+    """Print a command's error for the user; return the exit code of its kind, and the words."""
     from labapp.common.console import print_error
     from optics.progress import Cancelled
 
     if isinstance(error, BrokenPipeError):
-        # The reader of the output has closed its pipe. Python would fail to flush standard output
-        # at exit, so that it is replaced by the null device.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
+        _write_to_nobody()
+        return 141, ""
     if isinstance(error, Cancelled | KeyboardInterrupt):
         print_error("cancelled")
-        return 130
-    print_error(_error_message(error))
-    return 1
+        return CANCELLED_CODE, "cancelled"
+    words = _error_message(error)
+    print_error(words)
+    return 1, words
+
+
+def _write_to_nobody() -> None:
+    """Replace standard output by the null device, because its reader has closed the pipe.
+
+    Python would fail to flush it at exit.
+    """
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _error_message(error: Any) -> str:

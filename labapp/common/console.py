@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from labapp.common.command_end import note_document, note_interrupt
 from labapp.common.plain_text import printable, printable_line
 from optics.progress import Progress
 
@@ -57,7 +58,8 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
 
 def print_json(data: Any) -> None:
     """Print data as plain JSON on the terminal's standard output, for programs to read."""
-    print(json.dumps(data, indent=2, allow_nan=False))
+    print(json.dumps(data, indent=2, allow_nan=False), flush=True)
+    note_document()
 
 
 def print_message(text: str) -> None:
@@ -116,12 +118,20 @@ def _redirect_terminal_to_null() -> None:
 @contextmanager
 def _cancel_on_signals(progress: Progress) -> Iterator[None]:
     """While the block runs, cancel the progress on Ctrl-C, SIGTERM or a closed terminal."""
+    pressed = 0
 
     def stop(number: int, frame: Any) -> None:
+        nonlocal pressed
+        pressed += 1
+        if number == signal.SIGINT:
+            note_interrupt()
         if number == signal.SIGHUP:
             _redirect_terminal_to_null()
-        elif progress.is_cancelled:
+        elif pressed == 2:
             raise KeyboardInterrupt
+        elif pressed > 2:
+            # What cleans up isn't interrupted.
+            return
         progress.cancel()
         print_message("stopping; Ctrl-C again stops at once")
 

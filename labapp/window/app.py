@@ -20,10 +20,14 @@ from labapp.window.remembered_settings import RememberedSettings, default_settin
 def main(**options: Unpack[BenchOptions]) -> int:
     """Run the window on a bench until it is closed, and return the exit status.
 
+    It is 0 only if the bench was left safe.
+
     Without a bench file, the window opens on the virtual bench.
     """
-    application, _window, _connection = open_window(**options)
-    return int(application.exec())
+    application, _window, connection = open_window(**options)
+    code = application.exec()
+    connection.close()
+    return code or int(connection.has_failed)
 
 
 def open_window(

@@ -61,6 +61,8 @@ class EngineConnection(QObject):
         super().__init__()
         self._options = options
         self._process: ChildProcess | None = None
+        self.has_failed = False
+        """Whether the engine that ended last crashed, or couldn't leave the bench safe."""
         self._notifiers: list[QSocketNotifier] = []
         self._waiting: SimpleQueue[Command | None] = SimpleQueue()
 
@@ -116,6 +118,7 @@ class EngineConnection(QObject):
             notifier.deleteLater()
         self._waiting.put(None)
         process.close()
+        self.has_failed = process.exit_code() != 0
 
     def _read(self) -> None:
         messages = self._messages()

@@ -236,10 +236,10 @@ def test_filter_and_screen_set_the_world_and_nothing_is_left(small, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "end", "slots"),
-    [("thorlabs", "eof", 6), ("starlight", "SIGTERM", 2), ("zwo", "SIGINT", 2)],
+    ("kind", "end", "slots", "code"),
+    [("thorlabs", "eof", 6, 0), ("starlight", "SIGTERM", 2, 0), ("zwo", "SIGINT", 2, 130)],
 )
-def test_wheels_turn_the_light(small, kind, end, slots):
+def test_wheels_turn_the_light(small, kind, end, slots, code):
     nm = [[480 + 20 * slot, 10] for slot in range(slots)]
     wheel = f'driver = "simulated-wheel"\noptions = {{ slots_nm = {nm} }}'
     text = small.bench.read_text()
@@ -253,7 +253,7 @@ def test_wheels_turn_the_light(small, kind, end, slots):
             served.process.stdin.close()
         else:
             served.process.send_signal(getattr(signal, end))
-        assert served.process.wait(PATIENCE) == 0
+        assert served.process.wait(PATIENCE) == code
         port = read_bench(served.bench).devices.filter.options
         place = port.get("port") or port["backend"].partition("@")[2]
         assert not Path(place).parent.exists()

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from labapp.bench.virtual_bench.command_interpreter import CommandInterpreter
+from labapp.common.command_end import note_interrupt
 from labapp.common.console import handle_stop_signals, print_message
 
 
@@ -23,6 +25,8 @@ def catch_stop_requests() -> Iterator[Callable[[], bool]]:
 
     def stop(number: int, frame: Any) -> None:
         nonlocal asked
+        if number == signal.SIGINT:
+            note_interrupt()
         if asked:
             raise KeyboardInterrupt
         asked = True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 from drivers.hosted.message_socket import MessageSocket
+from labapp.common.command_end import unsafe_devices
 from labapp.common.memory import keep_freed_memory
 from labapp.window.bench_options import BenchOptions
 from labapp.window.engine.channel import Channel
@@ -26,3 +27,5 @@ def run_engine(line: MessageSocket, options: BenchOptions) -> None:
     except (DeviceError, UserError, ValueError) as error:
         channel.send(OpeningFailed(str(error)))
         sys.exit(1)
+    # The window's process then doesn't end with 0 either.
+    sys.exit(1 if unsafe_devices() else 0)
