@@ -34,7 +34,7 @@ from labapp.bench.calibration_validity import (
     validity_warnings,
     wavelength_warnings,
 )
-from labapp.bench.locking import lock_devices
+from labapp.bench.locking import lock_devices, lock_serial_number
 from labapp.common.command_end import delay_interrupts, note_unsafe, raise_on_interrupt
 from labapp.common.errors import UserError, suggest_spelling
 from labapp.common.memory import give_back_freed_memory
@@ -444,6 +444,7 @@ def _open_devices(
                 else SupervisedDevice(name, make, simulated=table.simulated)
             )
             watched[name] = stack.enter_context(device)
+            stack.enter_context(lock_serial_number(name, table, device.identity))
         yield surroundings, watched
 
 

@@ -6,15 +6,18 @@ import os
 import select
 import shutil
 import subprocess
+import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.hosted.child_process import terminate_or_kill
+from simulator.screens.authority import authority_file, published_cookie, server_cookie
 from simulator.screens.xwd import pixels_of
 
 
@@ -114,6 +117,8 @@ class XServer:
 def running_server(command: list[str]) -> Iterator[XServer]:
     """Run an X server with virtual screens on a free display while the block lasts.
 
+    Only programs of this user can use it: they find its cookie in the user's authority file.
+
     Parameters
     ----------
     command : list of str
@@ -133,10 +138,11 @@ def running_server(command: list[str]) -> Iterator[XServer]:
     # block, ends.
     guard = ["setpriv", "--pdeathsig", "KILL", "--"] if shutil.which("setpriv") else []
     reading, writing = os.pipe()
-    with os.fdopen(reading) as told:
+    with os.fdopen(reading) as told, server_cookie(Path(tempfile.gettempdir())) as (file, cookie):
+        options = ["-displayfd", str(writing), "-auth", str(file), "-nolisten", "tcp", "-noreset"]
         try:
             server = subprocess.Popen(
-                [*guard, *command, "-displayfd", str(writing), "-nolisten", "tcp", "-noreset"],
+                [*guard, *command, *options],
                 pass_fds=[writing],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -153,9 +159,24 @@ def running_server(command: list[str]) -> Iterator[XServer]:
             if not number:
                 program = os.path.basename(command[0])
                 raise NoXServer(f"{program} didn't start. Try it by hand: {program} -displayfd 1")
-            yield XServer(f":{number}", server.pid)
+            with _published(f":{number}", cookie):
+                yield XServer(f":{number}", server.pid)
         finally:
             terminate_or_kill(server, SETTINGS.start_timeout)
+
+
+@contextmanager
+def _published(display: str, cookie: bytes) -> Iterator[None]:
+    """Let this user's programs use an X server while the block lasts; NoXServer if that fails."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(published_cookie(display, cookie))
+        except OSError as error:
+            raise NoXServer(
+                f"its cookie can't be kept in {authority_file()}: {error.strerror}. Let XAUTHORITY "
+                "name a file that you may write"
+            ) from error
+        yield
 
 
 @contextmanager

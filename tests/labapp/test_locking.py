@@ -1,22 +1,26 @@
-import fcntl
 import os
-import re
+import secrets
 import signal
+import socket
+import subprocess
 import sys
-import tempfile
 import threading
+from contextlib import contextmanager
 from datetime import date
-from pathlib import Path
 
 import forked
 import pytest
 
 import labapp.bench.opening
-from labapp.bench.locking import lock_devices
+from drivers.interfaces import Identity
+from labapp.bench import locking
+from labapp.bench.device_names import device_names
+from labapp.bench.locking import lock_devices, lock_serial_number
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
-from labapp.files.bench_file import BenchFile
+from labapp.files.bench_file import BenchFile, DeviceTable
 from labapp.files.reading import read_file
+from simulator.screens import NoXServer, xvfb
 
 PATIENCE = 60
 """Seconds after which a test that should have ended long ago is given up."""
@@ -27,7 +31,9 @@ warnings.simplefilter("error")
 from pathlib import Path
 from labapp.files.bench_file import BenchFile
 from labapp.files.reading import read_file
+from labapp.bench import locking
 from labapp.bench.locking import lock_devices
+locking._PREFIX = {prefix!r}
 with lock_devices(read_file(Path({bench!r}), BenchFile).devices.tables):
     {then}
     print("locked", flush=True)
@@ -44,13 +50,12 @@ LEAVING_SOMEBODY = (
 """Of whom it is known that they end: when the tests' end of the pipe is closed."""
 
 
-@pytest.fixture
-def locks(tmp_path, monkeypatch):
-    """The folder of locks, of this test alone."""
-    folder = tmp_path / "locks"
-    folder.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    return folder
+@pytest.fixture(autouse=True)
+def prefix(monkeypatch):
+    """What the names of the locks begin with, of this test alone."""
+    name = f"test-{secrets.token_hex(8)}"
+    monkeypatch.setattr(locking, "_PREFIX", name)
+    return name
 
 
 @pytest.fixture
@@ -86,12 +91,11 @@ def is_free(path):
 class Owner:
     """Another process, `labapp run plan.toml --fast`, that has the devices of a bench."""
 
-    def __init__(self, locks, bench, then="pass"):
+    def __init__(self, prefix, bench, then="pass"):
         self.process = forked.Popen(
-            [sys.executable, "-c", OWNER.format(bench=str(bench), then=then)],
+            [sys.executable, "-c", OWNER.format(prefix=prefix, bench=str(bench), then=then)],
             stdin=forked.PIPE,
             stdout=forked.PIPE,
-            env={**os.environ, "TMPDIR": str(locks)},
             text=True,
         )
         self.read("locked")
@@ -105,11 +109,11 @@ class Owner:
 
 
 @pytest.fixture
-def owner(locks):
+def owner(prefix):
     owners = []
 
     def begin(bench, then="pass"):
-        owners.append(Owner(locks, bench, then))
+        owners.append(Owner(prefix, bench, then))
         return owners[-1]
 
     yield begin
@@ -117,15 +121,27 @@ def owner(locks):
         one.kill()
 
 
-def test_who_comes_second_is_told_who_has_the_device(bench, owner):
+def test_who_comes_second_is_told_who_has_the_device(bench, prefix):
     path = bench(camera=ACME)
-    process = owner(path).process.pid
-    words = (
-        rf"^the camera \(acme-camera\) is in use by labapp run plan\.toml "
-        rf"\(process {process}, since \d\d:\d\d\)\. Close that first\.$"
-    )
-    with pytest.raises(UserError, match=words), locked(path):
-        pass
+    code = OWNER.format(prefix=prefix, bench=str(path), then="pass")
+    # A forked process would have the command of the one that it was forked from.
+    command = [sys.executable, "-c", code, "/usr/bin/labapp", "run", "\x1b[2Jµm.toml", "--fast"]
+    with subprocess.Popen(
+        command,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": "/nowhere"},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout.readline() == "locked\n"
+        words = (
+            r"^the camera \(acme-camera\) is in use by labapp run \?\[2Jµm\.toml "
+            rf"\(process {process.pid}\)\. Close that first\.$"
+        )
+        with pytest.raises(UserError, match=words), locked(path):
+            pass
+        process.communicate("\n\n", timeout=PATIENCE)
+    assert is_free(path)
 
 
 def test_a_bench_in_use_is_not_opened(bench, owner, small, monkeypatch):
@@ -142,7 +158,7 @@ def test_a_bench_in_use_is_not_opened(bench, owner, small, monkeypatch):
     monkeypatch.setattr(labapp.bench.opening, "installed_drivers", lambda: known)
     files = labapp.bench.opening.BenchFiles(path, small.scene)
     with (
-        pytest.raises(UserError, match=r"the camera .* is in use by labapp run"),
+        pytest.raises(UserError, match=r"the camera .* is in use by .* \(process \d+\)"),
         open_bench(files),
     ):
         pass
@@ -178,24 +194,24 @@ def test_a_process_that_its_owner_leaves_behind_does_not_keep_a_device(bench, ow
     assert is_free(path)
 
 
-def test_a_device_is_free_after_an_error(bench, locks):
+def test_a_device_is_free_after_an_error(bench):
     path = bench(camera=ACME)
     with pytest.raises(ZeroDivisionError), locked(path):
         _ = 1 / 0
     assert is_free(path)
 
 
-def test_even_one_process_opens_a_device_once(bench, locks):
+def test_even_one_process_opens_a_device_once(bench):
     path = bench(camera=ACME)
     with locked(path):
-        mine = rf"the camera .* is in use by .*\(process {os.getpid()}, "
+        mine = rf"the camera .* is in use by .*\(process {os.getpid()}\)"
         with pytest.raises(UserError, match=mine), locked(path):
             pass
         assert not is_free(path)
     assert is_free(path)
 
 
-def test_two_threads_do_not_share_a_device(bench, locks):
+def test_two_threads_do_not_share_a_device(bench):
     path, found = bench(camera=ACME), []
     with locked(path):
         thread = threading.Thread(target=lambda: found.append(is_free(path)))
@@ -204,43 +220,24 @@ def test_two_threads_do_not_share_a_device(bench, locks):
     assert found == [False]
 
 
-def test_the_last_owner_is_named_and_not_the_one_before(bench, locks, monkeypatch):
-    path = bench(camera=ACME)
-    for arguments in (["/usr/bin/labapp", "run", "a very long name.toml"], ["x"]):
-        monkeypatch.setattr(sys, "argv", arguments)
-        with locked(path):
-            name = " ".join([Path(arguments[0]).name, *arguments[1:]])
-            words = rf"in use by {re.escape(name)} \(process \d+, since \d\d:\d\d\)\. Close"
-            with pytest.raises(UserError, match=words), locked(path):
-                pass
-
-
-def test_an_owner_that_has_not_said_its_name_yet_is_another_application(bench, locks):
+def test_an_owner_that_cannot_be_asked_is_another_application(bench, monkeypatch):
     path = bench(camera=ACME)
     with locked(path):
-        pass
-    (file,) = locks.iterdir()
-    with file.open("r+") as lock:
-        lock.truncate(0)
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        monkeypatch.setattr(socket.socket, "connect", refuse)
         with pytest.raises(UserError, match="is in use by another application"), locked(path):
             pass
 
 
-@pytest.mark.parametrize("name", ["µm-plan.toml", "\udcff.toml"])
-def test_an_owner_may_have_any_name(name, bench, locks, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["labapp", "run", name])
-    path = bench(camera=ACME)
-    with locked(path):
-        assert not is_free(path)
+def refuse(*_):
+    raise ConnectionRefusedError
 
 
-def test_what_is_made_up_or_a_person_needs_no_lock(bench, owner, locks):
+def test_what_is_made_up_or_a_person_needs_no_lock(bench, owner):
     person = 'driver = "manual-targets"\noptions = { names = ["star"] }'
     path = bench(targets=person)
     owner(path)
     with locked(path), locked(path):
-        assert list(locks.iterdir()) == []
+        pass
 
 
 @pytest.mark.parametrize(
@@ -253,7 +250,7 @@ def test_what_is_made_up_or_a_person_needs_no_lock(bench, owner, locks):
         'driver = "other-camera"\noptions = { serial = "7", gain = 2 }',
     ],
 )
-def test_another_driver_or_address_is_another_device(other, bench, locks):
+def test_another_driver_or_address_is_another_device(other, bench):
     with locked(bench(camera=ACME)):
         assert is_free(bench("other", camera=other))
 
@@ -267,18 +264,18 @@ def test_another_driver_or_address_is_another_device(other, bench, locks):
         'driver = "acme-camera"\nown_process = true\noptions = { serial = "7", gain = 2 }',
     ],
 )
-def test_another_bench_with_the_same_device_waits_for_it(same, bench, locks):
+def test_another_bench_with_the_same_device_waits_for_it(same, bench):
     with locked(bench(camera=ACME)):
         assert not is_free(bench("other", camera=same))
 
 
-def test_without_an_address_other_options_are_another_device(bench, locks):
+def test_without_an_address_other_options_are_another_device(bench):
     with locked(bench(camera='driver = "acme-camera"\noptions = { channel = 1 }')):
         two = bench("other", camera='driver = "acme-camera"\noptions = { channel = 2 }')
         assert is_free(two)
 
 
-def test_devices_of_one_bench_are_locked_one_by_one(bench, locks):
+def test_devices_of_one_bench_are_locked_one_by_one(bench):
     both = bench("both", slm='driver = "acme-slm"', camera=ACME)
     only_slm, only_camera = bench("s", slm='driver = "acme-slm"'), bench("c", camera=ACME)
     with locked(both):
@@ -291,33 +288,133 @@ def test_devices_of_one_bench_are_locked_one_by_one(bench, locks):
         assert is_free(only_slm)
 
 
-def test_options_may_be_whatever_a_file_may_hold(bench, locks):
+def test_options_may_be_whatever_a_file_may_hold(bench):
     path = bench(camera='driver = "acme-camera"\noptions = { bought = 2024-06-07 }')
     assert read_file(path, BenchFile).devices.camera.options == {"bought": date(2024, 6, 7)}
     with locked(path):
         assert not is_free(path)
 
 
-def test_everybody_on_the_computer_may_lock(bench, locks):
-    before = os.umask(0o077)
-    try:
-        assert is_free(bench(camera=ACME))
-    finally:
-        os.umask(before)
-    (file,) = locks.iterdir()
-    assert file.stat().st_mode & 0o777 == 0o666
+needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root may become another user")
 
 
-def test_a_lock_that_is_no_file_is_not_written_through(bench, locks, tmp_path):
-    """In a folder for all, anybody may have put it there."""
+@needs_root
+def test_another_user_is_told_who_has_the_device_and_leaves_nothing_behind(bench, prefix):
+    """Whatever its folder for temporary files is; and its killed process locks nothing."""
     path = bench(camera=ACME)
-    assert is_free(path)
-    (file,) = locks.iterdir()
-    treasure = tmp_path / "treasure"
-    treasure.write_text("gold")
-    file.unlink()
-    file.symlink_to(treasure)
-    words = rf"the camera \(acme-camera\) can't be locked: {file}: .*Remove that file when nobody"
-    with pytest.raises(UserError, match=words), locked(path):
-        pass
-    assert treasure.read_text() == "gold"
+    with as_nobody(bench, prefix, path) as process:
+        words = rf"is in use by .*\(process {process.pid} of nobody\)\. Close that first\.$"
+        with pytest.raises(UserError, match=words), locked(path):
+            pass
+        process.kill()
+        process.wait(PATIENCE)
+        assert is_free(path)
+    with locked(path), as_nobody(bench, prefix, path, said="UserError") as process:
+        process.kill()
+
+
+@contextmanager
+def as_nobody(bench, prefix, path, said="locked"):
+    """A process of another user that locks a device, by the names that the bench file has."""
+    names = device_names(read_file(path, BenchFile).devices.camera)
+    code = (
+        "import os, sys; os.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
+        "from labapp.bench import locking\n"
+        f"locking._PREFIX = {prefix!r}\n"
+        "try:\n"
+        f"    with locking._lock({names[0]!r}, 'it'):\n"
+        "        print('locked', flush=True)\n"
+        "        sys.stdin.readline()\n"
+        "except Exception as error:\n"
+        "    print(type(error).__name__, flush=True)\n"
+    )
+    with forked.Popen(
+        [sys.executable, "-c", code], stdin=forked.PIPE, stdout=forked.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == f"{said}\n"
+        yield process
+
+
+def test_a_port_is_the_same_by_all_of_its_names_and_to_all_drivers(bench, tmp_path):
+    ours, theirs = os.openpty()
+    port = os.ttyname(theirs)
+    link = tmp_path / "link"
+    link.symlink_to(port)
+    with locked(bench(filter=f'driver = "varispec"\noptions = {{ port = "{port}" }}')):
+        for name, driver in (("link", "varispec"), ("other", "thorlabs-wheel"), ("x", "acme")):
+            table = f'driver = "{driver}"\noptions = {{ port = "{link}" }}'
+            assert not is_free(bench(name, filter=table))
+        assert is_free(bench("ours", filter='driver = "varispec"'))
+    for handle in (ours, theirs):
+        os.close(handle)
+
+
+def test_a_device_keeps_its_name_when_it_is_plugged_in_again(bench, tmp_path, monkeypatch):
+    """It is another file then, to which the link with its serial number leads."""
+    folder = tmp_path / "by-id"
+    folder.mkdir()
+    files = [tmp_path / f"ttyUSB{number}" for number in range(2)]
+    for file in files:
+        file.touch()
+    monkeypatch.setattr("labapp.bench.device_names._LINK_FOLDERS", (str(folder),))
+    link = folder / "usb-ACME_7"
+    tables = [f'driver = "varispec"\noptions = {{ port = "{file}" }}' for file in files]
+    link.symlink_to(files[0])
+    with locked(bench(filter=tables[0])):
+        assert is_free(bench("other", filter=tables[1]))
+        link.unlink()
+        link.symlink_to(files[1])
+        assert not is_free(bench("again", filter=tables[1]))
+
+
+def test_what_a_driver_opens_by_default_is_locked_by_its_name(bench):
+    with locked(bench(filter='driver = "varispec"')):
+        named = 'driver = "varispec"\noptions = { port = "/dev/ttyUSB0" }'
+        assert not is_free(bench("named", filter=named))
+    with locked(bench(camera='driver = "uvc-camera"\noptions = { device = 0 }')):
+        assert not is_free(bench("camera", camera='driver = "uvc-camera"'))
+
+
+@pytest.mark.parametrize(
+    ("ours", "others", "together"),
+    [
+        (Identity("ACME", "7", simulated=False), Identity("ACME", "7", simulated=False), False),
+        (Identity("ACME", "7", simulated=False), Identity("ACME", "8", simulated=False), True),
+        (Identity("ACME", "7", simulated=False), Identity("Other", "7", simulated=False), True),
+        (Identity("ACME", "", simulated=False), Identity("ACME", "", simulated=False), True),
+        (Identity("ACME", "7", simulated=True), Identity("ACME", "7", simulated=True), True),
+    ],
+)
+def test_a_serial_number_is_a_devices_whatever_its_address(ours, others, together):
+    table = DeviceTable(driver="acme-camera")
+
+    def both():
+        with (
+            lock_serial_number("camera", table, ours),
+            lock_serial_number("camera", table, others),
+        ):
+            return True
+
+    if together:
+        assert both()
+    else:
+        with pytest.raises(UserError, match=r"the camera \(acme-camera, ACME 7\) is in use by"):
+            both()
+
+
+def test_a_screen_is_the_same_by_all_of_its_names(bench):
+    """By its output, or by its size alone."""
+    try:
+        with xvfb(320, 200) as server:
+            both = [
+                f'driver = "screen-slm"\noptions = {{ display = "{display}", width = 320, '
+                f"height = 200, allow_primary = true, {screen} }}"
+                for display, screen in (
+                    (server.display, 'screen = "screen"'),
+                    (f"unix{server.display}.0", ""),
+                )
+            ]
+            with locked(bench(slm=both[0])):
+                assert not is_free(bench("other", slm=both[1]))
+    except NoXServer as error:
+        pytest.skip(str(error))

@@ -30,6 +30,7 @@ from labapp.common.speed import save_speed
 from labapp.window import theme
 from optics.accuracy import MachineSpeed
 from simulator.screens import NoXServer, xvfb
+from simulator.screens.authority import authority_file
 
 _INSTALL = "sudo apt-get install xvfb libegl1 libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4"
 
@@ -115,6 +116,8 @@ def display() -> Iterator[None]:
             yield
             return
         os.environ.update(DISPLAY=server.display, QT_QPA_PLATFORM="xcb")
+        # Windows whose home is another folder use the display, too.
+        os.environ["XAUTHORITY"] = str(authority_file())
         yield
         # Qt must let go of the display first; it ends the process if the display goes.
         application = QApplication.instance()
