@@ -37,6 +37,7 @@ from labapp.bench.calibration_validity import (
 from labapp.bench.locking import lock_devices, lock_serial_number
 from labapp.common.command_end import delay_interrupts, note_unsafe, raise_on_interrupt
 from labapp.common.errors import UserError, suggest_spelling
+from labapp.common.frame_delays import FrameDelays
 from labapp.common.memory import give_back_freed_memory
 from labapp.files.bench_file import BenchFile, DeviceTable, read_bench
 from labapp.files.fault_file import read_faults
@@ -93,6 +94,8 @@ class Bench:
         The same devices by name, with the methods that reopen them.
     calibration_warnings : tuple of str
         Reasons why the calibration in force may no longer hold.
+    frame_delays : FrameDelays or None
+        What frames take beyond what the devices document, once a run has measured it.
     """
 
     file: BenchFile
@@ -106,6 +109,7 @@ class Bench:
     targets: TargetChanger
     supervised_devices: Mapping[str, SupervisedDevice] = field(default_factory=dict)
     calibration_warnings: tuple[str, ...] = ()
+    frame_delays: FrameDelays | None = None
 
     @property
     def devices(self) -> dict[str, Device]:

@@ -108,6 +108,14 @@ def has_path(handle: int, path: Path) -> bool:
     return False
 
 
+def is_deleted(handle: int) -> bool:
+    """Return whether an open file has no name any more.
+
+    So it is if the file was deleted, or another was put in its place.
+    """
+    return os.fstat(handle).st_nlink == 0
+
+
 def _in_use_message(path: Path, process: int | None) -> str:
     if process is None:
         who = "another user's process or one on another host (labapp verify says which)"

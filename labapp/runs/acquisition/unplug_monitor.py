@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Mapping
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-from drivers.supervised import SupervisedDevice
+if TYPE_CHECKING:
+    from drivers.supervised import SupervisedDevice
 
 log = logging.getLogger(__name__)
 

@@ -13,14 +13,6 @@ _COPY_BYTES = 1 << 24
 """Bytes that are copied at once. Chosen: little beside a record, and enough for a disk's speed."""
 
 
-def is_deleted(handle: int) -> bool:
-    """Return whether the open file of a record has no name any more.
-
-    So it is if the file was deleted, or another was put in its place.
-    """
-    return os.fstat(handle).st_nlink == 0
-
-
 def find_or_copy(handle: int, path: Path) -> Path:
     """Return where the open file of a record is now: its path, or another after a move.
 

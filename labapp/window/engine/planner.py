@@ -95,18 +95,16 @@ class RunPlanner:
         )
         make_folder(folder)
         path = self._new_path(folder, name)
-        take = partial(run_plan, self._bench, plan, path, source=source, folder=pictures)
         run = QueuedRun(
             plan.title,
             path,
-            take,
+            partial(run_plan, self._bench, plan, path, source=source, folder=pictures),
             self._timing(listed),
             planned_frames=len(listed),
             stored_frames=0,
         )
-        if plan.has_brackets:
-            # Metering settles how many frames there are.
-            run.take = partial(take, on_planned=partial(self._replan, run))
+        # How many frames there are, and how long they take, may be measured before the first.
+        run.take = partial(run.take, on_planned=partial(self._replan, run))
         return run
 
     def _replan(self, run: QueuedRun, listed: Sequence[Shot]) -> None:

@@ -1,0 +1,33 @@
+"""The time that frames of a bench take beyond what its devices document."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FrameDelays:
+    """Measured seconds that a bench's frame takes beyond what the devices document.
+
+    They may be negative, because devices document their longest times.
+
+    Attributes
+    ----------
+    frame : float
+        Of every frame: calls of the devices, checks, and the picture's way to memory.
+    filter, slm, target : float
+        Of the first frame after a change of wavelength, pattern or target.
+    """
+
+    frame: float = 0.0
+    filter: float = 0.0
+    slm: float = 0.0
+    target: float = 0.0
+
+    def __str__(self) -> str:
+        """Return the delays of the bench's frames in words, for the log."""
+        return (
+            f"beyond what its devices document, a frame takes {self.frame * 1e3:.0f} ms, the first "
+            f"after a change of wavelength {self.filter * 1e3:.0f} ms more, of pattern "
+            f"{self.slm * 1e3:.0f} ms more"
+        )

@@ -1,0 +1,153 @@
+"""Measure how much longer a bench takes for frames than its devices document.
+
+Each call of a device takes time, and a frame has its way to memory. What that comes to depends on
+lines, computers and drivers, so it is measured with a few frames before a run on real time.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.errors import DeviceError
+from labapp.common.frame_delays import FrameDelays
+from labapp.files.plan_file import Retry
+from labapp.runs.acquisition.frame_taker import FrameTaker
+from labapp.runs.bench_interface import Bench
+from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.steps import Shot, schedule_shots
+from optics.progress import Progress
+
+log = logging.getLogger(__name__)
+
+_EXPOSURE = 0.01
+"""Seconds of the measuring frames' exposure. Chosen: short beside what a frame takes otherwise."""
+
+_NEUTRAL, _GREY = "neutral", "grey"
+
+_GREY_LEVEL = 128
+"""Grey level of the pattern that the panel changes to. Chosen: any other than neutral will do."""
+
+_BEFORE_PLAN = -1
+"""Index of the measuring frames: they come before those of the plan, and before its faults."""
+
+
+def measure_frame_delays(
+    bench: Bench, capabilities: BenchCapabilities, planned: Sequence[Shot], progress: Progress
+) -> BenchCapabilities:
+    """Measure the delays of a bench's frames, once; return its capabilities with them.
+
+    On a virtual bench, a frame takes just the time that its devices document, and nothing is
+    measured. A device that fails is named in the log, and its run will tell. Nothing is stored.
+
+    Parameters
+    ----------
+    bench : Bench
+        The open devices. Afterwards the SLM is neutral again, and the filter isn't parked.
+    capabilities : BenchCapabilities
+        What the bench can do.
+    planned : sequence of Shot
+        The frames of the run, one at least, whose wavelengths are tried.
+    progress : Progress
+        Can cancel the measurement.
+
+    Returns
+    -------
+    BenchCapabilities
+        The same with delays.
+
+    Raises
+    ------
+    Cancelled
+        If the progress was cancelled.
+    """
+    if not bench.file.is_real:
+        return capabilities
+    if bench.frame_delays is None:
+        try:
+            with bench.cancellable_by(lambda: progress.is_cancelled):
+                bench.frame_delays = _measure(bench, capabilities, planned, progress)
+        except DeviceError as error:
+            progress.raise_if_cancelled()
+            log.warning("how long frames take could not be measured: %s", error)
+            return capabilities
+        log.info("%s", bench.frame_delays)
+    return replace(capabilities, delays=bench.frame_delays)
+
+
+def _measure(
+    bench: Bench, capabilities: BenchCapabilities, planned: Sequence[Shot], progress: Progress
+) -> FrameDelays:
+    """Take frames on the bench before its run, and compare their times with the documented ones."""
+    rows, columns = capabilities.panel_shape
+    patterns = {
+        name: np.full((rows, columns), grey, np.uint8)
+        for name, grey in ((_NEUTRAL, 0), (_GREY, _GREY_LEVEL))
+    }
+    taker = FrameTaker(
+        bench, patterns, 0, Retry(attempts=1), None, progress, lambda: progress.is_cancelled
+    )
+    shots = schedule_shots(
+        _shots(bench, capabilities, planned), replace(capabilities, delays=FrameDelays())
+    )
+    excess = []
+    for shot in shots:
+        began = bench.clock.now()
+        taker.take(shot, lambda *_: None)
+        excess.append(bench.clock.now() - began - shot.duration)
+    # The first two bring all devices to a known state, and load what is loaded once. The last
+    # leaves the panel neutral. Between them, each change has two frames.
+    changed, same = excess[2:-1:2], excess[3:-1:2]
+    frame = sum(same) / len(same)
+    tuned, shown, *placed = (one - frame for one in changed)
+    return FrameDelays(frame=frame, filter=tuned, slm=shown, target=placed[0] if placed else 0.0)
+
+
+def _shots(
+    bench: Bench, capabilities: BenchCapabilities, planned: Sequence[Shot]
+) -> Sequence[Shot]:
+    """Return the frames that measure a bench's delays before its run.
+
+    They are two of one setting each: the first, another wavelength, another pattern, and another
+    target unless a person places it; at the end, the first target and the neutral pattern again.
+    """
+    low, high = capabilities.exposure_range
+    colours = [*dict.fromkeys((shot.slot, shot.wavelength) for shot in planned)]
+    # The filter changes in any case, as it may in a later run.
+    colours += [colour for colour in _ends(capabilities) if colour != colours[0]]
+    # A wheel may have a single slot.
+    first, second = (colours * 2)[:2]
+    here = bench.targets.current_target
+    others = [name for name in bench.targets.names if name != here and not bench.targets.by_hand]
+    settings = [
+        *[(first, _NEUTRAL, here)] * 2,
+        *[(second, _NEUTRAL, here)] * 2,
+        *[(second, _GREY, here)] * 2,
+        *[(second, _GREY, other) for other in others[:1]] * 2,
+        (second, _NEUTRAL, here),
+    ]
+    return [
+        Shot(
+            index=_BEFORE_PLAN,
+            step=0,
+            repeat=0,
+            # Without a name, nobody is asked to place it.
+            target="",
+            pattern=pattern,
+            wavelength=wavelength,
+            exposure=min(max(_EXPOSURE, low), high),
+            place=place,
+            slot=slot,
+        )
+        for (slot, wavelength), pattern, place in settings
+    ]
+
+
+def _ends(capabilities: BenchCapabilities) -> list[tuple[int, float]]:
+    """Return two wavelengths of the bench's filter, each with the slot of a wheel, otherwise 0."""
+    if capabilities.slots:
+        return [(slot, capabilities.slots[slot - 1]) for slot in (1, len(capabilities.slots))]
+    return [(0, wavelength) for wavelength in capabilities.wavelength_range]
