@@ -1,44 +1,49 @@
-"""The bar at the top of the window: buttons for the actions, and the simulation badge."""
+"""The top of the window: menus beside the simulation badge, and buttons for the actions."""
 
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QToolButton, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QToolButton, QVBoxLayout, QWidget
 
+from labapp.window.flow_layout import FlowLayout
+from labapp.window.menus import MenuBar
 from labapp.window.simulation_badge import SimulationBadge
-from labapp.window.widgets import make_tool_button
+from labapp.window.widgets import fill_layout, make_tool_button
 
-_GROUPS = (
+TOOL_GROUPS = (
     ("live",),
     ("acquire", "pause", "cancel"),
     ("reconstruct",),
     ("contrast", "marks"),
     ("why", "reset"),
 )
+"""Names of the actions that have a button in the bar, in groups with some room between them."""
 
 
 class ActionBar(QWidget):
-    """Show the window's action buttons and the simulation badge, which must never be hidden.
+    """Show the window's menus, its action buttons and the badge, which must never be hidden.
 
     It is no QToolBar: a person can hide a QToolBar, and it hides the buttons that don't fit.
+    Buttons that don't fit beside the others go to a second row.
     """
 
     def __init__(self, actions: dict[str, QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self.menus = MenuBar(actions, self)
         self.badge = SimulationBadge(self)
         self.buttons: dict[str, QToolButton] = {}
-        layout = QHBoxLayout(self)
-        layout.setContentsMargins(6, 5, 6, 5)
-        layout.setSpacing(4)
-        for group in _GROUPS:
+        flow = FlowLayout(spacing=4)
+        flow.setContentsMargins(6, 2, 6, 4)
+        for group in TOOL_GROUPS:
             for name in group:
                 button = make_tool_button(self, actions[name])
                 button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
                 self.buttons[name] = button
-                layout.addWidget(button)
-            line = QFrame(self)
-            line.setFixedWidth(6)
-            layout.addWidget(line)
-        layout.addStretch(1)
-        layout.addWidget(self.badge)
+                flow.addWidget(button)
+            room = QFrame(self)
+            room.setFixedWidth(4)
+            flow.addWidget(room)
+        first = fill_layout(QHBoxLayout(), (self.menus, 1), self.badge)
+        first.setContentsMargins(0, 3, 6, 0)
+        fill_layout(QVBoxLayout(self), first, flow, spacing=2)

@@ -1,4 +1,7 @@
-"""The window's actions, declared once; the bar, the buttons and the shortcuts use the same ones."""
+"""The window's actions, declared once; menus, buttons and shortcuts use the same ones.
+
+Menus show an action's text and its shortcut; buttons show both as the action's icon text.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,9 @@ ACTION_SPECS = (
     ActionSpec("why", "Why", "W", "What the simulator does and why, or the queue", checkable=True),
     ActionSpec("help", "Help", "F1", "Read the guide: how to do things, and how they work"),
     ActionSpec("reset", "Reset layout", "", "Put every panel back where it was"),
+    ActionSpec("quit", "Quit", "Ctrl+Q", "Close the window, and leave the bench safe"),
 )
+"""The window's actions. Each has a place in labapp.window.menus, and many a button, too."""
 
 
 def make_actions(window: QMainWindow) -> dict[str, QAction]:
@@ -44,8 +49,11 @@ def make_actions(window: QMainWindow) -> dict[str, QAction]:
 
 
 def retitle(action: QAction, text: str) -> None:
-    """Change the text of a window's action; its shortcut stays."""
-    action.setText(_with_shortcut(text, action.shortcut().toString()))
+    """Change the text of a window's action, in menus and on buttons; its shortcut stays."""
+    key = action.shortcut().toString()
+    action.setText(text)
+    # Combinations of keys are long; menus and tips have them.
+    action.setIconText(_with_shortcut(text, "" if "+" in key else key))
 
 
 def _with_shortcut(text: str, key: str) -> str:
@@ -53,10 +61,10 @@ def _with_shortcut(text: str, key: str) -> str:
 
 
 def _make(declared: ActionSpec, window: QMainWindow) -> QAction:
-    text = _with_shortcut(declared.text, declared.shortcut)
-    action = QAction(text, window, checkable=declared.checkable)
+    action = QAction(window, checkable=declared.checkable)
     action.setObjectName(declared.name)
-    action.setToolTip(_with_shortcut(declared.tip, declared.shortcut and f"({declared.shortcut})"))
     if declared.shortcut:
         action.setShortcut(QKeySequence(declared.shortcut))
+    retitle(action, declared.text)
+    action.setToolTip(_with_shortcut(declared.tip, declared.shortcut and f"({declared.shortcut})"))
     return action

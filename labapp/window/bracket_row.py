@@ -8,6 +8,9 @@ from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QGridLayout, QSpinBox, 
 from labapp.window.exposure_bracket import ExposureBracket, RequestedBracket, SNRBracket
 from labapp.window.widgets import make_label
 
+_LEAST_WIDTH = 86
+"""Least width of a field in pixels: "1000.000 ms" fits. Chosen."""
+
 
 class BracketRow(QObject):
     """Fill two rows of a grid: a bracket's fields, and below them its exposure times."""
@@ -37,6 +40,9 @@ class BracketRow(QObject):
         self.decades.setToolTip("Depth of the range below the brightest pixels")
         self.chosen = QCheckBox("chosen", parent)
         self.chosen.setToolTip("The run meters the light, and chooses exposures for a ratio in dB")
+        for one in (self.shortest, self.ratio, self.snr, self.decades):
+            # Values of everyday use fit; Qt would leave room for the largest ones.
+            one.setMinimumWidth(_LEAST_WIDTH)
         self.exposures_label = make_label(parent, look="faint", wrap=True)
         # No higher than the label beside it, or the window outgrows a small screen.
         self.chosen.setMaximumHeight(self.exposures_label.fontMetrics().height())

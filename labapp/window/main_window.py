@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QByteArray, QSize, Qt
+from PySide6.QtCore import QByteArray, QRect, QSize, Qt
 from PySide6.QtGui import QCloseEvent, QKeyEvent
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
@@ -20,10 +20,12 @@ from labapp.window.accuracy_view import AccuracyView
 from labapp.window.action_bar import ActionBar
 from labapp.window.actions import make_actions
 from labapp.window.device_list import DeviceList
+from labapp.window.dock_scroll import DockScroll
 from labapp.window.effects_panel import EffectsPanel
 from labapp.window.engine_connection import EngineConnection
 from labapp.window.help_window import HelpWindow
 from labapp.window.live_view import LiveView
+from labapp.window.log_panel import LogPanel
 from labapp.window.message_line import MessageLine
 from labapp.window.pattern_panel import PatternPanel
 from labapp.window.prompt_bar import PromptBar
@@ -31,14 +33,22 @@ from labapp.window.queue_panel import QueuePanel
 from labapp.window.reconstruction_view import ReconstructionView
 from labapp.window.remembered_settings import RememberedSettings
 from labapp.window.run_panel import RunPanel
+from labapp.window.scrolled_tabs import ScrolledTabs
 from labapp.window.session import Session
 from labapp.window.settings_panel import SettingsPanel
 from labapp.window.side_by_side import SideBySide
 from labapp.window.widgets import fill_layout, make_tool_button
 
 _SIZE = QSize(1600, 900)
+"""Size of the window on a screen that has room for more. Chosen."""
 
-_LAYOUT_VERSION = 3
+_LEFT_WIDTH, _RIGHT_WIDTH = 270, 370
+"""Widths of the docks at the window's sides in pixels. Chosen: the picture has the rest."""
+
+_SHORT_DOCKS = ("Devices", "Settings", "Bracket and run")
+"""Docks without a list or a picture: they take the height that they need, and no more."""
+
+_LAYOUT_VERSION = 4
 """Version of the docks' layout. Qt ignores a saved layout of another version."""
 
 _INPUT_WIDGETS = (QAbstractSpinBox, QComboBox, QLineEdit)
@@ -58,12 +68,12 @@ class MainWindow(QMainWindow):
         self.live_view = LiveView(self)
         self.reconstruction = ReconstructionView(self.actions_["reconstruct"], self)
         self.side_by_side = SideBySide(self)
-        self.tabs = QTabWidget(self)
-        self.tabs.addTab(self.live_view, "Live")
-        self.tabs.addTab(self.reconstruction, "Reconstruction")
-        self.tabs.addTab(self.side_by_side, "Side by side")
         self.accuracy = AccuracyView(self)
-        self.tabs.addTab(self.accuracy, "Accuracy")
+        self.tabs = ScrolledTabs(self)
+        self.tabs.addTab(self.live_view, "Live")
+        self.tabs.add_scrolled_tab(self.reconstruction, "Reconstruction")
+        self.tabs.add_scrolled_tab(self.side_by_side, "Side by side")
+        self.tabs.add_scrolled_tab(self.accuracy, "Accuracy")
         self.prompt_bar = PromptBar(self.actions_["pause"], self)
         central = QWidget(self)
         fill_layout(QVBoxLayout(central), self.prompt_bar, (self.tabs, 1), spacing=4)
@@ -75,25 +85,33 @@ class MainWindow(QMainWindow):
         files = [self.actions_[name] for name in ("plan", "resume", "open")]
         self.queue = QueuePanel(files, self)
         self.effects = EffectsPanel(self)
-        self._dock("Devices", self.devices, Qt.DockWidgetArea.LeftDockWidgetArea)
-        self._dock("Pattern", self.pattern, Qt.DockWidgetArea.LeftDockWidgetArea)
-        self._dock("Settings", self.settings, Qt.DockWidgetArea.RightDockWidgetArea)
-        self._dock("Bracket and run", self.run, Qt.DockWidgetArea.RightDockWidgetArea)
-        self._queue_dock = self._dock("Queue", self.queue, Qt.DockWidgetArea.RightDockWidgetArea)
-        self._why_dock = self._dock("Why", self.effects, Qt.DockWidgetArea.RightDockWidgetArea)
+        self.log = LogPanel(self)
+        self.docks: dict[str, QDockWidget] = {}
+        left, right = Qt.DockWidgetArea.LeftDockWidgetArea, Qt.DockWidgetArea.RightDockWidgetArea
+        self._dock("Devices", self.devices, left)
+        self._dock("Pattern", self.pattern, left)
+        self._dock("Settings", self.settings, right)
+        self._dock("Bracket and run", self.run, right)
+        self._queue_dock = self._dock("Queue", self.queue, right)
+        self._why_dock = self._dock("Why", self.effects, right)
+        self._log_dock = self._dock("Log", self.log, right)
+        self._list_docks()
         self.message = MessageLine(self)
+        self.message.said.connect(self.log.add_message)
+        self.message.log_requested.connect(lambda: _bring_to_front(self._log_dock))
         self.statusBar().setSizeGripEnabled(False)
         self.statusBar().addWidget(self.message, 1)
         # Help stands beside the message, since the bar at the top already fills a small screen.
         self.help_button = make_tool_button(self, self.actions_["help"])
         self.statusBar().addPermanentWidget(self.help_button)
-        self.resize(_SIZE)
+        self._fit_to_screen()
         self._tab_docks()
         self._arrange_docks()
         self._first_layout = self.saveState(_LAYOUT_VERSION)
         self.actions_["reset"].triggered.connect(self._reset_layout)
         self.help: HelpWindow | None = None
         self.actions_["help"].triggered.connect(self._show_help)
+        self.actions_["quit"].triggered.connect(self.close)
         self.session = Session(self, connection)
         self._restore()
 
@@ -129,7 +147,7 @@ class MainWindow(QMainWindow):
 
     def show_queue(self) -> None:
         """Show the window's tab of the run queue, which shares its place with "Why"."""
-        self._queue_dock.raise_()
+        _bring_to_front(self._queue_dock)
 
     def _show_help(self) -> None:
         """Show the help window, which is created once and then keeps its page and its place."""
@@ -139,23 +157,28 @@ class MainWindow(QMainWindow):
         self.help.raise_()
         self.help.activateWindow()
 
-    def _dock(self, title: str, widget: QWidget, area: Qt.DockWidgetArea) -> QDockWidget:
-        dock = QDockWidget(title, self)
+    def _dock(self, title: str, panel: QWidget, area: Qt.DockWidgetArea) -> QDockWidget:
+        self.docks[title] = dock = QDockWidget(title, self)
         dock.setObjectName(title)
-        feature = QDockWidget.DockWidgetFeature
-        dock.setFeatures(feature.DockWidgetMovable | feature.DockWidgetFloatable)
-        dock.setWidget(widget)
+        dock.setWidget(DockScroll(panel, dock, whole=title in _SHORT_DOCKS))
         self.addDockWidget(area, dock)
         return dock
 
+    def _list_docks(self) -> None:
+        """List the docks in the window's menu, so that a closed one can be opened again."""
+        panels = self.bar.menus.menus["View"].addMenu("&Panels")
+        for dock in self.docks.values():
+            panels.addAction(dock.toggleViewAction())
+
     def _tab_docks(self) -> None:
-        """Put the window's docks "Queue" and "Why" into one place as tabs; both are tall.
+        """Put the window's docks "Queue", "Why" and "Log" into one place as tabs; all are tall.
 
         A person reads only one of them at a time.
         """
         right = Qt.DockWidgetArea.RightDockWidgetArea
         self.setTabPosition(right, QTabWidget.TabPosition.North)
         self.tabifyDockWidget(self._queue_dock, self._why_dock)
+        self.tabifyDockWidget(self._why_dock, self._log_dock)
         self._queue_dock.raise_()
         self.actions_["why"].triggered.connect(self._turn_tab)
         # The connection is queued, because the dock's visible region is known only later.
@@ -164,26 +187,34 @@ class MainWindow(QMainWindow):
             moved.connect(self._mark_why, later)
 
     def _turn_tab(self, on: bool) -> None:
-        (self._why_dock if on else self._queue_dock).raise_()
+        _bring_to_front(self._why_dock if on else self._queue_dock)
         self._mark_why()
 
     def _mark_why(self) -> None:
         """Check the window's action "Why" as long as its dock is visible, in a tab or alone."""
         self.actions_["why"].setChecked(not self._why_dock.visibleRegion().isEmpty())
 
+    def _fit_to_screen(self) -> None:
+        """Give the window its first size, and the whole of a screen that is smaller than that."""
+        room = self.screen().availableGeometry()
+        self.setGeometry(QRect(room.topLeft(), _SIZE.boundedTo(room.size())))
+        if room.width() <= _SIZE.width() or room.height() <= _SIZE.height():
+            self.setWindowState(self.windowState() | Qt.WindowState.WindowMaximized)
+
     def _arrange_docks(self) -> None:
-        docks = self.findChildren(QDockWidget)
+        docks = list(self.docks.values())
         left = Qt.DockWidgetArea.LeftDockWidgetArea
-        widths = [310 if self.dockWidgetArea(dock) == left else 370 for dock in docks]
+        widths = [
+            _LEFT_WIDTH if self.dockWidgetArea(dock) == left else _RIGHT_WIDTH for dock in docks
+        ]
         self.resizeDocks(docks, widths, Qt.Orientation.Horizontal)
-        # Docks with a list or a picture take the height that the others leave.
-        tall = (self.pattern, self.queue, self.effects)
-        short = [dock for dock in docks if dock.widget() not in tall]
+        # Lists and pictures share the height that the others leave.
+        short = [self.docks[title] for title in _SHORT_DOCKS]
         self.resizeDocks(short, [1] * len(short), Qt.Orientation.Vertical)
 
     def _reset_layout(self) -> None:
         self.restoreState(self._first_layout, _LAYOUT_VERSION)
-        self.resize(_SIZE.boundedTo(self.screen().availableSize()))
+        self._fit_to_screen()
         self._arrange_docks()
 
     def _question(self) -> str:
@@ -241,3 +272,9 @@ class MainWindow(QMainWindow):
         self._remembered.put("geometry", self.saveGeometry())
         self._remembered.put("layout", self.saveState(_LAYOUT_VERSION))
         self._remembered.save()
+
+
+def _bring_to_front(dock: QDockWidget) -> None:
+    """Show a dock of the window, also where it was closed or is behind another tab."""
+    dock.show()
+    dock.raise_()

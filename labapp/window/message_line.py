@@ -1,4 +1,4 @@
-"""The message line at the bottom of the window, where an error stays until it is clicked."""
+"""The message line at the bottom of the window: what happens, and beside it the last error."""
 
 from __future__ import annotations
 
@@ -6,64 +6,78 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QSizePolicy, QWidget
 
+from labapp.window.elided_label import ElidedLabel
 from labapp.window.theme import ALARM, ALARM_TEXT, FAINT, PANEL
-from labapp.window.widgets import fill_layout, make_label, plain_tip
+from labapp.window.widgets import fill_layout
+
+ERROR_SIGN = "✖"
+"""Stands before an error, so that it isn't told by its colour alone."""
 
 
 class MessageLine(QWidget):
-    """Show messages and errors at the bottom of the window.
+    """Show the last message, and beside it the last error until the person acknowledges it.
 
-    `restart_requested` is emitted when the person wants a new engine.
+    A message is never hidden by an error. `said` is emitted with every text, and whether it is an
+    error. `restart_requested` is emitted when the person wants a new engine, `log_requested` when
+    the person wants to read all messages.
     """
 
+    said = Signal(str, bool)
     restart_requested = Signal()
+    log_requested = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("messageLine")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-        self._label = make_label(self, wrap=True)
-        self._label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+        self._message = ElidedLabel(self, lines=2)
+        self._error = ElidedLabel(self, lines=2)
+        self._error.setObjectName("error")
+        for label in (self._message, self._error):
+            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         # The line always has the height of two, so that nothing moves when an error comes.
-        self.setFixedHeight(2 * self.fontMetrics().lineSpacing() + 12)
-        self._hint = make_label(self, "click to acknowledge")
+        self.setFixedHeight(2 * self.fontMetrics().lineSpacing() + 10)
+        self.accept = QPushButton("Acknowledge", self)
+        self.accept.setToolTip("Take the error off this line; the log keeps it")
         self.restart = QPushButton("Restart engine", self)
+        self.accept.clicked.connect(self.acknowledge)
         self.restart.clicked.connect(self.restart_requested)
         self._errors = 0
-        self._said = ""
-        parts = (self._label, 1), self._hint, self.restart
-        fill_layout(QHBoxLayout(self), *parts, margins=(10, 2, 10, 2))
+        parts = (self._error, 3), self.accept, self.restart, (self._message, 2)
+        fill_layout(QHBoxLayout(self), *parts, margins=(10, 1, 10, 1))
         self.restart.hide()
         self._paint()
 
     @property
     def text(self) -> str:
-        return self._label.text()
+        """Return the error that stands, or else the last message of the window."""
+        return self._last_error if self.is_error else self.message
+
+    @property
+    def message(self) -> str:
+        return self._message.text()
 
     @property
     def is_error(self) -> bool:
         return self._errors > 0
 
     def show_message(self, text: str) -> None:
-        """Show a message in the window, or keep it until a standing error is acknowledged."""
-        self._said = text
-        if not self.is_error:
-            self._label.setText(text)
+        self._message.setText(text)
+        self.said.emit(text, False)
 
     def show_error(self, text: str, *, restart: bool = False) -> None:
-        """Show an error in the window until it is clicked; `restart` offers a new engine."""
+        """Show an error in the window until it is acknowledged; `restart` offers a new engine."""
         self._errors += 1
-        more = f"  (and {self._errors - 1} before it)" if self._errors > 1 else ""
-        self._label.setText(text + more)
-        self._label.setToolTip(plain_tip(text))
+        before = f"({self._errors - 1} before it: see the log)  " if self._errors > 1 else ""
+        self._last_error = text
+        self._error.setText(f"{ERROR_SIGN} {before}{text}")
         if restart:
             self.restart.show()
         self._paint()
+        self.said.emit(text, True)
 
     def acknowledge(self) -> None:
         self._errors = 0
-        self._label.setText(self._said)
-        self._label.setToolTip("")
         self._paint()
 
     def clear_engine_failure(self) -> None:
@@ -71,14 +85,18 @@ class MessageLine(QWidget):
         self.acknowledge()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Acknowledge an error that is clicked; without one, ask for the log."""
         if self.is_error:
             self.acknowledge()
+        else:
+            self.log_requested.emit()
 
     def _paint(self) -> None:
-        colours = (ALARM, ALARM_TEXT) if self.is_error else (PANEL, FAINT)
-        self._hint.setVisible(self.is_error)
-        weight = "bold" if self.is_error else "normal"
+        for one in (self._error, self.accept):
+            one.setVisible(self.is_error)
+        background = ALARM if self.is_error else PANEL
         self.setStyleSheet(
-            f"QWidget#messageLine {{ background: {colours[0]}; }}"
-            f"QLabel {{ color: {colours[1]}; font-weight: {weight}; }}"
+            f"QWidget#messageLine {{ background: {background}; }}"
+            f"QLabel {{ color: {ALARM_TEXT if self.is_error else FAINT}; }}"
+            "QLabel#error { font-weight: bold; }"
         )

@@ -24,8 +24,8 @@ class PatternPanel(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.form = PatternForm(self)
-        self.grey = Thumbnail(QSize(288, 162), self)
-        self.psf = Thumbnail(QSize(150, 150), self)
+        self.grey = Thumbnail(QSize(144, 81), self)
+        self.psf = Thumbnail(QSize(75, 75), self)
         self.note = make_label(self, look="faint", wrap=True)
         self.displayed_label = make_label(self, "On the SLM: –", look="shown", wrap=True)
         self.show_button = QPushButton("Show on SLM", self)
@@ -37,7 +37,8 @@ class PatternPanel(QWidget):
         self.form.changed.connect(self.schedule_preview)
         self.show_button.clicked.connect(lambda: self.show_requested.emit(self.pattern_table()))
         below = fill_layout(QHBoxLayout(), (self.psf, 1), (self.note, 1))
-        parts = self.form, (self.grey, 1), (below, 1), self.show_button, self.displayed_label
+        # On a small screen, the pictures are what is out of sight, and not the button.
+        parts = self.form, self.show_button, self.displayed_label, (self.grey, 1), (below, 1)
         fill_layout(QVBoxLayout(self), *parts, margins=PANEL_MARGINS, spacing=5)
 
     def pattern_table(self) -> PatternTable:

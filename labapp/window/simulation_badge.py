@@ -29,5 +29,5 @@ class SimulationBadge(QLabel):
         self.setText(text)
         self.setStyleSheet(
             f"background: {background}; color: {colour}; border: 1px solid {EDGE};"
-            "border-radius: 3px; padding: 4px 10px; font-weight: bold;"
+            "border-radius: 3px; padding: 2px 10px; font-weight: bold;"
         )

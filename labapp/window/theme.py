@@ -58,6 +58,7 @@ QDockWidget::title {{ background: {BACKGROUND}; padding: 3px 6px; }}
 QDockWidget > QWidget {{ background: {PANEL}; }}
 QMainWindow::separator {{ background: {BACKGROUND}; width: 4px; height: 4px; }}
 QTabWidget::pane {{ border: 0; }}
+QScrollArea {{ background: transparent; }}
 QTabBar::tab {{ background: {BACKGROUND}; color: {FAINT}; padding: 5px 14px;
   border-bottom: 2px solid {BACKGROUND}; }}
 QTabBar::tab:selected {{ color: {TEXT}; border-bottom-color: {ACCENT}; }}
@@ -86,6 +87,12 @@ QLabel#caption {{ background: rgba(0, 0, 0, 170); color: {TEXT}; font-family: mo
 QLabel#readings {{ font-family: monospace; color: {TEXT}; padding: 1px 4px; }}
 QStatusBar {{ background: {PANEL}; }}
 QStatusBar::item {{ border: 0; }}
+QMenuBar, QMenu {{ background: {PANEL}; color: {TEXT}; }}
+QMenuBar::item {{ padding: 3px 9px; }}
+QMenu {{ border: 1px solid {EDGE}; }}
+QMenu::separator {{ height: 1px; background: {EDGE}; margin: 3px 6px; }}
+QMenuBar::item:selected, QMenu::item:selected {{ background: #3a2f1c; color: #f0d9ae; }}
+QMenu::item:disabled {{ color: #5a5852; }}
 QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {EDGE}; }}
 """
 

@@ -15,13 +15,16 @@ PSF_DECADES = 4
 
 
 class Thumbnail(QWidget):
-    """Show a grey picture, (rows, columns) uint8, as large as its place in the window allows."""
+    """Show a grey picture, (rows, columns) uint8, as large as its place in the window allows.
+
+    `size` is the least size.
+    """
 
     def __init__(self, size: QSize, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._size = size
         self._image: QImage | None = None
-        self.setMinimumSize(size / 2)
+        self.setMinimumSize(size)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
 
     def sizeHint(self) -> QSize:

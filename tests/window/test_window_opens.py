@@ -43,7 +43,7 @@ def test_every_device_is_listed_as_simulated(bench):
 
 def test_everything_fits_a_small_screen(bench):
     needed = bench.window.minimumSizeHint()
-    assert needed.boundedTo(QSize(1366, 740)) == needed
+    assert needed.boundedTo(QSize(1280, 690)) == needed
 
 
 def test_a_picture_is_on_the_screen(bench, person):

@@ -127,7 +127,7 @@ def test_a_picture_of_the_right_size_is_shown(bench, person, tmp_path):
 
 
 def test_reset_layout_brings_panels_back(bench, person):
-    dock = bench.window.pattern.parentWidget()
+    dock = bench.window.docks["Pattern"]
     dock.setFloating(True)
     person.clicks(bench.window.bar.buttons["reset"])
     assert not dock.isFloating()

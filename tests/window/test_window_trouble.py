@@ -62,9 +62,23 @@ def test_an_error_stays_until_it_is_clicked(bench, person):
     message.show_message("all is well")
     message.show_error("The filter wheel is silent. Check its cable.")
     message.show_message("more news")
+    # The error stays, and hides nothing.
     assert message.text == "The filter wheel is silent. Check its cable."
-    person.clicks(message)
+    assert message.message == "more news"
+    person.clicks(message.accept)
     assert message.text == "more news"
+    assert not message.accept.isVisible()
+    # The log keeps all of them in their order, and tells an error by its sign.
+    last = [line.split(maxsplit=1)[1] for line in bench.window.log.lines[-3:]]
+    assert last == [
+        "· all is well",
+        "✖ The filter wheel is silent. Check its cable.",
+        "· more news",
+    ]
+    bench.window.log.errors_only.setChecked(True)
+    assert all("✖" in line for line in bench.window.log.lines)
+    bench.window.log.errors_only.setChecked(False)
+    assert bench.window.log.lines[-1].endswith("more news")
 
 
 def test_closing_the_window_ends_the_engine(own_bench):
