@@ -71,6 +71,12 @@ class EngineConnection(QObject):
         return self._process is not None
 
     @property
+    def bench_name(self) -> str:
+        """Return the path of the bench's file, by which the window keeps its runs apart."""
+        file = self._options.get("bench")
+        return str(file.absolute()) if file else "virtual bench"
+
+    @property
     def process_id(self) -> int:
         """Return the process id of the window's engine; 0 if there is none."""
         return self._process.pid if self._process else 0

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QByteArray, QRect, QSize, Qt
-from PySide6.QtGui import QCloseEvent, QKeyEvent
+from pathlib import Path
+
+from PySide6.QtCore import QByteArray, QRect, QSize, Qt, QTimer
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QMoveEvent, QResizeEvent
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
     QComboBox,
@@ -24,6 +26,7 @@ from labapp.window.dock_scroll import DockScroll
 from labapp.window.effects_panel import EffectsPanel
 from labapp.window.engine_connection import EngineConnection
 from labapp.window.help_window import HelpWindow
+from labapp.window.kept_queue import KeptQueue
 from labapp.window.live_view import LiveView
 from labapp.window.log_panel import LogPanel
 from labapp.window.message_line import MessageLine
@@ -31,7 +34,7 @@ from labapp.window.pattern_panel import PatternPanel
 from labapp.window.prompt_bar import PromptBar
 from labapp.window.queue_panel import QueuePanel
 from labapp.window.reconstruction_view import ReconstructionView
-from labapp.window.remembered_settings import RememberedSettings
+from labapp.window.remembered_settings import RememberedSettings, changes
 from labapp.window.run_panel import RunPanel
 from labapp.window.scrolled_tabs import ScrolledTabs
 from labapp.window.session import Session
@@ -48,6 +51,13 @@ _LEFT_WIDTH, _RIGHT_WIDTH = 270, 370
 _SHORT_DOCKS = ("Devices", "Settings", "Bracket and run")
 """Docks without a list or a picture: they take the height that they need, and no more."""
 
+_REMEMBERED_CHOICES = ("contrast", "marks")
+"""Names of the checkable actions whose state is kept."""
+
+_KEEP_AFTER_MS = 200
+"""Milliseconds from a change of the settings until they are kept, so that a crash loses none.
+Chosen: who types or drags causes one writing."""
+
 _LAYOUT_VERSION = 4
 """Version of the docks' layout. Qt ignores a saved layout of another version."""
 
@@ -62,6 +72,8 @@ class MainWindow(QMainWindow):
         super().__init__()
         self.setWindowTitle("labapp")
         self.connection, self._remembered = connection, remembered
+        self.kept_queue = KeptQueue(remembered.queue_file, connection.bench_name)
+        self._keeping = QTimer(self, singleShot=True, interval=_KEEP_AFTER_MS)
         self.actions_ = make_actions(self)
         self.bar = ActionBar(self.actions_, self)
         self.setMenuWidget(self.bar)
@@ -114,13 +126,17 @@ class MainWindow(QMainWindow):
         self.actions_["quit"].triggered.connect(self.close)
         self.session = Session(self, connection)
         self._restore()
+        self._watch_changes()
+        self._keeping.timeout.connect(self._save_settings)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask before the window gives up a run, then save its settings and end its engine."""
         if (question := self._question()) and not self._confirm(question):
             event.ignore()
             return
+        self._keeping.stop()
         self._save_settings()
+        self.kept_queue.close()
         # Hide the window first, since leaving the bench safe may take a moment.
         self.hide()
         self.connection.close()
@@ -220,10 +236,17 @@ class MainWindow(QMainWindow):
     def _question(self) -> str:
         """Return the question to ask before the window closes; empty if no run would be lost."""
         queue = self.session.queue
-        lost = f" {queue.waiting_count} that wait will not be taken." if queue.waiting_count else ""
         if queue.current_run is not None:
-            return f"A run is under way. Cancel it and close? Frames taken so far are kept.{lost}"
-        return f"Runs are in line. Close all the same?{lost}" if lost else ""
+            return (
+                "A run is under way. Stop it and close? Frames taken so far are kept, and the "
+                "queue comes back, held, when the window opens again."
+            )
+        waiting = queue.waiting_count
+        return (
+            f"Runs in line: {waiting}. Close? They come back, held, when the window opens again."
+            if waiting
+            else ""
+        )
 
     def _confirm(self, question: str) -> bool:
         button = QMessageBox.StandardButton
@@ -256,22 +279,64 @@ class MainWindow(QMainWindow):
         return fields
 
     def _restore(self) -> None:
-        """Restore layout and fields of the window as the person left them."""
-        self._remembered.restore_fields(self._remembered_fields())
-        self.session.first_target = self._remembered.text("target")
-        geometry: QByteArray = self._remembered.layout("geometry")
+        """Restore layout, fields, views and last run of the window as the person left them."""
+        remembered = self._remembered
+        remembered.restore_fields(self._remembered_fields())
+        self.session.first_target = remembered.text("target")
+        if run := remembered.text("last_run"):
+            self.session.restore_last_run(Path(run))
+        geometry: QByteArray = remembered.layout("geometry")
         if not geometry.isEmpty():
             self.restoreGeometry(geometry)
-        layout = self._remembered.layout("layout")
+            room = self.screen().availableSize()
+            self.resize(self.size().boundedTo(room))
+        layout = remembered.layout("layout")
         if not layout.isEmpty():
             self.restoreState(layout, _LAYOUT_VERSION)
+        for name in _REMEMBERED_CHOICES:
+            if remembered.text(name) == "off":
+                self.actions_[name].trigger()
+        for index in range(self.tabs.count()):
+            if self.tabs.tabText(index) == remembered.text("tab"):
+                self.tabs.setCurrentIndex(index)
+
+    def _watch_changes(self) -> None:
+        """Keep the window's settings soon after each change, not only when it closes."""
+        for field in [*self._remembered_fields().values(), self.settings.target]:
+            if (changed := changes(field)) is not None:
+                changed.connect(self.keep_settings)
+        for name in _REMEMBERED_CHOICES:
+            self.actions_[name].toggled.connect(self.keep_settings)
+        self.tabs.currentChanged.connect(self.keep_settings)
+        for dock in self.docks.values():
+            for moved in (dock.visibilityChanged, dock.topLevelChanged, dock.dockLocationChanged):
+                moved.connect(self.keep_settings)
+
+    def keep_settings(self) -> None:
+        """Keep the window's settings in a moment, once nothing changes any more."""
+        self._keeping.start()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.keep_settings()
+
+    def moveEvent(self, event: QMoveEvent) -> None:
+        super().moveEvent(event)
+        self.keep_settings()
 
     def _save_settings(self) -> None:
-        self._remembered.store_fields(self._remembered_fields())
-        self._remembered.put("target", self.settings.target.currentText())
-        self._remembered.put("geometry", self.saveGeometry())
-        self._remembered.put("layout", self.saveState(_LAYOUT_VERSION))
-        self._remembered.save()
+        remembered = self._remembered
+        remembered.store_fields(self._remembered_fields())
+        if self.settings.target.currentText():
+            remembered.put("target", self.settings.target.currentText())
+        if self.session.last_run is not None:
+            remembered.put("last_run", str(self.session.last_run))
+        remembered.put("tab", self.tabs.tabText(self.tabs.currentIndex()))
+        for name in _REMEMBERED_CHOICES:
+            remembered.put(name, "on" if self.actions_[name].isChecked() else "off")
+        remembered.put("geometry", self.saveGeometry())
+        remembered.put("layout", self.saveState(_LAYOUT_VERSION))
+        remembered.save()
 
 
 def _bring_to_front(dock: QDockWidget) -> None:

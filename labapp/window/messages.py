@@ -68,21 +68,27 @@ class ShowPattern(Command):
 
 @dataclass(frozen=True)
 class AcquireBracket(Command):
-    """Queue a run of exposure brackets of star and photograph; its record goes to `folder`."""
+    """Queue a run of exposure brackets of star and photograph; its record goes to `folder`.
+
+    `ticket` identifies the request, and begins the record's name; without one, the engine takes
+    the time.
+    """
 
     pattern: PatternTable
     wavelength: float
     star: RequestedBracket
     photograph: RequestedBracket
     folder: Path
+    ticket: str = ""
 
 
 @dataclass(frozen=True)
 class RunPlan(Command):
-    """Queue the run of a plan file; its record goes to `folder`."""
+    """Queue the run of a plan file; its record goes to `folder`, and is named by the ticket."""
 
     plan: Path
     folder: Path
+    ticket: str = ""
 
 
 @dataclass(frozen=True)
@@ -90,6 +96,30 @@ class ResumeRun(Command):
     """Queue a run of the frames that a record lacks."""
 
     path: Path
+    ticket: str = ""
+
+
+RunRequest = AcquireBracket | RunPlan | ResumeRun
+"""A request for a run."""
+
+
+@dataclass(frozen=True)
+class KeptRequest:
+    """A request from before a crash or a restart; `path` is its record, if one was named."""
+
+    request: RunRequest
+    path: Path | None = None
+
+
+@dataclass(frozen=True)
+class RestoreQueue(Command):
+    """Queue the runs of kept requests again, held: none begins until a person says so.
+
+    A run whose record was begun takes the frames that it lacks. `reason` is why they are held.
+    """
+
+    requests: tuple[KeptRequest, ...]
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -405,6 +435,8 @@ class RunInfo:
         Real time that is left; None if the run isn't under way or the time can't be estimated.
     pause_requested : bool
         Whether a person or a failed device asks for a pause that lasts until a person ends it.
+    ticket : str
+        Ticket of the request that the run was made for.
     """
 
     number: int
@@ -420,6 +452,7 @@ class RunInfo:
     elapsed_seconds: float
     seconds_left: float | None
     pause_requested: bool
+    ticket: str = ""
 
 
 @dataclass(frozen=True)
@@ -469,6 +502,13 @@ class RunEnded:
     missing_frames: int
     message: str
     bench_seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class RequestRefused:
+    """Tell the window that no run was queued for a request; a FailureReport says why."""
+
+    ticket: str
 
 
 @dataclass(frozen=True)

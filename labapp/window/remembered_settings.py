@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QByteArray, QSettings, QStandardPaths
+from PySide6.QtCore import QByteArray, QSettings, QStandardPaths, SignalInstance
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -37,6 +37,11 @@ class RememberedSettings:
 
     def __init__(self, file: Path) -> None:
         self._settings = QSettings(str(file), QSettings.Format.IniFormat)
+
+    @property
+    def queue_file(self) -> Path:
+        """Return the file beside the window's settings that keeps its queue."""
+        return Path(self._settings.fileName()).with_name("queue.json")
 
     def text(self, key: str) -> str:
         value = self._settings.value(key)
@@ -69,6 +74,17 @@ class RememberedSettings:
         self._settings.sync()
         if self._settings.status() != QSettings.Status.NoError:
             log.warning("%s: the settings could not be kept", self._settings.fileName())
+
+
+def changes(field: QWidget) -> SignalInstance | None:
+    """Return the signal of a field of the window that tells of a change; None if it has none."""
+    if isinstance(field, QDoubleSpinBox | QSpinBox):
+        return field.valueChanged
+    if isinstance(field, QLineEdit):
+        return field.textChanged
+    if isinstance(field, QCheckBox):
+        return field.toggled
+    return field.currentTextChanged if isinstance(field, QComboBox) else None
 
 
 def _set(field: QWidget, text: str) -> None:

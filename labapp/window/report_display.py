@@ -26,6 +26,7 @@ from labapp.window.messages import (
     PictureSaved,
     QueueState,
     ReconstructionResult,
+    RequestRefused,
     RunEnded,
 )
 from labapp.window.spectral_messages import CubeColours, RecordBands, SpectralResult
@@ -58,6 +59,7 @@ class ReportDisplay:
             JobEnded: self._job_ended,
             CancelAcknowledged: lambda _: window.run.message.setText("cancelling …"),
             QueueState: self._queue_state,
+            RequestRefused: session.refuse_request,
             DeviceReconnected: self._device_reconnected,
             RunEnded: self._run_ended,
             ReconstructionResult: self._reconstruction_result,
@@ -96,12 +98,12 @@ class ReportDisplay:
         if self._why_not_open:
             return f"The bench didn't open. {self._why_not_open}"
         queue = self._session.queue
-        text = f"{how} Frames that were stored are safe. Restart the engine to go on"
-        if (run := queue.current_run) is not None:
-            text += f", then resume {run.path} (Ctrl+R)"
-        if queue.waiting_count:
-            text += f", and put in line again what waited: {queue.waiting_count}"
-        return text + "."
+        text = f"{how} Frames that were stored are safe."
+        lost = [run for run in queue.runs if not run.state.has_ended]
+        if lost:
+            runs = "1 run comes" if len(lost) == 1 else f"{len(lost)} runs come"
+            return f"{text} Restart the engine: {runs} back in line, and none begins by itself."
+        return f"{text} Restart the engine to go on."
 
     def _bench_opened(self, report: BenchOpened) -> None:
         window = self._window

@@ -18,12 +18,19 @@ from labapp.window.messages import (
     QueueState,
     ReleaseQueue,
     RemoveRuns,
+    RequestRefused,
+    RestoreQueue,
     ResumeRun,
     RunPlan,
+    RunRequest,
 )
 
 if TYPE_CHECKING:
     from labapp.window.main_window import MainWindow
+
+
+_KEPT = "in line since before the last start of the engine"
+"""Why runs of an earlier session are held."""
 
 
 class RunRequests(QObject):
@@ -36,6 +43,7 @@ class RunRequests(QObject):
         super().__init__(window)
         self._window, self._send = window, connection.send
         self._queue = QueueState(())
+        self._kept = window.kept_queue
         actions, queue, send = window.actions_, window.queue, connection.send
         actions["acquire"].triggered.connect(self._acquire)
         actions["plan"].triggered.connect(self._run_plan)
@@ -46,8 +54,26 @@ class RunRequests(QObject):
         queue.release_requested.connect(lambda: send(ReleaseQueue()))
         window.prompt_bar.prompt_done.connect(lambda number: send(AnswerPrompt(number)))
 
+    def restore_kept(self) -> None:
+        """Put runs that an earlier session or engine left into the new engine's queue, held."""
+        if kept := self._kept.requests:
+            self._send(RestoreQueue(kept, _KEPT))
+            count = "1 run is" if len(kept) == 1 else f"{len(kept)} runs are"
+            self._window.message.show_message(
+                f"{count} in line from before. Nothing moves until you let the queue go on."
+            )
+
+    def forget_engine(self) -> None:
+        """Keep the window's runs although the queue of its engine is gone."""
+        self._kept.forget_engine()
+
+    def refuse(self, refused: RequestRefused) -> None:
+        """Forget a request of the window for which its engine queued no run."""
+        self._kept.drop(refused.ticket)
+
     def show_queue(self, queue: QueueState) -> None:
         self._queue = queue
+        self._kept.follow(queue)
         run = queue.current_run
         pausing = run is not None and run.pause_requested
         retitle(self._window.actions_["pause"], "Resume" if pausing else "Pause")
@@ -61,6 +87,7 @@ class RunRequests(QObject):
                 star=run.star.bracket,
                 photograph=run.photograph.bracket,
                 folder=run.chosen_folder,
+                ticket=self._kept.new_ticket(),
             ),
             "The bracket is put in line …",
         )
@@ -69,21 +96,24 @@ class RunRequests(QObject):
         plan = self._choose("Plan to run", "", "Plans (*.toml *.json)")
         if plan:
             said = f"{plan} is read and put in line …"
-            self._enqueue(RunPlan(plan, self._window.run.chosen_folder), said)
+            folder = self._window.run.chosen_folder
+            self._enqueue(RunPlan(plan, folder, self._kept.new_ticket()), said)
 
     def _resume(self) -> None:
         selected = self._window.queue.resumable_run
         first = str(selected.path) if selected else str(self._window.run.chosen_folder)
         path = self._choose("Unfinished run to resume", first, "Runs (*.h5)")
         if path:
-            self._enqueue(ResumeRun(path), f"{path} is put in line …")
+            self._enqueue(ResumeRun(path, self._kept.new_ticket()), f"{path} is put in line …")
 
     def _choose(self, title: str, first: str, kinds: str) -> Path | None:
         path, _ = QFileDialog.getOpenFileName(self._window, title, first, kinds)
         return Path(path) if path else None
 
-    def _enqueue(self, command: AcquireBracket | RunPlan | ResumeRun, message: str) -> None:
+    def _enqueue(self, command: RunRequest, message: str) -> None:
         window = self._window
+        # Kept before it is sent, so that no crash loses it.
+        self._kept.add(command)
         window.message.show_message(message)
         if not self._queue.is_busy:
             window.tabs.setCurrentWidget(window.live_view)

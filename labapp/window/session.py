@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFileDialog
 
+from labapp.files.guarded_reading import is_file
 from labapp.window.accuracy_view import MEASUREMENT
 from labapp.window.engine_connection import EngineConnection
 from labapp.window.messages import (
@@ -22,6 +23,7 @@ from labapp.window.messages import (
     QueueState,
     ReconnectDevice,
     ReconstructRun,
+    RequestRefused,
     SaveRestored,
     SetExposure,
     SetLive,
@@ -83,11 +85,29 @@ class Session(QObject):
         window.settings.request_all_settings()
         self._connection.send(SetLive(True))
         window.pattern.schedule_preview()
+        self._runs.restore_kept()
+        if self._last_run is not None:
+            self._connection.send(ListBands(self._last_run))
         self._allow()
+
+    def refuse_request(self, refused: RequestRefused) -> None:
+        self._runs.refuse(refused)
+
+    @property
+    def last_run(self) -> Path | None:
+        """Return the record that F7 reconstructs in the window; None if there is none yet."""
+        return self._last_run
+
+    def restore_last_run(self, run: Path) -> None:
+        """Take over the last session's run in the window, if its record is still there."""
+        if is_file(run):
+            self._last_run = run
+            self._window.run.show_last_run(run)
 
     def on_run_completed(self, run: Path) -> None:
         """Note a complete run's record, so that the person can reconstruct it in the window."""
         self._last_run = run
+        self._window.keep_settings()
         self._connection.send(ListBands(run))
         self._allow()
 
@@ -106,6 +126,7 @@ class Session(QObject):
 
     def _engine_died(self, how: str) -> None:
         self._open = False
+        self._runs.forget_engine()
         self._reports.show_engine_death(how)
         self.show_queue(QueueState(()))
         self.on_job_ended()

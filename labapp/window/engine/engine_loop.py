@@ -40,8 +40,11 @@ from labapp.window.messages import (
     ReconstructRun,
     ReleaseQueue,
     RemoveRuns,
+    RequestRefused,
+    RestoreQueue,
     ResumeRun,
     RunPlan,
+    RunRequest,
     SaveRestored,
     SetExposure,
     SetLive,
@@ -70,7 +73,7 @@ class Engine:
         self._planner = RunPlanner(
             bench,
             self._queue,
-            on_failure=self._complain,
+            on_failure=self._refuse,
             on_ready=lambda: channel.post(StartQueuedRuns()),
         )
         self._controller = BenchController(bench)
@@ -108,6 +111,7 @@ class Engine:
             AcquireBracket: self._planner.enqueue,
             RunPlan: self._planner.enqueue,
             ResumeRun: self._planner.enqueue,
+            RestoreQueue: self._planner.restore,
             RemoveRuns: lambda command: self._queue.remove(command.numbers),
             ClearEndedRuns: lambda _: self._queue.clear(),
             ReleaseQueue: self._go_on,
@@ -161,6 +165,10 @@ class Engine:
 
     def _complain(self, error: Exception) -> None:
         self._channel.send(describe_failure(error, self._controller))
+
+    def _refuse(self, request: RunRequest, error: Exception) -> None:
+        self._channel.send(RequestRefused(request.ticket))
+        self._complain(error)
 
     def _tell(self, *, running: bool = False) -> None:
         self._channel.send(self._controller.read_state(self._live, running))

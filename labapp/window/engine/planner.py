@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,12 +20,22 @@ from labapp.runs.acquisition.feasibility import expected_plan, feasible_shots
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.reader import Record
+from labapp.runs.state import State
 from labapp.runs.steps import Shot
 from labapp.window.engine.plan_building import build_bracket_plan
 from labapp.window.engine.queued_run import QueuedRun
 from labapp.window.engine.run_queue import RunQueue
 from labapp.window.engine.timing import RunTiming
-from labapp.window.messages import AcquireBracket, ResumeRun, RunPlan
+from labapp.window.messages import (
+    AcquireBracket,
+    KeptRequest,
+    RestoreQueue,
+    ResumeRun,
+    RunPlan,
+    RunRequest,
+)
+
+log = logging.getLogger(__name__)
 
 
 class RunPlanner:
@@ -32,7 +43,8 @@ class RunPlanner:
 
     A run that the bench can't do is refused when it is requested, not hours later. The bench is
     asked once what it can do, because its devices are busy during a run. `on_failure` is called
-    with the error that kept a run from being queued, and `on_ready` after a run was queued.
+    with the request and the error that kept its run from being queued, and `on_ready` after a run
+    was queued.
     """
 
     def __init__(
@@ -40,7 +52,7 @@ class RunPlanner:
         bench: Bench,
         queue: RunQueue,
         *,
-        on_failure: Callable[[Exception], None],
+        on_failure: Callable[[RunRequest, Exception], None],
         on_ready: Callable[[], None],
     ) -> None:
         self._bench, self._queue, self._on_failure, self._on_ready = (
@@ -60,41 +72,84 @@ class RunPlanner:
     def close(self) -> None:
         self._thread.shutdown(cancel_futures=True)
 
-    def enqueue(self, command: AcquireBracket | RunPlan | ResumeRun) -> None:
+    def enqueue(self, command: RunRequest) -> None:
         """Begin to build a run that the window requests; the run is queued when it is built."""
         self._queue.expect_run()
-        self._thread.submit(self._build_and_enqueue, command)
+        self._thread.submit(self._build_and_enqueue, command, partial(self._build, command))
 
-    def _build_and_enqueue(self, command: AcquireBracket | RunPlan | ResumeRun) -> None:
+    def restore(self, command: RestoreQueue) -> None:
+        """Queue the window's runs of a session that ended, and hold them; none begins by itself."""
+        for _ in command.requests:
+            self._queue.expect_run()
+        # Held before the first one can be ready.
+        self._queue.hold(command.reason)
+        for kept in command.requests:
+            build = partial(self._restored, kept)
+            self._thread.submit(self._build_and_enqueue, kept.request, build)
+
+    def _build_and_enqueue(self, command: RunRequest, build: Callable[[], QueuedRun]) -> None:
         try:
-            run = self._make[type(command)](command)
+            run = build()
         except Exception as error:
             self._queue.drop_expected()
-            self._on_failure(error)
+            self._on_failure(command, error)
         else:
+            run.ticket = command.ticket
             self._queue.add(run)
             self._on_ready()
 
+    def _build(self, command: RunRequest) -> QueuedRun:
+        return self._make[type(command)](command)
+
+    def _restored(self, kept: KeptRequest) -> QueuedRun:
+        """Build the rest of a run whose record was begun in an earlier session, or all of it."""
+        path = kept.path or self._own_path(kept.request)
+        if not path.exists():
+            return self._build(kept.request)
+        try:
+            run = self._build_resumed_run(ResumeRun(path))
+        except (UserError, OSError) as error:
+            if isinstance(kept.request, ResumeRun):
+                raise
+            log.warning("%s: can't be gone on with, so that it is taken anew: %s", path, error)
+            return self._build(kept.request)
+        if run.info.stored_frames == run.info.planned_frames:
+            # Only the word of its end didn't come.
+            with Record(path) as record:
+                if record.state is State.COMPLETE:
+                    run.mark_ended(State.COMPLETE, "")
+        return run
+
+    def _own_path(self, request: RunRequest) -> Path:
+        """Return the path that the record of a request of the window had, if it was begun."""
+        if isinstance(request, ResumeRun):
+            return request.path
+        name = "bracket"
+        if isinstance(request, RunPlan):
+            name = read_file(request.plan, PlanFile).title
+        return request.folder / f"{_stem(name, request.ticket)}.h5"
+
     def _bracket(self, command: AcquireBracket) -> QueuedRun:
-        return self._build_run(
-            build_bracket_plan(command), command.folder, "bracket", "bracket", Path()
-        )
+        return self._build_run(build_bracket_plan(command), command, "bracket", "bracket", Path())
 
     def _plan_file(self, command: RunPlan) -> QueuedRun:
         plan = read_file(command.plan, PlanFile)
-        return self._build_run(
-            plan, command.folder, plan.title, str(command.plan), command.plan.parent
-        )
+        return self._build_run(plan, command, plan.title, str(command.plan), command.plan.parent)
 
     def _build_run(
-        self, plan: PlanFile, folder: Path, name: str, source: str, pictures: Path
+        self,
+        plan: PlanFile,
+        request: AcquireBracket | RunPlan,
+        name: str,
+        source: str,
+        pictures: Path,
     ) -> QueuedRun:
         sensor = self._bench.description.sensor
         listed = feasible_shots(
             expected_plan(plan, self._abilities, sensor, source), self._abilities, source
         )
-        make_folder(folder)
-        path = self._new_path(folder, name)
+        make_folder(request.folder)
+        path = self._new_path(request.folder, _stem(name, request.ticket))
         run = QueuedRun(
             plan.title,
             path,
@@ -131,15 +186,19 @@ class RunPlanner:
         seconds = sum(shot.duration for shot in listed)
         return RunTiming(seconds, len(listed), virtual=not self._bench.file.is_real)
 
-    def _new_path(self, folder: Path, name: str) -> Path:
+    def _new_path(self, folder: Path, stem: str) -> Path:
         """Return an unused path for the record of a run that the window requests.
 
-        The record is named after the time and the run. No file and no queued run has this path.
+        No file and no queued run has this path.
         """
-        words = re.sub(r"\W+", "-", name.lower()).strip("-")[:60] or "run"
-        stem = f"{datetime.now():%Y-%m-%d_%H%M%S}_{words}"
         path, number = folder / f"{stem}.h5", 1
         while path.exists() or self._queue.has_record(path):
             number += 1
             path = folder / f"{stem}-{number}.h5"
         return path
+
+
+def _stem(name: str, ticket: str) -> str:
+    """Return the name of a run's record: the ticket of the window's request, and the run's name."""
+    words = re.sub(r"\W+", "-", name.lower()).strip("-")[:60] or "run"
+    return f"{ticket or format(datetime.now(), '%Y-%m-%d_%H%M%S')}_{words}"

@@ -41,8 +41,10 @@ class QueuedRun:
         *,
         planned_frames: int,
         stored_frames: int,
+        ticket: str = "",
     ) -> None:
         self.title, self.path, self.take = title, path, take
+        self.ticket = ticket
         self.number = 0
         self.state = State.WAITING
         self.progress = Progress(self._on_progress)
@@ -113,6 +115,7 @@ class QueuedRun:
             elapsed_seconds=self._timing.elapsed_seconds,
             seconds_left=self._timing.seconds_left if under_way else None,
             pause_requested=under_way and self.progress.is_paused,
+            ticket=self.ticket,
         )
 
     def _on_progress(self, fraction: float, message: str) -> None:

@@ -50,6 +50,12 @@ class RunQueue:
         with self._lock:
             self._expected += 1
 
+    def hold(self, reason: str) -> None:
+        """Begin no further run of the window's queue until release(), because of this reason."""
+        with self._lock:
+            self.hold_reason = reason
+        self._on_change()
+
     def add(self, run: QueuedRun) -> None:
         """Add a prepared run to the window's queue."""
         with self._lock:
@@ -59,6 +65,8 @@ class RunQueue:
             self._runs.append(run)
             if unwanted:
                 self._refuse(run)
+            # A run that had ended before waits for nothing.
+            self._let_go()
         self._on_change()
 
     def drop_expected(self) -> None:
