@@ -182,9 +182,8 @@ class MainWindow(QMainWindow):
 
     def _list_docks(self) -> None:
         """List the docks in the window's menu, so that a closed one can be opened again."""
-        panels = self.bar.menus.menus["View"].addMenu("&Panels")
         for dock in self.docks.values():
-            panels.addAction(dock.toggleViewAction())
+            self.bar.menus.menus["Panels"].addAction(dock.toggleViewAction())
 
     def _tab_docks(self) -> None:
         """Put the window's docks "Queue", "Why" and "Log" into one place as tabs; all are tall.

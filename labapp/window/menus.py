@@ -14,7 +14,8 @@ MENUS: Mapping[str, tuple[str, ...]] = {
     "&Run": ("acquire", "plan", "resume", SEPARATOR, "pause", "cancel", SEPARATOR, "quit"),
     "&Bench": ("live",),
     "&Picture": ("reconstruct", "open", SEPARATOR, "contrast", "marks"),
-    "&View": ("why", "reset"),
+    "&View": ("why",),
+    "P&anels": ("reset", SEPARATOR),
     "&Help": ("help",),
 }
 """Names of the actions of each menu. Every action of the window is in one of them."""
