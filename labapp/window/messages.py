@@ -432,7 +432,7 @@ class RunInfo:
     elapsed_seconds : float
         Real time that the run has taken.
     seconds_left : float or None
-        Real time that is left; None if the run isn't under way or the time can't be estimated.
+        Real time that is left; None if the run has ended, or nothing like it was measured yet.
     pause_requested : bool
         Whether a person or a failed device asks for a pause that lasts until a person ends it.
     ticket : str

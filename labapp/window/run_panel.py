@@ -68,6 +68,7 @@ class RunPanel(WrappingPanel):
         return Path(self.folder.text().strip() or ".").expanduser()
 
     def show_start(self, message: str) -> None:
+        self.bar.setFormat("%p %")
         self.bar.setValue(0)
         self.message.setText(message)
 
@@ -75,7 +76,10 @@ class RunPanel(WrappingPanel):
         """Show in the window how the run under way proceeds, or how the last one ended."""
         under_way = run.state.is_under_way
         shown = under_way or run.state is State.COMPLETE
-        self.bar.setValue(round(1000 * run.fraction) if shown else 0)
+        # Frames on the disk are what counts; what is prepared before the first one is none.
+        share = run.stored_frames / run.planned_frames if run.planned_frames else 0.0
+        self.bar.setValue(round(1000 * share) if shown else 0)
+        self.bar.setFormat(f"{run.stored_frames} of {run.planned_frames} frames")
         self.message.setText(_describe(run) if under_way else run.state.value.lower())
         self.times.show_run(run)
 

@@ -122,7 +122,7 @@ class RunTable(RowsTable):
 def _time(run: RunInfo) -> str:
     """Return the time of a run as the window's table shows it."""
     if run.state is State.WAITING:
-        return f"takes {format_duration(run.expected_bench_seconds)}"
+        return "" if run.seconds_left is None else f"takes {format_duration(run.seconds_left)}"
     if run.state is State.PAUSED:
         return "waits for you"
     if run.state is State.RUNNING:

@@ -6,7 +6,7 @@ from threading import Thread
 import pytest
 
 from labapp.runs.state import State
-from labapp.window.engine import timing
+from labapp.window.engine.frame_costs import FrameCosts
 from labapp.window.engine.person_prompter import PersonPrompter
 from labapp.window.engine.queued_run import QueuedRun
 from labapp.window.engine.run_queue import RunQueue
@@ -15,7 +15,7 @@ from optics.progress import Cancelled, Progress
 
 
 def make_run(name):
-    timing = RunTiming(10.0, 5, virtual=True)
+    timing = RunTiming([], virtual=True, costs=FrameCosts(Path("no-such-file"), "bench"))
     return QueuedRun(
         name, Path(f"{name}.h5"), lambda **_: None, timing, planned_frames=5, stored_frames=0
     )
@@ -148,25 +148,6 @@ def test_what_a_run_says_of_its_rest_is_its_state():
     assert (run.info.state, run.info.message) == ("PAUSED", "paused by the user")
     run.set_paused(False)
     assert (run.info.state, run.info.pause_requested) == ("RUNNING", False)
-
-
-@pytest.mark.parametrize(("virtual", "left"), [(True, 3 * 0.5), (False, 6.0 + 3 * 0.5)])
-def test_what_is_left_follows_from_the_frames_taken(monkeypatch, virtual, left):
-    """Five frames of 2 s of bench time, each half a second longer than that."""
-    now = 100.0
-    monkeypatch.setattr(timing.time, "monotonic", lambda: now)
-    told = RunTiming(10.0, 5, virtual=virtual)
-    told.begin()
-    assert told.seconds_left == (None if virtual else 10.0)
-    now += 30  # patterns are computed, which says nothing about frames
-    told.count_frame(2.0)
-    now += 0.5 if virtual else 2.5
-    told.count_frame(2.0)
-    assert told.seconds_left == pytest.approx(left)
-    told.rest()
-    now += 1000
-    assert told.seconds_left == pytest.approx(left)
-    assert told.elapsed_seconds == pytest.approx(1030.5 if virtual else 1032.5)
 
 
 def test_an_answer_to_an_earlier_prompt_is_none():

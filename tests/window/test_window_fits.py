@@ -23,7 +23,8 @@ from labapp.window.remembered_settings import RememberedSettings
 
 ERROR = (
     "The filter (VariSpec VIS-10, port /dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A5069RR4) gave "
-    "no reply to 'W 550.00' in 2 s. Check that it is switched on and its cable, then press Reconnect."
+    "no reply to 'W 550.00' in 2 s. Check that it is switched on, and its cable, then press "
+    "Reconnect."
 )
 
 

@@ -22,6 +22,7 @@ from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
+from labapp.window.engine.frame_costs import FrameCosts, cost_file
 from labapp.window.engine.plan_building import build_bracket_plan
 from labapp.window.engine.queued_run import QueuedRun
 from labapp.window.engine.run_queue import RunQueue
@@ -62,6 +63,8 @@ class RunPlanner:
             on_ready,
         )
         self._abilities = BenchCapabilities.of(bench)
+        rows, columns = self._abilities.frame_shape
+        self._costs = FrameCosts(cost_file(), f"{bench.file.name}, {columns} x {rows} pixels")
         self._thread = ThreadPoolExecutor(1, "planner")
         self._make: dict[type, Callable[[Any], QueuedRun]] = {
             AcquireBracket: self._bracket,
@@ -159,11 +162,8 @@ class RunPlanner:
             stored_frames=0,
         )
         # How many frames there are, and how long they take, may be measured before the first.
-        run.take = partial(run.take, on_planned=partial(self._replan, run))
+        run.take = partial(run.take, on_planned=run.replan)
         return run
-
-    def _replan(self, run: QueuedRun, listed: Sequence[Shot]) -> None:
-        run.replan(len(listed), sum(shot.duration for shot in listed))
 
     def _build_resumed_run(self, command: ResumeRun) -> QueuedRun:
         path = command.path
@@ -183,8 +183,7 @@ class RunPlanner:
         )
 
     def _timing(self, listed: Sequence[Shot]) -> RunTiming:
-        seconds = sum(shot.duration for shot in listed)
-        return RunTiming(seconds, len(listed), virtual=not self._bench.file.is_real)
+        return RunTiming(listed, virtual=not self._bench.file.is_real, costs=self._costs)
 
     def _new_path(self, folder: Path, stem: str) -> Path:
         """Return an unused path for the record of a run that the window requests.

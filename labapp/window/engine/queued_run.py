@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from drivers.interfaces import Frame
@@ -60,10 +60,10 @@ class QueuedRun:
         self.state, self._message = State.RUNNING, "starting the run …"
         self._timing.begin()
 
-    def replan(self, frames: int, seconds: float) -> None:
-        """Take over how many frames a run of the window's queue has, and their bench time."""
-        self._planned = frames
-        self._timing.replan(seconds, frames)
+    def replan(self, shots: Sequence[Shot]) -> None:
+        """Take over the frames that a run of the window's queue has after metering."""
+        self._planned = len(shots)
+        self._timing.replan(shots)
         self.on_change()
 
     def mark_paused(self, message: str) -> None:
@@ -74,6 +74,7 @@ class QueuedRun:
 
     def mark_resumed(self) -> None:
         self.state, self._message = State.RUNNING, "goes on …"
+        self._timing.go_on()
         self.on_change()
 
     def set_paused(self, on: bool) -> None:
@@ -90,13 +91,14 @@ class QueuedRun:
         """Count a frame that a run of the window's queue has stored in its record."""
         self.state = State.RUNNING
         self._stored += 1
-        self._timing.count_frame(shot.duration)
+        self._timing.go_on()
+        self._timing.count_frame()
         self.on_change()
 
     def mark_ended(self, state: State, message: str, took: float = 0.0) -> None:
         self.state, self._message, self._took = state, message, took
         self._fraction = 1.0 if state is State.COMPLETE else self._fraction
-        self._timing.end()
+        self._timing.end(complete=state is State.COMPLETE)
 
     @property
     def info(self) -> RunInfo:
@@ -113,7 +115,7 @@ class QueuedRun:
             expected_bench_seconds=self._timing.expected_bench_seconds,
             bench_seconds=self._took,
             elapsed_seconds=self._timing.elapsed_seconds,
-            seconds_left=self._timing.seconds_left if under_way else None,
+            seconds_left=None if self.state.has_ended else self._timing.seconds_left,
             pause_requested=under_way and self.progress.is_paused,
             ticket=self.ticket,
         )

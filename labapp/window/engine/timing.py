@@ -3,53 +3,79 @@
 from __future__ import annotations
 
 import time
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+
+from labapp.runs.steps import Shot
+from labapp.window.engine.frame_costs import PREPARING, FrameCosts, frame_kinds
 
 
 class RunTiming:
     """Measure the real seconds of one queued run, and estimate those that are left.
 
-    `expected_bench_seconds` is the time of its frames on the bench's clock. `virtual` tells
-    whether that clock takes no real time. The further time of a frame (computing, disks, failures)
-    is estimated from the frames taken so far.
+    A frame takes its time on the bench's clock, where that is real, and a cost beyond it:
+    computing, disks, failures. Costs are those measured in this run, by kind of frame. Kinds that
+    are still to come cost what they did in earlier runs, times the ratio of this run's costs to
+    the earlier ones.
+
+    Parameters
+    ----------
+    shots : sequence of Shot
+        The frames to be taken.
+    virtual : bool
+        Whether the bench's clock takes no real time.
+    costs : FrameCosts
+        Costs of earlier runs; those of this run are added at its end.
     """
 
-    def __init__(self, expected: float, frames: int, *, virtual: bool) -> None:
-        self.expected_bench_seconds = expected
+    def __init__(self, shots: Sequence[Shot], *, virtual: bool, costs: FrameCosts) -> None:
         self._rate = 0.0 if virtual else 1.0
-        self._frames_left, self._bench_seconds_left = frames, expected
+        self._costs = costs
         self._began: float | None = None
         self._ended: float | None = None
         self._frame_began: float | None = None
-        self._counted, self._beyond = 0, 0.0
+        self._rested, self._rest_began = 0.0, 0.0
+        self._measured: dict[str, list[float]] = defaultdict(list)
+        self.replan(shots)
 
-    def replan(self, expected: float, frames: int) -> None:
-        """Take over the bench time and number of a queued run's frames, before the first one."""
-        self.expected_bench_seconds = self._bench_seconds_left = expected
-        self._frames_left = frames
+    def replan(self, shots: Sequence[Shot]) -> None:
+        """Take over the frames of a queued run, before the first one."""
+        self.expected_bench_seconds = sum(shot.duration for shot in shots)
+        self._shots, self._kinds, self._taken = list(shots), frame_kinds(shots), 0
+        self._settings = sum(kind.startswith("new ") for kind in self._kinds)
 
     def begin(self) -> None:
         self._began = time.monotonic()
 
-    def end(self) -> None:
+    def end(self, *, complete: bool = False) -> None:
+        """Note the end of a run in the window's queue; a complete one's costs are kept."""
         self._ended = time.monotonic()
+        if complete and self._measured:
+            self._costs.add({kind: _mean(seen) for kind, seen in self._measured.items()})
 
     def rest(self) -> None:
         """Note a pause of a run in the window's queue, which must not count as frame time."""
         self._frame_began = None
+        if not self._rest_began:
+            self._rest_began = time.monotonic()
 
-    def count_frame(self, lasts: float) -> None:
-        """Count a stored frame of a run in the window's queue.
+    def go_on(self) -> None:
+        """Note the end of a pause of a run in the window's queue."""
+        if self._rest_began:
+            self._rested += time.monotonic() - self._rest_began
+            self._rest_began = 0.0
 
-        `lasts` is the frame's time in seconds on the bench's clock.
-        """
+    def count_frame(self) -> None:
+        """Count the next stored frame of a run in the window's queue."""
         now = time.monotonic()
-        # The time before the first frame (computing patterns) and pauses don't count.
-        if self._frame_began is not None:
-            self._beyond += now - self._frame_began - self._rate * lasts
-            self._counted += 1
+        kind, lasts = self._kinds[self._taken], self._shots[self._taken].duration
+        if self._taken == 0 and self._began is not None and self._settings:
+            before = now - self._began - self._rested - self._rate * lasts
+            self._measured[PREPARING].append(max(0.0, before) / self._settings)
+        elif self._frame_began is not None:
+            self._measured[kind].append(now - self._frame_began - self._rate * lasts)
         self._frame_began = now
-        self._frames_left -= 1
-        self._bench_seconds_left -= lasts
+        self._taken += 1
 
     @property
     def elapsed_seconds(self) -> float:
@@ -58,12 +84,64 @@ class RunTiming:
         return (time.monotonic() if self._ended is None else self._ended) - self._began
 
     @property
+    def whole_seconds(self) -> float | None:
+        """Return the real seconds that a waiting run of the window will take; None if unknown."""
+        preparing = self._costs.seconds(PREPARING)
+        rest = self._rest_of_frames()
+        if rest is None or preparing is None:
+            return None
+        return preparing * self._settings + rest
+
+    @property
     def seconds_left(self) -> float | None:
         """Return the real seconds that a queued run in the window still needs; None if unknown."""
-        if not self._counted:
-            return self._bench_seconds_left if self._rate else None
-        began = self._frame_began
-        under_way = 0.0 if began is None else time.monotonic() - began
-        beyond = max(0.0, self._beyond / self._counted)
-        left = self._rate * self._bench_seconds_left + beyond * self._frames_left
-        return max(0.0, left - under_way)
+        if self._began is None or self._taken == 0:
+            whole = self.whole_seconds
+            passed = self.elapsed_seconds - self._rested
+            rest = self._rest_of_frames()
+            return None if whole is None or rest is None else max(rest, whole - passed)
+        left = self._rest_of_frames()
+        if left is None or self._frame_began is None or self._taken == len(self._kinds):
+            return left
+        # The frame under way has begun, and is no further than at its end.
+        after = self._rest_of_frames(self._taken + 1)
+        return max(left - (time.monotonic() - self._frame_began), after or 0.0)
+
+    def _rest_of_frames(self, first: int | None = None) -> float | None:
+        """Return the real seconds of the window's frames from one on; None if one isn't known."""
+        first = self._taken if first is None else first
+        left = self._rate * sum(shot.duration for shot in self._shots[first:])
+        for kind, count in Counter(self._kinds[first:]).items():
+            cost = self._cost(kind)
+            if cost is None:
+                return None
+            left += count * max(0.0, cost)
+        return left
+
+    def _cost(self, kind: str) -> float | None:
+        """Return the seconds that a kind of frame costs in this run of the window."""
+        if seen := self._measured.get(kind):
+            return _mean(seen)
+        usual = self._costs.seconds(kind)
+        if usual is not None:
+            return usual * self._ratio
+        # On a real bench, kinds differ little: the mean of those that were seen serves.
+        every = [one for name, seen in self._measured.items() if name != PREPARING for one in seen]
+        if self._rate:
+            return _mean(every) if every else 0.0
+        return None
+
+    @property
+    def _ratio(self) -> float:
+        """Return how many times the usual cost the window's frames cost in this run so far."""
+        measured = usual = 0.0
+        for kind, seen in self._measured.items():
+            cost = self._costs.seconds(kind)
+            if kind != PREPARING and cost is not None:
+                measured += sum(seen)
+                usual += cost * len(seen)
+        return measured / usual if measured > 0 and usual > 0 else 1.0
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
