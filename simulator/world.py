@@ -72,6 +72,8 @@ class World:
         self.imaging = Imaging(tol, memory=memory, decide_by=decide_by)
         self.clock: Clock = clock or VirtualClock()
         self.faults = FaultScript(faults)
+        self.is_picture_unwanted: Callable[[], bool] = lambda: False
+        """Function that is called between the steps of a picture, which ends if it returns true."""
         self.band = Band(550e-9, 7e-9)
         self.target = next(iter(scene.targets))
         self.begin_frame(0, 0, 0)

@@ -16,7 +16,8 @@ from drivers.hosted.calls import CallResult
 from drivers.hosted.child_process import ChildProcess
 from labapp.common.plain_text import printable
 from labapp.window.bench_options import BenchOptions
-from labapp.window.messages import AcknowledgeFrame, Command, LiveFrame
+from labapp.window.frame_memory import FrameMemoryReader, SlotHeader
+from labapp.window.messages import AcknowledgeFrame, Command
 
 _ENGINE = "labapp.window.engine.engine_process:run_engine"
 
@@ -63,6 +64,8 @@ class EngineConnection(QObject):
         self._process: ChildProcess | None = None
         self.has_failed = False
         """Whether the engine that ended last crashed, or couldn't leave the bench safe."""
+        self._frames: FrameMemoryReader | None = None
+        self._slot = 0
         self._notifiers: list[QSocketNotifier] = []
         self._waiting: SimpleQueue[Command | None] = SimpleQueue()
 
@@ -96,6 +99,7 @@ class EngineConnection(QObject):
         finally:
             os.close(theirs)
         self._process, self._waiting = process, SimpleQueue()
+        self._frames = FrameMemoryReader(process.line.memory)
         threading.Thread(target=_send, args=(process, self._waiting), daemon=True).start()
         for end, obey in (
             (process.line.fileno(), self._read),
@@ -113,6 +117,10 @@ class EngineConnection(QObject):
         if self._process is not None:
             self._waiting.put(command)
 
+    def acknowledge_frame(self) -> None:
+        """Tell the engine that the last frame is on the window's screen: the next one may come."""
+        self.send(AcknowledgeFrame(self._slot))
+
     def close(self) -> None:
         """End the window's engine process, which leaves the bench safe when it is disconnected."""
         process, self._process = self._process, None
@@ -123,20 +131,23 @@ class EngineConnection(QObject):
             notifier.setEnabled(False)
             notifier.deleteLater()
         self._waiting.put(None)
+        if self._frames is not None:
+            self._frames.close()
         process.close()
         self.has_failed = process.exit_code() != 0
 
     def _read(self) -> None:
         messages = self._messages()
-        frames = [message for message in messages if isinstance(message, LiveFrame)]
+        frames = [message for message in messages if isinstance(message, SlotHeader)]
         for message in messages:
-            if isinstance(message, LiveFrame):
-                self.send(AcknowledgeFrame())
             if isinstance(message, CallResult) and message.failure is not None:
                 for line in message.failure.trace.splitlines(keepends=True):
                     self._note(line)
-            elif not isinstance(message, LiveFrame) or message is frames[-1]:
+            elif not isinstance(message, SlotHeader):
                 self.report_received.emit(message)
+            elif message is frames[-1] and self._frames is not None:
+                self._slot = message.slot
+                self.report_received.emit(self._frames.read(message))
 
     def _messages(self) -> list[object]:
         """Return all messages of the window's engine that have arrived."""

@@ -15,7 +15,7 @@ from labapp.window.widgets import fill_layout
 class HistogramView(QWidget):
     """Plot how many pixels of a frame have each digital number.
 
-    `levels_dragged` is emitted with the levels (black, white) in DN after a person moved them.
+    `levels_dragged` is emitted with the levels (black, white) in DN while a person moves them.
     """
 
     levels_dragged = Signal(float, float)
@@ -37,7 +37,7 @@ class HistogramView(QWidget):
             (0, 1), brush=pg.mkBrush(192, 138, 62, 28), pen=pg.mkPen(ACCENT), swapMode="block"
         )
         self._plot.addItem(self._levels)
-        self._levels.sigRegionChangeFinished.connect(self._drag)
+        self._levels.sigRegionChanged.connect(self._drag)
         fill_layout(QVBoxLayout(self), self._plot)
 
     def show_counts(self, counts: NDArray[np.float32], width: float) -> None:
@@ -54,7 +54,8 @@ class HistogramView(QWidget):
         self._plot.setRange(xRange=(0, edges[-1]), yRange=(0, top), padding=0.02)
 
     def show_levels(self, low: float, high: float) -> None:
-        if self._levels.moving:
+        # A line that is dragged alone moves, though the region between both lines doesn't.
+        if self._levels.moving or any(line.moving for line in self._levels.lines):
             return
         self._levels.blockSignals(True)
         self._levels.setRegion((low, high))

@@ -3,38 +3,44 @@
 from __future__ import annotations
 
 import time
-from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import numpy as np
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from labapp.window import tone_mapping
+from labapp.window.duration_text import format_duration
+from labapp.window.frame_rate import FrameRate
+from labapp.window.frame_reduction import FrameView, ReducedFrame, reduce_frame
 from labapp.window.histogram_view import HistogramView
-from labapp.window.messages import LiveFrame
-from labapp.window.picture_view import PictureView
+from labapp.window.live_picture_view import LivePictureView
+from labapp.window.messages import LiveFrame, LivePicture, PictureAwaited
 from labapp.window.widgets import fill_layout, make_label
 
 
 @dataclass(frozen=True)
 class LiveViewSettings:
-    """Set how often the live view updates its histogram and over what it averages its frame rate.
+    """Set how often the live view draws what a person can't read faster, and how long it waits.
 
     Attributes
     ----------
     histogram_interval : float
         Least seconds between drawings of the histogram. The picture's contrast follows every
         frame. Chosen.
-    rate_frames : int
-        Most frames over which the frame rate is averaged. Chosen.
-    rate_span : float
-        Seconds before the last frame from which on frames count for the frame rate. Chosen.
+    rate_interval : int
+        Milliseconds between the descriptions of the frame rate. Chosen.
+    patience : int
+        Milliseconds that a changed view waits for a frame that the engine reduced to it, before
+        the window reduces the frame that it has. Chosen: two frames at 30 frames a second.
+    painting_time : int
+        Milliseconds after which a frame counts as shown although nothing was painted, as under
+        another window. Chosen.
     """
 
     histogram_interval: float = 0.1
-    rate_frames: int = 20
-    rate_span: float = 1.0
+    rate_interval: int = 250
+    patience: int = 60
+    painting_time: int = 100
 
 
 _SETTINGS = LiveViewSettings()
@@ -44,34 +50,52 @@ class LiveView(QWidget):
     """Show live frames; every text about a frame uses values that came with that frame.
 
     `auto_contrast_changed` is emitted with False when dragging a level ends the auto contrast.
+    `view_changed` is emitted with what the engine should send, and `frame_shown` when a frame is
+    on the screen, so that the next one may come.
     """
 
     auto_contrast_changed = Signal(bool)
+    view_changed = Signal(object)
+    frame_shown = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.picture = PictureView(self)
-        self.caption = make_label(self.picture, "no picture yet", look="caption")
+        self.picture = LivePictureView(self)
+        self.caption = self._make_caption("no picture yet")
         self.caption.move(8, 8)
-        self.caption.ensurePolished()
-        self.caption.adjustSize()
-        self.caption.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.awaited = self._make_caption("")
+        self.awaited.hide()
         self.cursor_reading = make_label(self, look="readings")
         self.frame_reading = make_label(self, look="readings")
         self._histogram = HistogramView(self)
         self._histogram.levels_dragged.connect(self.set_levels)
         self._scale = tone_mapping.DigitalScale()
         self.levels = (0.0, float(self._scale.full_scale))
-        self._auto = True
-        self._running = True
+        self._auto = self._running = True
         self._palette = tone_mapping.build_palette(mark_clipping=True)
-        self._frame: LiveFrame | None = None
-        self._arrivals: deque[float] = deque(maxlen=_SETTINGS.rate_frames)
+        self._picture: LivePicture | None = None
+        self._view = FrameView()
+        self._rate = FrameRate()
+        self._is_painting = False
+        self._awaited_request = 0
         self._drawn = 0.0
         self._under_mouse = (-1, -1)
+        self._make_timers()
         self.picture.pixel_hovered.connect(self._hover)
+        self.picture.view_changed.connect(self._change_view)
+        self.picture.painted.connect(self._note_painted)
         readings = fill_layout(QHBoxLayout(), (self.cursor_reading, 1), self.frame_reading)
         fill_layout(QVBoxLayout(self), (self.picture, 1), readings, self._histogram, spacing=2)
+
+    @property
+    def view(self) -> FrameView:
+        """Return what the window shows of live frames."""
+        return self._view
+
+    @property
+    def frame(self) -> LiveFrame | None:
+        """Return the raw frame that the window shows; copy its image to keep it."""
+        return None if self._picture is None else self._picture.frame
 
     def set_scale(self, scale: tone_mapping.DigitalScale) -> None:
         self._scale = scale
@@ -79,85 +103,150 @@ class LiveView(QWidget):
     def set_auto_contrast(self, on: bool) -> None:
         """Set whether the contrast of the window's live view follows every frame or stays."""
         self._auto = on
-        self._redraw()
+        self._change_view()
 
     def set_clipping_marks(self, on: bool) -> None:
         """Set whether the window's live view shows saturated and black pixels in colour."""
         self._palette = tone_mapping.build_palette(mark_clipping=on)
-        self._redraw()
+        if self._picture is not None:
+            self._show(self._picture.shown)
 
     def set_running(self, on: bool) -> None:
         """Set whether the window's live view runs; if not, the last frame is marked "STOPPED"."""
+        if not on:
+            self.awaited.hide()
+            self._rate.restart()
         self._running = on
-        if self._frame is not None:
-            self._describe(self._frame)
+        if self._picture is not None:
+            self._describe(self._picture)
 
-    def show_frame(self, frame: LiveFrame) -> None:
-        self._frame, self._running = frame, True
-        self._arrivals.append(time.monotonic())
-        self._redraw()
-        self._describe(frame)
+    def show_picture(self, picture: LivePicture) -> None:
+        """Show a live frame that the engine has reduced to the window's view."""
+        self._picture, self._running = picture, True
+        if picture.request >= self._awaited_request:
+            self.awaited.hide()
+        self._show(picture.shown)
+        self._describe(picture)
         self._hover(*self._under_mouse)
+        self._is_painting = True
+        if self.picture.isVisible():
+            self._painting.start()
+        else:
+            self._note_painted()
+        if picture.shown.view != self._view:
+            self._patience.start()
 
-    def _redraw(self) -> None:
-        if self._frame is None:
+    def show_awaited(self, awaited: PictureAwaited) -> None:
+        """Say over the window's picture that it isn't that of the settings any more."""
+        shown = 0 if self._picture is None else self._picture.request
+        if not self._running or shown >= awaited.request:
             return
-        image = self._frame.image
-        counts, width = tone_mapping.histogram(image, self._scale)
-        if self._auto:
-            self.levels = tone_mapping.auto_levels(counts, width)
-        indices = tone_mapping.index_picture(image, self.levels, self._scale)
-        visible = tone_mapping.spread_saturated(indices, self.picture.reduction)
-        self.picture.show_indices(visible, self._palette)
+        self._awaited_request = awaited.request
+        left = awaited.seconds_left
+        if left is not None:
+            rest = f", {format_duration(left)} left"
+        else:
+            rest = f", {awaited.elapsed:.0f} s so far" if awaited.elapsed >= 1 else ""
+        self.awaited.setText(f"{awaited.activity} …{rest}")
+        self.awaited.adjustSize()
+        self.awaited.move(8, self.caption.geometry().bottom() + 5)
+        self.awaited.show()
+
+    def _make_caption(self, text: str) -> QLabel:
+        """Create a text over the window's picture, which the mouse doesn't feel."""
+        caption = make_label(self.picture, text, look="caption")
+        caption.ensurePolished()
+        caption.adjustSize()
+        caption.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        return caption
+
+    def _make_timers(self) -> None:
+        self._patience = QTimer(self, singleShot=True, interval=_SETTINGS.patience)
+        self._patience.timeout.connect(self._reduce_again)
+        self._painting = QTimer(self, singleShot=True, interval=_SETTINGS.painting_time)
+        self._painting.timeout.connect(self._note_painted)
+        self._ageing = QTimer(self, interval=_SETTINGS.rate_interval)
+        self._ageing.timeout.connect(self._describe_rate)
+        self._ageing.start()
+
+    def _change_view(self) -> None:
+        """Tell the engine what is visible in the window now, and with which contrast."""
+        region, size = self.picture.visible_region
+        view = FrameView(region, size, None if self._auto else self.levels)
+        if view != self._view:
+            self._view = view
+            self.view_changed.emit(view)
+            self._patience.start()
+
+    def _reduce_again(self) -> None:
+        """Reduce the frame that the window has to a changed view: the next one may be far off."""
+        picture = self._picture
+        if picture is not None and picture.shown.view != self._view:
+            shown = reduce_frame(picture.frame.image, self._view, self._scale)
+            self._picture = replace(picture, shown=shown)
+            self._show(shown)
+
+    def _show(self, shown: ReducedFrame) -> None:
+        assert self._picture is not None, "only a picture's part is shown"
+        rows, columns = self._picture.frame.image.shape
+        self.picture.show_reduced(shown, (rows, columns), self._palette)
+        # A level that a person drags leads; frames on their way still have the one before.
+        if self._auto or shown.view == self._view:
+            self.levels = shown.levels
         now = time.monotonic()
         if now - self._drawn >= _SETTINGS.histogram_interval:
             self._drawn = now
-            self._histogram.show_counts(counts, width)
+            self._histogram.show_counts(shown.counts, shown.bin_width)
             self._histogram.show_levels(*self.levels)
 
-    def _describe(self, frame: LiveFrame) -> None:
-        """Write the live frame's settings over the window's picture, and saturation and rate below.
+    def _note_painted(self) -> None:
+        """Note that the window's newest frame is on the screen."""
+        if self._is_painting:
+            self._is_painting = False
+            self._painting.stop()
+            self._rate.count(time.monotonic())
+            self.frame_shown.emit()
 
-        The saturation is the share of saturated pixels.
-        """
+    def _describe(self, picture: LivePicture) -> None:
+        """Write the live frame's settings over the window's picture, and figures below."""
+        frame = picture.frame
         self.caption.setText(
             f"{frame.target}  ·  {frame.pattern}  ·  {frame.wavelength * 1e9:.2f} nm  ·  "
             f"{frame.exposure * 1e3:.3f} ms" + ("" if self._running else "  ·  STOPPED")
         )
         self.caption.adjustSize()
-        clipped = int(np.count_nonzero(frame.image >= self._scale.full_scale))
-        share = 100 * clipped / frame.image.size
-        rate = f"   {self._rate():4.1f} fps" if self._running else ""
-        self.frame_reading.setText(
-            f"saturated {share:.3f} % ({clipped} px)   frame {frame.number}{rate}"
-        )
+        self._describe_rate()
 
-    def _rate(self) -> float:
-        """Return the window's live frames per second, averaged over about a second.
-
-        After a pause, the count starts anew.
-        """
-        recent = [t for t in self._arrivals if self._arrivals[-1] - t < _SETTINGS.rate_span]
-        span = recent[-1] - recent[0]
-        return (len(recent) - 1) / span if span > 0 else 0.0
+    def _describe_rate(self) -> None:
+        """Write the share of saturated pixels below the window's picture, and the frame rate."""
+        picture = self._picture
+        if picture is None:
+            return
+        clipped = picture.shown.saturated
+        share = 100 * clipped / picture.frame.image.size
+        text = f"saturated {share:.3f} % ({clipped} px)   frame {picture.frame.number}"
+        if self._running:
+            rate = self._rate.describe(time.monotonic())
+            text += f"   {rate}   dropped {picture.dropped}   missed {picture.missed}"
+        self.frame_reading.setText(text)
 
     def set_levels(self, low: float, high: float) -> None:
         self.levels = (low, high)
         if self._auto:
             self._auto = False
             self.auto_contrast_changed.emit(False)
-        self._redraw()
+        self._change_view()
 
     def _hover(self, row: int, column: int) -> None:
         self._under_mouse = (row, column)
-        if self._frame is None or not self._is_inside(row, column):
+        if self.frame is None or not self._is_inside(row, column):
             self.cursor_reading.setText("")
             return
-        value = int(self._frame.image[row, column])
+        value = int(self.frame.image[row, column])
         share = 100 * value / self._scale.full_scale
         self.cursor_reading.setText(f"x {column}  y {row}   {value} DN   {share:.1f} %")
 
     def _is_inside(self, row: int, column: int) -> bool:
         """Return whether the window's live frame has this pixel; frame sizes differ by bench."""
-        rows, columns = self._frame.image.shape if self._frame is not None else (0, 0)
+        rows, columns = self.frame.image.shape if self.frame is not None else (0, 0)
         return 0 <= row < rows and 0 <= column < columns

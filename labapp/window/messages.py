@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from labapp.runs.state import State
 from labapp.window.exposure_bracket import RequestedBracket
+from labapp.window.frame_reduction import FrameView, ReducedFrame
 
 PatternTable = dict[str, Any]
 """A pattern in the form of a plan file: its kind, and the keys of that kind."""
@@ -224,8 +225,24 @@ class Cancel(Command):
 
 
 @dataclass(frozen=True)
+class SetView(Command):
+    """Tell the engine what the window shows of live frames, and how often its screen is redrawn.
+
+    `refresh_interval` is in seconds.
+    """
+
+    view: FrameView
+    refresh_interval: float
+
+
+@dataclass(frozen=True)
 class AcknowledgeFrame(Command):
-    """Acknowledge a live frame, so that the engine sends the next one."""
+    """Acknowledge that a live frame is on the screen, so that the engine sends the next one.
+
+    `slot` is that of the frame in shared memory. The window no longer needs earlier frames.
+    """
+
+    slot: int
 
 
 # The engine sends the following messages to the window.
@@ -288,7 +305,7 @@ class BenchState:
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """Send the window a raw picture in DN, with the settings that it was really taken with."""
+    """Hold a raw picture in DN, with the settings that it was really taken with."""
 
     image: NDArray[np.uint16]
     target: str
@@ -296,6 +313,56 @@ class LiveFrame:
     wavelength: float
     exposure: float
     number: int
+
+
+@dataclass(frozen=True, eq=False)
+class LivePicture:
+    """Send the window what it shows of a frame, and the frame itself.
+
+    Arrays are views of memory that the engine writes again once the window has acknowledged a
+    later frame; who keeps one copies it.
+
+    Attributes
+    ----------
+    frame : LiveFrame
+        The raw frame.
+    shown : ReducedFrame
+        The part that the window shows, as its screen shows it.
+    request : int
+        Number of the person's last change of a setting that the frame was taken after.
+    dropped, missed : int
+        Frames since live view began that were taken but not shown, and that the camera counted
+        but didn't deliver.
+    """
+
+    frame: LiveFrame
+    shown: ReducedFrame
+    request: int = 0
+    dropped: int = 0
+    missed: int = 0
+
+
+@dataclass(frozen=True)
+class PictureAwaited:
+    """Tell the window that its picture isn't that of the settings any more, and what is done.
+
+    Attributes
+    ----------
+    request : int
+        Number of the person's last change of a setting. Pictures of it and of later ones are
+        what the window waits for.
+    activity : str
+        What is done for the picture, such as "computing the picture".
+    elapsed : float
+        Seconds since the change.
+    seconds_left : float or None
+        Seconds until the picture is expected; None if that isn't known.
+    """
+
+    request: int
+    activity: str
+    elapsed: float
+    seconds_left: float | None
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,10 @@ from labapp.window.messages import (
     FailureReport,
     JobEnded,
     JobProgress,
-    LiveFrame,
+    LivePicture,
     OpeningFailed,
     PatternPreview,
+    PictureAwaited,
     PictureSaved,
     QueueState,
     ReconstructionResult,
@@ -52,7 +53,8 @@ class ReportDisplay:
         self._show: dict[type, Callable[[Any], None]] = {
             BenchOpened: self._bench_opened,
             BenchState: self._bench_state,
-            LiveFrame: window.live_view.show_frame,
+            LivePicture: window.live_view.show_picture,
+            PictureAwaited: window.live_view.show_awaited,
             EffectsReport: window.effects.show_effects,
             PatternPreview: window.pattern.show_preview,
             JobProgress: self._job_progress,
@@ -112,6 +114,7 @@ class ReportDisplay:
         window.devices.show_devices(report.devices)
         window.effects.show_bench(report.devices)
         window.live_view.set_scale(DigitalScale(report.full_scale))
+        window.live_view.picture.set_frame_shape(report.camera_shape)
         window.run.set_frame_shape(report.camera_shape)
         window.run.times.set_virtual(report.virtual)
         window.accuracy.open_bench(report.scene_tolerance)

@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QFileDialog
 from labapp.files.guarded_reading import is_file
 from labapp.window.accuracy_view import MEASUREMENT
 from labapp.window.engine_connection import EngineConnection
+from labapp.window.frame_reduction import FrameView
 from labapp.window.messages import (
     BenchOpened,
     Cancel,
@@ -28,6 +29,7 @@ from labapp.window.messages import (
     SetExposure,
     SetLive,
     SetTolerance,
+    SetView,
     SetWavelength,
     ShowPattern,
 )
@@ -83,6 +85,7 @@ class Session(QObject):
             bench, window.settings.target.currentText() or self.first_target
         )
         window.settings.request_all_settings()
+        self._send_view(window.live_view.view)
         self._connection.send(SetLive(True))
         window.pattern.schedule_preview()
         self._runs.restore_kept()
@@ -140,7 +143,13 @@ class Session(QObject):
         window.pattern.show_requested.connect(lambda table: send(ShowPattern(table)))
         window.devices.reconnect_requested.connect(lambda device: send(ReconnectDevice(device)))
         window.message.restart_requested.connect(self._restart)
+        window.live_view.view_changed.connect(self._send_view)
+        window.live_view.frame_shown.connect(self._connection.acknowledge_frame)
         window.live_view.auto_contrast_changed.connect(window.actions_["contrast"].setChecked)
+
+    def _send_view(self, view: FrameView) -> None:
+        """Tell the engine what the window shows of live frames, and how often its screen does."""
+        self._connection.send(SetView(view, 1 / max(self._window.screen().refreshRate(), 1.0)))
 
     def _connect_accuracy(self) -> None:
         view, send = self._window.accuracy, self._connection.send

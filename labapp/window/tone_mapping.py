@@ -56,29 +56,18 @@ def auto_levels(counts: NDArray[np.float32], width: float) -> tuple[float, float
     return low, max(high, low + 16)
 
 
-def index_picture(
-    image: NDArray[np.uint16], levels: tuple[float, float], scale: DigitalScale
-) -> NDArray[np.uint8]:
-    """Return the palette indices that show a raw picture in the window at contrast levels.
+def index_table(levels: tuple[float, float], scale: DigitalScale) -> NDArray[np.uint8]:
+    """Return the window's palette index of every digital number at contrast levels.
 
     The levels are (black, white) in DN.
     """
     low, high = levels
-    numbers = np.arange(max(scale.numbers, int(image.max(initial=0)) + 1), dtype=np.float32)
+    numbers = np.arange(scale.numbers, dtype=np.float32)
     share = np.clip((numbers - low) / max(high - low, 1e-6), 0, 1)
     table = (_BLACK_INDEX + np.rint(share * (_WHITE_INDEX - _BLACK_INDEX))).astype(np.uint8)
     table[0] = 0
     table[scale.full_scale :] = SATURATED_INDEX
-    return table[image]
-
-
-def spread_saturated(indices: NDArray[np.uint8], reduction: int) -> NDArray[np.uint8]:
-    """Enlarge saturated pixels so that the window shows all, even where it skips pixels."""
-    if reduction <= 1:
-        return indices
-    saturated = (indices == SATURATED_INDEX).astype(np.uint8)
-    wider = cv2.dilate(saturated, np.ones((reduction, reduction), np.uint8))
-    return np.where(np.asarray(wider) > 0, np.uint8(SATURATED_INDEX), indices)
+    return table
 
 
 def build_palette(*, mark_clipping: bool) -> NDArray[np.uint8]:

@@ -113,7 +113,7 @@ class SimulatedCamera(SimulatedDevice):
 
         def check() -> None:
             self.alive_at = time.monotonic()
-            if cancelled():
+            if cancelled() or self._world.is_picture_unwanted():
                 raise self._refuse("capture", "it was cancelled", "Take it again")
             self._faults.require_alive("capture")
 

@@ -17,7 +17,7 @@ from PySide6.QtCore import QEvent, QObject, QTimer
 from PySide6.QtWidgets import QApplication, QMainWindow
 
 from labapp.window.app import open_window
-from labapp.window.messages import LiveFrame, OpeningFailed
+from labapp.window.messages import LivePicture, OpeningFailed
 
 _FRAMES = 60
 
@@ -42,7 +42,7 @@ class _Watcher(QObject):
         if isinstance(report, OpeningFailed):
             print(report.message, file=sys.stderr)
             QApplication.exit(1)
-        if not isinstance(report, LiveFrame):
+        if not isinstance(report, LivePicture):
             return
         self._frames += 1
         self._note("seconds_to_picture")

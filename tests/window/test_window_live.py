@@ -5,6 +5,8 @@ import re
 import numpy as np
 from PySide6.QtCore import Qt
 
+from labapp.window.messages import LivePicture
+
 
 def test_pictures_follow_each_other(bench, person):
     view = bench.window.live_view.picture
@@ -49,7 +51,8 @@ def test_the_caption_is_of_the_frame_that_is_shown(bench, person):
     view = bench.window.live_view
 
     def compare(report):
-        if report is bench.frame:
+        if isinstance(report, LivePicture):
+            report = report.frame
             exposure = float(re.search(r"([\d.]+) ms", view.caption.text())[1])
             said.setdefault(exposure, set()).add(round(float(report.image.mean()) - 64, -1))
             assert exposure == round(report.exposure * 1e3, 3)

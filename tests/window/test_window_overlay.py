@@ -5,8 +5,9 @@ import pytest
 from eyes import pixels
 from waits import wait_until
 
+from labapp.window.frame_reduction import reduce_frame
 from labapp.window.live_view import LiveView
-from labapp.window.messages import LiveFrame
+from labapp.window.messages import LiveFrame, LivePicture
 from labapp.window.theme import BLACK, SATURATED
 from labapp.window.tone_mapping import DigitalScale
 
@@ -24,6 +25,12 @@ def raw():
     return image.astype(np.uint16)
 
 
+def picture_of(image, view):
+    """A frame as the engine sends it, which knows the view from before the frame's size."""
+    frame = LiveFrame(image, "star", "neutral", 550e-9, 0.1, 1)
+    return LivePicture(frame, reduce_frame(image, view.view, DigitalScale(_FULL)))
+
+
 @pytest.fixture
 def view(dark_theme, qtbot):
     view = LiveView()
@@ -37,7 +44,7 @@ def view(dark_theme, qtbot):
 
 @pytest.mark.parametrize("levels", [None, (1000.0, 2000.0), (0.0, 65535.0)])
 def test_marks_are_exactly_where_raw_data_is_clipped(view, raw, levels):
-    view.show_frame(LiveFrame(raw, "star", "neutral", 550e-9, 0.1, 1))
+    view.show_picture(picture_of(raw, view))
     if levels is not None:
         view.set_levels(*levels)
     view.caption.hide()
@@ -58,12 +65,12 @@ def test_marks_are_exactly_where_raw_data_is_clipped(view, raw, levels):
 
 
 def test_the_share_of_saturated_pixels_counts_every_one(view, raw):
-    view.show_frame(LiveFrame(raw, "star", "neutral", 550e-9, 0.1, 1))
+    view.show_picture(picture_of(raw, view))
     assert f"({int((raw >= _FULL).sum())} px)" in view.frame_reading.text()
 
 
 def test_marks_can_be_taken_off(view, raw):
-    view.show_frame(LiveFrame(raw, "star", "neutral", 550e-9, 0.1, 1))
+    view.show_picture(picture_of(raw, view))
     for marked in (True, False):
         view.set_clipping_marks(marked)
         wait_until(lambda on=marked: is_red(view).any() == on)
@@ -80,7 +87,7 @@ def test_no_saturated_pixel_is_lost_in_a_large_picture(view):
     places = random.integers(20, 1980, (30, 2))
     image[places[:, 0], places[:, 1]] = _FULL
     for _ in range(2):  # the first picture of a size sets the zoom
-        view.show_frame(LiveFrame(image, "star", "neutral", 550e-9, 0.1, 1))
+        view.show_picture(picture_of(image, view))
     view.caption.hide()
 
     def all_are_red():

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 
 from labapp.window.engine_connection import EngineConnection
 from labapp.window.main_window import MainWindow
-from labapp.window.messages import LiveFrame, QueueState, RunInfo
+from labapp.window.messages import LiveFrame, LivePicture, QueueState, RunInfo
 from labapp.window.remembered_settings import RememberedSettings
 
 
@@ -47,8 +47,8 @@ class Bench:
         self.connection.start()
 
     def _hear(self, report: Any) -> None:
-        if isinstance(report, LiveFrame):
-            self.frames, self.frame = self.frames + 1, report
+        if isinstance(report, LivePicture):
+            self.frames, self.frame = self.frames + 1, report.frame
         else:
             self.reports.append(report)
 

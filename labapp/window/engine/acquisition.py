@@ -9,6 +9,7 @@ from labapp.window.engine.bench_controller import BenchController
 from labapp.window.engine.channel import Channel
 from labapp.window.engine.effects_reporter import EffectsReporter
 from labapp.window.engine.frame_pacer import FramePacer
+from labapp.window.engine.frame_sender import FrameSender
 from labapp.window.engine.person_prompter import PersonPrompter
 from labapp.window.engine.queued_run import QueuedRun
 from labapp.window.messages import LiveFrame, RunEnded
@@ -22,12 +23,13 @@ class Acquisition:
         self,
         channel: Channel,
         top: BenchController,
+        sender: FrameSender,
         pace: FramePacer,
         person: PersonPrompter,
         effects: EffectsReporter,
     ) -> None:
-        self._channel, self._controller, self._pace, self._person = channel, top, pace, person
-        self._effects = effects
+        self._channel, self._controller, self._sender, self._pace = channel, top, sender, pace
+        self._person, self._effects = person, effects
 
     def take_run(self, run: QueuedRun) -> RunEnded:
         """Take a queued run of the window on the engine's bench, and return how it ended.
@@ -71,6 +73,7 @@ class Acquisition:
         """Send a run's stored frame to the window, if the window's next frame is due."""
         self._controller.note_run_frame(frame)
         if not self._pace.is_due:
+            self._sender.skip(frame.number)
             return
         self._pace.begin()
         state = self._controller.read_state(live=False, running=True)
@@ -84,4 +87,4 @@ class Acquisition:
             number=frame.number,
         )
         self._effects.report_if_changed(seen)
-        self._channel.send_frame(seen)
+        self._sender.offer(seen)

@@ -87,7 +87,7 @@ class BenchController:
         bench = self._bench
         self.devices.require_alive()
         bench.clock.wait_until(self._ready, cancelled)
-        frame = bench.camera.capture(lambda: cancelled() or self.live_tolerance.is_frame_given_up)
+        frame = bench.camera.capture(cancelled)
         self.devices.mark_working("camera")
         return LiveFrame(
             image=frame.image,
@@ -97,6 +97,16 @@ class BenchController:
             exposure=frame.exposure,
             number=frame.number,
         )
+
+    @property
+    def exposure(self) -> float:
+        """Return the exposure time in seconds of the window's live frames."""
+        return self._exposure
+
+    @property
+    def frame_seconds(self) -> float:
+        """Return the seconds that the window's next frame takes: settling, and the exposure."""
+        return max(0.0, self._ready - self._bench.clock.now()) + self._exposure
 
     def note_run_frame(self, frame: Frame) -> None:
         """Note a run's frame for the window: every device works, and the exposure is the run's."""

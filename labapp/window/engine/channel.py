@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from drivers.hosted.message_socket import MessageSocket
-from labapp.window.messages import AcknowledgeFrame, PlaceTarget, SetExposure, SetWavelength
+from labapp.window.messages import PlaceTarget, SetExposure, SetWavelength
 
 _NEWEST_ONLY = (PlaceTarget, SetWavelength, SetExposure)
 """Commands of which only the newest is kept: a turn of the mouse wheel sends dozens of them."""
@@ -20,17 +20,17 @@ class Channel:
 
     A thread of its own reads, so that the engine receives urgent commands, and notices the end of
     the window, while it works. `immediate_handlers` are called in that thread, by type of command;
-    all other commands wait for take_command(). `end_handlers` are called when the window is gone.
+    all other commands wait for take_command(). `on_received` is called in that thread with every
+    command once it is handled or waits. `end_handlers` are called when the window is gone.
     """
 
     def __init__(self, line: MessageSocket) -> None:
         self._line = line
         self._waiting: deque[Any] = deque()
         self._condition = threading.Condition()
-        # At most two live frames are sent that the window hasn't acknowledged.
-        self._room = 2
         self.closed = False
         self.immediate_handlers: Mapping[type, Callable[[Any], None]] = {}
+        self.on_received: Callable[[object], None] = lambda _: None
         self.end_handlers: list[Callable[[], None]] = []
         threading.Thread(target=self._read, name="window", daemon=True).start()
 
@@ -42,15 +42,20 @@ class Channel:
         except OSError:
             self._close()
 
-    def send_frame(self, frame: object) -> None:
+    def wake(self) -> None:
+        """Let take_command() of the window's engine return, though there may be no command."""
         with self._condition:
-            self._room -= 1
-        self.send(frame)
+            self._condition.notify()
 
     @property
-    def has_room(self) -> bool:
-        """Return whether the window has room for another live frame."""
-        return self._room > 0
+    def has_commands(self) -> bool:
+        """Return whether commands of the window wait to be taken."""
+        return bool(self._waiting)
+
+    @property
+    def memory(self) -> int:
+        """Return the descriptor of the memory that the engine shares with the window."""
+        return self._line.memory
 
     def post(self, command: object) -> None:
         """Queue a command for the window's engine as if the window had sent it."""
@@ -77,14 +82,11 @@ class Channel:
             duty()
 
     def _receive(self, message: object) -> None:
-        if isinstance(message, AcknowledgeFrame):
-            with self._condition:
-                self._room += 1
-                self._condition.notify()
-        elif type(message) in self.immediate_handlers:
+        if type(message) in self.immediate_handlers:
             self.immediate_handlers[type(message)](message)
         else:
             self.post(message)
+        self.on_received(message)
 
     def _close(self) -> None:
         with self._condition:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +11,7 @@ from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
 from labapp.runs.state import State
 from labapp.window.engine.acquisition import Acquisition
+from labapp.window.engine.awaited_picture import AwaitedPicture
 from labapp.window.engine.background_jobs import BackgroundJobs, ComputedPattern
 from labapp.window.engine.bench_controller import BenchController
 from labapp.window.engine.change_notifier import ChangeNotifier
@@ -17,12 +19,16 @@ from labapp.window.engine.channel import Channel
 from labapp.window.engine.effects_reporter import EffectsReporter
 from labapp.window.engine.failures import describe_failure
 from labapp.window.engine.frame_pacer import FramePacer
+from labapp.window.engine.frame_sender import FrameSender
 from labapp.window.engine.jobs import Jobs
+from labapp.window.engine.outdated_frame import OutdatedFrame
 from labapp.window.engine.person_prompter import PersonPrompter
+from labapp.window.engine.picture_forecast import PictureForecast
 from labapp.window.engine.planner import RunPlanner
 from labapp.window.engine.queued_run import QueuedRun
 from labapp.window.engine.run_queue import RunQueue
 from labapp.window.messages import (
+    AcknowledgeFrame,
     AcquireBracket,
     AnswerPrompt,
     Cancel,
@@ -32,6 +38,7 @@ from labapp.window.messages import (
     ComputePreview,
     DeviceReconnected,
     ForecastAccuracy,
+    LiveFrame,
     MeasureAccuracy,
     PauseRun,
     PlaceTarget,
@@ -49,10 +56,15 @@ from labapp.window.messages import (
     SetExposure,
     SetLive,
     SetTolerance,
+    SetView,
     SetWavelength,
     ShowPattern,
 )
 from labapp.window.spectral_messages import ListBands, RestoreCube, ShowCubeColours
+from labapp.window.tone_mapping import DigitalScale
+
+_SETTINGS = (PlaceTarget, SetWavelength, SetExposure, ShowPattern)
+"""Commands after which pictures are others than before."""
 
 
 class StartQueuedRuns:
@@ -78,11 +90,18 @@ class Engine:
         )
         self._controller = BenchController(bench)
         self._jobs = Jobs(channel)
-        self._pace = FramePacer(channel)
+        self._awaited = AwaitedPicture(channel)
+        self._jobs.on_progress = self._awaited.note_job
+        tolerance, world = self._controller.live_tolerance, bench.camera_world
+        self._outdated = OutdatedFrame(channel, tolerance, world)
+        self._forecast = None if world is None else PictureForecast(world)
+        self._sender = FrameSender(channel, DigitalScale(bench.camera.full_scale))
+        self._sender.on_room, self._sender.on_failure = channel.wake, self._complain
+        self._pace = FramePacer(self._sender)
         self._background = BackgroundJobs(bench, channel, self._jobs, self._controller)
         self._effects = EffectsReporter(bench, channel)
         self._acquisition = Acquisition(
-            channel, self._controller, self._pace, self._person, self._effects
+            channel, self._controller, self._sender, self._pace, self._person, self._effects
         )
         self._live = self._live_again = False
         self._obey: dict[type, Callable[[Any], None]] = {
@@ -93,11 +112,13 @@ class Engine:
             ComputedPattern: lambda command: self._controller.show_pattern(
                 command.name, command.grey
             ),
-            ShowPattern: self._background.compute_pattern,
             ReconnectDevice: self._reconnect,
             StartQueuedRuns: self._run_all,
         }
         at_once: dict[type, Callable[[Any], None]] = {
+            SetView: self._set_view,
+            AcknowledgeFrame: self._sender.acknowledge,
+            ShowPattern: self._background.compute_pattern,
             ComputePreview: self._background.preview,
             ReconstructRun: self._background.reconstruct,
             RestoreCube: self._background.restore_cube,
@@ -122,7 +143,8 @@ class Engine:
         channel.immediate_handlers = {
             kind: self._reporting_errors(obey) for kind, obey in at_once.items()
         }
-        channel.end_handlers.append(self._stop)
+        channel.on_received = self._count_request
+        channel.end_handlers += [self._stop, self._sender.close, self._awaited.close]
 
     def run(self) -> None:
         """Handle commands and take live frames until the window is gone.
@@ -131,7 +153,7 @@ class Engine:
         """
         self._channel.send(self._controller.describe_bench())
         while not self._channel.closed:
-            looking = self._live and self._channel.has_room
+            looking = self._live and self._sender.has_room
             command = self._channel.take_command(self._pace.seconds_left if looking else 0.1)
             if command is not None:
                 self._do(command)
@@ -177,25 +199,69 @@ class Engine:
         queue = self._queue
         self._channel.send(QueueState(queue.run_infos(), queue.hold_reason, self._person.prompt))
 
+    def _count_request(self, command: object) -> None:
+        """Count a change of what the window's pictures depend on, once it waits or is obeyed."""
+        is_simulated = self._controller.live_tolerance.is_simulated
+        if isinstance(command, _SETTINGS) or (isinstance(command, SetTolerance) and is_simulated):
+            self._awaited.count_request()
+
+    def _set_view(self, command: SetView) -> None:
+        self._sender.set_view(command.view)
+        self._pace.interval = command.refresh_interval
+
     def _set_live(self, command: SetLive) -> None:
         if command.on and not self._live:
             self._controller.restore_settings()
-        self._live = command.on
+        self._change_live(command.on)
+
+    def _change_live(self, on: bool) -> None:
+        """Start or stop live view; no frame of before comes to the window after this."""
+        if on != self._live:
+            self._sender.discard()
+        self._live = on
+        self._awaited.set_live(on)
 
     def _take_frame(self) -> None:
+        request = self._settled_request()
         self._pace.begin()
         try:
-            with self._controller.live_tolerance.during_frame():
-                frame = self._controller.take_frame(lambda: self._channel.closed)
+            with self._outdated.watch(), self._controller.live_tolerance.during_frame():
+                frame = self._take_awaited_frame(request)
                 self._effects.report_if_changed(frame)
-            self._channel.send_frame(frame)
+            self._sender.offer(frame, request)
+            self._awaited.note_picture(request)
         except Exception as error:
-            given_up = self._controller.live_tolerance.is_frame_given_up
-            if given_up and isinstance(error, DeviceError):
+            if self._outdated.is_given_up and isinstance(error, DeviceError):
                 return
-            self._live = False
+            self._change_live(False)
             self._complain(error)
             self._tell()
+
+    def _take_awaited_frame(self, request: int) -> LiveFrame:
+        """Take a frame, and say meanwhile what the window waits for if its settings are new."""
+        controller, cancelled = self._controller, self._outdated.is_cancelled
+        if request <= self._awaited.reached:
+            return controller.take_frame(cancelled)
+        if self._forecast is None:
+            self._awaited.note_activity(request, "exposing", controller.frame_seconds)
+            return controller.take_frame(cancelled)
+        self._awaited.note_activity(request, "computing the picture")
+        expected = self._forecast.expected_seconds(controller.exposure)
+        self._awaited.note_activity(request, "computing the picture", expected)
+        began = time.monotonic()
+        frame = controller.take_frame(cancelled)
+        self._forecast.learn(time.monotonic() - began)
+        return frame
+
+    def _settled_request(self) -> int:
+        """Return the number of the person's last change that a frame taken now belongs to.
+
+        It is 0 while settings are on their way to the devices.
+        """
+        request = self._awaited.newest
+        # In this order: a job posts its pattern before it ends.
+        on_their_way = self._jobs.is_running("pattern") or self._channel.has_commands
+        return 0 if on_their_way else request
 
     def _set_tolerance(self, command: SetTolerance) -> None:
         self._controller.live_tolerance.set(command.tol)
@@ -226,13 +292,14 @@ class Engine:
         Live view is restored after the last run, if that run allows it.
         """
         while not self._channel.closed and (run := self._queue.begin()) is not None:
-            self._live_again, self._live = self._live_again or self._live, False
+            self._live_again = self._live_again or self._live
+            self._change_live(False)
             self._tell(running=True)
             may_move = self._take(run)
             if may_move and self._live_again and not self._queue.can_begin:
                 self._live_again = False
                 self._controller.restore_settings()
-                self._live = True
+                self._change_live(True)
 
     def _take(self, run: QueuedRun) -> bool:
         """Take one of the window's queued runs; return whether devices may be set after it."""

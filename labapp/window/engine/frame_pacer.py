@@ -1,31 +1,39 @@
-"""The rate at which the engine sends frames to the window."""
+"""The rate at which the engine takes frames for the window."""
 
 from __future__ import annotations
 
 import time
 
-from labapp.window.engine.channel import Channel
+from labapp.window.engine.frame_sender import FrameSender
 
-_INTERVAL = 1 / 30
-"""Least seconds between frames for the window: the eye sees no more, and frames need the CPU."""
+_USUAL_INTERVAL = 1 / 60
+"""Seconds between redraws of most screens, until the window says how often its own is redrawn."""
 
 
 class FramePacer:
-    """Tell when the next frame for the window is due; never while the window has no room for it."""
+    """Tell when the next frame for the window is due: as often as its screen is redrawn.
 
-    def __init__(self, channel: Channel) -> None:
-        self._channel = channel
-        self._last = 0.0
+    No frame is due while another one waits for the window.
+    """
+
+    def __init__(self, sender: FrameSender) -> None:
+        self._sender = sender
+        self._next = 0.0
+        self.interval = _USUAL_INTERVAL
 
     @property
     def seconds_left(self) -> float:
-        return max(0.0, self._last + _INTERVAL - time.monotonic())
+        return max(0.0, self._next - time.monotonic())
 
     @property
     def is_due(self) -> bool:
         """Return whether the window's next live frame is due."""
-        return self._channel.has_room and self.seconds_left == 0
+        return self._sender.has_room and self.seconds_left == 0
 
     def begin(self) -> None:
-        """Note that a frame for the window is being taken now."""
-        self._last = time.monotonic()
+        """Note that a frame for the window is being taken now.
+
+        A frame that began somewhat late doesn't delay the next one.
+        """
+        now = time.monotonic()
+        self._next = max(self._next + self.interval, now)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 from labapp.window.engine.change_notifier import REPORT_INTERVAL
 from labapp.window.engine.channel import Channel
@@ -18,18 +19,27 @@ class Jobs:
         self._channel = channel
         self._lock = threading.Lock()
         self._running: dict[str, Progress] = {}
+        self.on_progress: Callable[[JobProgress], None] = lambda _: None
+
+    def is_running(self, job: str) -> bool:
+        """Return whether a job of the window's engine is under way."""
+        return job in self._running
 
     def begin(self, job: str) -> Progress:
         """Register a job of the window's engine, and cancel an older job of the same name.
 
         Returns the new job's progress, which is reported to the window.
         """
-        progress = Progress(_Reporter(job, self._channel))
+        progress = Progress(_Reporter(job, self._report))
         with self._lock:
             if job in self._running:
                 self._running[job].cancel()
             self._running[job] = progress
         return progress
+
+    def _report(self, progress: JobProgress) -> None:
+        self._channel.send(progress)
+        self.on_progress(progress)
 
     def end(self, job: str, progress: Progress) -> None:
         """Tell the window that a job is over, unless a newer one of its name is running."""
@@ -50,8 +60,8 @@ class Jobs:
 class _Reporter:
     """Send a job's progress to the window, with its time left, as fast as a person can read."""
 
-    def __init__(self, job: str, channel: Channel) -> None:
-        self._job, self._channel = job, channel
+    def __init__(self, job: str, report: Callable[[JobProgress], None]) -> None:
+        self._job, self._report = job, report
         self._began = time.monotonic()
         self._last = 0.0
 
@@ -64,4 +74,4 @@ class _Reporter:
         # The time left can be estimated once 3 % of the job are done.
         if fraction > 0.03:
             left = (now - self._began) * (1 - fraction) / fraction
-        self._channel.send(JobProgress(self._job, fraction, message, left))
+        self._report(JobProgress(self._job, fraction, message, left))

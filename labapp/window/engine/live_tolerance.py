@@ -42,6 +42,11 @@ class LiveTolerance:
             self._given_up.set()
 
     @property
+    def is_simulated(self) -> bool:
+        """Return whether the window's live pictures are simulated."""
+        return self._world is not None
+
+    @property
     def is_frame_given_up(self) -> bool:
         """Return whether the window's last live frame is given up for another tolerance."""
         return self._given_up.is_set()

@@ -1,0 +1,137 @@
+"""The engine's thread that reduces live frames and hands them to the window in shared memory."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from labapp.window.engine.channel import Channel
+from labapp.window.engine.frame_tally import FrameTally
+from labapp.window.frame_memory import SLOT_COUNT, FrameMemoryWriter, SlotHeader
+from labapp.window.frame_reduction import FrameView, reduce_frame
+from labapp.window.messages import AcknowledgeFrame, LiveFrame, LivePicture
+from labapp.window.tone_mapping import DigitalScale
+
+_COUNTS_BYTES = 1 << 16
+"""Bytes for the histogram of a frame, which has 4096 bins of 4 bytes at most."""
+
+
+class FrameSender:
+    """Reduce frames to the window's view in a thread of their own, while the next one is taken.
+
+    A frame is sent once the one before is on the window's screen. Only the newest frame waits for
+    that; one that a newer frame replaces counts as dropped.
+    """
+
+    def __init__(self, channel: Channel, scale: DigitalScale) -> None:
+        self._channel, self._scale = channel, scale
+        self._memory = FrameMemoryWriter(channel.memory)
+        self._condition = threading.Condition()
+        self._view = FrameView()
+        self._waiting: tuple[LiveFrame, int] | None = None
+        self._is_working = False
+        self._discards = 0
+        self._sent: deque[int] = deque()
+        self.tally = FrameTally()
+        self._is_shown = True
+        self.on_room: Callable[[], None] = lambda: None
+        self.on_failure: Callable[[Exception], None] = lambda _: None
+        threading.Thread(target=self._work, name="frame-sender", daemon=True).start()
+
+    @property
+    def has_room(self) -> bool:
+        """Return whether no frame waits for the window, so that another one is worth taking."""
+        return self._waiting is None
+
+    def set_view(self, view: FrameView) -> None:
+        """Reduce later frames to another view of the window's; any thread may call this."""
+        self._view = view
+
+    def offer(self, frame: LiveFrame, request: int = 0) -> None:
+        """Have a frame shown in the window, taken after the person's change number `request`."""
+        with self._condition:
+            self.tally.count_taken(frame.number)
+            if self._waiting is not None:
+                self.tally.count_dropped()
+            self._waiting = frame, request
+            self._condition.notify_all()
+
+    def skip(self, number: int) -> None:
+        """Count a frame that was taken but isn't shown in the window."""
+        with self._condition:
+            self.tally.count_taken(number)
+            self.tally.count_dropped()
+
+    def discard(self) -> None:
+        """Drop the frames that aren't sent yet, and begin to count anew, for a new live view.
+
+        After this call, no frame that was offered before it is sent to the window.
+        """
+        with self._condition:
+            self._waiting = None
+            self._discards += 1
+            self._condition.notify_all()
+            self._condition.wait_for(lambda: not self._is_working or self._channel.closed)
+            self.tally = FrameTally()
+
+    def acknowledge(self, report: AcknowledgeFrame) -> None:
+        """Note that a frame is on the window's screen: slots of earlier ones are free again."""
+        with self._condition:
+            while self._sent and self._sent[0] != report.slot:
+                self._sent.popleft()
+            self._is_shown = True
+            self._condition.notify_all()
+
+    def close(self) -> None:
+        """Wake the thread, which ends once the window is gone."""
+        with self._condition:
+            self._condition.notify_all()
+
+    def _work(self) -> None:
+        while not self._channel.closed:
+            with self._condition:
+                self._condition.wait_for(lambda: self._waiting is not None or self._channel.closed)
+                if self._waiting is None:
+                    return
+                (frame, request), self._waiting = self._waiting, None
+                self._is_working, discards = True, self._discards
+            self.on_room()
+            try:
+                self._send(self._write(frame, request), discards)
+            except Exception as error:
+                # The thread must go on: the next frame may be a sound one.
+                self.on_failure(error)
+            finally:
+                with self._condition:
+                    self._is_working = False
+                    self._condition.notify_all()
+
+    def _write(self, frame: LiveFrame, request: int) -> SlotHeader:
+        """Write a frame and the window's view of it into a slot that the window doesn't use."""
+        frame = replace(frame, image=np.ascontiguousarray(frame.image))
+        shown = reduce_frame(frame.image, self._view, self._scale)
+        # A view has at most as many bytes as the frame has pixels.
+        self._memory.reserve(frame.image.nbytes + frame.image.size + _COUNTS_BYTES)
+        with self._condition:
+            slot = next(slot for slot in range(SLOT_COUNT) if slot not in self._sent)
+            tally = self.tally
+        picture = LivePicture(frame, shown, request, tally.dropped, tally.missed)
+        return self._memory.write(slot, picture)
+
+    def _send(self, header: SlotHeader, discards: int) -> None:
+        """Send a frame once the one before is on the window's screen, unless it is discarded."""
+
+        def is_due() -> bool:
+            return self._is_shown or self._discards != discards or self._channel.closed
+
+        with self._condition:
+            self._condition.wait_for(is_due)
+            if self._discards != discards or self._channel.closed:
+                return
+            self._is_shown = False
+            self._sent.append(header.slot)
+        self._channel.send(header)
