@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QPoint, QPointF, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from labapp.window.theme import ACCENT, EDGE, FAINT, FIELD
@@ -23,22 +23,22 @@ class HistogramView(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setFixedHeight(100)
-        self._plot = pg.PlotWidget(self, background=FIELD, enableMenu=False)
-        self._plot.setMouseEnabled(x=False, y=False)
-        self._plot.hideButtons()
+        self.plot = pg.PlotWidget(self, background=FIELD, enableMenu=False)
+        self.plot.setMouseEnabled(x=False, y=False)
+        self.plot.hideButtons()
         for side in ("bottom", "left"):
-            self._plot.getAxis(side).setPen(EDGE)
-            self._plot.getAxis(side).setTextPen(FAINT)
-        self._plot.getAxis("left").setTicks([[(n, f"1e{n}") for n in (0, 2, 4, 6)]])
-        self._plot.getAxis("left").setWidth(34)
-        self._curve = self._plot.plot(pen=pg.mkPen(FAINT), stepMode="center", fillLevel=0)
+            self.plot.getAxis(side).setPen(EDGE)
+            self.plot.getAxis(side).setTextPen(FAINT)
+        self.plot.getAxis("left").setTicks([[(n, f"1e{n}") for n in (0, 2, 4, 6)]])
+        self.plot.getAxis("left").setWidth(34)
+        self._curve = self.plot.plot(pen=pg.mkPen(FAINT), stepMode="center", fillLevel=0)
         self._curve.setBrush(pg.mkBrush(EDGE))
         self._levels = pg.LinearRegionItem(
             (0, 1), brush=pg.mkBrush(192, 138, 62, 28), pen=pg.mkPen(ACCENT), swapMode="block"
         )
-        self._plot.addItem(self._levels)
+        self.plot.addItem(self._levels)
         self._levels.sigRegionChanged.connect(self._drag)
-        fill_layout(QVBoxLayout(self), self._plot)
+        fill_layout(QVBoxLayout(self), self.plot)
 
     def show_counts(self, counts: NDArray[np.float32], width: float) -> None:
         """Plot the window's histogram from counts per bin of `width` DN, in at most 512 bins.
@@ -51,7 +51,7 @@ class HistogramView(QWidget):
         edges = np.arange(len(columns) + 1) * (joined * width)
         self._curve.setData(edges, np.log10(columns + 1))
         top = float(np.log10(counts.sum() + 1))
-        self._plot.setRange(xRange=(0, edges[-1]), yRange=(0, top), padding=0.02)
+        self.plot.setRange(xRange=(0, edges[-1]), yRange=(0, top), padding=0.02)
 
     def show_levels(self, low: float, high: float) -> None:
         # A line that is dragged alone moves, though the region between both lines doesn't.
@@ -60,6 +60,12 @@ class HistogramView(QWidget):
         self._levels.blockSignals(True)
         self._levels.setRegion((low, high))
         self._levels.blockSignals(False)
+
+    def handle_position(self, index: int) -> QPoint:
+        """Return where the window's plot has the handle of the black (0) or white (1) level."""
+        view = self.plot.getViewBox()
+        place = QPointF(self._levels.getRegion()[index], view.viewRange()[1][1] / 2)
+        return self.plot.mapFromScene(view.mapViewToScene(place))
 
     def _drag(self) -> None:
         low, high = self._levels.getRegion()

@@ -45,6 +45,9 @@ class LiveViewSettings:
 
 _SETTINGS = LiveViewSettings()
 
+_EDGE = 8
+"""Pixels between the view's edges and the texts over the picture. Chosen."""
+
 
 class LiveView(QWidget):
     """Show live frames; every text about a frame uses values that came with that frame.
@@ -62,13 +65,15 @@ class LiveView(QWidget):
         super().__init__(parent)
         self.picture = LivePictureView(self)
         self.caption = self._make_caption("no picture yet")
-        self.caption.move(8, 8)
+        self.caption.move(_EDGE, _EDGE)
         self.awaited = self._make_caption("")
         self.awaited.hide()
+        self.rate_caption = self._make_caption("")
+        self.rate_caption.hide()
         self.cursor_reading = make_label(self, look="readings")
         self.frame_reading = make_label(self, look="readings")
-        self._histogram = HistogramView(self)
-        self._histogram.levels_dragged.connect(self.set_levels)
+        self.histogram = HistogramView(self)
+        self.histogram.levels_dragged.connect(self.set_levels)
         self._scale = tone_mapping.DigitalScale()
         self.levels = (0.0, float(self._scale.full_scale))
         self._auto = self._running = True
@@ -85,7 +90,7 @@ class LiveView(QWidget):
         self.picture.view_changed.connect(self._change_view)
         self.picture.painted.connect(self._note_painted)
         readings = fill_layout(QHBoxLayout(), (self.cursor_reading, 1), self.frame_reading)
-        fill_layout(QVBoxLayout(self), (self.picture, 1), readings, self._histogram, spacing=2)
+        fill_layout(QVBoxLayout(self), (self.picture, 1), readings, self.histogram, spacing=2)
 
     @property
     def view(self) -> FrameView:
@@ -149,7 +154,7 @@ class LiveView(QWidget):
             rest = f", {awaited.elapsed:.0f} s so far" if awaited.elapsed >= 1 else ""
         self.awaited.setText(f"{awaited.activity} …{rest}")
         self.awaited.adjustSize()
-        self.awaited.move(8, self.caption.geometry().bottom() + 5)
+        self.awaited.move(_EDGE, self.caption.geometry().bottom() + 5)
         self.awaited.show()
 
     def _make_caption(self, text: str) -> QLabel:
@@ -196,8 +201,8 @@ class LiveView(QWidget):
         now = time.monotonic()
         if now - self._drawn >= _SETTINGS.histogram_interval:
             self._drawn = now
-            self._histogram.show_counts(shown.counts, shown.bin_width)
-            self._histogram.show_levels(*self.levels)
+            self.histogram.show_counts(shown.counts, shown.bin_width)
+            self.histogram.show_levels(*self.levels)
 
     def _note_painted(self) -> None:
         """Note that the window's newest frame is on the screen."""
@@ -208,27 +213,36 @@ class LiveView(QWidget):
             self.frame_shown.emit()
 
     def _describe(self, picture: LivePicture) -> None:
-        """Write the live frame's settings over the window's picture, and figures below."""
+        """Write the live frame's settings over the window's picture, and its saturation below.
+
+        The saturation is the share of saturated pixels.
+        """
         frame = picture.frame
         self.caption.setText(
             f"{frame.target}  ·  {frame.pattern}  ·  {frame.wavelength * 1e9:.2f} nm  ·  "
             f"{frame.exposure * 1e3:.3f} ms" + ("" if self._running else "  ·  STOPPED")
         )
         self.caption.adjustSize()
+        clipped = picture.shown.saturated
+        share = 100 * clipped / frame.image.size
+        self.frame_reading.setText(f"saturated {share:.3f} % ({clipped} px)   frame {frame.number}")
         self._describe_rate()
 
     def _describe_rate(self) -> None:
-        """Write the share of saturated pixels below the window's picture, and the frame rate."""
+        """Write how often frames come to the window's screen, and how many it doesn't get to see.
+
+        The text stands over the picture, where it takes no room from the readings on small screens.
+        """
         picture = self._picture
+        self.rate_caption.setVisible(self._running and picture is not None)
         if picture is None:
             return
-        clipped = picture.shown.saturated
-        share = 100 * clipped / picture.frame.image.size
-        text = f"saturated {share:.3f} % ({clipped} px)   frame {picture.frame.number}"
-        if self._running:
-            rate = self._rate.describe(time.monotonic())
-            text += f"   {rate}   dropped {picture.dropped}   missed {picture.missed}"
-        self.frame_reading.setText(text)
+        rate = self._rate.describe(time.monotonic())
+        lost = f"dropped {picture.dropped}  ·  missed {picture.missed}"
+        self.rate_caption.setText(f"{rate}  ·  {lost}" if rate else lost)
+        self.rate_caption.adjustSize()
+        below = self.picture.height() - self.rate_caption.height() - _EDGE
+        self.rate_caption.move(_EDGE, below)
 
     def set_levels(self, low: float, high: float) -> None:
         self.levels = (low, high)

@@ -1,9 +1,13 @@
 """The live view shows what is there, and says what it was taken with."""
 
+import os
 import re
+import signal
 
 import numpy as np
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QApplication
 
 from labapp.window.messages import LivePicture
 
@@ -89,3 +93,87 @@ def test_a_key_holds_the_contrast(bench, person):
     person.presses(Qt.Key.Key_A)
     assert action.isChecked()
     person.waits(lambda: bench.window.live_view.levels != levels)
+
+
+def test_a_handle_of_the_histogram_is_dragged_while_pictures_come(bench, person, qtbot):
+    """Frames that come meanwhile don't take it out of the hand."""
+    view, action = bench.window.live_view, bench.window.actions_["contrast"]
+    low, high = view.levels
+    place = view.histogram.handle_position(1)
+    plot = view.histogram.plot.viewport()
+    qtbot.mousePress(plot, Qt.MouseButton.LeftButton, pos=place)
+    for step in range(1, 11):
+        count = bench.frames
+        send_drag(plot, place + QPoint(6 * step, 0))
+        person.waits(lambda n=count: bench.frames > n + 1)
+    qtbot.mouseRelease(plot, Qt.MouseButton.LeftButton, pos=place + QPoint(60, 0))
+    assert not action.isChecked()
+    assert abs(view.levels[0] - low) < 64
+    assert view.levels[1] > high + 100
+    held = view.levels
+    count = bench.frames
+    person.waits(lambda: bench.frames > count + 10)
+    assert view.levels == held
+    # The engine draws with them: a higher white makes a darker picture.
+    assert (bench.shown.indices < 200).mean() > 0.9
+    person.presses(Qt.Key.Key_A)
+    person.waits(lambda: view.levels[1] < held[1] - 50)
+
+
+def send_drag(widget, place):
+    """Move the mouse with its left button held down."""
+    where = QPointF(place)
+    event = QMouseEvent(
+        QEvent.Type.MouseMove, where, QPointF(widget.mapToGlobal(place)),
+        Qt.MouseButton.NoButton, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier,
+    )  # fmt: skip
+    QApplication.sendEvent(widget, event)
+
+
+def test_frames_come_as_often_as_the_screen_is_redrawn(bench, person):
+    view = bench.window.live_view
+    person.waits(lambda: "frames/s" in view.rate_caption.text())
+    person.waits(lambda: bench.picture.dropped == bench.picture.missed == 0)
+    assert "dropped 0  ·  missed 0" in view.rate_caption.text()
+
+
+def test_the_rate_ages_when_no_frame_comes(bench, person):
+    view = bench.window.live_view
+    person.waits(lambda: "frames/s" in view.rate_caption.text())
+    engine = bench.connection.process_id
+    os.kill(engine, signal.SIGSTOP)
+    try:
+        person.waits(lambda: "no frame for 2 s" in view.rate_caption.text())
+    finally:
+        os.kill(engine, signal.SIGCONT)
+    person.waits(lambda: "frames/s" in view.rate_caption.text())
+
+
+def test_a_zoomed_view_gets_its_own_part_of_the_frame(bench, person):
+    view = bench.window.live_view
+    view.picture.box.setRange(xRange=(10, 30), yRange=(5, 20), padding=0)
+    try:
+        person.waits(lambda: bench.shown.region[2] < 64)
+        row, column, rows, columns = bench.shown.region
+        assert column <= 10
+        assert column + columns >= 30
+        assert row <= 5
+        assert row + rows >= 20
+        assert bench.shown.indices.shape == (rows, columns)
+    finally:
+        view.picture.fit()
+    person.waits(lambda: bench.shown.region == (0, 0, 64, 96))
+
+
+def test_a_stopped_picture_can_still_be_zoomed_and_toned(bench, person):
+    view = bench.window.live_view
+    person.presses(Qt.Key.Key_F5)
+    person.waits(lambda: "STOPPED" in view.caption.text())
+    try:
+        before = person.looks_at(view.picture).astype(int)
+        view.set_levels(0.0, 100.0)
+        person.waits(lambda: person.looks_at(view.picture).mean() > before.mean() + 20)
+        person.presses(Qt.Key.Key_A)
+    finally:
+        person.presses(Qt.Key.Key_F5)
+    person.waits(lambda: "STOPPED" not in view.caption.text())

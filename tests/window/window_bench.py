@@ -10,6 +10,7 @@ from typing import Any
 from PySide6.QtWidgets import QApplication
 
 from labapp.window.engine_connection import EngineConnection
+from labapp.window.frame_reduction import ReducedFrame
 from labapp.window.main_window import MainWindow
 from labapp.window.messages import LiveFrame, LivePicture, QueueState, RunInfo
 from labapp.window.remembered_settings import RememberedSettings
@@ -40,7 +41,7 @@ class Bench:
         self.window = MainWindow(self.connection, RememberedSettings(folder / "window.ini"))
         self.window.run.folder.setText(str(folder / "runs"))
         self.frames = 0
-        self.frame: LiveFrame | None = None
+        self.picture: LivePicture | None = None
         self.reports: list[Any] = []
         self.connection.report_received.connect(self._hear)
         self.window.show()
@@ -48,9 +49,19 @@ class Bench:
 
     def _hear(self, report: Any) -> None:
         if isinstance(report, LivePicture):
-            self.frames, self.frame = self.frames + 1, report.frame
+            self.frames, self.picture = self.frames + 1, report
         else:
             self.reports.append(report)
+
+    @property
+    def frame(self) -> LiveFrame | None:
+        """The raw frame that came last."""
+        return self.picture and self.picture.frame
+
+    @property
+    def shown(self) -> ReducedFrame | None:
+        """What the window shows of it."""
+        return self.picture and self.picture.shown
 
     def last(self, kind: type) -> Any:
         return next((r for r in reversed(self.reports) if isinstance(r, kind)), None)
