@@ -1,0 +1,165 @@
+"""A region of a picture, and the statistics of its digital numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Region:
+    """A rectangle of whole pixels in a picture that is measured for alignment.
+
+    Parameters
+    ----------
+    top, left : int
+        Row and column of its first pixel, from 0.
+    rows, columns : int
+        Size in pixels, 1 at least.
+
+    Raises
+    ------
+    ValueError
+        For a size below 1.
+    """
+
+    top: int
+    left: int
+    rows: int
+    columns: int
+
+    def __post_init__(self) -> None:
+        if self.rows < 1 or self.columns < 1:
+            raise ValueError(
+                f"the region is {self.rows} x {self.columns} pixels; give 1 at least on each side"
+            )
+
+    @staticmethod
+    def centred(shape: tuple[int, int], place: tuple[float, float], side: int) -> Region:
+        """Return the region of `side` pixels around a place (y, x), moved into the picture.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Rows and columns of the picture; the region is no larger.
+        place : (float, float)
+            Row and column of its middle.
+        side : int
+            Pixels, 1 at least.
+
+        Returns
+        -------
+        Region
+        """
+        sizes = [min(side, n) for n in shape]
+        first = [
+            min(max(round(c - (size - 1) / 2), 0), n - size)
+            for c, size, n in zip(place, sizes, shape, strict=True)
+        ]
+        return Region(first[0], first[1], sizes[0], sizes[1])
+
+    def within(self, shape: tuple[int, int]) -> Region:
+        """Return the part of the region that lies in a picture to be aligned.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Rows and columns of the picture.
+
+        Returns
+        -------
+        Region
+
+        Raises
+        ------
+        ValueError
+            If no part of it does.
+        """
+        top, left = max(self.top, 0), max(self.left, 0)
+        rows = min(self.top + self.rows, shape[0]) - top
+        columns = min(self.left + self.columns, shape[1]) - left
+        if rows < 1 or columns < 1:
+            raise ValueError(
+                f"the region from row {self.top} and column {self.left} on lies outside the "
+                f"picture of {shape[0]} x {shape[1]} pixels; move it inside"
+            )
+        return Region(top, left, rows, columns)
+
+    def of(self, numbers: NDArray[Any]) -> NDArray[Any]:
+        """Return the region's pixels of a picture that is aligned, as a view.
+
+        Parameters
+        ----------
+        numbers : NDArray, (rows, columns)
+            The picture; the region lies within it.
+
+        Returns
+        -------
+        NDArray, (rows, columns) of the region
+        """
+        rows = slice(self.top, self.top + self.rows)
+        return numbers[rows, self.left : self.left + self.columns]
+
+
+@dataclass(frozen=True)
+class RegionStatistics:
+    """The digital numbers of a region, summed up for alignment.
+
+    Attributes
+    ----------
+    pixels : int
+        Number of pixels.
+    mean, deviation : float
+        Mean and standard deviation over the region, DN. The deviation has the scene's own
+        variation in it, beside noise.
+    lowest, highest : int
+        Smallest and largest number, DN.
+    saturated, at_zero : int
+        Pixels at full scale and at 0.
+    """
+
+    pixels: int
+    mean: float
+    deviation: float
+    lowest: int
+    highest: int
+    saturated: int
+    at_zero: int
+
+
+def region_statistics(
+    numbers: NDArray[np.integer[Any]], region: Region, full_scale: int
+) -> RegionStatistics:
+    """Return the statistics of a region of a picture.
+
+    Parameters
+    ----------
+    numbers : NDArray of integers, (rows, columns)
+        Digital numbers as the camera gave them.
+    region : Region
+        What is measured; the part of it within the picture counts.
+    full_scale : int
+        Digital number from which on a pixel is saturated.
+
+    Returns
+    -------
+    RegionStatistics
+
+    Raises
+    ------
+    ValueError
+        If the region lies outside the picture.
+    """
+    part = region.within((numbers.shape[0], numbers.shape[1])).of(numbers)
+    return RegionStatistics(
+        pixels=part.size,
+        mean=float(part.mean(dtype=np.float64)),
+        deviation=float(part.std(dtype=np.float64)),
+        lowest=int(part.min()),
+        highest=int(part.max()),
+        saturated=int(np.count_nonzero(part >= full_scale)),
+        at_zero=int(np.count_nonzero(part == 0)),
+    )

@@ -1,0 +1,225 @@
+"""The place and the width of a star in a picture, by which a lens is focused and aligned."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from optics.alignment.hot_pixels import filter_period, without_hot
+from optics.calibration.spots import find_spot, frame_variance
+from optics.camera import Sensor
+
+Array = NDArray[np.float64]
+
+FWHM = 2 * math.sqrt(2 * math.log(2))
+"""Full width at half maximum of a Gaussian over its standard deviation."""
+
+LEAST_SIDE = 8
+"""Pixels that a region for a star has on each side at least. Chosen: its rim tells the background."""
+
+
+@dataclass(frozen=True)
+class StarShapeSettings:
+    """Tune the measurement of a star's shape for alignment; all values are chosen.
+
+    Attributes
+    ----------
+    first_width : float
+        Standard deviation of the first window in pixels.
+    narrowest : float
+        Least standard deviation of the window in pixels. Of a star in a single pixel, the window
+        shows no less.
+    widest : float
+        Largest standard deviation, as a share of the region's shorter side. Of a star that is
+        wider, the region shows too little.
+    rounds : int
+        Most steps. Each halves the error for a Gaussian.
+    tolerance : float
+        Relative change of the window's variances with which the steps end.
+    reach : float
+        Standard deviations of the window beyond which its weight, below 4e-6, isn't counted.
+    rim : int
+        Width in pixels of the region's rim, whose median is the background.
+    """
+
+    first_width: float = 2.0
+    narrowest: float = 0.5
+    widest: float = 0.2
+    rounds: int = 100
+    tolerance: float = 1e-5
+    reach: float = 5.0
+    rim: int = 2
+
+
+_SETTINGS = StarShapeSettings()
+
+
+@dataclass(frozen=True)
+class StarShape:
+    """Place, width and light of a star in a region, for focusing and aligning.
+
+    Attributes
+    ----------
+    y, x : float
+        Row and column of its middle in the region; whole numbers are the centres of pixels.
+    fwhm_major, fwhm_minor : float
+        Full widths at half maximum of the Gaussian along its long and its short axis, pixels.
+    angle : float
+        Direction of the long axis in radians, from that of the columns (x) towards that of the
+        rows (y), from -π/2 to π/2.
+    peak : float
+        Brightest pixel above the background, hot pixels left out, DN.
+    background : float
+        DN.
+    saturated : int
+        Pixels of the region at full scale. With any, the width is too large.
+    """
+
+    y: float
+    x: float
+    fwhm_major: float
+    fwhm_minor: float
+    angle: float
+    peak: float
+    background: float
+    saturated: int
+
+    @property
+    def fwhm(self) -> float:
+        """Return the geometric mean of both widths of the aligned star, in pixels."""
+        return math.sqrt(self.fwhm_major * self.fwhm_minor)
+
+
+def star_shape(numbers: NDArray[Any], sensor: Sensor) -> StarShape:
+    """Measure the star that stands out most in a region, by adaptive moments.
+
+    A Gaussian window follows the star until it has the star's own place and shape: that is the
+    elliptical Gaussian of best fit. It is exact for a Gaussian, whose noise outside doesn't count,
+    and it grows steadily with defocus: a disc of radius R has a width of 1.485 R. Pixels add 1/12
+    square pixel to the variance, as they do in the picture. Behind colour filters, the mean over
+    each period of their pattern is measured, and the variance that this adds is subtracted.
+
+    Parameters
+    ----------
+    numbers : NDArray, (rows, columns)
+        Digital numbers of the region, 8 x 8 at least.
+    sensor : Sensor
+        Tells gain, noise, black level, full scale and colour filters.
+
+    Returns
+    -------
+    StarShape
+
+    Raises
+    ------
+    ValueError
+        If no star stands out of the noise, or it is wider than the region can tell.
+
+    References
+    ----------
+    G. M. Bernstein and M. Jarvis, "Shapes and shears, stars and smears: optimal measurements for
+    weak lensing", Astron. J. 123, 583 (2002), doi 10.1086/338085, section 3.
+    """
+    if numbers.ndim != 2 or min(numbers.shape) < LEAST_SIDE:
+        raise ValueError(
+            f"the region is {numbers.shape} pixels; give {LEAST_SIDE} x {LEAST_SIDE} at least"
+        )
+    raw = numbers.astype(np.float64)
+    variance = frame_variance(raw, sensor)
+    background = _rim_median(raw)
+    clean = without_hot(raw - background, variance, sensor)
+    period = filter_period(sensor)
+    light, mean_variance = (
+        ndimage.uniform_filter(one, period, mode="nearest") for one in (clean, variance)
+    )
+    spot = find_spot(light, mean_variance)
+    centre, covariance = _adaptive_moments(light, spot.place)
+    added = (np.array(period) ** 2 - 1) / 12
+    values, vectors = np.linalg.eigh(covariance - np.diag(added))
+    minor, major = (FWHM * math.sqrt(max(float(v), 0.0)) for v in values)
+    down, across = vectors[:, 1]
+    return StarShape(
+        y=float(centre[0]) - _shift(period[0]),
+        x=float(centre[1]) - _shift(period[1]),
+        fwhm_major=major,
+        fwhm_minor=minor,
+        angle=math.atan(down / across) if across else math.pi / 2,
+        peak=float(clean.max()),
+        background=background,
+        saturated=int(np.count_nonzero(raw >= sensor.full_scale)),
+    )
+
+
+def _rim_median(raw: Array) -> float:
+    """Return the median of a star region's rim: the background, in DN."""
+    inner = np.ones(raw.shape, dtype=bool)
+    rim = _SETTINGS.rim
+    inner[rim:-rim, rim:-rim] = False
+    return float(np.median(raw[inner]))
+
+
+def _shift(period: int) -> float:
+    """Return by how many pixels a star moves in a mean over an even number of pixels."""
+    return 0.5 if period % 2 == 0 else 0.0
+
+
+def _adaptive_moments(light: Array, start: tuple[float, float]) -> tuple[Array, Array]:
+    """Return centre (y, x) and covariance of the Gaussian that fits a star best, in pixels.
+
+    Raises ValueError if the window finds no light, leaves the region, or outgrows it.
+    """
+    centre = np.array(start)
+    window = _SETTINGS.first_width**2 * np.eye(2)
+    widest = (_SETTINGS.widest * min(light.shape)) ** 2
+    for _ in range(_SETTINGS.rounds):
+        part = _window_pixels(centre, window, light.shape)
+        dy = np.arange(part[0].start, part[0].stop)[:, None] - centre[0]
+        dx = np.arange(part[1].start, part[1].stop)[None, :] - centre[1]
+        inverse = np.linalg.inv(window)
+        distance = inverse[0, 0] * dy**2 + 2 * inverse[0, 1] * dy * dx + inverse[1, 1] * dx**2
+        weighted = np.exp(-distance / 2) * light[part]
+        total = float(weighted.sum())
+        if not total > 0:
+            raise ValueError("the star is lost in the noise; expose longer")
+        step = np.array([(weighted * dy).sum(), (weighted * dx).sum()]) / total
+        moments = [(weighted * a * b).sum() / total for a, b in ((dy, dy), (dy, dx), (dx, dx))]
+        # In a window of its own shape, a Gaussian has half of its covariance, and half of a shift.
+        centre = centre + 2 * step
+        wider = _limited(2 * np.array([moments[:2], moments[1:]]))
+        change = float(np.abs(wider - window).max() / window.max())
+        window = wider
+        _require_inside(centre, window, light.shape, widest)
+        if change < _SETTINGS.tolerance:
+            break
+    return centre, window
+
+
+def _window_pixels(centre: Array, window: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return the rows and columns of a star's region on which its window isn't negligible."""
+    reaches = _SETTINGS.reach * np.sqrt(np.diag(window))
+    rows, columns = (
+        slice(max(math.floor(c - reach), 0), min(math.ceil(c + reach) + 1, n))
+        for c, reach, n in zip(centre, reaches, shape, strict=True)
+    )
+    return rows, columns
+
+
+def _limited(covariance: Array) -> Array:
+    """Return a star window's covariance with neither axis narrower than it may be."""
+    values, vectors = np.linalg.eigh(covariance)
+    limited: Array = (vectors * np.maximum(values, _SETTINGS.narrowest**2)) @ vectors.T
+    return limited
+
+
+def _require_inside(centre: Array, window: Array, shape: tuple[int, ...], widest: float) -> None:
+    inside = all(0 <= c <= n - 1 for c, n in zip(centre, shape, strict=True))
+    if not inside or not float(np.linalg.eigvalsh(window)[1]) <= widest:
+        raise ValueError(
+            f"the star is wider than a region of {shape[0]} x {shape[1]} pixels can tell, or lies "
+            "at its rim; enlarge the region, or move it"
+        )
