@@ -20,7 +20,7 @@ FWHM = 2 * math.sqrt(2 * math.log(2))
 """Full width at half maximum of a Gaussian over its standard deviation."""
 
 LEAST_SIDE = 8
-"""Pixels that a region for a star has on each side at least. Chosen: its rim tells the background."""
+"""Pixels of a star's region on each side at least. Chosen: its rim tells the background."""
 
 
 @dataclass(frozen=True)

@@ -186,11 +186,15 @@ class Meter:
                 "ms. Dim the light, or allow shorter exposures"
             )
         time = opened[-1]
-        if self._noise.snr(((time, 1),), self._brightest(time)) < SETTINGS.seen_snr:
+        if self._snr(time, self._brightest(time)) < SETTINGS.seen_snr:
             raise ValueError(
                 f"nothing is seen in the longest metering frame, of {time * 1e3:g} ms. Brighten "
                 "the light, or allow longer exposures"
             )
+
+    def _snr(self, time: float, rate: float) -> float:
+        """Return the ratio of a rate in a metering frame, also where it nearly clips pixels."""
+        return math.sqrt(self._noise.information(((time, 1),), rate)) * rate
 
     def _time_for_bright(self) -> float | None:
         """Return the next metering exposure if the brightest rate isn't known yet."""
@@ -201,7 +205,7 @@ class Meter:
         time = opened[-1]
         high = self._brightest(time)
         fill = high / self._noise.brightest(time)
-        enough = self._noise.snr(((time, 1),), high) >= _ENOUGH * self._bright_snr
+        enough = self._snr(time, high) >= _ENOUGH * self._bright_snr
         if enough or fill >= _ENOUGH * SETTINGS.most_fill:
             return None
         fullest = time * SETTINGS.most_fill / fill

@@ -1,4 +1,4 @@
-"""What is measured for focusing and aligning, on pictures whose measures are known in closed form."""
+"""Measures for focusing and aligning, on pictures for which they are known in closed form."""
 
 from __future__ import annotations
 

@@ -104,3 +104,11 @@ def test_a_part_that_moved_is_told_and_a_clipped_part_is_not_compared():
     nothing = scene_change(before, light(0 * rate, 0.02, rng))
     assert nothing.parts == 0
     assert not nothing.is_notable
+
+
+@pytest.mark.parametrize("share", [0.95, 0.99])
+def test_light_that_nearly_clips_is_seen(share):
+    """It lies within the noise of the clip level, and no pixel is clipped."""
+    top = share * (4095 - 64) * 2.6
+    found = metered(np.full((8, 8), 1e3) + (top / 0.01 - 1e3) * np.eye(8)[3], 0.01, decades=2)
+    assert found.high == pytest.approx(top / 0.01, rel=0.05)

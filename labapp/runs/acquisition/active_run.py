@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from labapp.runs.acquisition.frame_storage import FrameStore
 from labapp.runs.acquisition.frame_taker import AskOperator, FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
+from labapp.runs.acquisition.waiting import Idle, Meanwhile, wait_until
 from labapp.runs.bench_interface import Bench
 from labapp.runs.record.logbook import logbook
 from labapp.runs.record.reader import Record
@@ -86,8 +86,10 @@ class ActiveRun:
         ask: AskOperator | None,
         progress: Progress,
         lock: int,
+        meanwhile: Meanwhile | None = None,
     ) -> None:
         self._bench, self._plan, self._path, self._lock = bench, plan, path, lock
+        self._meanwhile = meanwhile or Idle()
         self._hooks, self._progress = hooks, progress
         self._ask = self._pausing_while_asked(ask) if ask else None
         self._taker = FrameTaker(
@@ -167,7 +169,8 @@ class ActiveRun:
         """Take one frame of the run, after waiting for pauses, disk space and hooks."""
         self._report(_describe(shot))
         if self._progress.is_paused:
-            self._pause("paused by the user", lambda: not self._progress.is_paused)
+            text, is_over = "paused by the user", lambda: not self._progress.is_paused
+            self._pause(text, is_over, self._meanwhile)
         keeper.wait_for_space()
         if is_deleted(self._writer.handle):
             raise UserError(_FILE_LOST)
@@ -207,18 +210,18 @@ class ActiveRun:
                 self._report(self._doing)
         return self._progress.is_cancelled
 
-    def _pause(self, message: str, is_over: Callable[[], bool]) -> None:
+    def _pause(
+        self, message: str, is_over: Callable[[], bool], meanwhile: Meanwhile | None = None
+    ) -> None:
         """Pause the run until `is_over()` returns true, with the reason in the record.
 
-        Raises Cancelled if the run is cancelled meanwhile.
+        Without `meanwhile`, nobody uses the bench. Raises Cancelled if the run is cancelled.
         """
         log.warning("paused: %s", message)
         self._writer.set_state(State.PAUSED, message)
         self._report(f"PAUSED: {message}")
         with self._excluding_time():
-            while not is_over():
-                self._progress.raise_if_cancelled()
-                time.sleep(0.05)
+            wait_until(is_over, self._progress, meanwhile or Idle())
         self._taker.invalidate_settings()
         log.info("goes on")
         self._writer.set_state(State.RUNNING)

@@ -104,11 +104,12 @@ class FrameTaker:
     def _try(self, shot: Shot, attempt: int, keep: StoreFrame) -> Frame:
         """Make one attempt to take and store the frame of a run's shot."""
         bench, progress = self._bench, self._progress
+        self._request_placement(shot)
+        # After the prompt: live pictures that were taken meanwhile leave no trace in this one.
         if bench.world is not None:
             bench.world.begin_frame(
                 self._seed, shot.step, shot.repeat, index=shot.index, start_time=shot.start_time
             )
-        self._request_placement(shot)
         ready = [
             bench.clock.now(),
             self._apply("target", shot.place, lambda: bench.targets.place(shot.place)),

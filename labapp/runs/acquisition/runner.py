@@ -20,6 +20,7 @@ from labapp.runs.acquisition.frame_storage import require_space
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.hooks import Hooks
 from labapp.runs.acquisition.record_contents import build_record_contents
+from labapp.runs.acquisition.waiting import Meanwhile
 from labapp.runs.bench_interface import Bench
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.creation import create_record
@@ -58,6 +59,7 @@ def run_plan(
     ask: AskOperator | None = None,
     stopwatch: Stopwatch | None = None,
     on_planned: OnPlanned | None = None,
+    meanwhile: Meanwhile | None = None,
 ) -> RunOutcome:
     """Run a plan: take all of its frames into a record, and leave the bench safe.
 
@@ -90,6 +92,8 @@ def run_plan(
     on_planned : callable, optional
         Called with all shots, before the first, once the exposures of brackets and the times of
         frames are known.
+    meanwhile : Meanwhile, optional
+        May use the bench while the user pauses the run, as for live pictures.
 
     Returns
     -------
@@ -136,7 +140,7 @@ def run_plan(
             bench, plan, patterns, listed, abilities, part.raise_if_cancelled
         )
         lock = create_record(path, contents, force=force)
-        run = ActiveRun(bench, plan, path, patterns, hooks, ask, part, lock)
+        run = ActiveRun(bench, plan, path, patterns, hooks, ask, part, lock, meanwhile)
         return run.take(listed, on_frame)
 
 
@@ -174,6 +178,7 @@ def resume_run(
     progress: Progress | None = None,
     on_frame: OnFrame | None = None,
     ask: AskOperator | None = None,
+    meanwhile: Meanwhile | None = None,
 ) -> RunOutcome:
     """Resume a run: take the frames that its record lacks, with its own plan, patterns and seed.
 
@@ -192,6 +197,8 @@ def resume_run(
         Called with each shot and its frame, once the frame is on the disk.
     ask : AskOperator, optional
         Prompts a person. It is needed if the plan has prompts.
+    meanwhile : Meanwhile, optional
+        May use the bench while the user pauses the run, as for live pictures.
 
     Returns
     -------
@@ -226,7 +233,8 @@ def resume_run(
     _require_person(ask, estimate_run(left, plan, abilities).prompts)
     hooks = Hooks.of(plan, bench)
     # Both handles are of the same open file, which has the lock.
-    run = ActiveRun(bench, plan, path, patterns, hooks, ask, progress, os.dup(record.lock))
+    lock = os.dup(record.lock)
+    run = ActiveRun(bench, plan, path, patterns, hooks, ask, progress, lock, meanwhile)
     return run.take(left, on_frame, is_resumed=True)
 
 

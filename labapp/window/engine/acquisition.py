@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from drivers.interfaces import Frame
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
@@ -12,6 +14,7 @@ from labapp.window.engine.frame_pacer import FramePacer
 from labapp.window.engine.frame_sender import FrameSender
 from labapp.window.engine.person_prompter import PersonPrompter
 from labapp.window.engine.queued_run import QueuedRun
+from labapp.window.engine.waiting_view import WaitingView
 from labapp.window.messages import LiveFrame, RunEnded
 from optics.progress import Cancelled, Progress
 
@@ -27,9 +30,12 @@ class Acquisition:
         pace: FramePacer,
         person: PersonPrompter,
         effects: EffectsReporter,
+        waiting: WaitingView,
+        on_frame: Callable[[LiveFrame], None],
     ) -> None:
         self._channel, self._controller, self._sender, self._pace = channel, top, sender, pace
         self._person, self._effects = person, effects
+        self._waiting, self._on_frame = waiting, on_frame
 
     def take_run(self, run: QueuedRun) -> RunEnded:
         """Take a queued run of the window on the engine's bench, and return how it ended.
@@ -44,12 +50,14 @@ class Acquisition:
 
         def ask(text: str, progress: Progress) -> None:
             run.mark_paused(text)
-            self._person.ask(text, progress)
+            self._person.ask(text, progress, self._waiting)
             run.mark_resumed()
 
         self._controller.devices.require_alive()
         try:
-            outcome = run.take(progress=run.progress, on_frame=on_frame, ask=ask)
+            outcome = run.take(
+                progress=run.progress, on_frame=on_frame, ask=ask, meanwhile=self._waiting
+            )
         except Cancelled:
             return RunEnded(None, State.CANCELLED, 0, "cancelled before the first frame")
         if outcome.device_error is not None:
@@ -87,4 +95,5 @@ class Acquisition:
             number=frame.number,
         )
         self._effects.report_if_changed(seen)
+        self._on_frame(seen)
         self._sender.offer(seen)

@@ -65,6 +65,19 @@ class BenchController:
         self._requested = replace(self._requested, exposure=exposure)
         self._apply_exposure(exposure)
 
+    @property
+    def exposure(self) -> float:
+        """Return the exposure time in seconds that the window's camera was set to last."""
+        return self._exposure
+
+    def try_exposure(self, exposure: float) -> float:
+        """Set an exposure that the window doesn't request, as for metering; return the real one.
+
+        `restore_settings()` and `set_exposure()` bring back what is wanted.
+        """
+        self._apply_exposure(exposure)
+        return self._exposure
+
     def show_pattern(self, name: str, grey: NDArray[np.uint8]) -> None:
         self._requested = replace(self._requested, pattern=name, grey=grey)
         self.devices.require_alive("slm")
@@ -97,11 +110,6 @@ class BenchController:
             exposure=frame.exposure,
             number=frame.number,
         )
-
-    @property
-    def exposure(self) -> float:
-        """Return the exposure time in seconds of the window's live frames."""
-        return self._exposure
 
     @property
     def frame_seconds(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from drivers.hosted.message_socket import MessageSocket
@@ -72,6 +72,23 @@ class Channel:
             if not self._waiting and not self.closed:
                 self._condition.wait(timeout)
             return self._waiting.popleft() if self._waiting else None
+
+    def take_command_of(self, kinds: Collection[type], timeout: float) -> Any:
+        """Return the window's next command of these kinds, and leave the others in their order.
+
+        Returns None if none comes within `timeout` seconds.
+        """
+        with self._condition:
+            if not self._is_waiting(kinds) and not self.closed:
+                self._condition.wait_for(lambda: self.closed or self._is_waiting(kinds), timeout)
+            found = next((one for one in self._waiting if type(one) in kinds), None)
+            if found is not None:
+                # By identity, since commands that are equal may be waiting.
+                self._waiting = deque(one for one in self._waiting if one is not found)
+            return found
+
+    def _is_waiting(self, kinds: Collection[type]) -> bool:
+        return any(type(one) in kinds for one in self._waiting)
 
     def _read(self) -> None:
         with contextlib.suppress(EOFError, OSError):

@@ -11,6 +11,7 @@ from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
 from labapp.runs.state import State
 from labapp.window.engine.acquisition import Acquisition
+from labapp.window.engine.alignment import Alignment
 from labapp.window.engine.awaited_picture import AwaitedPicture
 from labapp.window.engine.background_jobs import BackgroundJobs, ComputedPattern
 from labapp.window.engine.bench_controller import BenchController
@@ -27,6 +28,8 @@ from labapp.window.engine.picture_forecast import PictureForecast
 from labapp.window.engine.planner import RunPlanner
 from labapp.window.engine.queued_run import QueuedRun
 from labapp.window.engine.run_queue import RunQueue
+from labapp.window.engine.waiting_view import WaitingView
+from labapp.window.measuring_messages import FindExposure
 from labapp.window.messages import (
     AcknowledgeFrame,
     AcquireBracket,
@@ -100,8 +103,26 @@ class Engine:
         self._pace = FramePacer(self._sender)
         self._background = BackgroundJobs(bench, channel, self._jobs, self._controller)
         self._effects = EffectsReporter(bench, channel)
+        self._alignment = Alignment(bench, channel, self._sender, self._controller, self._jobs)
+        waiting = WaitingView(
+            bench,
+            channel,
+            self._sender,
+            self._controller,
+            self._pace,
+            {FindExposure: self._alignment.by_bench[FindExposure]},
+            self._alignment.offer,
+            self._complain,
+        )
         self._acquisition = Acquisition(
-            channel, self._controller, self._sender, self._pace, self._person, self._effects
+            channel,
+            self._controller,
+            self._sender,
+            self._pace,
+            self._person,
+            self._effects,
+            waiting,
+            self._alignment.keep_shown,
         )
         self._live = self._live_again = False
         self._obey: dict[type, Callable[[Any], None]] = {
@@ -114,6 +135,7 @@ class Engine:
             ),
             ReconnectDevice: self._reconnect,
             StartQueuedRuns: self._run_all,
+            **self._alignment.by_bench,
         }
         at_once: dict[type, Callable[[Any], None]] = {
             SetView: self._set_view,
@@ -139,6 +161,7 @@ class Engine:
             PauseRun: lambda command: self._queue.pause(command.on),
             AnswerPrompt: lambda command: self._person.answer(command.number),
             Cancel: self._cancel,
+            **self._alignment.at_once,
         }
         channel.immediate_handlers = {
             kind: self._reporting_errors(obey) for kind, obey in at_once.items()
@@ -162,6 +185,7 @@ class Engine:
         self._stop()
         self._planner.close()
         self._background.close()
+        self._alignment.close()
 
     def _do(self, command: object) -> None:
         """Carry out a command of the window, report errors, and report the bench's state."""
@@ -228,6 +252,7 @@ class Engine:
             with self._outdated.watch(), self._controller.live_tolerance.during_frame():
                 frame = self._take_awaited_frame(request)
                 self._effects.report_if_changed(frame)
+            self._alignment.offer(frame)
             self._sender.offer(frame, request)
             self._awaited.note_picture(request)
         except Exception as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
+from labapp.runs.acquisition.waiting import Idle, Meanwhile, wait_until
 from labapp.window.messages import Prompt
 from optics.progress import Progress
 
@@ -21,17 +22,16 @@ class PersonPrompter:
         self._count = 0
         self.prompt: Prompt | None = None
 
-    def ask(self, text: str, progress: Progress) -> None:
+    def ask(self, text: str, progress: Progress, meanwhile: Meanwhile | None = None) -> None:
         """Show a run's prompt in the window, and wait for the answer.
 
-        Raises Cancelled if the run is cancelled.
+        `meanwhile` uses the bench until the answer comes. Raises Cancelled if the run is cancelled.
         """
         self._answer_event.clear()
         self._count += 1
         self._show(Prompt(self._count, text))
         try:
-            while not self._answer_event.wait(0.05):
-                progress.raise_if_cancelled()
+            wait_until(self._answer_event.is_set, progress, meanwhile or Idle())
         finally:
             self._show(None)
 

@@ -1,0 +1,56 @@
+"""What happens while a run waits for a person: nothing, or what the run's caller does meanwhile."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from optics.progress import Progress
+
+_INTERVAL = 0.05
+"""Seconds between looks whether a wait is over. Chosen: a person notices no delay."""
+
+
+class Meanwhile(Protocol):
+    """What a run lets its caller do with the bench while a person is asked, or pauses the run.
+
+    All is called in the thread of the run, which owns the bench. The run sets the exposure of
+    every frame anew; the caller leaves all other settings as they are.
+    """
+
+    def begin(self) -> None:
+        """Begin a wait of the run."""
+
+    def step(self, is_over: Callable[[], bool]) -> None:
+        """Do something short of a run's wait, or wait for a moment; end early if it is over."""
+
+    def end(self) -> None:
+        """End the run's wait; nothing of the caller's may go on with the bench."""
+
+
+class Idle:
+    """Do nothing with the bench while a run waits."""
+
+    def begin(self) -> None:
+        pass
+
+    def step(self, is_over: Callable[[], bool]) -> None:
+        time.sleep(_INTERVAL)
+
+    def end(self) -> None:
+        pass
+
+
+def wait_until(is_over: Callable[[], bool], progress: Progress, meanwhile: Meanwhile) -> None:
+    """Wait in a run until `is_over()` returns true, and let `meanwhile` use the bench.
+
+    Raises Cancelled if the run is cancelled.
+    """
+    meanwhile.begin()
+    try:
+        while not is_over():
+            progress.raise_if_cancelled()
+            meanwhile.step(lambda: progress.is_cancelled or is_over())
+    finally:
+        meanwhile.end()

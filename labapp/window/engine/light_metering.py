@@ -1,0 +1,174 @@
+"""Exposures for the window that are found by trial frames: one for a level, or a bracket."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.runs.brackets.choice import bare_seconds, equal_ladders, least_snr_db
+from labapp.window.exposure_bracket import DARK_FRAMES
+from optics.alignment import exposure_for_level, peak_level
+from optics.camera import Sensor
+from optics.hdr import ChosenBracket, ExposureLimits, Meter, MeteredRange, WantedSNR, choose_bracket
+from optics.hdr.exposure_limits import AllowedTimes
+
+TakeTrial = Callable[[float], tuple[float, NDArray[Any]]]
+"""Takes a trial frame of about this exposure in seconds, and returns the real one and the frame."""
+
+_PATTERNS = 2
+"""Patterns of the window's brackets, which share the dark frames: neutral, and the chosen one."""
+
+
+@dataclass(frozen=True)
+class LevelSettings:
+    """Tune the search for an exposure of the window; all values are chosen.
+
+    Attributes
+    ----------
+    snr_db, decades : float
+        What is asked of the meter: the brightest pixels' light to some percent, and no more.
+    longest : float
+        Longest exposure in seconds. A longer one is for a person to ask for.
+    closeness : float
+        Relative difference from the wanted level that is near enough.
+    corrections : int
+        Most trial frames after the first at the exposure that was found.
+    dimmer : float
+        Factor to the next exposure if pixels are saturated against expectation.
+    """
+
+    snr_db: float = 30.0
+    decades: float = 1.0
+    longest: float = 10.0
+    closeness: float = 0.05
+    corrections: int = 3
+    dimmer: float = 0.7
+
+
+SETTINGS = LevelSettings()
+
+
+@dataclass(frozen=True)
+class FoundExposure:
+    """Exposure that brings the window's picture to a level, in seconds, and the level it reaches.
+
+    frames: trial frames. limit: "shortest" or "longest" if that end of the range was reached first.
+    """
+
+    exposure: float
+    level: float
+    frames: int
+    limit: str = ""
+
+
+def find_exposure(
+    take: TakeTrial, sensor: Sensor, limits: ExposureLimits, level: float, first: float
+) -> FoundExposure:
+    """Find the exposure for the window that brings the brightest pixel to a level.
+
+    Frames are metered until the brightest pixel's light is known; the exposure that follows is
+    tried, and corrected.
+
+    Parameters
+    ----------
+    take : callable
+        Takes a trial frame.
+    sensor : Sensor
+        Tells gain, noise and full scale.
+    limits : ExposureLimits
+        Exposures that are allowed.
+    level : float
+        Share of the range from the black level to full scale, above 0 and below 1.
+    first : float
+        Exposure to begin with, in seconds.
+
+    Returns
+    -------
+    FoundExposure
+
+    Raises
+    ------
+    ValueError
+        If pixels are saturated in the shortest exposure, nothing is seen in the longest, or the
+        level is none.
+    """
+    allowed = AllowedTimes(limits)
+    metered = _meter(take, sensor, limits, first, SETTINGS.snr_db, SETTINGS.decades)
+    wanted, frames = exposure_for_level(level, metered.high, sensor), len(metered.times)
+    for _ in range(1 + SETTINGS.corrections):
+        nearest = allowed.time(max(allowed.last_up_to(wanted), 0))
+        exposure, numbers = take(nearest)
+        seen = peak_level(numbers, sensor)
+        frames += 1
+        limit = _limit(wanted, limits)
+        if limit or abs(seen.level / level - 1) <= SETTINGS.closeness:
+            break
+        wanted = exposure * (SETTINGS.dimmer if seen.level >= 1 else level / seen.level)
+    return FoundExposure(exposure, seen.level, frames, limit)
+
+
+def _limit(wanted: float, limits: ExposureLimits) -> str:
+    """Return which end of the exposures an exposure of the window lies beyond; empty for none."""
+    if wanted > limits.longest * (1 + SETTINGS.closeness):
+        return "longest"
+    return "shortest" if wanted < limits.shortest * (1 - SETTINGS.closeness) else ""
+
+
+@dataclass(frozen=True)
+class ProposedExposures:
+    """Bracket that is proposed to the window, with the range of light that was metered.
+
+    ladders: seconds of the ladders that reach the same, by name.
+    """
+
+    metered: MeteredRange
+    bracket: ChosenBracket
+    least_snr_db: float
+    seconds: float
+    ladders: dict[str, float]
+
+
+def propose_exposures(
+    take: TakeTrial,
+    sensor: Sensor,
+    limits: ExposureLimits,
+    snr_db: float,
+    decades: float,
+    first: float,
+) -> ProposedExposures:
+    """Propose a bracket to the window for the light in its picture.
+
+    Raises ValueError if the light is too bright or too dim, or no bracket reaches the ratio.
+    """
+    metered = _meter(take, sensor, limits, first, snr_db, decades)
+    darks = float(DARK_FRAMES)
+    wanted = WantedSNR(snr_db, metered.low, metered.high, darks, darks / _PATTERNS)
+    bracket = choose_bracket(sensor, wanted, limits)
+    ladders = equal_ladders(sensor, wanted, limits)
+    return ProposedExposures(
+        metered,
+        bracket,
+        least_snr_db(bracket, wanted),
+        bare_seconds(bracket, limits),
+        {name: bare_seconds(one, limits) for name, one in ladders.items()},
+    )
+
+
+def _meter(
+    take: TakeTrial,
+    sensor: Sensor,
+    limits: ExposureLimits,
+    first: float,
+    snr_db: float,
+    decades: float,
+) -> MeteredRange:
+    """Meter the light in the window's picture by trial frames."""
+    meter = Meter(sensor, limits, first, snr_db, decades)
+    while meter.next_time is not None:
+        exposure, numbers = take(meter.next_time)
+        meter.add(exposure, np.asarray(numbers))
+    return meter.found

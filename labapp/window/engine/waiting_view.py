@@ -1,0 +1,133 @@
+"""Live pictures for the window while a run waits: a person who places a target sees it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any
+
+from drivers.errors import DeviceError
+from labapp.bench.opening import Bench
+from labapp.window.engine.bench_controller import BenchController
+from labapp.window.engine.channel import Channel
+from labapp.window.engine.frame_pacer import FramePacer
+from labapp.window.engine.frame_sender import FrameSender
+from labapp.window.messages import LiveFrame, SetExposure, SetLive
+
+_INTERVAL = 0.05
+"""Most seconds until a wait looks again whether it is over. Chosen: no delay is felt."""
+
+_LONG = 0.5
+"""Exposure in seconds from which on a picture is given up when the wait is over. Chosen: a shorter
+one is over before a person minds."""
+
+
+class WaitingView:
+    """Take live pictures for the window while a run waits for a person.
+
+    All of it happens in the run's thread, between its frames: a picture is shown, measured if that
+    is asked for, and never stored. Of the settings, only the exposure can be changed; the run sets
+    it for every frame, and it is set back besides. F5 ends and begins the pictures.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench that the run uses.
+    channel : Channel
+        Connection to the window.
+    sender : FrameSender
+        Hands the pictures to the window.
+    controller : BenchController
+        Sets the exposure and takes the pictures.
+    pace : FramePacer
+        Tells when the next picture is due.
+    allowed : mapping of type to callable
+        Further commands of the window that are carried out meanwhile.
+    on_frame : callable
+        Is given each picture.
+    complain : callable
+        Tells the window of an error.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        channel: Channel,
+        sender: FrameSender,
+        controller: BenchController,
+        pace: FramePacer,
+        allowed: Mapping[type, Callable[[Any], None]],
+        on_frame: Callable[[LiveFrame], None],
+        complain: Callable[[Exception], None],
+    ) -> None:
+        self._bench, self._channel, self._sender = bench, channel, sender
+        self._controller, self._pace = controller, pace
+        self._on_frame, self._complain = on_frame, complain
+        self._obey: dict[type, Callable[[Any], None]] = {
+            SetLive: self._set_live,
+            SetExposure: lambda command: controller.set_exposure(command.exposure),
+            **allowed,
+        }
+        self._on = False
+        self._exposure = 0.0
+
+    def begin(self) -> None:
+        """Begin live pictures for the window, at the settings that the run left."""
+        self._on, self._exposure = True, self._controller.exposure
+        if self._bench.camera_world is not None:
+            # No planned frame has this index, so that faults of planned frames don't strike.
+            self._bench.camera_world.begin_frame(0, 0, 0, index=-1)
+        self._tell()
+
+    def step(self, is_over: Callable[[], bool]) -> None:
+        """Carry out a command of the window, or take a live picture."""
+        seconds = self._pace.seconds_left if self._on and self._sender.has_room else _INTERVAL
+        command = self._channel.take_command_of(self._obey, min(seconds, _INTERVAL))
+        if command is not None:
+            self._do(command)
+        elif self._on and self._pace.is_due and not is_over():
+            self._take_frame(is_over)
+        elif self._channel.closed:
+            time.sleep(_INTERVAL)
+
+    def end(self) -> None:
+        """End the window's live pictures, and set the exposure that the run had set."""
+        self._on = False
+        if self._controller.exposure != self._exposure:
+            with suppress(DeviceError):
+                self._controller.try_exposure(self._exposure)
+        self._tell()
+
+    def _do(self, command: object) -> None:
+        try:
+            self._obey[type(command)](command)
+        except Exception as error:
+            self._complain(error)
+        self._tell()
+
+    def _set_live(self, command: SetLive) -> None:
+        self._on = command.on
+
+    def _take_frame(self, is_over: Callable[[], bool]) -> None:
+        """Take a live picture for the window; an error ends the pictures, and not the run."""
+        self._pace.begin()
+        # A simulated exposure takes no time, and a computation that is cancelled may seem to hang.
+        may_give_up = self._bench.file.is_real and self._controller.exposure > _LONG
+        try:
+            with self._controller.live_tolerance.during_frame():
+                frame = self._controller.take_frame(
+                    lambda: self._channel.closed or (may_give_up and is_over())
+                )
+        except Exception as error:
+            tolerance = self._controller.live_tolerance
+            if not (is_over() or tolerance.is_frame_given_up):
+                self._on = False
+                self._complain(error)
+                self._tell()
+            return
+        self._on_frame(frame)
+        self._sender.offer(frame)
+
+    def _tell(self) -> None:
+        self._channel.send(self._controller.read_state(self._on, running=True))
