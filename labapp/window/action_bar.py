@@ -15,7 +15,7 @@ TOOL_GROUPS = (
     ("live",),
     ("acquire", "pause", "cancel"),
     ("reconstruct",),
-    ("contrast", "marks"),
+    ("contrast", "marks", "align"),
     ("why", "reset"),
 )
 """Names of the actions that have a button in the bar, in groups with some room between them."""

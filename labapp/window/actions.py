@@ -34,6 +34,7 @@ ACTION_SPECS = (
     ActionSpec("contrast", "Auto contrast", "A", "Contrast follows the picture", checkable=True),
     ActionSpec("marks", "Clipping marks", "C", "Saturated red, zero blue", checkable=True),
     ActionSpec("why", "Why", "W", "What the simulator does and why, or the queue", checkable=True),
+    ActionSpec("align", "Find and align", "F9", "Focus, expose and measure what is live"),
     ActionSpec("help", "Help", "F1", "Read the guide: how to do things, and how they work"),
     ActionSpec("reset", "Reset layout", "", "Put every panel back where it was"),
     ActionSpec("quit", "Quit", "Ctrl+Q", "Close the window, and leave the bench safe"),

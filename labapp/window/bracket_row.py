@@ -5,7 +5,13 @@ from __future__ import annotations
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QGridLayout, QSpinBox, QWidget
 
-from labapp.window.exposure_bracket import ExposureBracket, RequestedBracket, SNRBracket
+from labapp.window.exposure_bracket import (
+    ExposureBracket,
+    ProposedBracket,
+    RequestedBracket,
+    SNRBracket,
+    list_exposures,
+)
 from labapp.window.widgets import make_label
 
 _LEAST_WIDTH = 86
@@ -46,9 +52,10 @@ class BracketRow(QObject):
         self.exposures_label = make_label(parent, look="faint", wrap=True)
         # No higher than the label beside it, or the window outgrows a small screen.
         self.chosen.setMaximumHeight(self.exposures_label.fontMetrics().height())
+        self._proposed: ProposedBracket | None = None
         for box in (self.shortest, self.ratio, self.count, self.snr, self.decades):
-            box.valueChanged.connect(lambda _: self._update())
-        self.chosen.toggled.connect(lambda _: self._update())
+            box.valueChanged.connect(lambda _: self._end_proposal())
+        self.chosen.toggled.connect(lambda _: self._end_proposal())
         self._update()
 
     def add_to_grid(self, grid: QGridLayout, line: int) -> None:
@@ -61,15 +68,29 @@ class BracketRow(QObject):
 
     @property
     def bracket(self) -> RequestedBracket:
+        if self._proposed is not None:
+            return self._proposed
         if self.chosen.isChecked():
             return SNRBracket(self.snr.value(), self.decades.value())
         return ExposureBracket(self.shortest.value(), self.ratio.value(), self.count.value())
+
+    def propose(self, bracket: ProposedBracket) -> None:
+        """Request a proposed bracket in the window, until a field of this row is changed."""
+        self.chosen.setChecked(False)
+        self._proposed = bracket
+        self._update()
+
+    def _end_proposal(self) -> None:
+        self._proposed = None
+        self._update()
 
     def _update(self) -> None:
         for box in (self.shortest, self.ratio, self.count):
             box.setVisible(not self.chosen.isChecked())
         for box in (self.snr, self.decades):
             box.setVisible(self.chosen.isChecked())
-        times = "  ".join(f"{ms:.6g}" for ms in self.bracket.exposures_ms)
-        self.exposures_label.setText(f"{times} ms" if times else "chosen by metering, in the run")
+        said = list_exposures(self.bracket.exposures_ms) or "chosen by metering, in the run"
+        if self._proposed is not None:
+            said = f"{said}, {self._proposed.why}"
+        self.exposures_label.setText(said)
         self.changed.emit()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 DARK_FRAMES, STAR_FRAMES = 4, 2
@@ -41,4 +43,27 @@ class SNRBracket:
         return ()
 
 
-RequestedBracket = ExposureBracket | SNRBracket
+@dataclass(frozen=True)
+class ProposedBracket:
+    """Exposures that were proposed for the light in the picture, each frame's in milliseconds.
+
+    An exposure may be there several times. `why` says what they were proposed for.
+    """
+
+    exposures_ms: tuple[float, ...]
+    why: str
+
+    @property
+    def count(self) -> int:
+        """Return the number of frames that the window requests at each setting."""
+        return len(self.exposures_ms)
+
+
+def list_exposures(exposures_ms: Sequence[float]) -> str:
+    """Return a bracket's exposures for the window, as "1  8 (3 times)  64 ms"; empty for none."""
+    groups = Counter(exposures_ms)
+    listed = (f"{ms:.6g}" + (f" ({n} times)" if n > 1 else "") for ms, n in groups.items())
+    return "  ".join(listed) + " ms" if groups else ""
+
+
+RequestedBracket = ExposureBracket | SNRBracket | ProposedBracket

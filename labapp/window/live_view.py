@@ -244,6 +244,11 @@ class LiveView(QWidget):
         below = self.picture.height() - self.rate_caption.height() - _EDGE
         self.rate_caption.move(_EDGE, below)
 
+    @property
+    def shown_number(self) -> int | None:
+        """Return the camera's number of the picture that the window shows; None without one."""
+        return None if self.frame is None else self.frame.number
+
     def set_levels(self, low: float, high: float) -> None:
         self.levels = (low, high)
         if self._auto:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 from PySide6.QtCore import QByteArray, QRect, QSize, Qt, QTimer
@@ -21,6 +22,7 @@ from PySide6.QtWidgets import (
 from labapp.window.accuracy_view import AccuracyView
 from labapp.window.action_bar import ActionBar
 from labapp.window.actions import make_actions
+from labapp.window.alignment_panel import AlignmentPanel
 from labapp.window.device_list import DeviceList
 from labapp.window.dock_scroll import DockScroll
 from labapp.window.effects_panel import EffectsPanel
@@ -58,7 +60,7 @@ _KEEP_AFTER_MS = 200
 """Milliseconds from a change of the settings until they are kept, so that a crash loses none.
 Chosen: who types or drags causes one writing."""
 
-_LAYOUT_VERSION = 4
+_LAYOUT_VERSION = 5
 """Version of the docks' layout. Qt ignores a saved layout of another version."""
 
 _INPUT_WIDGETS = (QAbstractSpinBox, QComboBox, QLineEdit)
@@ -98,6 +100,7 @@ class MainWindow(QMainWindow):
         self.queue = QueuePanel(files, self)
         self.effects = EffectsPanel(self)
         self.log = LogPanel(self)
+        self.alignment = AlignmentPanel(self)
         self.docks: dict[str, QDockWidget] = {}
         left, right = Qt.DockWidgetArea.LeftDockWidgetArea, Qt.DockWidgetArea.RightDockWidgetArea
         self._dock("Devices", self.devices, left)
@@ -105,6 +108,7 @@ class MainWindow(QMainWindow):
         self._dock("Settings", self.settings, right)
         self._dock("Bracket and run", self.run, right)
         self._queue_dock = self._dock("Queue", self.queue, right)
+        self._alignment_dock = self._dock("Find and align", self.alignment, right)
         self._why_dock = self._dock("Why", self.effects, right)
         self._log_dock = self._dock("Log", self.log, right)
         self._list_docks()
@@ -186,16 +190,18 @@ class MainWindow(QMainWindow):
             self.bar.menus.menus["Panels"].addAction(dock.toggleViewAction())
 
     def _tab_docks(self) -> None:
-        """Put the window's docks "Queue", "Why" and "Log" into one place as tabs; all are tall.
+        """Put the window's docks "Queue", "Find and align", "Why" and "Log" into one place as tabs.
 
-        A person reads only one of them at a time.
+        All are tall, and a person reads only one of them at a time.
         """
         right = Qt.DockWidgetArea.RightDockWidgetArea
         self.setTabPosition(right, QTabWidget.TabPosition.North)
-        self.tabifyDockWidget(self._queue_dock, self._why_dock)
-        self.tabifyDockWidget(self._why_dock, self._log_dock)
+        tabs = (self._queue_dock, self._alignment_dock, self._why_dock, self._log_dock)
+        for one, next_ in pairwise(tabs):
+            self.tabifyDockWidget(one, next_)
         self._queue_dock.raise_()
         self.actions_["why"].triggered.connect(self._turn_tab)
+        self.actions_["align"].triggered.connect(self._alignment_dock.raise_)
         # The connection is queued, because the dock's visible region is known only later.
         later = Qt.ConnectionType.QueuedConnection
         for moved in (self._why_dock.visibilityChanged, self._why_dock.topLevelChanged):

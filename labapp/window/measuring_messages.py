@@ -123,12 +123,13 @@ class LineReading:
 class PictureMeasured:
     """Tell the window what was measured in the live picture of a number.
 
-    `scene` names what is seen: target, pattern and wavelength. Scores of different ones don't
-    compare. `taken_at` is in seconds of the engine's clock, which never goes back.
+    `target` and `wavelength`, in metres, are what the picture was taken of: measurements of
+    different ones don't compare. `taken_at` is in seconds of the engine's clock.
     """
 
     number: int
-    scene: tuple[str, str, float]
+    target: str
+    wavelength: float
     taken_at: float
     region: RegionReading | None
     line: LineReading | None

@@ -287,7 +287,8 @@ class BenchOpened:
 class BenchState:
     """Tell the window the devices' settings as read back; for a dead device, the last known one.
 
-    `wavelength` is in metres, `exposure` in seconds. `live` tells whether live view is running.
+    `wavelength` is in metres, `exposure` in seconds. `live` tells whether live view is running, and
+    `waiting` whether a run waits for a person, who may set exposure and live view meanwhile.
     """
 
     devices: tuple[DeviceInfo, ...]
@@ -296,6 +297,7 @@ class BenchState:
     wavelength: float
     exposure: float
     live: bool
+    waiting: bool = False
 
     @property
     def failed_devices(self) -> set[str]:

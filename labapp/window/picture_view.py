@@ -59,6 +59,14 @@ class PictureView(QWidget):
         rows, columns = self._shape
         self.box.setRange(xRange=(0, columns), yRange=(0, rows), padding=0)
 
+    def show_true_size(self) -> None:
+        """Show a pixel of the picture on each pixel of the screen, about the middle of the view."""
+        (left, right), (top, bottom) = self.box.viewRange()
+        scale = self.devicePixelRatioF()
+        x, y = (left + right) / 2, (top + bottom) / 2
+        across, down = self.box.width() * scale / 2, self.box.height() * scale / 2
+        self.box.setRange(xRange=(x - across, x + across), yRange=(y - down, y + down), padding=0)
+
     @property
     def reduction(self) -> int:
         """Return how many picture pixels share a pixel of the window along an axis, at least 1."""

@@ -9,6 +9,12 @@ from typing import TYPE_CHECKING, Any
 from labapp.runs.state import State
 from labapp.window.accuracy_view import MEASUREMENT
 from labapp.window.device_list import DEVICE_TITLES
+from labapp.window.measuring_messages import (
+    BracketProposal,
+    ExposureFound,
+    PictureMeasured,
+    StarFound,
+)
 from labapp.window.messages import (
     AccuracyForecast,
     AccuracyMeasured,
@@ -71,6 +77,10 @@ class ReportDisplay:
             AccuracyForecast: window.accuracy.show_forecast,
             AccuracyMeasured: self._accuracy_measured,
             PictureSaved: lambda report: window.message.show_message(f"Saved: {report.path}."),
+            PictureMeasured: lambda report: session.alignment.show_measured(report),
+            StarFound: lambda report: session.alignment.show_star(report),
+            ExposureFound: lambda report: session.alignment.show_exposure(report),
+            BracketProposal: window.alignment.show_proposal,
             FailureReport: lambda report: window.message.show_error(report.message),
             OpeningFailed: self._opening_failed,
         }
@@ -130,17 +140,20 @@ class ReportDisplay:
         )
         window.actions_["live"].setChecked(report.live)
         window.live_view.set_running(report.live)
+        self._session.note_waiting(report.waiting)
         self._session.send_pending_wavelength()
 
     def _job_progress(self, report: JobProgress) -> None:
         if report.job == "reconstruction":
             self._window.run.show_progress(report)
         self._window.accuracy.show_progress(report)
+        self._session.alignment.show_progress(report)
 
     def _job_ended(self, report: JobEnded) -> None:
         if report.job == "preview":
             self._window.pattern.show_no_preview()
         self._window.accuracy.show_job_end(report.job)
+        self._session.alignment.show_job_end(report)
         if report.job == self._session.job:
             self._session.on_job_ended()
             if report.job != MEASUREMENT:

@@ -20,7 +20,13 @@ from PySide6.QtWidgets import (
 from labapp.runs.state import State
 from labapp.window.bracket_row import BracketRow
 from labapp.window.duration_text import format_duration
-from labapp.window.exposure_bracket import DARK_FRAMES, STAR_FRAMES, ExposureBracket, SNRBracket
+from labapp.window.exposure_bracket import (
+    DARK_FRAMES,
+    STAR_FRAMES,
+    ExposureBracket,
+    ProposedBracket,
+    SNRBracket,
+)
 from labapp.window.messages import JobProgress, RunInfo
 from labapp.window.run_times import RunTimes
 from labapp.window.widgets import (
@@ -126,7 +132,8 @@ class RunPanel(WrappingPanel):
             return
         darks = len({*star.exposures_ms, *photograph.exposures_ms}) * DARK_FRAMES
         # Star and photograph are taken with two patterns, the neutral and the chosen one.
-        stars = star.count * STAR_FRAMES * 2
+        repeats = 1 if isinstance(star, ProposedBracket) else STAR_FRAMES
+        stars = star.count * repeats * 2
         photographs = photograph.count * 2
         total = darks + stars + photographs
         size = f", {total * self._frame_bytes / 1e6:.0f} MB" if self._frame_bytes else ""

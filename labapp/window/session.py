@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from labapp.files.guarded_reading import is_file
 from labapp.window.accuracy_view import MEASUREMENT
+from labapp.window.alignment_requests import AlignmentRequests
 from labapp.window.engine_connection import EngineConnection
 from labapp.window.frame_reduction import FrameView
 from labapp.window.messages import (
@@ -63,9 +64,11 @@ class Session(QObject):
         self.job = ""
         self.queue = QueueState(())
         self.first_target = ""
+        self._waiting = False
         connection.report_received.connect(self._reports.show_report)
         connection.engine_died.connect(self._engine_died)
         self._runs = RunRequests(window, connection)
+        self.alignment = AlignmentRequests(window, connection)
         self._connect_panels()
         self._connect_actions()
         self._connect_accuracy()
@@ -87,6 +90,7 @@ class Session(QObject):
         window.settings.request_all_settings()
         self._send_view(window.live_view.view)
         self._connection.send(SetLive(True))
+        self.alignment.open_bench(bench)
         window.pattern.schedule_preview()
         self._runs.restore_kept()
         if self._last_run is not None:
@@ -106,6 +110,12 @@ class Session(QObject):
         if is_file(run):
             self._last_run = run
             self._window.run.show_last_run(run)
+
+    def note_waiting(self, waiting: bool) -> None:
+        """Note whether a run waits for the person at the window, who may look and expose."""
+        if waiting != self._waiting:
+            self._waiting = waiting
+            self._allow()
 
     def on_run_completed(self, run: Path) -> None:
         """Note a complete run's record, so that the person can reconstruct it in the window."""
@@ -201,9 +211,10 @@ class Session(QObject):
         """Enable the window's actions that are possible now, and disable the others."""
         window, free = self._window, self._open and not self.job
         idle = free and not self.is_run_active
+        may_look = idle or (self._open and self._waiting)
         # The next run can be prepared and queued while one is under way.
         allowed = {
-            "live": idle,
+            "live": may_look,
             "acquire": free,
             "plan": free,
             "resume": free,
@@ -219,6 +230,8 @@ class Session(QObject):
         window.pattern.setEnabled(self._open)
         for panel in (window.settings, window.pattern, window.devices):
             panel.set_run_active(self.is_run_active)
+        window.settings.exposure.setEnabled(may_look or not self.is_run_active)
+        window.alignment.set_allowed(exposes=may_look, proposes=idle)
         window.queue.release_button.setEnabled(free)
 
     def _tune(self, wavelength: float) -> None:

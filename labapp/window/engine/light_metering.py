@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,7 @@ from optics.alignment import exposure_for_level, peak_level
 from optics.camera import Sensor
 from optics.hdr import ChosenBracket, ExposureLimits, Meter, MeteredRange, WantedSNR, choose_bracket
 from optics.hdr.exposure_limits import AllowedTimes
+from optics.hdr.exposure_snr import ExposureSNR
 
 TakeTrial = Callable[[float], tuple[float, NDArray[Any]]]
 """Takes a trial frame of about this exposure in seconds, and returns the real one and the frame."""
@@ -37,6 +39,9 @@ class LevelSettings:
         Relative difference from the wanted level that is near enough.
     corrections : int
         Most trial frames after the first at the exposure that was found.
+    least_snr : float
+        Signal over noise of the brightest pixel below which it isn't taken for light, where the
+        longest exposure shows no more. The noise alone reaches 5 in some pixel of ten million.
     dimmer : float
         Factor to the next exposure if pixels are saturated against expectation.
     """
@@ -46,6 +51,7 @@ class LevelSettings:
     longest: float = 10.0
     closeness: float = 0.05
     corrections: int = 3
+    least_snr: float = 8.0
     dimmer: float = 0.7
 
 
@@ -108,7 +114,20 @@ def find_exposure(
         if limit or abs(seen.level / level - 1) <= SETTINGS.closeness:
             break
         wanted = exposure * (SETTINGS.dimmer if seen.level >= 1 else level / seen.level)
+    if limit == "longest":
+        _require_seen(seen.level, exposure, sensor)
     return FoundExposure(exposure, seen.level, frames, limit)
+
+
+def _require_seen(level: float, exposure: float, sensor: Sensor) -> None:
+    """Raise ValueError if the brightest pixel of the window's picture may be noise."""
+    charge = level * (sensor.full_scale - sensor.black_level) * sensor.gain
+    light = max(charge - sensor.dark_current * exposure, 0.0)
+    if light < SETTINGS.least_snr * math.sqrt(light + ExposureSNR(sensor).floor(exposure)):
+        raise ValueError(
+            f"nothing is seen in the longest trial frame, of {exposure * 1e3:g} ms. Brighten the "
+            "light, or bring it into the picture"
+        )
 
 
 def _limit(wanted: float, limits: ExposureLimits) -> str:

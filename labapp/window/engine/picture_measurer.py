@@ -94,7 +94,8 @@ def measure_picture(frame: LiveFrame, asked: MeasurePictures, sensor: Sensor) ->
     """Measure a live picture for the window in a region and along a line."""
     return PictureMeasured(
         number=frame.number,
-        scene=(frame.target, frame.pattern, frame.wavelength),
+        target=frame.target,
+        wavelength=frame.wavelength,
         taken_at=time.monotonic(),
         region=None if asked.region is None else _read_region(frame, asked.region, sensor),
         line=None if asked.line is None else _read_line(frame, asked.line),

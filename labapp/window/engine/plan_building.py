@@ -11,7 +11,13 @@ from labapp.files.grey_table import ConstantPattern
 from labapp.files.pattern_table import StillPattern
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import format_validation_error, validate
-from labapp.window.exposure_bracket import DARK_FRAMES, STAR_FRAMES, RequestedBracket, SNRBracket
+from labapp.window.exposure_bracket import (
+    DARK_FRAMES,
+    STAR_FRAMES,
+    ProposedBracket,
+    RequestedBracket,
+    SNRBracket,
+)
 from labapp.window.messages import AcquireBracket, PatternTable
 
 _NEUTRAL: PatternTable = {"kind": "constant", "grey": 0}
@@ -72,12 +78,14 @@ def build_bracket_plan(request: AcquireBracket) -> PlanFile:
 def _exposure_keys(bracket: RequestedBracket, repeats: int) -> dict[str, Any]:
     """Return the keys of a block for a bracket that the window requests.
 
-    Exposures that are to be chosen have their dark frames in the block, and no repeats: the ratio
-    is that of all frames.
+    Exposures that are to be chosen have their dark frames in the block. Those, and proposed ones,
+    have no repeats: the ratio is that of all frames.
     """
     if isinstance(bracket, SNRBracket):
         return {
             "bracket": {"snr_db": bracket.snr_db, "decades": bracket.decades},
             "interleave": [{"role": "dark", "frames": DARK_FRAMES}],
         }
+    if isinstance(bracket, ProposedBracket):
+        repeats = 1
     return {"exposures_ms": list(bracket.exposures_ms), "repeats": repeats}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 from drivers.errors import DeviceError
@@ -97,7 +98,7 @@ class WaitingView:
         if self._controller.exposure != self._exposure:
             with suppress(DeviceError):
                 self._controller.try_exposure(self._exposure)
-        self._tell()
+        self._tell(waiting=False)
 
     def _do(self, command: object) -> None:
         try:
@@ -129,5 +130,6 @@ class WaitingView:
         self._on_frame(frame)
         self._sender.offer(frame)
 
-    def _tell(self) -> None:
-        self._channel.send(self._controller.read_state(self._on, running=True))
+    def _tell(self, *, waiting: bool = True) -> None:
+        state = self._controller.read_state(self._on, running=True)
+        self._channel.send(replace(state, waiting=waiting))

@@ -1,0 +1,257 @@
+"""Find, focus, expose, bracket and keep: by clicks, on pictures whose numbers the test knows."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import tifffile
+from plan_files import ASKS, write_plan
+from PySide6.QtCore import Qt
+from test_window_run import set_bracket
+
+from labapp.runs.record import layout
+from labapp.runs.record.reader import Record
+from labapp.window.measuring_messages import (
+    BracketProposal,
+    ExposureFound,
+    PictureMeasured,
+    StarFound,
+)
+from labapp.window.messages import PictureSaved, RunEnded
+
+
+@pytest.fixture
+def align(bench, person):
+    """The panel, with the star before the camera and no marks on the picture."""
+    panel = bench.window.alignment
+    person.presses(Qt.Key.Key_F9)
+    person.waits(panel.isVisible)
+    for switch in (panel.region, panel.line, panel.cross):
+        if switch.isChecked():
+            person.clicks(switch)
+    person.chooses(bench.window.settings.target, "star")
+    person.types(bench.window.settings.exposure, "1")
+    person.waits(lambda: bench.frame.target == "star" and bench.frame.exposure == 1e-3)
+    return panel
+
+
+def measured(bench, person):
+    """The next measurement."""
+    bench.reports.clear()
+    person.waits(lambda: bench.last(PictureMeasured) is not None)
+    return bench.last(PictureMeasured)
+
+
+def test_a_star_is_found_exposed_and_measured(bench, person, align):
+    person.clicks(align.find_star)
+    person.waits(lambda: bench.last(StarFound) is not None)
+    person.waits(align.region.isChecked)
+    y, x = bench.last(StarFound).place
+    assert (y, x) == pytest.approx((32, 48), abs=1.5)
+    person.types(align.level, "50")
+    person.clicks(align.expose)
+    person.waits(lambda: bench.last(ExposureFound) is not None)
+    found = bench.last(ExposureFound)
+    person.waits(lambda: bench.frame.exposure == found.exposure)
+    assert bench.frame.image.max() == pytest.approx(64 + 0.5 * (4095 - 64), rel=0.1)
+    # What is set is what the field says; nothing was set twice.
+    settings = bench.window.settings
+    assert settings.exposure.value() == pytest.approx(found.exposure * 1e3)
+    person.waits(lambda: settings.exposure_read.text() == f"{found.exposure * 1e3:.3f} ms")
+    person.waits(lambda: "50 % of full" in align.said.text() or "49 %" in align.said.text())
+    seen = measured(bench, person)
+    assert seen.region.star.peak == pytest.approx(0.5 * (4095 - 64), rel=0.15)
+    width = re.search(r"FWHM ([\d.]+) px", align.star.text())
+    assert float(width[1]) == pytest.approx(seen.region.star.fwhm, rel=0.05)
+    person.waits(lambda: len(align.plots.fwhm.values) > 3 and len(align.plots.focus.values) > 3)
+
+
+def test_defocus_by_the_pattern_widens_the_star_and_lowers_the_score(bench, person, align):
+    person.clicks(align.find_star)
+    person.waits(align.region.isChecked)
+    person.clicks(align.restart)
+    sharp = measured(bench, person).region
+    form = bench.window.pattern.form
+    person.chooses(form.kind, "Aberrations")
+    person.types(form.numbers["zernike", "spherical"], "0")
+    person.types(form.numbers["zernike", "defocus"], "400")
+    person.clicks(bench.window.pattern.show_button)
+    person.waits(lambda: bench.frame.pattern != "neutral")
+    count = bench.frames
+    person.waits(lambda: bench.frames > count + 3)
+    blurred = measured(bench, person).region
+    assert blurred.star.fwhm > 1.3 * sharp.star.fwhm
+    assert blurred.focus < 0.9 * sharp.focus
+    person.waits(lambda: "of the best" in align.focus.text())
+    share = float(re.search(r"\((\d+) % of the best", align.focus.text())[1])
+    assert share < 90
+
+
+def test_the_regions_numbers_are_those_of_the_raw_picture(bench, person, align):
+    person.clicks(align.region)
+    person.presses(Qt.Key.Key_F5)
+    person.waits(lambda: "STOPPED" in bench.window.live_view.caption.text())
+    marks = bench.window.session.alignment.marks
+    marks.place_region((20, 30), 16)
+    person.waits(lambda: "x 22 … 37  y 12 … 27" in align.statistics.text())
+    part = bench.frame.image[12:28, 22:38]
+    assert f"mean {part.mean():.1f} DN  σ {part.std():.1f}" in align.statistics.text()
+    assert f"{part.min()} … {part.max()}" in align.statistics.text()
+    person.presses(Qt.Key.Key_F5)
+
+
+def test_the_line_shows_the_numbers_along_it(bench, person, align):
+    person.clicks(align.line)
+    person.waits(lambda: len(align.profile.values) > 10)
+    (_, x), (_, last) = bench.window.session.alignment.marks.line
+    assert (x, last) == pytest.approx((23.5, 71.5), abs=0.1)
+    person.presses(Qt.Key.Key_F5)
+    person.waits(lambda: "STOPPED" in bench.window.live_view.caption.text())
+    image = bench.frame.image.astype(float)
+    # Half a pixel below a row's centre, and half a pixel beyond a column's: the mean of four.
+    rows = image[31:33].mean(axis=0)
+    wanted = (rows[23:72] + rows[24:73]) / 2
+    person.waits(lambda: align.profile.values == pytest.approx(list(wanted)))
+    person.presses(Qt.Key.Key_F5)
+
+
+def test_one_to_one_is_a_pixel_a_pixel(bench, person, align):
+    picture = bench.window.live_view.picture
+    person.clicks(align.true_size)
+    scale = picture.devicePixelRatioF()
+    person.waits(lambda: picture.box.viewPixelSize() == pytest.approx((scale, scale), rel=1e-3))
+    picture.fit()
+
+
+def test_a_picture_is_kept_with_its_settings(bench, person, align):
+    person.presses(Qt.Key.Key_F5)
+    person.waits(lambda: "STOPPED" in bench.window.live_view.caption.text())
+    person.clicks(align.keep)
+    person.waits(lambda: bench.last(PictureSaved) is not None)
+    path = bench.last(PictureSaved).path
+    with tifffile.TiffFile(path) as file:
+        assert np.array_equal(file.asarray(), bench.frame.image)
+        said = json.loads(file.pages[0].description)
+    assert (said["target"], said["pattern"]) == ("star", "neutral")
+    assert said["exposure"] == 1e-3
+    assert said["wavelength"] == pytest.approx(550e-9)
+    assert said["number"] == bench.frame.number
+    assert said["simulated"] == ["slm", "filter", "camera", "targets"]
+    person.waits(lambda: str(path) in bench.window.message.text)
+    person.clicks(align.keep)
+    person.waits(lambda: bench.last(PictureSaved).path != path)
+    person.presses(Qt.Key.Key_F5)
+
+
+def test_a_proposed_bracket_is_taken(bench, person, align, tmp_path):
+    run = bench.window.run
+    bench.reports.clear()
+    person.clicks(align.propose)
+    person.waits(lambda: bench.last(BracketProposal) is not None)
+    proposal = bench.last(BracketProposal)
+    assert (proposal.row, proposal.target, proposal.pattern) == ("star", "star", "neutral")
+    assert proposal.least_snr_db >= 30
+    assert list(proposal.exposures_ms) == sorted(proposal.exposures_ms)
+    person.waits(lambda: "reach 30." in align.said.text())
+    # Metering leaves the exposure as it was.
+    count = bench.frames
+    person.waits(lambda: bench.frames > count + 2 and bench.frame.exposure == 1e-3)
+    person.clicks(align.accept)
+    assert "proposed on star with neutral" in run.star.exposures_label.text()
+    set_bracket(person, run.photograph, "400", "2", "1")
+    person.chooses(bench.window.pattern.form.kind, "Axicon")
+    person.types(bench.window.pattern.form.numbers["axicon", "radius_um"], "30")
+    bench.reports.clear()
+    person.presses(Qt.Key.Key_F6)
+    person.waits(lambda: bench.last(RunEnded) is not None)
+    ended = bench.last(RunEnded)
+    assert ended.state == "COMPLETE"
+    with Record(ended.path) as record:
+        times = record.column("exposure")[record.select(target="star", pattern="neutral")]
+    assert sorted(times * 1e3) == pytest.approx(list(proposal.exposures_ms))
+    # Whoever changes a field has a ladder again.
+    person.types(run.star.count, "3")
+    assert "proposed" not in run.star.exposures_label.text()
+
+
+def test_darkness_is_said_to_be_none(bench, person, align):
+    person.chooses(bench.window.settings.target, "dark")
+    person.waits(lambda: bench.frame.target == "dark")
+    before = bench.frame.exposure
+    person.clicks(align.find_star)
+    person.waits(lambda: "no spot stands out" in align.said.text())
+    person.clicks(align.expose)
+    person.waits(lambda: bench.window.message.is_error)
+    assert "nothing is seen" in bench.window.message.text
+    assert "stays as it was" in bench.window.message.text
+    person.waits(align.expose.isEnabled)
+    count = bench.frames
+    person.waits(lambda: bench.frames > count + 2 and bench.frame.exposure == before)
+
+
+def test_live_goes_on_while_a_run_asks_and_leaves_no_trace(
+    bench, person, align, chosen_file, tmp_path
+):
+    """The record is the same as of a run in which nobody looks."""
+    records = []
+    for looks in (False, True):
+        bench.reports.clear()
+        chosen_file(write_plan(tmp_path, f"Asks {looks}", top=ASKS, targets='["near", "far"]'))
+        bench.window.actions_["plan"].trigger()
+        for _ in range(2):
+            person.waits(lambda: bench.window.prompt_bar.is_asking)
+            person.waits(bench.window.settings.exposure.isEnabled)
+            if looks:
+                look_around(bench, person, align)
+            else:
+                person.presses(Qt.Key.Key_F5)
+                person.waits(lambda: "STOPPED" in bench.window.live_view.caption.text())
+            person.clicks(bench.window.prompt_bar.done_button)
+            person.waits(lambda: not bench.window.prompt_bar.is_asking)
+        person.waits(lambda: bench.last(RunEnded) is not None)
+        assert bench.last(RunEnded).state == "COMPLETE"
+        records.append(bench.last(RunEnded).path)
+    with Record(records[0]) as one, Record(records[1]) as two:
+        assert one.frame_count == two.frame_count == 4
+        for index in range(4):
+            assert np.array_equal(one.image(index), two.image(index))
+        for name in {*layout.PLANNED, *layout.MEASURED} - {*layout.UNSEEDED}:
+            assert np.array_equal(one.column(name), two.column(name)), name
+
+
+def look_around(bench, person, align):
+    """See pictures come, at an exposure of one's own, and have another one found."""
+    count, view = bench.frames, bench.window.live_view
+    person.waits(lambda: bench.frames > count + 3 and "STOPPED" not in view.caption.text())
+    assert not bench.window.settings.target.isEnabled()
+    person.types(bench.window.settings.exposure, "3")
+    person.waits(lambda: bench.frame.exposure == 3e-3)
+    bench.reports.clear()
+    person.clicks(align.expose)
+    person.waits(lambda: bench.last(ExposureFound) is not None)
+    person.waits(lambda: bench.frame.exposure == bench.last(ExposureFound).exposure)
+
+
+def test_live_goes_on_in_a_pause(bench, person, align, chosen_file, tmp_path):
+    chosen_file(write_plan(tmp_path, "Paused", repeats=2000))
+    bench.window.actions_["plan"].trigger()
+    person.waits(lambda: bench.stored > 2)
+    assert not bench.window.settings.exposure.isEnabled()
+    assert not align.expose.isEnabled()
+    person.presses(Qt.Key.Key_F8)
+    person.waits(lambda: bench.states[-1] == "PAUSED")
+    stored, count = bench.stored, bench.frames
+    person.waits(lambda: bench.frames > count + 5)
+    person.waits(align.expose.isEnabled)
+    person.types(bench.window.settings.exposure, "5")
+    person.waits(lambda: bench.frame.exposure == 5e-3)
+    assert bench.stored == stored
+    person.presses(Qt.Key.Key_F8)
+    person.waits(lambda: bench.stored > stored + 2)
+    person.waits(lambda: not bench.window.settings.exposure.isEnabled())
+    person.clicks(bench.window.bar.buttons["cancel"])
+    person.waits(lambda: bench.states[-1] == "CANCELLED")
+    with Record(bench.runs[-1].path) as record:
+        taken = record.column("exposure")[: bench.runs[-1].stored_frames]
+    assert set(np.round(taken * 1e3, 3)) == {1.0}
