@@ -245,7 +245,8 @@ def _proposal_text(proposal: BracketProposal) -> str:
     beside = "" if ladder is None else f" The ladder {ladder[0]} takes {ladder[1]:.3g} s."
     return (
         f"{list_exposures(proposal.exposures_ms)} reach {proposal.least_snr_db:.1f} dB from "
-        f"{low:.3g} to {high:.3g} electrons/s, in {proposal.seconds:.3g} s with read-out.{beside} "
-        f"Metered on {proposal.target} with {proposal.pattern} at {proposal.wavelength * 1e9:.2f} nm in "
+        f"{low:.3g} to {high:.3g} electrons/s, in {proposal.seconds:.3g} s with "
+        f"read-out.{beside} Metered on "
+        f"{proposal.target} with {proposal.pattern} at {proposal.wavelength * 1e9:.2f} nm in "
         f"{frames}."
     )

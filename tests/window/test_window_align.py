@@ -6,9 +6,12 @@ import re
 import numpy as np
 import pytest
 import tifffile
+from aligning_walk import Walk, bring_nearer, defocus_nm
+from person import Person
 from plan_files import ASKS, write_plan
 from PySide6.QtCore import Qt
 from test_window_run import set_bracket
+from window_scene import write_bench
 
 from labapp.runs.record import layout
 from labapp.runs.record.reader import Record
@@ -255,3 +258,17 @@ def test_live_goes_on_in_a_pause(bench, person, align, chosen_file, tmp_path):
     with Record(bench.runs[-1].path) as record:
         taken = record.column("exposure")[: bench.runs[-1].stored_frames]
     assert set(np.round(taken * 1e3, 3)) == {1.0}
+
+
+def test_from_a_star_out_of_focus_to_a_restored_photograph(own_bench, qtbot, tmp_path):
+    """By clicks alone; the focus is where the thin lens has it, within the last step."""
+    files = write_bench(tmp_path)
+    files.scene.write_text(bring_nearer(files.scene.read_text()))
+    bench = own_bench(files=files)
+    walked = Walk(bench, Person(bench, qtbot)).go()
+    assert walked.defocus == pytest.approx(defocus_nm(), abs=80)
+    assert walked.fwhm < walked.first_fwhm / 3
+    assert walked.level == pytest.approx(0.6, rel=0.1)
+    assert min(walked.exposures) >= 2
+    assert walked.residual < 1.2
+    assert list(walked.seconds)[-1] == "restored"
