@@ -17,7 +17,7 @@ from optics.camera import Sensor
 class PeakLevel:
     """Level of the brightest pixel of a picture that is exposed for alignment.
 
-    Attributes
+    Parameters
     ----------
     level : float
         Share of the range from the black level to full scale, 1 at full scale.
@@ -46,6 +46,7 @@ def peak_level(numbers: NDArray[Any], sensor: Sensor) -> PeakLevel:
     Returns
     -------
     PeakLevel
+        With the number of saturated pixels.
     """
     raw = numbers.astype(np.float64)
     clean = without_hot(raw, frame_variance(raw, sensor), sensor)

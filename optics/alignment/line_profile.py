@@ -18,7 +18,7 @@ Place = tuple[float, float]
 class LineProfile:
     """Numbers along a line of a picture that is aligned.
 
-    Attributes
+    Parameters
     ----------
     distances : NDArray of float64, (n,)
         Pixels from the line's start.
@@ -46,6 +46,7 @@ def line_profile(numbers: NDArray[Any], start: Place, end: Place) -> LineProfile
     Returns
     -------
     LineProfile
+        With both ends; of a line without length, one number.
 
     Raises
     ------

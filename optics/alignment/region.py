@@ -53,6 +53,7 @@ class Region:
         Returns
         -------
         Region
+            As large as the picture at most.
         """
         sizes = [min(side, n) for n in shape]
         first = [
@@ -72,6 +73,7 @@ class Region:
         Returns
         -------
         Region
+            With one pixel at least.
 
         Raises
         ------
@@ -108,7 +110,7 @@ class Region:
 class RegionStatistics:
     """The digital numbers of a region, summed up for alignment.
 
-    Attributes
+    Parameters
     ----------
     pixels : int
         Number of pixels.
@@ -147,6 +149,7 @@ def region_statistics(
     Returns
     -------
     RegionStatistics
+        In digital numbers.
 
     Raises
     ------

@@ -63,7 +63,7 @@ _SETTINGS = StarShapeSettings()
 class StarShape:
     """Place, width and light of a star in a region, for focusing and aligning.
 
-    Attributes
+    Parameters
     ----------
     y, x : float
         Row and column of its middle in the region; whole numbers are the centres of pixels.
@@ -114,6 +114,7 @@ def star_shape(numbers: NDArray[Any], sensor: Sensor) -> StarShape:
     Returns
     -------
     StarShape
+        In pixels of the region.
 
     Raises
     ------

@@ -43,6 +43,7 @@ PACKAGES = (
     "labapp.runs.export",
     "labapp.studies",
     "optics.accuracy",
+    "optics.alignment",
     "optics.camera_noise",
     "optics.chain",
     "optics.deconvolution",
