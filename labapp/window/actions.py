@@ -36,6 +36,12 @@ ACTION_SPECS = (
     ActionSpec("why", "Why", "W", "What the simulator does and why, or the queue", checkable=True),
     ActionSpec("align", "Find and align", "F9", "Focus, expose and measure what is live"),
     ActionSpec("help", "Help", "F1", "Read the guide: how to do things, and how they work"),
+    ActionSpec("keys", "Keys", "Shift+F1", "List all keys, and what they do"),
+    ActionSpec("accept", "Acknowledge error", "Ctrl+E", "Take the error off the bottom line"),
+    ActionSpec("dim", "Dimmer", "Ctrl+D", "Everything darker, pictures too", checkable=True),
+    ActionSpec(
+        "red", "Red light", "Ctrl+L", "Red alone, for eyes used to the dark", checkable=True
+    ),
     ActionSpec("reset", "Reset layout", "", "Put every panel back where it was"),
     ActionSpec("quit", "Quit", "Ctrl+Q", "Close the window, and leave the bench safe"),
 )

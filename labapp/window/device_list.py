@@ -8,7 +8,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QGridLayout, QPushButton, QVBoxLayout, QWidget
 
 from labapp.window.messages import DeviceInfo
-from labapp.window.theme import ERROR, FAINT, REAL, SIMULATED
+from labapp.window.theme import DEVICE_SIGNS, ERROR, FAINT, READY_SIGN, REAL, SIMULATED
 from labapp.window.widgets import PANEL_MARGINS, WrappingPanel, fill_layout, make_label
 
 DEVICE_TITLES = {"slm": "SLM", "filter": "Filter", "camera": "Camera", "targets": "Targets"}
@@ -103,9 +103,10 @@ class DeviceList(WrappingPanel):
 def _heading_html(device: DeviceInfo) -> str:
     kind, kind_colour = ("simulated", SIMULATED) if device.simulated else ("real", REAL)
     state_colour = ERROR if device.error else REAL
+    sign = DEVICE_SIGNS.get(device.state, READY_SIGN)
     title = DEVICE_TITLES.get(device.name, device.name)
     return (
-        f"<span style='color:{state_colour}'>●</span> <b>{escape(title)}</b> "
+        f"<span style='color:{state_colour}'>{sign}</span> <b>{escape(title)}</b> "
         f"<span style='color:{state_colour}'>{escape(device.state)}</span> "
         f"<span style='color:{kind_colour}'>{kind}</span>"
     )

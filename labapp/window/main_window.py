@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 from PySide6.QtCore import QByteArray, QRect, QSize, Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QKeyEvent, QMoveEvent, QResizeEvent
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QMoveEvent, QResizeEvent, QShortcut
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
+    QApplication,
     QComboBox,
     QDockWidget,
     QLineEdit,
@@ -29,6 +31,7 @@ from labapp.window.effects_panel import EffectsPanel
 from labapp.window.engine_connection import EngineConnection
 from labapp.window.help_window import HelpWindow
 from labapp.window.kept_queue import KeptQueue
+from labapp.window.light_filter import LightFilter
 from labapp.window.live_view import LiveView
 from labapp.window.log_panel import LogPanel
 from labapp.window.message_line import MessageLine
@@ -41,6 +44,7 @@ from labapp.window.run_panel import RunPanel
 from labapp.window.scrolled_tabs import ScrolledTabs
 from labapp.window.session import Session
 from labapp.window.settings_panel import SettingsPanel
+from labapp.window.shortcut_list import ShortcutList
 from labapp.window.side_by_side import SideBySide
 from labapp.window.widgets import fill_layout, make_tool_button
 
@@ -53,7 +57,7 @@ _LEFT_WIDTH, _RIGHT_WIDTH = 270, 370
 _SHORT_DOCKS = ("Devices", "Settings", "Bracket and run")
 """Docks without a list or a picture: they take the height that they need, and no more."""
 
-_REMEMBERED_CHOICES = ("contrast", "marks")
+_REMEMBERED_CHOICES = ("contrast", "marks", "dim", "red")
 """Names of the checkable actions whose state is kept."""
 
 _KEEP_AFTER_MS = 200
@@ -127,7 +131,13 @@ class MainWindow(QMainWindow):
         self.actions_["reset"].triggered.connect(self._reset_layout)
         self.help: HelpWindow | None = None
         self.actions_["help"].triggered.connect(self._show_help)
+        self.keys: ShortcutList | None = None
+        self.actions_["keys"].triggered.connect(self._show_keys)
+        self.actions_["accept"].triggered.connect(self.message.acknowledge)
         self.actions_["quit"].triggered.connect(self.close)
+        self._light = LightFilter(_application())
+        for name in ("dim", "red"):
+            self.actions_[name].toggled.connect(self._set_light)
         self.session = Session(self, connection)
         self._restore()
         self._watch_changes()
@@ -177,6 +187,17 @@ class MainWindow(QMainWindow):
         self.help.raise_()
         self.help.activateWindow()
 
+    def _show_keys(self) -> None:
+        """Show the list of the window's keys, which stays open beside the window."""
+        if self.keys is None:
+            self.keys = ShortcutList(self.actions_.values(), self)
+        self.keys.show()
+        self.keys.raise_()
+
+    def _set_light(self) -> None:
+        dim, red = (self.actions_[name].isChecked() for name in ("dim", "red"))
+        self._light.set_light(dim=dim, red=red)
+
     def _dock(self, title: str, panel: QWidget, area: Qt.DockWidgetArea) -> QDockWidget:
         self.docks[title] = dock = QDockWidget(title, self)
         dock.setObjectName(title)
@@ -186,8 +207,9 @@ class MainWindow(QMainWindow):
 
     def _list_docks(self) -> None:
         """List the docks in the window's menu, so that a closed one can be opened again."""
-        for dock in self.docks.values():
+        for number, dock in enumerate(self.docks.values(), 1):
             self.bar.menus.menus["Panels"].addAction(dock.toggleViewAction())
+            QShortcut(f"Ctrl+{number}", self, partial(_go_to, dock))
 
     def _tab_docks(self) -> None:
         """Put the window's docks "Queue", "Find and align", "Why" and "Log" into one place as tabs.
@@ -299,7 +321,8 @@ class MainWindow(QMainWindow):
         if not layout.isEmpty():
             self.restoreState(layout, _LAYOUT_VERSION)
         for name in _REMEMBERED_CHOICES:
-            if remembered.text(name) == "off":
+            kept = remembered.text(name)
+            if kept and (kept == "on") != self.actions_[name].isChecked():
                 self.actions_[name].trigger()
         for index in range(self.tabs.count()):
             if self.tabs.tabText(index) == remembered.text("tab"):
@@ -348,3 +371,19 @@ def _bring_to_front(dock: QDockWidget) -> None:
     """Show a dock of the window, also where it was closed or is behind another tab."""
     dock.show()
     dock.raise_()
+
+
+def _go_to(dock: QDockWidget) -> None:
+    """Bring a dock of the window to the front, and give its first field the keyboard."""
+    _bring_to_front(dock)
+    for widget in dock.widget().findChildren(QWidget):
+        if widget.focusPolicy() & Qt.FocusPolicy.TabFocus and widget.isVisibleTo(dock):
+            widget.setFocus(Qt.FocusReason.ShortcutFocusReason)
+            return
+
+
+def _application() -> QApplication:
+    """Return the application that the window belongs to."""
+    application = QApplication.instance()
+    assert isinstance(application, QApplication)
+    return application

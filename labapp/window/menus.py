@@ -14,9 +14,9 @@ MENUS: Mapping[str, tuple[str, ...]] = {
     "&Run": ("acquire", "plan", "resume", SEPARATOR, "pause", "cancel", SEPARATOR, "quit"),
     "&Bench": ("live",),
     "&Picture": ("reconstruct", "open", SEPARATOR, "contrast", "marks"),
-    "&View": ("why",),
+    "&View": ("why", "accept", SEPARATOR, "dim", "red"),
     "P&anels": ("reset", SEPARATOR),
-    "&Help": ("help",),
+    "&Help": ("help", "keys"),
 }
 """Names of the actions of each menu. Every action of the window is in one of them."""
 

@@ -7,6 +7,7 @@ from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from labapp.window.messages import PatternPreview, PatternTable
 from labapp.window.pattern_form import PatternForm
+from labapp.window.theme import DIFFERS_SIGN
 from labapp.window.thumbnail import PSF_DECADES, Thumbnail
 from labapp.window.widgets import PANEL_MARGINS, fill_layout, make_label, mark_difference
 
@@ -85,9 +86,11 @@ class PatternPanel(QWidget):
         self._compare()
 
     def _compare(self) -> None:
-        """Name the SLM's pattern in the window, in another colour if it isn't the chosen one."""
-        self.displayed_label.setText(f"On the SLM: {self._on_panel}")
-        mark_difference(self.displayed_label, self._chosen not in ("", self._on_panel))
+        """Name the SLM's pattern in the window; sign and colour tell if it isn't the chosen one."""
+        differs = self._chosen not in ("", self._on_panel)
+        sign = f"{DIFFERS_SIGN} " if differs else ""
+        self.displayed_label.setText(f"{sign}On the SLM: {self._on_panel}")
+        mark_difference(self.displayed_label, differs)
 
     def _request_preview(self) -> None:
         if self.form.missing_input:

@@ -19,11 +19,11 @@ from labapp.runs.state import State
 from labapp.window.duration_text import format_duration
 from labapp.window.messages import RunInfo
 from labapp.window.table_base import ALIGN_LEFT, MARGIN, ModelIndex, RowsModel, RowsTable, paint_bar
-from labapp.window.theme import FAINT, RUN_STATES, TEXT
+from labapp.window.theme import FAINT, RUN_SIGNS, RUN_STATES, TEXT
 from labapp.window.widgets import make_label, plain_tip
 
 _COLUMNS = ("Run", "State", "Frames")
-_WIDTHS = {1: 92, 2: 92}
+_WIDTHS = {1: 108, 2: 84}
 _EMPTY = "Runs wait here in line: acquire (F6), run a plan (Ctrl+P), resume a run (Ctrl+R)."
 
 
@@ -84,7 +84,8 @@ class _RunPainter(QStyledItemDelegate):
         if index.column() == 0:
             _two_lines(painter, place, (run.title, TEXT), (run.path.name, FAINT))
         elif index.column() == 1:
-            _two_lines(painter, place, (run.state.value, colour), (_time(run), FAINT), bold=True)
+            state = f"{RUN_SIGNS[run.state]} {run.state.value}"
+            _two_lines(painter, place, (state, colour), (_time(run), FAINT), bold=True)
         else:
             _bar(painter, place, run, QColor(colour))
         painter.restore()

@@ -6,6 +6,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QGridLayout, QLabel, QWidget
 
 from labapp.window.messages import BenchOpened, BenchState
+from labapp.window.theme import DIFFERS_SIGN
 from labapp.window.widgets import PANEL_MARGINS, make_label, mark_difference
 
 _FIRST_TARGET = "photograph"
@@ -109,6 +110,6 @@ class SettingsPanel(QWidget):
 
 
 def _read(value_label: QLabel, text: str, differs: bool) -> None:
-    """Show a value read back in the window, in another colour if it differs from the value set."""
-    value_label.setText(text)
+    """Show a value read back in the window; sign and colour tell if it isn't the one set."""
+    value_label.setText(f"{DIFFERS_SIGN} {text}" if differs else text)
     mark_difference(value_label, differs)

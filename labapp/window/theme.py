@@ -37,6 +37,24 @@ RUN_STATES = {
     State.FAILED: ERROR,
 }
 
+RUN_SIGNS = {
+    State.WAITING: "○",
+    State.RUNNING: "▶",
+    State.PAUSED: "◫",
+    State.COMPLETE: "✔",
+    State.CANCELLED: "■",
+    State.FAILED: "✖",
+}
+"""Shapes that stand before a run's state, for people who can't tell the colours apart."""
+
+DEVICE_SIGNS = {"failed": "✖", "unplugged": "▲"}
+"""Shapes of devices that don't work; all others have READY_SIGN."""
+
+READY_SIGN = "●"
+
+DIFFERS_SIGN = "≠"
+"""Stands before a value read back that isn't the one that was set."""
+
 SATURATED = (255, 0, 0)
 """Red, green and blue of the mark on saturated pixels."""
 

@@ -39,7 +39,7 @@ def test_a_pattern_changes_the_picture(bench, person):
     person.chooses(bench.window.pattern.form.kind, "Axicon")
     person.types(bench.window.pattern.form.numbers["axicon", "radius_um"], "20")
     person.waits(lambda: "axicon 20" in preview_name(bench))
-    assert bench.window.pattern.displayed_label.text() == "On the SLM: neutral"
+    assert bench.window.pattern.displayed_label.text() == "≠ On the SLM: neutral"
     assert bench.frame.pattern == "neutral"
     person.clicks(bench.window.pattern.show_button)
     name = "axicon 20 µm for 550 nm"
