@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from labapp.bench.calibration_validity import calibration_summary, camera_calibration_summary
 from labapp.common.console import out, print_json, print_table, styled
 from labapp.runs.effect_plan_tables import show_effects
 from labapp.runs.record import layout
 from labapp.runs.record.reader import Record
+from labapp.runs.recorded_calibrations import calibrations_in_force
 
 
 def show_record(path: Path, *, as_json: bool) -> None:
@@ -69,21 +69,12 @@ def record_data(record: Record) -> dict[str, Any]:
         "retried": np.flatnonzero(record.column("attempts") > 1).tolist(),
         "groups": _groups(record),
         "devices": record.devices,
-        "calibrations": _calibrations(record),
+        "calibrations": calibrations_in_force(record),
         "faults": record.faults,
         "effect_plan": record.effect_plan,
         "versions": record.versions,
         "log": record.log,
     }
-
-
-def _calibrations(record: Record) -> list[str]:
-    """Return which calibrations were in force when a run's record was made."""
-    panel, camera = record.bench.active_calibration, record.bench.active_camera_calibration
-    return [
-        *([calibration_summary(panel)] if panel else []),
-        *([camera_calibration_summary(camera)] if camera else []),
-    ]
 
 
 def _groups(record: Record) -> list[dict[str, Any]]:

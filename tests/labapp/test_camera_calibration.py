@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from datetime import timedelta
+from html import escape
 
 import h5py
 import numpy as np
@@ -262,6 +263,36 @@ def test_merged_pictures_leave_known_defects_out(found, in_force, labapp, tmp_pa
         state = merged["state"][()]
     assert (state[pixels] == DEFECTIVE).all()
     assert (state == DEFECTIVE).sum() == len(found.file.defects.pixels)
+
+
+def test_reports_say_which_calibration_was_in_force_and_why_it_may_not_have_held(
+    found, in_force, labapp, tmp_path
+):
+    text = in_force.bench.read_text().replace("dark_current_electrons_per_s = 1.0",
+                                              "dark_current_electrons_per_s = 2.0")  # fmt: skip
+    in_force.bench.write_text(text)
+    with open_bench(in_force) as bench:
+        run_plan(bench, photograph_plan(), tmp_path / "flat.h5")
+    code, printed, errors = labapp(
+        "merge", tmp_path / "flat.h5", "--out", tmp_path / "merged.h5", "--json"
+    )
+    assert code == 0, errors
+    said, page = json.loads(printed), (tmp_path / "merged.html").read_text()
+    summary, doubt = camera_calibration_summary(found.file), "per_s was 1.0 and is 2.0"
+    assert said["sensor"]["source"] == summary
+    gain = found.file.gain_electrons_per_dn.value
+    assert said["sensor"]["gain_electrons_per_dn"] == pytest.approx(gain)
+    assert any(doubt in one for one in said["warnings"])
+    for part in (summary, doubt, f"{gain:.4g} electrons/DN"):
+        assert escape(part) in page
+    code, printed, errors = labapp("report", tmp_path / "flat.h5", "--out", tmp_path, "--json")
+    assert code == 0, errors
+    said, page = json.loads(printed), (tmp_path / "report.html").read_text()
+    assert said["calibrations"] == [summary]
+    (told,) = said["calibration_doubts"]
+    assert doubt in told
+    assert escape(summary) in page
+    assert escape(told) in page
 
 
 def test_every_reason_to_doubt_the_calibration_is_named(found, files):

@@ -84,6 +84,8 @@ def test_the_report_needs_nothing_else(demo):
     assert "SIMULATED" in page
     for heading in ("Exposures", "Point spread function", "Photographs", "Time"):
         assert heading in page
+    # How restorations used the variance map, and what it gained.
+    assert "dB expected against one noise for all pixels" in page
     picture = cv2.imread(str(demo.folder / "report.png"))
     assert min(picture.shape[:2]) > 1000
     assert picture.std() > 20
@@ -94,6 +96,8 @@ def test_the_figures_as_data_are_json(demo):
     assert data["best"] in data["scores"]
     assert {"compute patterns", "acquire", "merge exposures", "report"} <= set(data["seconds"])
     assert len(data["exposures"]) == 4
+    assert "used: " in data["variance_map"]["total-variation"]
+    assert data["calibrations"] == data["calibration_doubts"] == []
 
 
 @pytest.mark.sweep

@@ -62,6 +62,8 @@ def test_files_become_light_with_variance_state_and_a_report(files, scene, tmp_p
     page = (tmp_path / "merged.html").read_text()
     assert "0.tiff" in page
     assert "measured" in page
+    assert said["sensor"]["source"] == "--gain, --read-noise, --black, --full-scale"
+    assert 'read noise</td><td class="number">2.4 electrons<' in page
     assert said["warnings"] == []
     assert min(said["accuracy"]["efficiency"]) > 0.85
 

@@ -43,7 +43,8 @@ class BracketFiles:
     darks: mean dark of each frame, (bands, rows, columns), or a level. dark_counts: frames in each
     mean; infinite for a level. defects: (rows, columns), pixels that don't measure light, or None.
     is_coded: whether frames are 8-bit pictures whose response curve isn't known; of the sensor only
-    the full scale is.
+    the full scale is. sensor_source: what the sensor's numbers rest on, in words. doubts: why they
+    may not hold.
     """
 
     names: list[str]
@@ -54,6 +55,8 @@ class BracketFiles:
     sensor: Sensor
     defects: NDArray[np.bool_] | None = None
     is_coded: bool = False
+    sensor_source: str = ""
+    doubts: tuple[str, ...] = ()
 
 
 def read_bracket_files(
@@ -101,7 +104,19 @@ def read_bracket_files(
         )
     sensor = _sensor(sensor_file, numbers, photographs, frames[0].shape[1:])
     means, counts = _mean_darks(darks, frames[0], len(frames), sensor, linear)
-    return BracketFiles(names, frames, times, means, counts, sensor)
+    source = _sensor_source(sensor_file, numbers)
+    return BracketFiles(names, frames, times, means, counts, sensor, sensor_source=source)
+
+
+def _sensor_source(path: Path | None, numbers: SensorNumbers) -> str:
+    """Say in words what the numbers of a sensor of bracket files rest on."""
+    given = (
+        ("--gain", numbers.gain), ("--read-noise", numbers.read_noise), ("--black", numbers.black),
+        ("--full-scale", numbers.full_scale),
+    )  # fmt: skip
+    options = [name for name, value in given if value is not None]
+    named = [] if path is None else [f"the sensor file {path.name}"]
+    return ", ".join([*named, *options])
 
 
 def _require_one_kind(photographs: Sequence[InputPhotograph]) -> None:

@@ -69,6 +69,7 @@ def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
     print_table("Exposures", EXPOSURE_COLUMNS, exposure_rows(merged))
     print_table("Pixels", ("state", "share "), state_rows(merged))
     if merged.accuracy is not None:
+        print_message(f"sensor: {source.sensor_source}")
         print_message(accuracy_words(merged.method, merged.accuracy))
     for words in merged.told:
         print_message(f"warning: {words}")

@@ -52,6 +52,20 @@ def state_rows(merged: MergedFiles) -> list[list[str]]:
     ]
 
 
+def sensor_rows(merged: MergedFiles) -> list[list[str]]:
+    """Return the rows of a merged bracket's table of the sensor's numbers."""
+    sensor, defects = merged.source.sensor, merged.source.defects
+    rows = [
+        ["gain", f"{sensor.gain:.4g} electrons/DN"],
+        ["read noise", f"{sensor.read_noise:.3g} electrons"],
+        ["dark current", f"{sensor.dark_current:.3g} electrons/s"],
+        ["full scale", f"{sensor.full_scale} DN"],
+    ]
+    if defects is not None:
+        rows.append(["defective pixels that were known", str(int(defects.sum()))])
+    return rows
+
+
 def merge_page(merged: MergedFiles, shown: bytes) -> str:
     """Return the report of a merged bracket as an HTML page; shown: PNG of its light."""
     warnings = "".join(f"<p><strong>{escape(one)}</strong></p>" for one in merged.told)
@@ -97,6 +111,9 @@ def _trust(merged: MergedFiles) -> list[str]:
             ),
         ]
     return [
+        "<h2>Sensor</h2>",
+        html_table(("", "value "), sensor_rows(merged)),
+        f"<p>Source: {escape(merged.source.sensor_source)}.</p>",
         "<h2>Accuracy</h2>",
         f"<p>{escape(accuracy_words(merged.method, merged.accuracy))}.</p>",
         html_figure(

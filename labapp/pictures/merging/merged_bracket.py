@@ -70,10 +70,11 @@ def merge_files(
         return merge_coded_files(source, progress)
     bands = [file_bracket(source, number) for number in range(len(source.frames[0]))]
     factors: hdr.ExposureFactors | None = None
-    told: list[str] = []
+    told = list(source.doubts)
     if refine and len(source.frames) > 1:
         progress.report(0.0, "measuring exposures")
-        factors, told = _measured_factors(bands)
+        factors, words = _measured_factors(bands)
+        told += words
         if factors is not None:
             bands = [one.with_factors(factors.corrections) for one in bands]
     found = []

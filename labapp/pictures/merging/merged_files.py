@@ -75,6 +75,7 @@ def _describe_trust(merged: MergedFiles) -> dict[str, Any]:
         }
     return {
         "sensor": {
+            "source": merged.source.sensor_source,
             "gain_electrons_per_dn": sensor.gain,
             "read_noise_electrons": sensor.read_noise,
             "dark_current_electrons_per_s": sensor.dark_current,

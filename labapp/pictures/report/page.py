@@ -37,7 +37,9 @@ def _head(analysis: RecordAnalysis) -> str:
             f"<p>{name} brings the coded photograph {gain:.1f} dB closer to the neutral one, "
             "with the PSF that was measured on the star.</p>"
         )
-    return heading(analysis.title, analysis.simulated) + summary
+    in_force = "".join(f"<p>{escape(one)}</p>" for one in analysis.calibrations)
+    doubts = "".join(f"<p><strong>{escape(one)}</strong></p>" for one in analysis.doubts)
+    return heading(analysis.title, analysis.simulated) + summary + in_force + doubts
 
 
 def _exposures(analysis: RecordAnalysis) -> str:
@@ -78,8 +80,15 @@ def _photographs(analysis: RecordAnalysis) -> str:
         + html_table(["picture", "PSNR dB ", "SSIM "], tables.score_rows(analysis))
         + "<p>Against the neutral photograph, over the central 90 % of each side; white is 1, "
         "and so are the peak of PSNR and the range of SSIM.</p>"
+        + _variance_use(analysis)
         + f'<div class="pair">{rendered_pictures}</div><p>{escape(analysis.credit)}</p>'
     )
+
+
+def _variance_use(analysis: RecordAnalysis) -> str:
+    """Return the table of how restorations used the variance map of the recorded bracket."""
+    rows = tables.variance_rows(analysis)
+    return html_table(tables.VARIANCE_COLUMNS, rows) if rows else ""
 
 
 def encode_png(picture: Picture) -> bytes:

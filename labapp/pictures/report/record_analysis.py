@@ -20,6 +20,7 @@ from labapp.pictures.reconstructing.problem import RestorationProblem
 from labapp.pictures.reconstructing.recorded_photograph import find_photograph
 from labapp.pictures.reconstructing.restoration import RestoredPicture, restore_picture
 from labapp.runs.record.reader import Record
+from labapp.runs.recorded_calibrations import calibrations_in_force, stale_calibrations
 from labapp.runs.state import State
 from optics.deconvolution.method_names import RESTORATIONS
 from optics.deconvolution.restoration_choice import METHODS
@@ -59,6 +60,10 @@ class RecordAnalysis:
         Scores of the coded and restored photographs against the neutral one.
     seconds : dict
         Wall-clock time of each stage in seconds.
+    calibrations : list of str
+        Calibrations that were in force, a line each.
+    doubts : list of str
+        Why these calibrations may not have held.
     """
 
     title: str
@@ -72,6 +77,17 @@ class RecordAnalysis:
     images: dict[str, Picture] = field(default_factory=dict)
     scores: dict[str, Score] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+    calibrations: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+
+    @property
+    def variance_words(self) -> dict[str, str]:
+        """Say in words how each restoration of the report used the variance map, by method."""
+        return {
+            name: one.variance_words
+            for name, one in self.restored_pictures.items()
+            if one.variance_uses
+        }
 
     @property
     def best_method(self) -> str | None:
@@ -108,8 +124,9 @@ def analyse_record(path: Path, progress: Progress | None = None) -> RecordAnalys
         with watch.stage("merge exposures"):
             brackets = merge_all(record, progress.part(0, 0.3))
         analysis = RecordAnalysis(
-            plan.title, record.simulated_devices, _credit(record), brackets, seconds=watch.seconds
-        )
+            plan.title, record.simulated_devices, _credit(record), brackets, seconds=watch.seconds,
+            calibrations=calibrations_in_force(record), doubts=stale_calibrations(record),
+        )  # fmt: skip
         roles = plan.reconstruct
         if roles is None:
             return analysis

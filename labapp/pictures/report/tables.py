@@ -24,6 +24,7 @@ EXPOSURE_COLUMNS = (
     "dark ",
     "darks ",
 )
+VARIANCE_COLUMNS = ("picture", "variance map")
 EXPOSURE_NOTE = (
     "Shares of pixels: at full scale in the longest exposure; clipped, or dark, in every one, "
     "so that the merged value is a bound. Darks: dark frames subtracted, per exposure."
@@ -43,11 +44,17 @@ def print_tables(analysis: RecordAnalysis) -> None:
     out.print()
     print_table("Exposures", EXPOSURE_COLUMNS, exposure_rows(analysis))
     out.print(EXPOSURE_NOTE + "\n", style="dim")
+    for line in analysis.calibrations:
+        out.print(line, markup=False)
+    for line in analysis.doubts:
+        out.print(f"warning: {line}", markup=False)
     if analysis.psf is not None:
         print_table("PSF, on sensor pixels", ["figure", "value "], psf_rows(analysis))
     if analysis.scores:
         heading = "Against the neutral photograph (central 90 %, peak and range 1)"
         print_table(heading, ["picture", "PSNR dB ", "SSIM "], score_rows(analysis))
+    if analysis.variance_words:
+        print_table("Restorations", VARIANCE_COLUMNS, variance_rows(analysis))
     print_table("Time", ["stage", "s "], [[k, f"{v:.2f}"] for k, v in analysis.seconds.items()])
 
 
@@ -98,6 +105,14 @@ def score_rows(analysis: RecordAnalysis) -> list[list[str]]:
     return rows
 
 
+def variance_rows(analysis: RecordAnalysis) -> list[list[str]]:
+    """Return the report's rows on how restorations used the variance map of the recorded bracket.
+
+    There are none where pictures have no variance map.
+    """
+    return [[PICTURE_NAMES[name], words] for name, words in analysis.variance_words.items()]
+
+
 def percent(share: float) -> str:
     """Format the share of a recorded picture's pixels in percent, or in ppm below 0.05 %."""
     if share == 0:
@@ -146,5 +161,8 @@ def as_data(analysis: RecordAnalysis) -> dict[str, Any]:
         "scores": {name: score.as_data for name, score in analysis.scores.items()},
         "score_window": {"crop": "central 90 %", "peak": 1.0, "ssim_data_range": 1.0},
         "best": analysis.best_method,
+        "calibrations": analysis.calibrations,
+        "calibration_doubts": analysis.doubts,
+        "variance_map": analysis.variance_words,
         "seconds": analysis.seconds,
     }

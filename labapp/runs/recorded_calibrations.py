@@ -1,0 +1,65 @@
+"""Tell which calibrations were in force when a record was made, and whether they held then."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from drivers.interfaces import Identity
+from labapp.bench.calibration_validity import (
+    calibration_summary,
+    camera_calibration_summary,
+    camera_validity_warnings,
+    validity_warnings,
+)
+from labapp.common.errors import UserError
+from labapp.runs.record.reader import Record
+
+
+def calibrations_in_force(record: Record) -> list[str]:
+    """Return which calibrations were in force when a run's record was made, a line each."""
+    panel, camera = record.bench.active_calibration, record.bench.active_camera_calibration
+    return [
+        *([calibration_summary(panel)] if panel else []),
+        *([camera_calibration_summary(camera)] if camera else []),
+    ]
+
+
+def camera_in_force(record: Record) -> str:
+    """Return the calibration of the camera that a record's light is measured by, in a line."""
+    camera = record.bench.active_camera_calibration
+    if camera is None:
+        return "the bench file's description; no calibration of the camera was in force"
+    return camera_calibration_summary(camera)
+
+
+def stale_calibrations(record: Record) -> list[str]:
+    """Return why calibrations may not have held when a run's record was made.
+
+    Raises UserError for a record that is damaged.
+    """
+    bench, identities, started = record.bench, _identities(record), _start(record)
+    found = []
+    if (panel := bench.active_calibration) is not None:
+        found += validity_warnings(panel, bench, identities, started)
+    if (camera := bench.active_camera_calibration) is not None:
+        found += camera_validity_warnings(camera, bench, identities, started)
+    return found
+
+
+def _start(record: Record) -> datetime:
+    text = record.text("start_time")
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError as error:
+        raise UserError(
+            f"{record.path}: its start time is {text!r}, which is no date. labapp verify says what "
+            "is damaged."
+        ) from error
+
+
+def _identities(record: Record) -> dict[str, Identity]:
+    """Return the devices that made a run's record."""
+    return {
+        name: Identity(one["model"], one["serial"], one["simulated"])
+        for name, one in record.devices.items()
+    }
