@@ -24,6 +24,7 @@ from optics.hdr.expected_accuracy import (
 )
 from optics.hdr.exposure_factors import ExposureFactors, measure_exposure_factors
 from optics.hdr.exposure_limits import ExposureLimits, common_period
+from optics.hdr.exposure_order import explain_disorder, find_disorder
 from optics.hdr.merging import merge
 from optics.hdr.metering import Meter, MeteredRange
 from optics.hdr.method_choice import choose_method, merge_seconds
@@ -75,7 +76,9 @@ __all__ = [
     "common_period",
     "cramer_rao_variance",
     "expected_accuracy",
+    "explain_disorder",
     "find_defects",
+    "find_disorder",
     "fit_response",
     "measure_exposure_factors",
     "merge",

@@ -8,13 +8,14 @@ sensor has; a common factor can't be told, so that the middle one is taken to be
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from optics.hdr.bracket import Bracket
+from optics.hdr.exposure_order import explain_disorder, find_disorder
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,14 @@ _FLICKER_MARGIN = 1.5
 """Light of a frame that flickers over what it could be by itself. Chosen: others, which give the
 scale, may flicker too."""
 
+_DRIFT = 0.1
+"""Standard deviation of the level without light that a whole frame has in common, over that of a
+pixel's noise. Chosen: levels drift by some tenths of an electron."""
+
+_EXCHANGED = 0.1
+"""Part of a factor's logarithm by which those of exchanged frames differ from each other's. Chosen.
+"""
+
 _NOTABLE, _SURE = 0.025, 5.0
 """Relative difference, and standard deviations, from which on a frame is named. Chosen."""
 
@@ -51,7 +60,9 @@ class ExposureFactors:
     factors: one for each frame, with the middle one 1. deviations: their standard deviations;
     infinite, with a factor of 1, for frames that share too few pixels with the others.
     scatter: root mean square of what they leave, over the noise: 1 if the noise is known.
-    pixels: that told.
+    pixels: that told. disordered: indices of frames whose brightness contradicts the order of
+    exposure times; two, if these are exchanged, and then their factors are those of each other's
+    time.
     """
 
     times: Array
@@ -59,11 +70,14 @@ class ExposureFactors:
     deviations: Array
     scatter: float
     pixels: int
+    disordered: tuple[int, ...] = ()
 
     @property
     def corrections(self) -> Array:
         """Return the factors of an HDR bracket's frames that surely aren't 1; 1 for all others."""
         sure = np.abs(np.log(self.factors)) > _SURE * self.deviations
+        if len(self.disordered) == 2:
+            sure[list(self.disordered)] = True
         return np.where(sure, self.factors, 1.0)
 
     @property
@@ -78,6 +92,9 @@ class ExposureFactors:
 
         flicker_period: seconds in which lamps may flicker.
         """
+        if self.disordered:
+            # Their dark frames are those of other times, too, so that others may look wrong.
+            return [explain_disorder(self.disordered)]
         found, told = [], set()
         suspects = self.suspects
         for one in suspects:
@@ -85,10 +102,7 @@ class ExposureFactors:
                 wanted = self.times[other] / self.times[one]
                 if one < other and wanted != 1 and self._is_exchange(one, other, wanted):
                     told |= {one, other}
-                    found.append(
-                        f"frames {one + 1} and {other + 1} look exchanged: each has the light of "
-                        "the other's exposure time. Exchange them"
-                    )
+                    found.append(explain_disorder((one, other)))
         rest = [one for one in suspects if one not in told]
         for one in rest:
             time, factor = self.times[one], self.factors[one]
@@ -108,7 +122,7 @@ class ExposureFactors:
 
     def _is_exchange(self, one: int, other: int, wanted: float) -> bool:
         return all(
-            abs(math.log(self.factors[index] / ratio)) < 0.1 * abs(math.log(ratio))
+            abs(math.log(self.factors[index] / ratio)) < _EXCHANGED * abs(math.log(ratio))
             for index, ratio in ((one, wanted), (other, 1 / wanted))
         )
 
@@ -136,7 +150,9 @@ def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> Exposur
         raise ValueError("one frame has no ratio of exposures; give two at least")
     light, clipped = _sample(bracket, pixels)
     floors, levels = _noise(bracket)
-    logs = np.zeros(len(bracket.times))
+    disordered = _find_disorder(np.where(clipped, levels, light), floors, levels, bracket.times)
+    expected = _exchange(bracket.times, disordered)
+    logs = expected.copy()
     for _ in range(_ROUNDS):
         step = _Step(light, clipped, bracket.times * np.exp(logs), floors, levels)
         linked = step.linked()
@@ -144,10 +160,38 @@ def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> Exposur
         logs += change
         if np.abs(change).max() < 1e-5:
             break
-    logs[linked] -= np.median(logs[linked])
+    logs[linked] -= np.median((logs - expected)[linked])
+    if (linked & (np.abs(logs - expected) > _EXCHANGED * np.abs(expected)) & (expected != 0)).any():
+        # Another exposure time than that of the other frame made it dark, or bright.
+        disordered, logs = (), np.where(linked, logs - np.median(logs[linked]), 0.0)
     scatter = step.scatter
     deviations = np.where(linked, np.sqrt(np.diag(covariance)) * max(1.0, scatter), math.inf)
-    return ExposureFactors(bracket.times, np.exp(logs), deviations, scatter, step.count)
+    found = ExposureFactors(bracket.times, np.exp(logs), deviations, scatter, step.count)
+    if len(disordered) > 2 and len(found.suspects) == 1 and linked[list(disordered)].all():
+        # One frame is darker than those of shorter exposures, or brighter than longer ones.
+        return found
+    return replace(found, disordered=disordered)
+
+
+def _find_disorder(shown: Array, floors: Array, levels: Array, times: Array) -> tuple[int, ...]:
+    """Return frames of an HDR bracket whose mean light contradicts the order of exposure times.
+
+    shown: electrons, (frames, pixels), clipped as they are.
+    """
+    variance = (np.maximum(shown, 0) + floors).mean(axis=1) / shown.shape[1]
+    variance += _DRIFT**2 * floors[:, 0]
+    level = levels[:, 0]
+    return find_disorder(shown.mean(axis=1) / level, np.sqrt(variance) / level, times)
+
+
+def _exchange(times: Array, disordered: tuple[int, ...]) -> Array:
+    """Return logarithms of an HDR bracket's factors if two frames are exchanged, else zeros."""
+    logs = np.zeros(len(times))
+    if len(disordered) == 2:
+        one, other = disordered
+        logs[one] = math.log(times[other] / times[one])
+        logs[other] = -logs[one]
+    return logs
 
 
 def _sample(bracket: Bracket, pixels: int) -> tuple[Array, NDArray[np.bool_]]:

@@ -50,6 +50,9 @@ _BINS = 20
 _LEAST_SPAN = 20
 """Range of numbers from which on a curve can be told. Chosen."""
 
+_NEARLY_ALL = 0.9
+"""Share of numbers that are clipped, or dark, from which on it's said. Chosen."""
+
 _LEAST_PIXELS = 1000
 """Pixels with good numbers in two frames from which on a curve can be told. Chosen."""
 
@@ -115,7 +118,7 @@ def fit_response(frames: Sequence[Numbers] | Numbers, exposures: ArrayLike) -> R
     if enough.sum() < min(_LEAST_PIXELS, numbers.shape[1] // 2):
         raise ValueError(
             f"{int(enough.sum())} pixels have numbers from {LOWEST} to {HIGHEST} in two frames, "
-            "which is too few for a response curve; add exposures between them"
+            f"which is too few for a response curve; add {_missing_exposures(numbers)}"
         )
     numbers, used = numbers[:, enough], used[:, enough]
     if np.ptp(np.where(used, numbers, numbers[used][0])) < _LEAST_SPAN:
@@ -127,6 +130,15 @@ def fit_response(frames: Sequence[Numbers] | Numbers, exposures: ArrayLike) -> R
     for _ in range(_PASSES):
         curve = _fit(numbers, used, times, curve)
     return _with_noise(numbers, used, times, curve)
+
+
+def _missing_exposures(numbers: NDArray[np.intp]) -> str:
+    """Say which exposures are missing if numbers of an 8-bit bracket are clipped or dark."""
+    if (numbers > HIGHEST).mean() > _NEARLY_ALL:
+        return "shorter exposures"
+    if (numbers < LOWEST).mean() > _NEARLY_ALL:
+        return "longer exposures"
+    return "exposures between them"
 
 
 def _sample(frames: Sequence[Numbers] | Numbers) -> NDArray[np.intp]:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from html import unescape
 
 import cv2
 import h5py
@@ -194,6 +195,7 @@ def test_a_budget_chooses_the_method_and_its_accuracy_is_said(files, tmp_path, m
         (lambda frames: [np.full_like(one, 64) for one in frames], "dark in all .* longer"),
         (lambda frames: [np.full_like(one, 20) for one in frames], "darker than without light"),
         (lambda frames: [frames[1], frames[0], frames[2]], "1 and 2 look exchanged"),
+        (lambda frames: frames[::-1], "1 and 3 look exchanged"),
     ],
 )
 def test_what_is_wrong_with_a_whole_bracket_is_said(scene, tmp_path, change, words):
@@ -204,6 +206,85 @@ def test_what_is_wrong_with_a_whole_bracket_is_said(scene, tmp_path, change, wor
     times = ["--exposures", "0.001,0.004,0.016"]
     said = merged([*paths, *times, *NOISE, "--out", tmp_path / "m.h5"])
     assert any(re.search(words, one) for one in said["warnings"])
+
+
+def test_a_dark_frame_that_saw_light_is_named(scene, files, tmp_path):
+    """Pixels become negative where they're subtracted."""
+    for number, time in enumerate(TIMES):
+        tifffile.imwrite(tmp_path / f"dark{number}.tiff", frame(0.3 * scene[::-1], time, 9))
+    darks = [part for k in range(3) for part in ("--dark", tmp_path / f"dark{k}.tiff")]
+    times = ["--exposures", "0.001,0.004,0.016"]
+    said = merged([*files, *times, *darks, *NOISE, "--out", tmp_path / "m.h5"])
+    assert any("darker than without light: the black level or the dark frames" in one
+               for one in said["warnings"])  # fmt: skip
+    with h5py.File(tmp_path / "m.h5") as file:
+        assert not np.isnan(file["rate"][:]).any()
+        assert not np.isnan(file["variance"][:]).any()
+
+
+def test_negative_light_of_noise_is_kept_and_numbers_that_cut_it_are_named(tmp_path):
+    dark = np.zeros((60, 80))
+    for level, is_cut in ((64, False), (0, True)):
+        paths = [tmp_path / f"{level}-{number}.tiff" for number in range(3)]
+        for number, path in enumerate(paths):
+            rng = np.random.default_rng(number)
+            read = np.round(rng.normal(level, 2.4 / 2.6, dark.shape))
+            tifffile.imwrite(path, np.maximum(read, 0).astype(np.uint16))
+        said = merged(
+            [*paths, "--exposures", "0.001,0.004,0.016", *NOISE[:4], "--black", level,
+             "--full-scale", "4095", "--out", tmp_path / f"{level}.h5"]
+        )  # fmt: skip
+        assert any("cuts the noise of dark pixels" in one for one in said["warnings"]) == is_cut
+        with h5py.File(tmp_path / f"{level}.h5") as file:
+            rate, variance = file["rate"][:], file["variance"][:]
+        mean = rate.mean() / np.sqrt(variance.mean() / rate.size)
+        assert (abs(mean) > 10) == is_cut
+        assert (rate < 0).any() != is_cut
+
+
+@pytest.mark.parametrize("number", [0, 4095])
+def test_a_single_frame_without_any_light_or_dark_is_merged_and_named(tmp_path, number):
+    tifffile.imwrite(tmp_path / "one.tiff", np.full((20, 30), number, np.uint16))
+    said = merged(
+        [tmp_path / "one.tiff", "--exposures", "0.01", *NOISE, "--out", tmp_path / "m.h5"]
+    )
+    assert said["states"]["CLIPPED" if number else "DARK"] == 1
+    words = "add shorter ones" if number else "darker than without light"
+    assert any(words in one for one in said["warnings"])
+    with h5py.File(tmp_path / "m.h5") as file:
+        assert not np.isnan(file["rate"][:]).any()
+
+
+def test_8_bit_frames_that_are_exchanged_clipped_or_dark_are_refused_with_the_remedy(tmp_path):
+    light = 10 ** np.linspace(0.3, 3, 120)[:, None] * np.ones((1, 160))
+    times, paths = (1e-3, 4e-3, 16e-3, 64e-3), [tmp_path / f"{k}.png" for k in range(4)]
+    shown = [10 + 245 * np.minimum(light * time / 2, 1) ** (1 / 2.2) for time in times]
+    for order, words in (
+        ([2, 1, 0, 3], r"0\.png, 2\.png: frames 1 and 3 look exchanged"),
+        ([3, 2, 1, 0], r"frames 1, 2, 3, 4 don't get brighter with their exposure times"),
+    ):
+        for path, number in zip(paths, order, strict=True):
+            cv2.imwrite(str(path), np.round(shown[number]).astype(np.uint8))
+        with pytest.raises(UserError, match=words):
+            merged([*paths, "--exposures", "0.001,0.004,0.016,0.064", "--out", tmp_path / "m.h5"])
+    for number, words in ((255, "add shorter exposures"), (0, "add longer exposures")):
+        for path in paths:
+            cv2.imwrite(str(path), np.full((40, 50), number, np.uint8))
+        with pytest.raises(UserError, match=words):
+            merged([*paths, "--exposures", "0.001,0.004,0.016,0.064", "--out", tmp_path / "m.h5"])
+
+
+def test_a_frame_that_shares_no_pixels_with_others_has_no_factor(tmp_path):
+    """Two frames are white: their times can't be told, and JSON says null."""
+    rate = 10 ** np.random.default_rng(1).uniform(6.2, 6.8, (60, 80))
+    times = (1e-3, 2e-3, 1.0, 2.0)
+    paths = [tmp_path / f"{number}.tiff" for number in range(4)]
+    for number, (path, time) in enumerate(zip(paths, times, strict=True)):
+        tifffile.imwrite(path, frame(rate, time, number))
+    said = merged([*paths, "--exposures", "0.001,0.002,1,2", *NOISE, "--out", tmp_path / "m.h5"])
+    assert said["factor_deviations"][2:] == [None, None]
+    assert max(said["factor_deviations"][:2]) < 0.01
+    assert "can't be told" in unescape((tmp_path / "m.html").read_text())
 
 
 def test_the_darkness_around_a_star_is_no_fault(tmp_path):

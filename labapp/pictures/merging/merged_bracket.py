@@ -27,6 +27,13 @@ light. Chosen."""
 _BELOW = 5.0
 """Standard deviations below no light from which on a pixel is darker than without light. Chosen."""
 
+_CUT, _ROUNDED = 3.0, 0.5
+"""Standard deviations of the noise below which a black level cuts it, and digital numbers of noise
+above which it isn't rounding that makes zeros. Chosen."""
+
+_FULL = 255
+"""Highest number of an 8-bit picture."""
+
 _BRIGHT = 10.0
 """Standard deviations of its noise from which on a pixel is bright, so that the dark ones around it
 may be the scene's own, as around a star. Chosen: chance reaches six in ten megapixels."""
@@ -89,7 +96,7 @@ def merge_files(
     progress.report(0.8, "simulating the merge")
     full = source.sensor.full_scale
     rate, variance, state = (_joined(every) for every in zip(*found, strict=True))
-    told += _useless_light(rate, variance, state)
+    told += _useless_light(rate, variance, state) + _cut_noise(bands)
     return MergedFiles(
         source, method, rate, variance, state, factors, told,
         [float((frame >= full).mean()) for frame in source.frames],
@@ -116,9 +123,23 @@ def _useless_light(
     return found
 
 
+def _cut_noise(bands: Sequence[hdr.Bracket]) -> list[str]:
+    """Say in words if a merged bracket's numbers end at 0, above the lowest ones of the noise."""
+    shortest, gain = bands[0].exposures[0], bands[0].sensor.gain
+    number, noise = shortest.frames[0], math.sqrt(shortest.floor) / gain
+    share = max(float((np.asarray(one.frames[number]) == 0).mean()) for one in bands)
+    if share < _NOTABLE or noise < _ROUNDED or shortest.dark_level > _CUT * noise:
+        return []
+    return [
+        f"{share:.1%} of the numbers of frame {number + 1} are 0, which cuts the noise of dark "
+        "pixels: their light comes out too bright. Raise the camera's black level (offset)"
+    ]
+
+
 def merge_coded_files(source: BracketFiles, progress: Progress) -> MergedFiles:
     """Merge a bracket of 8-bit pictures, each band by the response curve that it shows."""
     found, curves, count = [], [], len(source.frames[0])
+    _require_order(source)
     for number in range(count):
         frames = [frame[number] for frame in source.frames]
         try:
@@ -140,6 +161,21 @@ def merge_coded_files(source: BracketFiles, progress: Progress) -> MergedFiles:
     return MergedFiles(
         source, "response curve", rate, variance, state, None, told, clipped, None, tuple(curves)
     )
+
+
+def _require_order(source: BracketFiles) -> None:
+    """Raise UserError for 8-bit frames that aren't brighter the longer they were exposed.
+
+    A response curve of a merged bracket without order would be no camera's.
+    """
+    shares = [np.asarray(frame, dtype=np.float32) / _FULL for frame in source.frames]
+    light = np.array([one.mean(dtype=np.float64) for one in shares])
+    # Rounding is the least noise.
+    noise = np.full(len(shares), 1 / math.sqrt(12 * shares[0].size) / _FULL)
+    disordered = hdr.find_disorder(light, noise, np.array(source.exposures))
+    if disordered:
+        names = ", ".join(source.names[one] for one in disordered)
+        raise UserError(f"{names}: {hdr.explain_disorder(disordered)}.")
 
 
 def _joined(bands: Sequence[torch.Tensor]) -> NDArray[Any]:

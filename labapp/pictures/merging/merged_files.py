@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -51,12 +52,17 @@ def describe_merged(merged: MergedFiles) -> dict[str, Any]:
         "files": source.names,
         "exposures_s": source.exposures,
         "factors": None if factors is None else factors.factors.tolist(),
-        "factor_deviations": None if factors is None else factors.deviations.tolist(),
+        "factor_deviations": None if factors is None else _known(factors.deviations),
         "noise_scatter": None if factors is None else factors.scatter,
         "warnings": merged.told,
         "clipped_share": merged.clipped,
         "states": {state.name: merged.share(state) for state in hdr.PixelState},
     } | _describe_trust(merged)
+
+
+def _known(deviations: NDArray[np.float64]) -> list[float | None]:
+    """Return the deviations of a merged bracket's factors for JSON; None for what isn't known."""
+    return [one if math.isfinite(one) else None for one in deviations.tolist()]
 
 
 def _describe_trust(merged: MergedFiles) -> dict[str, Any]:
