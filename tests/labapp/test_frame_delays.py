@@ -108,6 +108,26 @@ def test_delays_are_those_of_the_calls_and_of_the_first_frame_after_a_change():
     assert {500e-9, 600e-9} <= set(bench.settings)
 
 
+@pytest.mark.parametrize(
+    ("names", "shown"),
+    [
+        (["lens"], ["grey", "lens", "neutral"]),
+        (["ring", "lens"], ["ring", "lens", "neutral"]),
+        (["grey", "neutral"], ["neutral", "grey", "neutral"]),
+    ],
+)
+def test_patterns_of_the_run_are_shown_for_that_and_constant_ones_where_they_are_too_few(
+    names, shown
+):
+    able = tunable()
+    bench = SlowBench(able)
+    bench.slm.play = bench.slm.show
+    plan = plan_of(block(patterns=names), patterns={name: {"kind": "constant"} for name in names})
+    patterns = {name: np.zeros((2, *able.panel_shape), np.uint8) for name in names}
+    measure_frame_delays(bench, able, planned_shots(plan, able), Progress(), patterns)
+    assert [one for one in bench.settings if one in (*shown, *names)] == shown
+
+
 def test_a_person_is_not_asked_to_place_targets_for_that():
     bench, able = measured(tunable(by_hand=True))
     assert able.delays.target == 0.0

@@ -7,10 +7,11 @@ lines, computers and drivers, so it is measured with a few frames before a run o
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
 from labapp.common.frame_delays import FrameDelays
@@ -26,17 +27,21 @@ log = logging.getLogger(__name__)
 _EXPOSURE = 0.01
 """Seconds of the measuring frames' exposure. Chosen: short beside what a frame takes otherwise."""
 
-_NEUTRAL, _GREY = "neutral", "grey"
+_NEUTRAL = "neutral"
 
-_GREY_LEVEL = 128
-"""Grey level of the pattern that the panel changes to. Chosen: any other than neutral will do."""
+_CONSTANT = {_NEUTRAL: 0, "grey": 128}
+"""Grey levels of patterns that are shown where the run's own are too few. Chosen: any will do."""
 
 _BEFORE_PLAN = -1
 """Index of the measuring frames: they come before those of the plan, and before its faults."""
 
 
 def measure_frame_delays(
-    bench: Bench, capabilities: BenchCapabilities, planned: Sequence[Shot], progress: Progress
+    bench: Bench,
+    capabilities: BenchCapabilities,
+    planned: Sequence[Shot],
+    progress: Progress,
+    patterns: Mapping[str, NDArray[np.uint8]] | None = None,
 ) -> BenchCapabilities:
     """Measure the delays of a bench's frames, once; return its capabilities with them.
 
@@ -53,6 +58,8 @@ def measure_frame_delays(
         The frames of the run, one at least, whose wavelengths are tried.
     progress : Progress
         Can cancel the measurement.
+    patterns : mapping of arrays of uint8, optional
+        Grey levels of the run's patterns by name, which are shown; else, constant ones are.
 
     Returns
     -------
@@ -69,7 +76,9 @@ def measure_frame_delays(
     if bench.frame_delays is None:
         try:
             with bench.cancellable_by(lambda: progress.is_cancelled):
-                bench.frame_delays = _measure(bench, capabilities, planned, progress)
+                bench.frame_delays = _measure(
+                    bench, capabilities, planned, progress, patterns or {}
+                )
         except DeviceError as error:
             progress.raise_if_cancelled()
             log.warning("how long frames take could not be measured: %s", error)
@@ -79,19 +88,29 @@ def measure_frame_delays(
 
 
 def _measure(
-    bench: Bench, capabilities: BenchCapabilities, planned: Sequence[Shot], progress: Progress
+    bench: Bench,
+    capabilities: BenchCapabilities,
+    planned: Sequence[Shot],
+    progress: Progress,
+    patterns: Mapping[str, NDArray[np.uint8]],
 ) -> FrameDelays:
     """Take frames on the bench before its run, and compare their times with the documented ones."""
-    rows, columns = capabilities.panel_shape
-    patterns = {
-        name: np.full((rows, columns), grey, np.uint8)
-        for name, grey in ((_NEUTRAL, 0), (_GREY, _GREY_LEVEL))
+    constant = {
+        name: np.full(capabilities.panel_shape, grey, np.uint8) for name, grey in _CONSTANT.items()
     }
+    own = [name for name in dict.fromkeys(shot.pattern for shot in planned) if name in patterns]
+    shown = [*dict.fromkeys((*constant, *own))][-2:]
     taker = FrameTaker(
-        bench, patterns, 0, Retry(attempts=1), None, progress, lambda: progress.is_cancelled
+        bench,
+        {**patterns, **constant},
+        0,
+        Retry(attempts=1),
+        None,
+        progress,
+        lambda: progress.is_cancelled,
     )
     shots = schedule_shots(
-        _shots(bench, capabilities, planned), replace(capabilities, delays=FrameDelays())
+        _shots(bench, capabilities, planned, shown), replace(capabilities, delays=FrameDelays())
     )
     excess = []
     for shot in shots:
@@ -102,17 +121,19 @@ def _measure(
     # leaves the panel neutral. Between them, each change has two frames.
     changed, same = excess[2:-1:2], excess[3:-1:2]
     frame = sum(same) / len(same)
-    tuned, shown, *placed = (one - frame for one in changed)
-    return FrameDelays(frame=frame, filter=tuned, slm=shown, target=placed[0] if placed else 0.0)
+    change, tuned, *placed = (one - frame for one in changed)
+    return FrameDelays(frame=frame, filter=tuned, slm=change, target=placed[0] if placed else 0.0)
 
 
 def _shots(
-    bench: Bench, capabilities: BenchCapabilities, planned: Sequence[Shot]
+    bench: Bench, capabilities: BenchCapabilities, planned: Sequence[Shot], shown: Sequence[str]
 ) -> Sequence[Shot]:
     """Return the frames that measure a bench's delays before its run.
 
-    They are two of one setting each: the first, another wavelength, another pattern, and another
+    They are two of one setting each: the first, another pattern, another wavelength, and another
     target unless a person places it; at the end, the first target and the neutral pattern again.
+    shown: the names of both patterns. The wavelength changes under the second, which is the run's
+    own if it has one.
     """
     low, high = capabilities.exposure_range
     colours = [*dict.fromkeys((shot.slot, shot.wavelength) for shot in planned)]
@@ -123,10 +144,10 @@ def _shots(
     here = bench.targets.current_target
     others = [name for name in bench.targets.names if name != here and not bench.targets.by_hand]
     settings = [
-        *[(first, _NEUTRAL, here)] * 2,
-        *[(second, _NEUTRAL, here)] * 2,
-        *[(second, _GREY, here)] * 2,
-        *[(second, _GREY, other) for other in others[:1]] * 2,
+        *[(first, shown[0], here)] * 2,
+        *[(first, shown[1], here)] * 2,
+        *[(second, shown[1], here)] * 2,
+        *[(second, shown[1], other) for other in others[:1]] * 2,
         (second, _NEUTRAL, here),
     ]
     return [

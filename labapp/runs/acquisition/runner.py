@@ -5,10 +5,13 @@ from __future__ import annotations
 import logging
 import os
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.common.stopwatch import Stopwatch
@@ -114,9 +117,6 @@ def run_plan(
     require_writable(path, force=force)
     require_space(path, expected.disk_bytes)
     _require_person(ask, expected.prompts)
-    with stopwatch.stage("measure delays"):
-        abilities = _with_delays(bench, abilities, listed, progress)
-        listed = schedule_shots(listed, abilities)
     from labapp.patterns.grey_levels import compute_patterns
 
     hooks = Hooks.of(plan, bench)
@@ -124,6 +124,9 @@ def run_plan(
     with stopwatch.stage("compute patterns"):
         part = progress.part(0, 0.3)
         patterns = compute_patterns(plan.patterns, bench.description, plan.seed, part, folder)
+    with stopwatch.stage("measure delays"):
+        abilities = _with_delays(bench, abilities, listed, progress, patterns)
+        listed = schedule_shots(listed, abilities)
     if plan.has_brackets:
         from labapp.runs.acquisition.bracket_metering import BracketMetering
 
@@ -226,7 +229,7 @@ def resume_run(
             digest = opened.closing_digest
             return RunOutcome(path, State.COMPLETE, [], opened.message, digest=digest)
     if missing:
-        abilities = _with_delays(bench, abilities, listed, progress)
+        abilities = _with_delays(bench, abilities, listed, progress, patterns)
         listed = schedule_shots(listed, abilities)
     left = [listed[index] for index in missing]
     require_space(path, 2 * len(left) * abilities.frame_shape[0] * abilities.frame_shape[1])
@@ -260,7 +263,11 @@ def _prepare_resume(path: Path, lock: int, progress: Progress | None) -> list[in
 
 
 def _with_delays(
-    bench: Bench, capabilities: BenchCapabilities, listed: Sequence[Shot], progress: Progress
+    bench: Bench,
+    capabilities: BenchCapabilities,
+    listed: Sequence[Shot],
+    progress: Progress,
+    patterns: Mapping[str, NDArray[np.uint8]],
 ) -> BenchCapabilities:
     """Return a bench's capabilities with what frames take on it; measure that before its run."""
     if not bench.file.is_real:
@@ -268,7 +275,7 @@ def _with_delays(
     # A run on virtual devices doesn't need it.
     from labapp.runs.acquisition.frame_delays import measure_frame_delays
 
-    return measure_frame_delays(bench, capabilities, listed, progress)
+    return measure_frame_delays(bench, capabilities, listed, progress, patterns)
 
 
 def _require_person(ask: AskOperator | None, prompts: Sequence[str]) -> None:
