@@ -40,7 +40,7 @@ def over_wires(folder: Path) -> list[Figure]:
     """Three plans on the virtual bench that is served to the drivers of real devices."""
     short = folder / "short.toml"
     short.write_text(_SHORT)
-    with _served(folder) as bench:
+    with served_bench(folder) as bench:
         if bench is None:
             return [_figure("the bench can't be served here", None)]
         names = [str(short) if name == "SHORT" else name for name in _PLANS]
@@ -55,7 +55,7 @@ def _figure(measured: str, met: bool | None) -> Figure:
 
 
 @contextmanager
-def _served(folder: Path) -> Iterator[Path | None]:
+def served_bench(folder: Path) -> Iterator[Path | None]:
     """The bench file of a virtual bench that is served while the block runs; None without one."""
     bench = folder / "bench.toml"
     with subprocess.Popen(
