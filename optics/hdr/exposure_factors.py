@@ -49,6 +49,10 @@ _EXCHANGED = 0.1
 """Part of a factor's logarithm by which those of exchanged frames differ from each other's. Chosen.
 """
 
+_PERMUTED = 0.1
+"""Relative difference of exposures from each other's times up to which frames are in a wrong order.
+Chosen."""
+
 _NOTABLE, _SURE = 0.025, 5.0
 """Relative difference, and standard deviations, from which on a frame is named. Chosen."""
 
@@ -86,6 +90,12 @@ class ExposureFactors:
         away = np.abs(np.log(self.factors))
         notable = (away > _NOTABLE) & (away > _SURE * self.deviations)
         return [int(one) for one in np.flatnonzero(notable)]
+
+    @property
+    def are_permuted(self) -> bool:
+        """Return whether an HDR bracket's frames have each other's exposure times."""
+        ratios = np.sort(self.times * self.factors) / np.sort(self.times)
+        return bool(np.ptp(np.log(ratios)) < _PERMUTED)
 
     def explain(self, flicker_period: float = 0.01) -> list[str]:
         """Say in words what is wrong with an HDR bracket's exposures; nothing if all are right.
@@ -167,8 +177,8 @@ def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> Exposur
     scatter = step.scatter
     deviations = np.where(linked, np.sqrt(np.diag(covariance)) * max(1.0, scatter), math.inf)
     found = ExposureFactors(bracket.times, np.exp(logs), deviations, scatter, step.count)
-    if len(disordered) > 2 and len(found.suspects) == 1 and linked[list(disordered)].all():
-        # One frame is darker than those of shorter exposures, or brighter than longer ones.
+    if len(disordered) > 2 and linked[list(disordered)].all() and not found.are_permuted:
+        # Some exposures are wrong, or the light flickers, and not the order.
         return found
     return replace(found, disordered=disordered)
 

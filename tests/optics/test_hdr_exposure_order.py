@@ -79,6 +79,19 @@ def test_a_frame_of_a_wrong_time_is_not_taken_for_an_exchanged_one():
     assert found.factors[1] / found.factors[0] == pytest.approx(0.1, rel=0.02)
 
 
+def test_an_order_of_more_than_two_is_named_and_flicker_is_not_taken_for_it():
+    times = 1e-3 * 2.0 ** np.arange(5)
+    frames, _ = frames_and_rate(times, 4)
+    found = measure_exposure_factors(seen([frames[k] for k in (1, 2, 0, 3, 4)], times))
+    (words,) = found.explain()
+    assert words.startswith("frames 1, 2, 3 don't get brighter")
+    times = 1e-3 * 1.3 ** np.arange(4)
+    frames, _ = frames_and_rate(times, 3, factors=[1.3, 0.77, 0.71, 1.0])
+    found = measure_exposure_factors(seen(frames, times))
+    assert found.disordered == ()
+    assert all("flickers" in words for words in found.explain())
+
+
 def test_a_level_that_drifts_in_the_dark_is_no_disorder():
     rng, times = np.random.default_rng(5), 1e-3 * 8.0 ** np.arange(4)
     star = np.zeros((200, 200))
