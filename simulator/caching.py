@@ -36,6 +36,11 @@ class Cache:
                 self._kept.popitem(last=False)
         return result
 
+    def __contains__(self, key: Hashable) -> bool:
+        """Return whether a simulation result is kept under `key`."""
+        with self._lock:
+            return key in self._kept
+
     def clear(self) -> None:
         """Remove all simulation results from the cache."""
         with self._lock:

@@ -134,9 +134,15 @@ class Imaging:
         # another thread changes them meanwhile.
         tol, forced, decided_by = self.tol, dict(self.forced), self.decide_by
         return self._plans.get(
-            (tol, tuple(sorted(forced.items())), decided_by, picture_key(s)),
-            lambda: self._compute_plan(s, tol, forced, decided_by),
+            self._plan_key(s), lambda: self._compute_plan(s, tol, forced, decided_by)
         )
+
+    def is_planned(self, s: Situation) -> bool:
+        """Return whether the effect plan of a simulated situation is in the cache."""
+        return self._plan_key(s) in self._plans
+
+    def _plan_key(self, s: Situation) -> Hashable:
+        return self.tol, tuple(sorted(self.forced.items())), self.decide_by, picture_key(s)
 
     def _compute_plan(
         self,

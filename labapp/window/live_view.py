@@ -66,7 +66,7 @@ class LiveView(QWidget):
         self.picture = LivePictureView(self)
         self.caption = self._make_caption("no picture yet")
         self.caption.move(_EDGE, _EDGE)
-        self.awaited = self._make_caption("")
+        self.awaited = self._make_caption("", look="awaited")
         self.awaited.hide()
         self.rate_caption = self._make_caption("")
         self.rate_caption.hide()
@@ -99,8 +99,12 @@ class LiveView(QWidget):
 
     @property
     def frame(self) -> LiveFrame | None:
-        """Return the raw frame that the window shows; copy its image to keep it."""
-        return None if self._picture is None else self._picture.frame
+        """Return the raw frame that the window shows; copy its image to keep it.
+
+        It is None as long as no camera has taken what is shown.
+        """
+        picture = self._picture
+        return None if picture is None or picture.is_prediction else picture.frame
 
     def set_scale(self, scale: tone_mapping.DigitalScale) -> None:
         self._scale = scale
@@ -128,7 +132,7 @@ class LiveView(QWidget):
     def show_picture(self, picture: LivePicture) -> None:
         """Show a live frame that the engine has reduced to the window's view."""
         self._picture, self._running = picture, True
-        if picture.request >= self._awaited_request:
+        if picture.request >= self._awaited_request and not picture.is_prediction:
             self.awaited.hide()
         self._show(picture.shown)
         self._describe(picture)
@@ -152,14 +156,16 @@ class LiveView(QWidget):
             rest = f", {format_duration(left)} left"
         else:
             rest = f", {awaited.elapsed:.0f} s so far" if awaited.elapsed >= 1 else ""
-        self.awaited.setText(f"{awaited.activity} …{rest}")
+        old = self.frame is not None
+        until = "  ·  this picture is of earlier settings" if old else ""
+        self.awaited.setText(f"{awaited.activity} …{rest}{until}")
         self.awaited.adjustSize()
         self.awaited.move(_EDGE, self.caption.geometry().bottom() + 5)
         self.awaited.show()
 
-    def _make_caption(self, text: str) -> QLabel:
+    def _make_caption(self, text: str, look: str = "caption") -> QLabel:
         """Create a text over the window's picture, which the mouse doesn't feel."""
-        caption = make_label(self.picture, text, look="caption")
+        caption = make_label(self.picture, text, look=look)
         caption.ensurePolished()
         caption.adjustSize()
         caption.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
@@ -209,7 +215,8 @@ class LiveView(QWidget):
         if self._is_painting:
             self._is_painting = False
             self._painting.stop()
-            self._rate.count(time.monotonic())
+            if self.frame is not None:
+                self._rate.count(time.monotonic())
             self.frame_shown.emit()
 
     def _describe(self, picture: LivePicture) -> None:
@@ -220,12 +227,15 @@ class LiveView(QWidget):
         frame = picture.frame
         self.caption.setText(
             f"{frame.target}  ·  {frame.pattern}  ·  {frame.wavelength * 1e9:.2f} nm  ·  "
-            f"{frame.exposure * 1e3:.3f} ms" + ("" if self._running else "  ·  STOPPED")
+            f"{frame.exposure * 1e3:.3f} ms"
+            + ("  ·  COARSE PREDICTION" if picture.is_prediction else "")
+            + ("" if self._running else "  ·  STOPPED")
         )
         self.caption.adjustSize()
         clipped = picture.shown.saturated
         share = 100 * clipped / frame.image.size
-        self.frame_reading.setText(f"saturated {share:.3f} % ({clipped} px)   frame {frame.number}")
+        text = f"saturated {share:.3f} % ({clipped} px)   frame {frame.number}"
+        self.frame_reading.setText("predicted, not measured" if picture.is_prediction else text)
         self._describe_rate()
 
     def _describe_rate(self) -> None:

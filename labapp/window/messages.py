@@ -335,6 +335,9 @@ class LivePicture:
     dropped, missed : int
         Frames since live view began that were taken but not shown, and that the camera counted
         but didn't deliver.
+    is_prediction : bool
+        Whether no camera took the frame: it is a coarse prediction, shown until the exact picture
+        is simulated.
     """
 
     frame: LiveFrame
@@ -342,6 +345,7 @@ class LivePicture:
     request: int = 0
     dropped: int = 0
     missed: int = 0
+    is_prediction: bool = False
 
 
 @dataclass(frozen=True)

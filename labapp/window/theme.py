@@ -102,6 +102,8 @@ QLabel[differs="true"] {{ color: {SIMULATED}; }}
 QLabel#readBack[differs="true"] {{ color: {SIMULATED}; }}
 QLabel#caption {{ background: rgba(0, 0, 0, 170); color: {TEXT}; font-family: monospace;
   padding: 4px 8px; border-radius: 3px; }}
+QLabel#awaited {{ background: {SIMULATED}; color: {BACKGROUND}; font-family: monospace;
+  font-weight: bold; padding: 4px 8px; border-radius: 3px; }}
 QLabel#readings {{ font-family: monospace; color: {TEXT}; padding: 1px 4px; }}
 QStatusBar {{ background: {PANEL}; }}
 QStatusBar::item {{ border: 0; }}

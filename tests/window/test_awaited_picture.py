@@ -1,5 +1,6 @@
 """What the window is told while its picture isn't that of the settings any more."""
 
+import contextlib
 import socket
 import time
 from types import SimpleNamespace
@@ -7,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivers.hosted.message_socket import MessageSocket
+from labapp.window.engine import picture_forecast
 from labapp.window.engine.awaited_picture import AwaitedPicture
 from labapp.window.engine.channel import Channel
 from labapp.window.engine.live_tolerance import LiveTolerance
@@ -114,16 +116,29 @@ def test_a_new_tolerance_gives_up_a_simulated_picture(ends):
     assert not world.is_picture_unwanted()
 
 
-def test_the_forecast_follows_the_machine():
-    plan = SimpleNamespace(work=2e9)
+def test_the_forecast_follows_the_machine(monkeypatch):
+    """Planning isn't part of the time by work, but of the time of the last picture."""
+    plan, clock = SimpleNamespace(work=2e9), [100.0]
+    monkeypatch.setattr(picture_forecast.time, "monotonic", lambda: clock[0])
+
+    def planned(situation):
+        clock[0] += 3.0
+        return plan
+
     world = SimpleNamespace(
-        imaging=SimpleNamespace(plan=lambda s: plan), situation=lambda exposure: exposure
+        imaging=SimpleNamespace(plan=planned), situation=lambda exposure: exposure
     )
     forecast = PictureForecast(world)
-    assert forecast.expected_seconds(0.1) > 0
-    forecast.learn(5.0)
-    assert forecast.expected_seconds(0.1) == pytest.approx(5.0)
+    assert forecast.last_seconds is None
+    with forecast.learn():
+        assert forecast.expected_seconds(0.1) > 0
+        clock[0] += 5.0
+    assert forecast.last_seconds == 8.0
     plan.work = 4e9
+    assert forecast.expected_seconds(0.1) == pytest.approx(10.0)
+    with contextlib.suppress(RuntimeError), forecast.learn():
+        clock[0] += 50.0
+        raise RuntimeError
     assert forecast.expected_seconds(0.1) == pytest.approx(10.0)
 
 

@@ -48,7 +48,8 @@ class Bench:
         self.connection.start()
 
     def _hear(self, report: Any) -> None:
-        if isinstance(report, LivePicture):
+        # A prediction is no frame of a camera; it is kept among the reports.
+        if isinstance(report, LivePicture) and not report.is_prediction:
             self.frames, self.picture = self.frames + 1, report
         else:
             self.reports.append(report)

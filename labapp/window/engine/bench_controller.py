@@ -102,13 +102,18 @@ class BenchController:
         bench.clock.wait_until(self._ready, cancelled)
         frame = bench.camera.capture(cancelled)
         self.devices.mark_working("camera")
+        return self.label_frame(frame.image, frame.exposure, frame.number)
+
+    def label_frame(self, image: NDArray[np.uint16], exposure: float, number: int) -> LiveFrame:
+        """Return a live frame for the window: an image with the settings of the devices."""
+        bench = self._bench
         return LiveFrame(
-            image=frame.image,
+            image=image,
             target=bench.targets.current_target,
             pattern=bench.slm.displayed_pattern,
             wavelength=bench.filter.wavelength,
-            exposure=frame.exposure,
-            number=frame.number,
+            exposure=exposure,
+            number=number,
         )
 
     @property

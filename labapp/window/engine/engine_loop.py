@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
+
+import numpy as np
 
 from drivers.errors import DeviceError
 from labapp.bench.opening import Bench
@@ -17,6 +18,7 @@ from labapp.window.engine.background_jobs import BackgroundJobs, ComputedPattern
 from labapp.window.engine.bench_controller import BenchController
 from labapp.window.engine.change_notifier import ChangeNotifier
 from labapp.window.engine.channel import Channel
+from labapp.window.engine.coarse_prediction import CoarsePrediction
 from labapp.window.engine.effects_reporter import EffectsReporter
 from labapp.window.engine.failures import describe_failure
 from labapp.window.engine.frame_pacer import FramePacer
@@ -69,6 +71,8 @@ from labapp.window.tone_mapping import DigitalScale
 _SETTINGS = (PlaceTarget, SetWavelength, SetExposure, ShowPattern)
 """Commands after which pictures are others than before."""
 
+_COMPUTING = "computing the picture"
+
 
 class StartQueuedRuns:
     """Tell the engine, from within itself, that the next run of the queue may begin."""
@@ -98,8 +102,11 @@ class Engine:
         tolerance, world = self._controller.live_tolerance, bench.camera_world
         self._outdated = OutdatedFrame(channel, tolerance, world)
         self._forecast = None if world is None else PictureForecast(world)
+        self._prediction: CoarsePrediction | None = None
         self._sender = FrameSender(channel, DigitalScale(bench.camera.full_scale))
         self._sender.on_room, self._sender.on_failure = channel.wake, self._complain
+        if world is not None:
+            self._prediction = CoarsePrediction(world, self._sender.offer_prediction)
         self._pace = FramePacer(self._sender)
         self._background = BackgroundJobs(bench, channel, self._jobs, self._controller)
         self._effects = EffectsReporter(bench, channel)
@@ -186,6 +193,8 @@ class Engine:
         self._planner.close()
         self._background.close()
         self._alignment.close()
+        if self._prediction is not None:
+            self._prediction.close()
 
     def _do(self, command: object) -> None:
         """Carry out a command of the window, report errors, and report the bench's state."""
@@ -253,8 +262,9 @@ class Engine:
                 frame = self._take_awaited_frame(request)
                 self._effects.report_if_changed(frame)
             self._alignment.offer(frame)
-            self._sender.offer(frame, request)
+            # In this order, no prediction follows the picture.
             self._awaited.note_picture(request)
+            self._sender.offer(frame, request)
         except Exception as error:
             if self._outdated.is_given_up and isinstance(error, DeviceError):
                 return
@@ -270,13 +280,24 @@ class Engine:
         if self._forecast is None:
             self._awaited.note_activity(request, "exposing", controller.frame_seconds)
             return controller.take_frame(cancelled)
-        self._awaited.note_activity(request, "computing the picture")
-        expected = self._forecast.expected_seconds(controller.exposure)
-        self._awaited.note_activity(request, "computing the picture", expected)
-        began = time.monotonic()
-        frame = controller.take_frame(cancelled)
-        self._forecast.learn(time.monotonic() - began)
-        return frame
+        self._awaited.note_activity(request, _COMPUTING, self._forecast.last_seconds)
+        self._predict(request)
+        with self._forecast.learn():
+            expected = self._forecast.expected_seconds(controller.exposure)
+            self._awaited.note_activity(request, _COMPUTING, expected)
+            return controller.take_frame(cancelled)
+
+    def _predict(self, request: int) -> None:
+        """Show a coarse prediction of the window's next picture, unless the picture is earlier."""
+        if self._prediction is None or request == 0:
+            return
+
+        def is_wanted() -> bool:
+            awaited = self._awaited
+            return self._live and awaited.reached < request == awaited.newest
+
+        exposure, nothing = self._controller.exposure, np.empty((0, 0), np.uint16)
+        self._prediction.begin(self._controller.label_frame(nothing, exposure, 0), is_wanted)
 
     def _settled_request(self) -> int:
         """Return the number of the person's last change that a frame taken now belongs to.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,15 @@ _COUNTS_BYTES = 1 << 16
 """Bytes for the histogram of a frame, which has 4096 bins of 4 bytes at most."""
 
 
+@dataclass(frozen=True)
+class _Waiting:
+    """Hold a frame that waits to be shown in the window, and what it was taken for."""
+
+    frame: LiveFrame
+    request: int = 0
+    is_prediction: bool = False
+
+
 class FrameSender:
     """Reduce frames to the window's view in a thread of their own, while the next one is taken.
 
@@ -32,7 +41,7 @@ class FrameSender:
         self._memory = FrameMemoryWriter(channel.memory)
         self._condition = threading.Condition()
         self._view = FrameView()
-        self._waiting: tuple[LiveFrame, int] | None = None
+        self._waiting: _Waiting | None = None
         self._is_working = False
         self._discards = 0
         self._sent: deque[int] = deque()
@@ -57,8 +66,15 @@ class FrameSender:
             self.tally.count_taken(frame.number)
             if self._waiting is not None:
                 self.tally.count_dropped()
-            self._waiting = frame, request
+            self._waiting = _Waiting(frame, request)
             self._condition.notify_all()
+
+    def offer_prediction(self, frame: LiveFrame, is_wanted: Callable[[], bool]) -> None:
+        """Have a coarse prediction shown in the window, if it is still wanted and nothing waits."""
+        with self._condition:
+            if self._waiting is None and is_wanted():
+                self._waiting = _Waiting(frame, is_prediction=True)
+                self._condition.notify_all()
 
     def skip(self, number: int) -> None:
         """Count a frame that was taken but isn't shown in the window."""
@@ -97,11 +113,11 @@ class FrameSender:
                 self._condition.wait_for(lambda: self._waiting is not None or self._channel.closed)
                 if self._waiting is None:
                     return
-                (frame, request), self._waiting = self._waiting, None
+                waiting, self._waiting = self._waiting, None
                 self._is_working, discards = True, self._discards
             self.on_room()
             try:
-                self._send(self._write(frame, request), discards)
+                self._send(self._write(waiting), discards)
             except Exception as error:
                 # The thread must go on: the next frame may be a sound one.
                 self.on_failure(error)
@@ -110,16 +126,18 @@ class FrameSender:
                     self._is_working = False
                     self._condition.notify_all()
 
-    def _write(self, frame: LiveFrame, request: int) -> SlotHeader:
+    def _write(self, waiting: _Waiting) -> SlotHeader:
         """Write a frame and the window's view of it into a slot that the window doesn't use."""
-        frame = replace(frame, image=np.ascontiguousarray(frame.image))
+        frame = replace(waiting.frame, image=np.ascontiguousarray(waiting.frame.image))
         shown = reduce_frame(frame.image, self._view, self._scale)
         # A view has at most as many bytes as the frame has pixels.
         self._memory.reserve(frame.image.nbytes + frame.image.size + _COUNTS_BYTES)
         with self._condition:
             slot = next(slot for slot in range(SLOT_COUNT) if slot not in self._sent)
             tally = self.tally
-        picture = LivePicture(frame, shown, request, tally.dropped, tally.missed)
+        picture = LivePicture(
+            frame, shown, waiting.request, tally.dropped, tally.missed, waiting.is_prediction
+        )
         return self._memory.write(slot, picture)
 
     def _send(self, header: SlotHeader, discards: int) -> None:

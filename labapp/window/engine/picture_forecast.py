@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from labapp.prediction.simulating.picture_time import seconds_per_operation
@@ -21,7 +24,9 @@ class PictureForecast:
     def __init__(self, world: World) -> None:
         self._world = world
         self._rate = seconds_per_operation(MachineSpeed())
-        self._work = 0.0
+        self._work = self._planned = 0.0
+        self.last_seconds: float | None = None
+        """Seconds of the last picture, its plan included; None before the first one."""
 
     def expected_seconds(self, exposure: float) -> float | None:
         """Return the seconds that the picture of the bench's present state takes in the window.
@@ -33,10 +38,18 @@ class PictureForecast:
             plan = self._world.imaging.plan(self._world.situation(exposure))
         except ValueError:
             return None
-        self._work = plan.work
+        self._work, self._planned = plan.work, time.monotonic()
         return self._rate * plan.work
 
-    def learn(self, seconds: float) -> None:
-        """Learn from the time that the window's last expected picture took."""
+    @contextmanager
+    def learn(self) -> Iterator[None]:
+        """Learn from the time that the window's picture takes, which is planned in the block.
+
+        A picture that fails or is given up teaches nothing.
+        """
+        self._work, began = 0.0, time.monotonic()
+        yield
+        now = time.monotonic()
+        self.last_seconds = now - began
         if self._work > 0:
-            self._rate = seconds / self._work
+            self._rate = (now - self._planned) / self._work

@@ -1,0 +1,128 @@
+"""Predict pictures on larger pixels in a fraction of a second, before an exact one is simulated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import torch
+
+from optics.caching import ByteCache
+from optics.camera import Camera
+from optics.psf import nyquist_samples_per_pixel
+from optics.slm import grey_to_phase
+from optics.validation import as_number
+from simulator.effects.registry import EFFECTS
+from simulator.formation import expected_electrons
+from simulator.ledger import Ledger
+from simulator.planning.effect_plan import build_recipe
+from simulator.recipe import Recipe
+from simulator.situation import Situation
+
+_PIXELS = 1 << 18
+"""Most pixels of a coarse picture. Chosen: 5 megapixels become 490 x 409, and detail that a coarse
+picture lacks is less than 8 % of a photograph's norm."""
+
+_MEMORY = 128 << 20
+"""Bytes of spectra that are kept for the next patterns. Chosen."""
+
+_SHARE = 0.999
+"""Share of the panel's steps from pixel to pixel that a PSF's window covers. Chosen: the steepest
+ones are the jumps of the pattern, which send little light anywhere."""
+
+_MARGIN = 0.3e-3
+"""Metres on the sensor around the geometric reach of a pattern, for diffraction and aberrations.
+Chosen."""
+
+_LEVELS = {"unmodulated light": 1, "diffraction": 1, "pixel aperture": 1}
+"""Levels of the effects that change a photograph most; the others are left out."""
+
+
+class CoarsePictures:
+    """Predict the mean picture of situations on larger pixels, without planning any effects.
+
+    The prediction has one wavelength and one depth. What the panel doesn't modulate and diffraction
+    by the pattern are in it; the PSF's window follows from the slope of the pattern.
+    """
+
+    def __init__(self) -> None:
+        self._cache, self._ledger = ByteCache(_MEMORY), Ledger()
+
+    def predict(self, s: Situation, check: Callable[[], None] = lambda: None) -> torch.Tensor:
+        """Predict the mean electrons of each pixel, averaged over a coarse picture's larger pixels.
+
+        Parameters
+        ----------
+        s : Situation
+            The simulated situation; its sensor has no colour filters.
+        check : Callable, optional
+            Function without arguments that is called between the steps. It may raise.
+
+        Returns
+        -------
+        torch.Tensor
+            Electrons on a pixel of the sensor, float32, one number for each square of
+            `pixels_joined` pixels.
+
+        Raises
+        ------
+        ValueError
+            For a sensor with colour filters.
+        """
+        if s.camera.sensor.colour is not None:
+            raise ValueError("the sensor has colour filters: coarse pictures are grey")
+        joined = pixels_joined(s.camera)
+        coarse = replace(s, camera=_with_larger_pixels(s.camera, joined))
+        light = expected_electrons(coarse, self._recipe(coarse), self._cache, self._ledger, check)
+        return light / joined**2
+
+    def _recipe(self, s: Situation) -> Recipe:
+        """Return the recipe that renders a coarse simulated picture.
+
+        Samples of the PSF are as far apart as its field's may be, twice as far as its irradiance's:
+        what overlaps then in its spectrum are only frequencies that a coarse pixel averages away.
+        """
+        samples = nyquist_samples_per_pixel(s.camera, s.wavelength) / 2
+        return build_recipe(EFFECTS, s, _LEVELS).with_changes(
+            window=psf_window(s),
+            samples_per_pixel=math.ceil(1.05 * samples),
+            picture_samples_per_pixel=1,
+        )
+
+
+def pixels_joined(camera: Camera) -> int:
+    """Return how many pixels of the sensor a coarse simulated picture joins along each axis."""
+    return math.ceil(math.sqrt(math.prod(camera.sensor.shape) / _PIXELS))
+
+
+def psf_window(s: Situation) -> int:
+    """Return the side of a PSF's window in sensor pixels, by the slope of the simulated pattern.
+
+    A step of 2π per panel pixel sends light into the next order, which is λ b / pitch away from
+    this one on the sensor, with the ray matrix' element b: geometric optics of the same wavefront.
+    """
+    camera, panel = s.camera, s.camera.panel
+    grey = torch.tensor(s.panel_content.first)
+    phase = grey_to_phase(panel, grey, s.wavelength)
+    order = s.wavelength * as_number(camera.ray_matrix_b) / panel.pitch / camera.sensor.pitch
+    steepest = 0.0
+    for axis in (0, 1):
+        step = torch.diff(phase, dim=axis).to(torch.float32).abs()
+        turns = torch.remainder(step / (2 * math.pi) + 0.5, 1) - 0.5
+        count = max(1, round((1 - _SHARE) * turns.numel()))
+        steepest = max(steepest, float(turns.abs().flatten().topk(count).values[-1]))
+    margin = _MARGIN / camera.sensor.pitch
+    return math.ceil(min(2 * steepest * order + margin, order + 1))
+
+
+def _with_larger_pixels(camera: Camera, joined: int) -> Camera:
+    """Return a camera whose simulated sensor has pixels as large as a square of `joined` ones."""
+    sensor = camera.sensor
+    rows, columns = sensor.shape
+    return replace(
+        camera,
+        sensor=replace(
+            sensor, shape=(rows // joined, columns // joined), pitch=sensor.pitch * joined
+        ),
+    )
