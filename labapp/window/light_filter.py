@@ -21,8 +21,8 @@ class LightFilter(QObject):
     green and blue only look alike in red light; signs and words tell them apart.
     """
 
-    def __init__(self, application: QApplication) -> None:
-        super().__init__(application)
+    def __init__(self, application: QApplication, parent: QObject) -> None:
+        super().__init__(parent)
         self._application = application
         self._colour = QColor(Qt.GlobalColor.white)
         self._panes: list[_Pane] = []
@@ -46,7 +46,7 @@ class LightFilter(QObject):
             event.type() == QEvent.Type.Show
             and isinstance(watched, QWidget)
             and watched.isWindow()
-            and not any(pane.parent() is watched for pane in self._panes)
+            and not any(pane.is_before(watched) for pane in self._panes)
         ):
             self._cover(watched)
         return False
@@ -72,6 +72,10 @@ class _Pane(QWidget):
         window.installEventFilter(self)
         self.setGeometry(window.rect())
         self.show()
+
+    def is_before(self, window: QWidget) -> bool:
+        """Return whether this pane covers a window of the application."""
+        return self._window is window
 
     def remove(self) -> None:
         self._window.removeEventFilter(self)

@@ -6,7 +6,7 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
-from PySide6.QtCore import QByteArray, QRect, QSize, Qt, QTimer
+from PySide6.QtCore import QByteArray, QSize, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QKeyEvent, QMoveEvent, QResizeEvent, QShortcut
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
@@ -135,7 +135,7 @@ class MainWindow(QMainWindow):
         self.actions_["keys"].triggered.connect(self._show_keys)
         self.actions_["accept"].triggered.connect(self.message.acknowledge)
         self.actions_["quit"].triggered.connect(self.close)
-        self._light = LightFilter(_application())
+        self._light = LightFilter(_application(), self)
         for name in ("dim", "red"):
             self.actions_[name].toggled.connect(self._set_light)
         self.session = Session(self, connection)
@@ -240,7 +240,7 @@ class MainWindow(QMainWindow):
     def _fit_to_screen(self) -> None:
         """Give the window its first size, and the whole of a screen that is smaller than that."""
         room = self.screen().availableGeometry()
-        self.setGeometry(QRect(room.topLeft(), _SIZE.boundedTo(room.size())))
+        self.resize(_SIZE.boundedTo(room.size()))
         if room.width() <= _SIZE.width() or room.height() <= _SIZE.height():
             self.setWindowState(self.windowState() | Qt.WindowState.WindowMaximized)
 
@@ -265,7 +265,7 @@ class MainWindow(QMainWindow):
         queue = self.session.queue
         if queue.current_run is not None:
             return (
-                "A run is under way. Stop it and close? Frames taken so far are kept, and the "
+                "A run is under way. Cancel it and close? Frames taken so far are kept, and the "
                 "queue comes back, held, when the window opens again."
             )
         waiting = queue.waiting_count
@@ -315,8 +315,8 @@ class MainWindow(QMainWindow):
         geometry: QByteArray = remembered.layout("geometry")
         if not geometry.isEmpty():
             self.restoreGeometry(geometry)
-            room = self.screen().availableSize()
-            self.resize(self.size().boundedTo(room))
+            if not self.isMaximized():
+                self.resize(self.size().boundedTo(self.screen().availableSize()))
         layout = remembered.layout("layout")
         if not layout.isEmpty():
             self.restoreState(layout, _LAYOUT_VERSION)
