@@ -15,7 +15,7 @@ TOOL_GROUPS = (
     ("live",),
     ("acquire", "pause", "cancel"),
     ("reconstruct",),
-    ("contrast", "marks", "align"),
+    ("contrast", "marks"),
     ("why", "reset"),
 )
 """Names of the actions that have a button in the bar, in groups with some room between them."""

@@ -10,6 +10,8 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QPushButton,
     QScrollArea,
+    QSizePolicy,
+    QToolButton,
     QVBoxLayout,
     QWidget,
 )
@@ -207,10 +209,12 @@ class AlignmentPanel(QScrollArea):
         self.focus.setText(f"focus {region.focus:.4g} /px²{share}{width}")
 
 
-def _switch(text: str, tip: str) -> QPushButton:
+def _switch(text: str, tip: str) -> QToolButton:
     """Return a button of the window that stays pressed as long as a mark is on the picture."""
-    made = QPushButton(text)
+    made = QToolButton()
+    made.setText(text)
     made.setCheckable(True)
+    made.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
     made.setToolTip(tip)
     return made
 

@@ -9,7 +9,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from labapp.window.focus_history import KEPT_SECONDS, FocusHistory
+from labapp.window.focus_history import FocusHistory
 from labapp.window.measuring_messages import LineReading
 from labapp.window.theme import ACCENT, EDGE, FAINT, FIELD, REAL
 from labapp.window.widgets import fill_layout, make_label
@@ -20,6 +20,10 @@ _HEIGHT = 84
 _LEFT = 46
 """Width of the axis with the numbers in pixels, the same in all plots so that times stand one
 above the other. Chosen."""
+
+
+_LEAST_SPAN = 10.0
+"""Least seconds that a course over time shows. Chosen: single measurements can be told apart."""
 
 
 class SmallPlot(QWidget):
@@ -72,8 +76,6 @@ class FocusPlots(QWidget):
         super().__init__(parent)
         self.fwhm = SmallPlot("Star width (FWHM) in pixels over the last seconds", self)
         self.focus = SmallPlot("Focus score in 1/pixel² over the last seconds", self)
-        for plot in (self.fwhm, self.focus):
-            plot.show_span(-KEPT_SECONDS, 0)
         fill_layout(QVBoxLayout(self), self.fwhm, self.focus, spacing=4)
 
     def show_history(self, history: FocusHistory) -> None:
@@ -81,8 +83,11 @@ class FocusPlots(QWidget):
         points = history.points
         last = points[-1].taken_at if points else 0.0
         times = [point.taken_at - last for point in points]
+        span = max(_LEAST_SPAN, -times[0]) if times else _LEAST_SPAN
         self.fwhm.show_curve(times, [point.fwhm for point in points])
         self.focus.show_curve(times, [point.focus for point in points])
+        for plot in (self.fwhm, self.focus):
+            plot.show_span(-span, 0)
         self.fwhm.show_best(history.best_fwhm)
         self.focus.show_best(history.best_focus)
 

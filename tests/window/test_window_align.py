@@ -26,7 +26,7 @@ from labapp.window.messages import PictureSaved, RunEnded
 
 @pytest.fixture
 def align(bench, person):
-    """The panel, with the star before the camera and no marks on the picture."""
+    """The panel, with the star before the camera and no marks on the picture; then the queue's."""
     panel = bench.window.alignment
     person.presses(Qt.Key.Key_F9)
     person.waits(panel.isVisible)
@@ -36,7 +36,8 @@ def align(bench, person):
     person.chooses(bench.window.settings.target, "star")
     person.types(bench.window.settings.exposure, "1")
     person.waits(lambda: bench.frame.target == "star" and bench.frame.exposure == 1e-3)
-    return panel
+    yield panel
+    bench.window.show_queue()
 
 
 def measured(bench, person):

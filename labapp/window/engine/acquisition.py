@@ -50,7 +50,11 @@ class Acquisition:
 
         def ask(text: str, progress: Progress) -> None:
             run.mark_paused(text)
-            self._person.ask(text, progress, self._waiting)
+            self._waiting.note_placing(True)
+            try:
+                self._person.ask(text, progress, self._waiting)
+            finally:
+                self._waiting.note_placing(False)
             run.mark_resumed()
 
         self._controller.devices.require_alive()

@@ -24,6 +24,10 @@ _LONG = 0.5
 one is over before a person minds."""
 
 
+_BEING_PLACED = "being placed"
+"""What the caption says of a target that a person is asked to place."""
+
+
 class WaitingView:
     """Take live pictures for the window while a run waits for a person.
 
@@ -70,8 +74,12 @@ class WaitingView:
             SetExposure: lambda command: controller.set_exposure(command.exposure),
             **allowed,
         }
-        self._on = False
+        self._on = self._placing = False
         self._exposure = 0.0
+
+    def note_placing(self, on: bool) -> None:
+        """Note whether a person is placing a target just now, so that no name is known of it."""
+        self._placing = on and self._bench.targets.by_hand
 
     def begin(self) -> None:
         """Begin live pictures for the window, at the settings that the run left."""
@@ -127,6 +135,8 @@ class WaitingView:
                 self._complain(error)
                 self._tell()
             return
+        if self._placing:
+            frame = replace(frame, target=_BEING_PLACED)
         self._on_frame(frame)
         self._sender.offer(frame)
 
